@@ -1,0 +1,138 @@
+"""Deflection error bands on logs of the frame plant, beside the published ones and the bound.
+
+For each input: the width of the error band (largest minus smallest error of the estimated
+deflection against the plant's own, the wider of x and y), for models that were calibrated on the
+Q = 1 step alone. The bound is the Kalman filter that knows the plant (reduced to a state space)
+and the true noise, its random-walk rate chosen like the models' own, by the predicted band of a
+Q = 1 step. The lag is that of the design: the mean delay of the heat estimate after a step.
+
+Prints a Markdown table. ``--repeat N`` adds N fresh draws of the sensors' noise for every input
+and gives medians and the ratio to the bound.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from thermaltool.inverse.estimator import Estimator, SensorNoise, load_estimator, run_estimator
+from thermaltool.inverse.machine import Machine
+from thermaltool.inverse.regularization import best_choice, design_kalman
+from thermaltool.logs import Log, read_log
+from thermaltool.model import loads, relative
+from thermaltool.plants import build
+from thermaltool.plants.noise import Sensor, read_sensors
+from thermaltool.responses.modes import Modes, uniform_spans
+
+# Fraser 1997, ch. 6: range of the estimation error, µm.
+PUBLISHED = {"step100": 6.0, "step050": 5.0, "step025": 3.5, "triangle": 4.0}
+INPUTS = ("step100", "step050", "step025", "triangle", "duty")
+WHITE, DRIFT, DRIFT_TIME = 0.02, 0.008, 900.0
+DEFLECTIONS = ("d_x_um", "d_y_um")
+# States of the reduced plant: far below anything that the sensors resolve (its error is printed).
+ORDER = 24
+
+
+def plant_modes() -> dict[str, Modes]:
+    """Every output of the plant as modes of its reduced state space."""
+    reduced = build("frame").state_space(ORDER)
+    rates, vectors = np.linalg.eig(reduced.A)
+    weights = (reduced.C @ vectors) * np.linalg.solve(vectors, reduced.B[:, 0])
+    upper = rates.imag >= 0
+    print(
+        "reduced plant, largest error over frequency: "
+        + ", ".join(f"{n} {e:.1e}" for n, e in zip(reduced.names, reduced.error, strict=True)),
+        file=sys.stderr,
+    )
+    return {
+        name: Modes(rates[upper].astype(complex), w[upper].astype(complex))
+        for name, w in zip(reduced.names, weights, strict=True)
+    }
+
+
+def truth_of(modes: Modes, log: Log) -> np.ndarray:
+    """A plant output for the heat in a log."""
+    heat, x = log.column("Q_main_1")[:, None], None
+    out = np.zeros(len(log))
+    for rows, dt in uniform_spans(log.time):
+        part, x = modes.discretize(dt).run(heat[rows], x)
+        out[rows] = part[:, 0]
+    return out
+
+
+def bound(plant: dict[str, Modes], sensors: tuple[str, ...], dt: float) -> Estimator:
+    """The Kalman filter that knows the plant and the noise."""
+    machine = Machine(
+        sensors=sensors,
+        drives=("Q_main_1",),
+        outputs=DEFLECTIONS,
+        sensed=tuple((k, 0, plant[name]) for k, name in enumerate(sensors)),
+        followed=tuple((k, 0, plant[name]) for k, name in enumerate(DEFLECTIONS)),
+        level=(1.0,),
+        noise=(SensorNoise(WHITE, DRIFT, DRIFT_TIME),) * len(sensors),
+        dt=dt,
+    )
+    return best_choice(design_kalman(machine)).estimator
+
+
+def band(estimates: np.ndarray, truth: dict[str, np.ndarray]) -> tuple[float, float]:
+    """Widest band of the two deflections, and the larger mean error over the last tenth."""
+    errors = [truth[name] - estimates[:, -2 + k] for k, name in enumerate(DEFLECTIONS)]
+    tail = max(1, len(errors[0]) // 10)
+    return max(map(np.ptp, errors)), max(abs(float(np.mean(e[-tail:]))) for e in errors)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("samples", type=Path, help="folder with frame_*.parquet")
+    parser.add_argument("designs", nargs="+", type=Path, help="model files with a design")
+    parser.add_argument("--repeat", type=int, default=0, help="fresh draws of the noise per input")
+    parser.add_argument("--seed", type=int, help="of those draws; drawn and printed if absent")
+    options = parser.parse_args()
+    plant = plant_modes()
+    models = {path.stem: loads(path.read_text(), str(path)) for path in options.designs}
+    estimators = {name: load_estimator(dict(m.estimator_design())) for name, m in models.items()}
+    rests = {n: {o.channel: o.offset for o in m.outputs} for n, m in models.items()}
+    logs = {name: read_log(str(options.samples / f"frame_{name}.parquet")) for name in INPUTS}
+    bounds = {
+        sensors: bound(plant, sensors, logs["step100"].period)
+        for sensors in {e.sensors for e in estimators.values()}
+    }
+    seed = (
+        options.seed if options.seed is not None else int(np.random.SeedSequence().entropy % 2**32)
+    )
+    if options.repeat:
+        print(f"noise drawn anew {options.repeat} times, seed {seed}", file=sys.stderr)
+    print("| input | design | published µm | bound µm | band µm | ratio | steady µm | lag s |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name, log in logs.items():
+        truth = {channel: truth_of(modes, log) for channel, modes in plant.items()}
+        draws = [{c: log.column(c) for c in truth if c not in DEFLECTIONS}]
+        for k in range(options.repeat):
+            clean = {c: truth[c] for c in draws[0]}
+            sensor = {"K": Sensor(WHITE, DRIFT, DRIFT_TIME)}
+            draws.append(read_sensors(clean, sensor, log.period, seed + k))
+        for design, estimator in estimators.items():
+            rows = []
+            for readings in draws[1:] or draws:
+                known = [readings[s] for s in estimator.sensors]
+                shifted = [
+                    relative(r, rests[design][s])
+                    for r, s in zip(known, estimator.sensors, strict=True)
+                ]
+                best = run_estimator(bounds[estimator.sensors], log.time, np.column_stack(known))
+                ours = run_estimator(estimator, log.time, np.column_stack(shifted))
+                (ideal, _), (reached, steady) = band(best, truth), band(ours, truth)
+                rows.append((ideal, reached, reached / ideal, steady))
+            ideal, reached, ratio, steady = np.median(np.array(rows), axis=0)
+            print(
+                f"| {name} | {design} | {PUBLISHED.get(name, '–')} | {ideal:.2f} | {reached:.2f} "
+                f"| {ratio:.2f} | {steady:.2f} | {models[design].design['predicted']['lag']:.1f} |"
+            )
+
+
+if __name__ == "__main__":
+    main()

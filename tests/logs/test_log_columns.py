@@ -1,0 +1,147 @@
+"""Column maps: foreign names, clocks, scales and dialects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thermaltool.errors import LogError
+from thermaltool.logs import Log, read_log
+
+ROOT = Path(__file__).parents[2]
+MAPS = ROOT / "data_samples" / "maps"
+DATA = ROOT / "../shared/data"
+
+
+@pytest.fixture
+def mapped(tmp_path: Path):
+    """Read a CSV text through the text of a map."""
+
+    def read(data: str, toml: str) -> Log:
+        (tmp_path / "log.csv").write_text(data)
+        (tmp_path / "map.toml").write_text(toml)
+        return read_log(str(tmp_path / "log.csv"), columns=str(tmp_path / "map.toml"))
+
+    return read
+
+
+def test_names_scales_and_columns_left_out(mapped) -> None:
+    log = mapped(
+        "t,steps,temp,note,Q_main_W\n0,4,20,cold,1\n0.5,6,21,--,2\n",
+        '[time]\ncolumn = "t"\nunit = "min"\n[columns]\nnote = false\ntemp = "T_a_degC"\n'
+        'steps = { name = "d_z_um", scale = 2.5, offset = 1 }\n',
+    )
+    assert log.time.tolist() == [0, 30]
+    assert log.column("d_z_um").tolist() == [11, 16]
+    assert list(log.columns) == ["d_z_um", "T_a_degC", "Q_main_W"]
+
+
+def test_rows_without_a_clock(mapped) -> None:
+    log = mapped("U_a_V\n1\n2\n3\n", "[time]\nperiod = 0.08\n")
+    np.testing.assert_allclose(log.time, [0, 0.08, 0.16], rtol=0, atol=1e-15)
+
+
+def test_time_stamps_of_a_given_pattern(mapped) -> None:
+    data = "time,T_a_degC\n13.06.2021 05:42:16,1\n13.06.2021 05:43:16,2\n"
+    log = mapped(data, '[time]\ncolumn = "time"\nformat = "%d.%m.%Y %H:%M:%S"\n')
+    assert log.time.tolist() == [0, 60]
+    assert log.epoch == "2021-06-13T05:42:16"
+
+
+def test_seconds_in_a_column_named_time(mapped) -> None:
+    assert mapped("time,T_a_degC\n5,1\n7,2\n", '[time]\ncolumn = "time"\n').time.tolist() == [5, 7]
+
+
+def test_semicolons_decimal_commas_and_a_word_for_missing(mapped) -> None:
+    log = mapped(
+        "time_s;T_a_degC\n0;20,5\n1;--\n2;-999\n",
+        "separator = ';'\ndecimal = ','\nmissing = ['--', '-999']\n",
+    )
+    np.testing.assert_array_equal(log.column("T_a_degC"), [20.5, np.nan, np.nan])
+
+
+def test_unmapped_columns(mapped) -> None:
+    data = "time_s,a,T_b_degC\n0,1,2\n"
+    with pytest.raises(LogError, match="a: unknown unit"):
+        mapped(data, '[columns]\nT_b_degC = "T_c_degC"\n')
+    log = mapped(data, 'unmapped = "drop"\n[columns]\nT_b_degC = "T_c_degC"\n')
+    assert list(log.columns) == ["T_c_degC"]
+
+
+@pytest.mark.parametrize(
+    ("toml", "words"),
+    [
+        ("[columns", "not TOML"),
+        ("[column]\n", "knows no 'column' (near: columns)"),
+        ('[columns]\ntempp = "T_a_degC"\n', "no column tempp (near: temp)"),
+        ('[time]\ncolumn = "tt"\n', "no column tt"),
+        ("[time]\n", "either a column or a period"),
+        ('[time]\ncolumn = "t"\nperiod = 1\n', "either a column or a period"),
+        ("[time]\nperiod = 0\n", "above 0 s"),
+        ('[time]\ncolumn = "t"\nunit = "year"\n', "one of 's'"),
+        ('[time]\ncolumn = "t"\nunit = "s"\nformat = "%s"\n', "goes with"),
+        ('[columns]\ntemp = "temperature"\n', "temperature: unknown unit"),
+        ("[columns]\ntemp = 3\n", "columns.temp"),
+        ("[columns]\ntemp = {scale = 2}\n", "columns.temp.name"),
+        ('[columns]\ntemp = {name = "T_a_degC", scale = "2"}\n', "columns.temp.scale"),
+        ('[columns]\ntemp = {name = "T_a_degC", scal = 2}\n', "(near: scale)"),
+        ('unmapped = "no"\n', "'keep', 'drop'"),
+        ("decimal = ';'\n", "decimal is one of"),
+    ],
+)
+def test_bad_maps(mapped, toml: str, words: str) -> None:
+    with pytest.raises(LogError) as caught:
+        mapped("t,temp\n0,1\n", toml)
+    assert caught.value.file is not None
+    assert caught.value.file.endswith("map.toml")
+    assert words in str(caught.value)
+
+
+def test_two_columns_of_one_name(mapped) -> None:
+    with pytest.raises(LogError, match="b: two columns are mapped to T_a_degC"):
+        mapped("time_s,a,b\n0,1,2\n", '[columns]\na = "T_a_degC"\nb = "T_a_degC"\n')
+
+
+def measured(path: str, name: str) -> Log:
+    if not (DATA / path).exists():
+        pytest.skip(f"../shared/data/{path} is not here: measured logs are not copied")
+    return read_log(str(DATA / path), columns=str(MAPS / name))
+
+
+@pytest.mark.parametrize(
+    ("path", "name", "rows", "channels", "period"),
+    [
+        ("cnc_spindle/spindle_first_28h.csv", "cnc_spindle.toml", 6668, 22, 15.0),
+        ("gantry/run_2021-06-13_morning.csv", "gantry.toml", 1203, 6, 4.0),
+        ("gantry/run_2021-06-13_evening.csv", "gantry.toml", 990, 6, 4.0),
+        ("daisy/heating_system.csv", "heating_system.toml", 801, 2, 2.0),
+        ("daisy/hairdryer_ljung.csv", "hairdryer.toml", 1000, 2, 0.08),
+    ],
+)
+def test_measured_logs_load_as_they_are(
+    path: str, name: str, rows: int, channels: int, period: float
+) -> None:
+    log = measured(path, name)
+    assert len(log) == rows
+    assert len(log.channels) == len(log.columns) == channels
+    assert log.period == pytest.approx(period)
+    assert log.segments == (slice(0, rows),)
+    assert all(np.isfinite(values).all() for values in log.columns.values())
+
+
+def test_the_gantry_moves_by_2_5_um_per_step() -> None:
+    log = measured("gantry/run_2021-06-13_evening.csv", "gantry.toml")
+    assert log.column("d_z_um")[:2].tolist() == [-3051 * 2.5, -3047 * 2.5]
+    assert log.epoch == "2021-06-13T20:05:00"
+
+
+def test_classic_series_load_as_they_are() -> None:
+    paths = sorted((DATA / "series").glob("*.csv"))
+    if not paths:
+        pytest.skip("../shared/data/series is not here: measured logs are not copied")
+    for path in paths:
+        log = read_log(str(path), columns=str(MAPS / "series.toml"))
+        assert list(log.columns) == ["x_series_1"]
+        assert log.time[-1] == len(log) - 1

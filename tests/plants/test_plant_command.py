@@ -1,0 +1,78 @@
+"""``thermaltool plant``."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from thermaltool.cli.plant import SHAPES, command
+from thermaltool.logs import read_log
+from thermaltool.plants.excitation import INPUTS
+
+HEADER = (
+    "time_s,Q_main_1,T_ambient_degC,T_column_degC,dT_pair1_K,dT_pair2_K,dT_pair3_K,d_x_um,d_y_um"
+)
+
+
+def run(*arguments, **options):
+    return CliRunner().invoke(command, [str(a) for a in arguments], **options)
+
+
+def test_help_lists_the_shapes_there_are():
+    assert set(SHAPES) == set(INPUTS)
+
+
+def test_clean_log_rests_until_the_heat():
+    result = run("frame", "--start", 2, "--duration", 4, "--clean")
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    lines = result.stdout.splitlines()
+    assert lines[0] == HEADER
+    assert len(lines) == 1 + 9
+    assert lines[4] == "1.5,0,20,20,0,0,0,0,0"
+    assert lines[5] == "2,1,20,20,0,0,0,0,0"
+    assert not lines[6].endswith(",0,0")
+
+
+def test_a_seed_repeats_a_log():
+    first, again = (run("frame", "--duration", 3, "--seed", 7).stdout for _ in range(2))
+    assert first == again
+    assert len(set(first.splitlines()[1:])) == 7
+
+
+def test_a_log_drives_the_plant(tmp_path):
+    source, target = str(tmp_path / "drive.csv"), str(tmp_path / "out.parquet")
+    (tmp_path / "drive.csv").write_text(
+        "time_s,Q_main_1,T_ambient_degC\n100,0.5,21\n101,1,22\n102,0,22\n"
+    )
+    result = run("frame", "--input", source, "--level", 0.5, "--start", 1, "--duration", 4,
+                 "--clean", "-o", target)  # fmt: skip
+    assert result.exit_code == 0, result.output
+    log = read_log(target)
+    np.testing.assert_array_equal(log.column("Q_main_1"), [0, 0, 0.25, 0.25, 0.5, 0.5, 0, 0, 0])
+    np.testing.assert_array_equal(log.column("T_ambient_degC"), [21] * 4 + [22] * 5)
+    assert log.column("T_column_degC")[0] == 21.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("lathe",), "'lathe' is not"),
+        (("frame", "--input", "ramp"), "'ramp' is no file and none of step"),
+        (("frame", "--dt", "nan"), "not a finite number"),
+        (("frame", "--duration", "inf"), "not a finite number"),
+        (("frame", "--dt", 0), "--dt"),
+        (("frame", "--sigma", -1), "--sigma"),
+    ],
+)
+def test_bad_usage_is_named(arguments, message):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert message in result.stderr
+
+
+def test_a_log_without_heat_or_rows_is_refused(tmp_path):
+    other, empty = tmp_path / "other.csv", tmp_path / "empty.csv"
+    other.write_text("time_s,Q_man_1\n0,1\n1,1\n")
+    empty.write_text("time_s,Q_main_1\n")
+    assert "Q_main_1" in str(run("frame", "--input", other).exception)
+    assert "no rows" in str(run("frame", "--input", empty).exception)

@@ -1,0 +1,165 @@
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from thermaltool.errors import LogError
+from thermaltool.logs.columns import read_map
+from thermaltool.runtime.layout import Wanted
+from thermaltool.runtime.records import CsvRecords, NdjsonRecords
+
+PAIR = ("dT_pair1_K",)
+
+
+def csv(header=b"time_s,dT_pair1_K,n_rpm", sensors=PAIR, **wanted):
+    records = CsvRecords(Wanted(sensors, **wanted))
+    assert records.open(header) is False
+    return records
+
+
+@given(
+    time=st.floats(-1e9, 1e9),
+    readings=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=2),
+)
+def test_numbers_come_through_exactly_in_both_formats(time, readings):
+    names = ("dT_pair1_K", "dT_pair2_K")
+    line = f"{time!r}, {readings[0]!r} ,{readings[1]!r}".encode()
+    record = csv(b"time_s,dT_pair1_K,dT_pair2_K", names).record(line)
+    assert (record.time, record.readings, any(record.faults)) == (time, readings, False)
+    line = json.dumps(dict(zip(("time_s", *names), [time, *readings], strict=True))).encode()
+    records = NdjsonRecords(Wanted(names))
+    assert records.open(line) is True
+    assert records.record(line)[:2] == (time, readings)
+
+
+@given(st.binary(max_size=40).filter(lambda line: b"\n" not in line))
+def test_no_line_raises(line):
+    csv().record(line)
+    records = NdjsonRecords(Wanted(PAIR))
+    records.open(b'{"time_s": 0, "dT_pair1_K": 1}')
+    records.record(line)
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        (b"1.5,,0", "empty"),
+        (b"1.5, ,0", "empty"),
+        (b"1.5,--,0", "not a number: '--'"),
+        (b"1.5,1_000,0", "not a number: '1_000'"),
+        (b"1.5,\xff\xfe,0", "not a number"),
+        (b"1.5,2.0", "2 fields instead of 3"),
+        (b"1.5,2.0,0,7", "4 fields instead of 3"),
+    ],
+)
+def test_a_bad_field_says_what_is_wrong_and_keeps_the_time(line, fault):
+    record = csv().record(line)
+    assert record.time == 1.5
+    assert math.isnan(record.readings[0])
+    assert record.faults[0].startswith(fault)
+
+
+def test_a_bad_field_leaves_the_other_sensors_alone():
+    record = csv(sensors=("dT_pair1_K", "n_rpm")).record(b"1.5,x,7")
+    assert record.readings[1] == 7.0
+    assert record.faults[1] == ""
+
+
+@pytest.mark.parametrize("line", [b"x,2.0,0", b"nan,2.0,0", b"inf,2.0,0", b"1.5", b",2.0,0"])
+def test_a_line_without_a_time(line):
+    assert csv().record(line).time is None
+
+
+@pytest.mark.parametrize(
+    ("value", "fault"),
+    [
+        ("null", "empty"),
+        ("true", "not a number: 'True'"),
+        ('"2.0"', "not a number: '2.0'"),
+        ("[1]", "not a number: '[1]'"),
+        ("NaN", ""),
+    ],
+)
+def test_ndjson_values_that_are_no_number(value, fault):
+    records = NdjsonRecords(Wanted(PAIR))
+    records.open(b'{"time_s": 0, "dT_pair1_K": 1}')
+    record = records.record(b'{"time_s": 2, "dT_pair1_K": %s}' % value.encode())
+    assert (record.time, record.faults[0]) == (2.0, fault)
+    assert math.isnan(record.readings[0])
+
+
+def test_ndjson_object_that_lacks_a_sensor_or_is_cut():
+    records = NdjsonRecords(Wanted(PAIR))
+    records.open(b'{"time_s": 0, "dT_pair1_K": 1}')
+    assert records.record(b'{"time_s": 2}').faults == ("missing",)
+    assert records.record(b'{"time_s": 2, "dT').faults == ("not a JSON object",)
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        (b"time_s,dT_pair_K", "no column dT_pair1_K, a sensor of the model (near: dT_pair_K)"),
+        (b"time_x,dT_pair1_K", "no clock: no column time_s or time (near: time_x)"),
+        (b'{"time_s": 0}', "this is NDJSON, not CSV: use --from ndjson"),
+        (b"\xff\xfet\0", "not UTF-8"),
+    ],
+)
+def test_headers_that_do_not_fit(header, message):
+    with pytest.raises(LogError) as caught:
+        CsvRecords(Wanted(PAIR)).open(header)
+    assert message in str(caught.value)
+
+
+def test_ndjson_that_is_csv():
+    with pytest.raises(LogError, match="not a JSON object"):
+        NdjsonRecords(Wanted(PAIR)).open(b"time_s,dT_pair1_K")
+
+
+def test_quoted_names_byte_order_mark_and_quoted_fields():
+    records = csv(b'\xef\xbb\xbf"time_s","note, long","dT_pair1_K"')
+    assert records.record(b'2,"a, b",1.5').readings == [1.5]
+
+
+@pytest.mark.parametrize(
+    ("header", "line", "time"),
+    [
+        (b"time_min,dT_pair1_K", b"2,0", 120.0),
+        (b"time_ms,dT_pair1_K", b"2,0", 0.002),
+        (b"time,dT_pair1_K", b"2026-01-01T00:00:30.25+01:00,0", 30.25),
+    ],
+)
+def test_clocks_by_name(header, line, time):
+    records = csv(header)
+    if header.startswith(b"time,"):
+        records.record(b"2025-12-31T23:00:00Z,0")
+    assert records.record(line).time == pytest.approx(time)
+
+
+def test_a_period_counts_bad_lines_too():
+    records = csv(b"dT_pair1_K", period=0.5)
+    assert [records.record(line).time for line in (b"1", b"x", b"1,2", b"3")] == [0, 0.5, 1, 1.5]
+
+
+def test_foreign_names_scales_and_decimal_commas(tmp_path):
+    path = tmp_path / "map.toml"
+    path.write_text(
+        """
+        separator = ";"
+        decimal = ","
+        missing = ["-999"]
+        [time]
+        column = "Zeit"
+        unit = "ms"
+        [columns]
+        "Kanal 1" = {name = "dT_pair1_K", scale = 0.1, offset = 1.0}
+        """
+    )
+    records = csv(b"Zeit;Kanal 1", mapping=read_map(str(path)))
+    record = records.record(b"1500;12,5")
+    assert record.time == 1.5
+    assert record.readings == pytest.approx([2.25])
+    assert records.record(b"1500;-999").faults[0] == "not a number: '-999'"
+    with pytest.raises(LogError, match="no column Zeit"):
+        csv(b"Z;Kanal 1", mapping=read_map(str(path)))

@@ -1,0 +1,332 @@
+"""The loop on real pipes, in this process."""
+
+import json
+import math
+import os
+import signal
+import threading
+
+import pytest
+
+from thermaltool.errors import LogError, ModelError, OutputError
+from thermaltool.runtime.pipe import LONGEST_LINE
+from thermaltool.runtime.settings import Settings, open_stream
+
+HEADER = b"time_s,dT_pair1_K\n"
+
+
+@pytest.fixture
+def run(model):
+    """Run a stream over `text`; returns (exit signal, lines out), messages in `run.said`."""
+
+    def once(text: bytes, feed=None, machine=model, **settings):
+        once.said = []
+        source, inlet = os.pipe()
+        outlet, sink = os.pipe()
+        stream = open_stream(machine, Settings(**settings), source, sink, once.said.append)
+        if feed is None:
+            os.write(inlet, text)
+            os.close(inlet)
+        else:
+            feeder = threading.Thread(target=feed, args=(inlet, outlet))
+            feeder.start()
+        try:
+            number = stream.run()
+        finally:
+            if feed is not None:
+                feeder.join()
+            os.close(sink)
+            os.close(source)
+            with os.fdopen(outlet, "rb") as result:
+                once.out = result.read().decode().splitlines()
+        return number, once.out
+
+    return once
+
+
+def test_one_line_in_one_line_out_and_the_safe_setpoint_last(run):
+    text = HEADER + b"0,0\n# comment\n\n0.5,1.25\r\n1.0,2.5\n"
+    number, out = run(text)
+    assert number == 0
+    assert out[0] == "time_s,offset_x_um,offset_y_um"
+    assert [line.split(",")[0] for line in out[1:]] == ["0.0", "0.5", "1.0", "1.0"]
+    assert out[-1] == "1.0,0.0,0.0"
+    assert float(out[-2].split(",")[2]) < 0
+
+
+def test_ndjson_out_and_estimates(run):
+    _, out = run(HEADER + b"0,0\n0.5,1.0\n", to_format="ndjson", estimates=True)
+    rows = [json.loads(line) for line in out]
+    assert list(rows[1]) == [
+        "time_s",
+        "offset_x_um",
+        "offset_y_um",
+        "Q_main_1",
+        "d_x_um",
+        "d_y_um",
+    ]
+    assert rows[1]["offset_y_um"] == -rows[1]["d_y_um"] < 0
+
+
+def test_ndjson_in_equals_csv_in(run):
+    _, plain = run(HEADER + b"0,0\n0.5,1.0\n1.0,x\n")
+    lines = b'{"time_s":0,"dT_pair1_K":0}\n{"time_s":0.5,"dT_pair1_K":1.0}\n'
+    _, same = run(lines + b'{"time_s":1.0,"dT_pair1_K":null}\n', from_format="ndjson")
+    assert same == plain
+
+
+@pytest.mark.parametrize("safe", [0.0, 7.0])
+def test_header_only_is_the_safe_setpoint(run, safe):
+    assert run(HEADER, safe=safe)[1][1:] == [f",{safe},{safe}"]
+    assert json.loads(run(HEADER, to_format="ndjson")[1][0])["time_s"] is None
+
+
+@pytest.mark.parametrize("text", [b"", b"# only a comment\n", b"time_s,dT_pair1_K"])
+def test_an_empty_stream_is_an_error_and_safe(run, text):
+    with pytest.raises(LogError, match="<stdin>: empty"):
+        run(text)
+    assert run.out[-1] == ",0.0,0.0"
+
+
+def test_a_header_that_lacks_a_sensor_names_line_and_near_columns(run):
+    with pytest.raises(LogError, match=r"<stdin>:2: no column dT_pair1_K.*\(near: dT_pair2_K\)"):
+        run(b"# log\ntime_s,dT_pair2_K\n0,0\n")
+    assert run.out[-1] == ",0.0,0.0"
+
+
+def test_messages_name_line_and_channel(run):
+    run(HEADER + b"0,0\n0.5,--\n1.0\n0.2,1\n1.5,1\n")
+    assert run.said == [
+        "<stdin>:3: dT_pair1_K: not a number: '--': holding 0.0",
+        "<stdin>:4: no time on this line: ignored",
+        "<stdin>:5: time 0.2 s after 0.5 s: line ignored",
+        "<stdin>:6: dT_pair1_K: good again",
+    ]
+
+
+def test_a_last_line_without_its_end_is_not_used(run):
+    """27.35 cut to 2 looks like a reading."""
+    _, out = run(HEADER + b"0,0\n0.5,2")
+    assert [line.split(",")[0] for line in out[1:]] == ["0.0", "0.0"]
+    assert run.said == ["<stdin>:3: the last line has no end, it may be cut: not used"]
+
+
+def test_a_line_that_never_ends_does_not_fill_the_memory(run):
+    def feed(inlet, outlet):
+        with os.fdopen(inlet, "wb") as stream:
+            stream.write(HEADER + b"0,0\n0.5," + b"7" * (3 * LONGEST_LINE) + b"\n1.0,1.0\n")
+
+    _, out = run(b"", feed)
+    assert out[-2].startswith("1.0,")
+    assert len(out) < 10
+
+
+def read_lines(descriptor, count):
+    data = b""
+    while data.count(b"\n") < count:
+        data += os.read(descriptor, 4096)
+    return data.decode().splitlines()
+
+
+def test_each_answer_comes_while_the_source_waits(run):
+    """No answer is kept back until more input comes."""
+    seen = []
+
+    def feed(inlet, outlet):
+        os.write(inlet, HEADER)
+        seen.extend(read_lines(outlet, 1))
+        for k in range(5):
+            os.write(inlet, b"%d,1.0\n" % k)
+            seen.extend(read_lines(outlet, 1))
+        os.close(inlet)
+
+    run(b"", feed)
+    assert [line.split(",")[0] for line in seen[1:]] == ["0.0", "1.0", "2.0", "3.0", "4.0"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_in_the_safe_setpoint(run, number):
+    def feed(inlet, outlet):
+        os.write(inlet, HEADER + b"0,0\n60,5.0\n")
+        read_lines(outlet, 3)
+        signal.pthread_kill(threading.main_thread().ident, number)
+        # The source stays open: only the signal ends the stream.
+        assert read_lines(outlet, 1) == ["60.0,0.0,0.0"]
+        os.close(inlet)
+
+    handler = signal.getsignal(number)
+    assert run(b"", feed)[0] == number
+    assert signal.getsignal(number) is handler
+
+
+def test_a_signal_ends_a_stream_whose_reader_sleeps_without_tearing_a_line(run):
+    def feed(inlet, outlet):
+        rows = b"".join(b"%d,1.0\n" % k for k in range(20000))
+        os.set_blocking(inlet, False)
+        os.write(inlet, HEADER)
+        for at in range(0, len(rows), 4096):
+            try:
+                os.write(inlet, rows[at : at + 4096])
+            except BlockingIOError:
+                threading.Event().wait(0.02)
+        signal.pthread_kill(threading.main_thread().ident, signal.SIGTERM)
+        os.close(inlet)
+
+    number, out = run(b"", feed, estimates=True)
+    assert number == signal.SIGTERM
+    assert all(len(line.split(",")) == 6 for line in out)
+
+
+def test_silence_ends_in_the_safe_setpoint_and_resumes(run):
+    seen = []
+
+    def feed(inlet, outlet):
+        os.write(inlet, HEADER + b"0,0\n60,5.0\n")
+        seen.extend(read_lines(outlet, 3))
+        seen.extend(read_lines(outlet, 1))
+        os.write(inlet, b"61,5.0\n")
+        seen.extend(read_lines(outlet, 1))
+        os.close(inlet)
+
+    run(b"", feed, timeout=0.1, max_gap=100.0)
+    time, *setpoints = map(float, seen[3].split(","))
+    assert setpoints == [0.0, 0.0]
+    assert 60.1 <= time < 61
+    assert float(seen[4].split(",")[2]) < -1
+    assert run.said == ["<stdin>:3: no usable line for 0.1 s: safe setpoint"]
+
+
+def test_silence_is_slewed_line_by_line(run, model):
+    from dataclasses import replace
+
+    seen = []
+
+    def feed(inlet, outlet):
+        os.write(inlet, HEADER + b"0,0\n60,5.0\n120,5.0\n")
+        while not seen or not seen[-1].endswith(",0.0,0.0") or len(seen) < 5:
+            seen.extend(read_lines(outlet, 1))
+        os.close(inlet)
+
+    quick = replace(model, sample_period=0.02)
+    run(b"", feed, machine=quick, timeout=0.1, slew=50.0, max_gap=100.0)
+    ramp = [[float(cell) for cell in line.split(",")] for line in seen[3:]]
+    assert len(ramp) > 5
+    for (t0, _, y0), (t1, _, y1) in zip(ramp, ramp[1:], strict=False):
+        assert abs(y1 - y0) <= 50.0 * (t1 - t0) + 1e-9
+    assert len(run.said) == 1
+
+
+def test_lines_without_a_usable_time_do_not_feed_the_watchdog(run):
+    seen = []
+
+    def feed(inlet, outlet):
+        os.write(inlet, HEADER + b"0,0\n60,5.0\n")
+        seen.extend(read_lines(outlet, 3))
+        while not seen[-1].endswith(",0.0,0.0"):
+            os.write(inlet, b"60,5.0\n")
+            seen.extend(read_lines(outlet, 1))
+        os.close(inlet)
+
+    run(b"", feed, timeout=0.1)
+
+
+def test_a_full_disk_is_an_error(model):
+    source, inlet = os.pipe()
+    os.write(inlet, HEADER)
+    sink = os.open("/dev/full", os.O_WRONLY)
+    stream = open_stream(model, Settings(), source, sink, print)
+    with pytest.raises(OutputError, match="<stdout>: No space left"):
+        stream.run()
+    for descriptor in (source, inlet, sink):
+        os.close(descriptor)
+
+
+def test_a_reader_that_leaves_ends_the_stream_while_the_source_waits(model):
+    source, inlet = os.pipe()
+    outlet, sink = os.pipe()
+    threading.Timer(0.1, os.close, (outlet,)).start()
+    stream = open_stream(model, Settings(), source, sink, print)
+    with pytest.raises(BrokenPipeError):
+        stream.run()
+    for descriptor in (source, inlet, sink):
+        os.close(descriptor)
+
+
+def test_a_folder_as_source(model, tmp_path):
+    source = os.open(tmp_path, os.O_RDONLY)
+    outlet, sink = os.pipe()
+    with pytest.raises(LogError, match="cannot be read"):
+        open_stream(model, Settings(), source, sink, print, str(tmp_path)).run()
+    for descriptor in (source, outlet, sink):
+        os.close(descriptor)
+
+
+def rows(start, stop):
+    return b"".join(b"%d,%.9f\n" % (k, 5 * -math.expm1(-k / 30)) for k in range(start, stop))
+
+
+def test_a_restart_from_a_checkpoint_goes_on_without_a_step(run, tmp_path):
+    path = str(tmp_path / "state.json")
+    _, whole = run(HEADER + rows(0, 400), step=0.5)
+    _, first = run(HEADER + rows(0, 200), step=0.5, checkpoint=path, safe=None)
+    _, second = run(HEADER + rows(200, 400), step=0.5, checkpoint=path, safe=None)
+    assert first[1:-1] + second[1:-1] == whole[1:-1]
+
+
+def test_a_restart_after_a_safe_end_comes_back_at_the_slew_rate(run, tmp_path):
+    path = str(tmp_path / "state.json")
+    run(HEADER + rows(0, 400), checkpoint=path)
+    _, out = run(HEADER + rows(400, 500), checkpoint=path, slew=3.0)
+    path = [0.0, *(float(line.split(",")[2]) for line in out[1:-1])]
+    moves = [abs(b - a) for a, b in zip(path, path[1:], strict=False)]
+    assert max(moves) <= 3.0 + 1e-9
+    assert path[-1] < -60
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: "{}", "not a checkpoint: remove it to start from rest"),
+        (lambda d: d[: len(d) // 2], "not a checkpoint: remove it"),
+        (lambda d: d.replace('"version": 1', '"version": 2'), "of another version: remove it"),
+        (lambda d: d.replace('"design_sha256": "', '"design_sha256": "0'), "of another model"),
+        (lambda d: d.replace('"estimator": [', '"estimator": [0.0, '), "damaged: remove it"),
+        (lambda d: d.replace('"time_s"', '"time"'), "damaged: remove it"),
+        (lambda d: d.replace('"clock"', '"clocks"'), "damaged: remove it"),
+    ],
+)
+def test_a_checkpoint_that_does_not_fit_is_an_error_that_names_the_mend(
+    run, tmp_path, change, message
+):
+    path = tmp_path / "state.json"
+    run(HEADER + rows(0, 20), checkpoint=str(path))
+    text = path.read_text()
+    assert change(text) != text
+    path.write_text(change(text))
+    with pytest.raises(ModelError, match=message):
+        run(HEADER + rows(20, 30), checkpoint=str(path))
+    assert run.out == []
+    assert path.read_text() == change(text)
+
+
+def test_a_checkpoint_in_a_folder_that_is_missing(run, tmp_path):
+    with pytest.raises(OutputError, match="the folder does not exist"):
+        run(HEADER, checkpoint=str(tmp_path / "none" / "state.json"))
+
+
+def test_a_checkpoint_that_cannot_be_written_does_not_stop_the_stream(run, tmp_path):
+    path = tmp_path / "folder"
+
+    def feed(inlet, outlet):
+        os.write(inlet, HEADER + rows(0, 1))
+        read_lines(outlet, 2)
+        path.mkdir()
+        for k in range(1, 40):
+            os.write(inlet, rows(k, k + 1))
+            read_lines(outlet, 1)
+        os.close(inlet)
+
+    with pytest.raises(OutputError, match="folder"):
+        run(b"", feed, checkpoint=str(path), checkpoint_every=1.0)
+    assert any("checkpoint not written" in message for message in run.said)
+    assert run.out == ["39.0,0.0,0.0"]

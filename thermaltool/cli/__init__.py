@@ -1,0 +1,127 @@
+"""The command line: one small file per subcommand, imported when it is called."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+from typing import Any
+
+import click
+
+from thermaltool import __version__
+from thermaltool.errors import ThermalToolError
+
+# The help table: no command is imported to print it.
+COMMANDS: dict[str, str] = {
+    "check": "What is in a log and what is wrong with it.",
+    "noise": "Noise of every channel: resolution, white, drift, lines, outliers.",
+    "calibrate": "Fit temperature and deflection models to measured logs.",
+    "regularize": "Design the estimator from the model and the measured noise.",
+    "invert": "Time-domain kernel of the inverse model, with its singular weights.",
+    "simulate": "Outputs of a model for the drives in a log.",
+    "estimate": "Heat and deflection from measured temperatures.",
+    "compensate": "Stream: sensor lines in, setpoint lines out.",
+    "laplace": "Invert an expression of s numerically, with an error estimate.",
+    "plot": "Figure of any log or result.",
+    "plant": "Write a test log from a simulated machine.",
+}
+
+INTERRUPTED, TERMINATED, CLOSED_PIPE = 128 + signal.SIGINT, 128 + signal.SIGTERM, 141
+
+
+class LazyGroup(click.Group):
+    """Subcommands live in ``thermaltool.cli.<name>`` and are imported on use."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in COMMANDS:
+            return None
+        command: click.Command = importlib.import_module(f"thermaltool.cli.{name}").command
+        return command
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            from difflib import get_close_matches
+
+            near = get_close_matches(args[0], COMMANDS, n=1)
+            hint = f" (did you mean {near[0]}?)" if near else ""
+            ctx.fail(f"no command {args[0]!r}{hint}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
+    epilog="Example: thermaltool plant frame --input step | thermaltool check -",
+)
+@click.version_option(__version__, prog_name="thermaltool")
+@click.option("--debug", is_flag=True, help="Show a traceback with an error.")
+@click.option(
+    "--config",
+    type=click.Path(exists=True, dir_okay=False),
+    metavar="FILE.toml",
+    help="Defaults per command: [calibrate] loss = 'huber' (flag over environment over file).",
+)
+@click.pass_context
+def group(ctx: click.Context, debug: bool, config: str | None) -> None:
+    """From a measured log of a warming machine to a calibrated model and a compensated stream.
+
+    Logs are tables (CSV, Parquet, NDJSON) whose columns are named <quantity>_<place>_<unit>.
+    """
+    if config:
+        import tomllib
+
+        try:
+            with open(config, "rb") as stream:
+                tables = tomllib.load(stream)
+        except (OSError, tomllib.TOMLDecodeError) as error:
+            raise click.UsageError(f"{config}: {error}") from error
+        for name in tables:
+            if name not in COMMANDS:
+                raise click.UsageError(f"{config}: [{name}] is no command")
+        ctx.default_map = {
+            name: {key.replace("-", "_"): value for key, value in table.items()}
+            for name, table in tables.items()
+        }
+
+
+def main() -> None:
+    """Entry point: every way out has its exit code and at most one line on stderr."""
+    debug = "--debug" in sys.argv[1:]
+    name = next((arg for arg in sys.argv[1:] if arg in COMMANDS), "")
+    try:
+        code = group.main(
+            prog_name="thermaltool", auto_envvar_prefix="THERMALTOOL", standalone_mode=False
+        )
+        sys.stdout.flush()
+    except click.exceptions.Exit as stop:
+        code = stop.exit_code
+    except click.ClickException as error:
+        error.show()
+        code = error.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        code = INTERRUPTED
+    except BrokenPipeError:
+        # The interpreter flushes stdout once more at exit: give it somewhere to go.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = CLOSED_PIPE
+    except (ThermalToolError, MemoryError) as error:
+        if debug:
+            raise
+        click.echo(f"thermaltool {name}: {error}".replace("\n", " "), err=True)
+        code = 1
+    except OSError as error:
+        if debug:
+            raise
+        place = f"{error.filename}: " if error.filename else ""
+        click.echo(f"thermaltool {name}: {place}{error.strerror or error}", err=True)
+        code = 1
+    sys.exit(code if isinstance(code, int) else 0)

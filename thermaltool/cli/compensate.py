@@ -1,0 +1,184 @@
+"""``thermaltool compensate``: sensor lines in, setpoint lines out."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from typing import Any
+
+import click
+
+from thermaltool.cli.options import columns_option, log_argument, model_argument, quiet_option
+from thermaltool.errors import ThermalToolError
+
+# One small product per line: threads would only cost memory and add jitter. Read when numpy loads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+FORMATS = click.Choice(["csv", "ndjson"])
+SECONDS = click.FloatRange(min=0, min_open=True)
+
+
+class Interval(click.ParamType):
+    """LOW:HIGH, or CHANNEL=LOW:HIGH; an end left empty is open."""
+
+    def __init__(self, channel: bool = False) -> None:
+        self.channel, self.name = channel, "CHANNEL=LOW:HIGH" if channel else "LOW:HIGH"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        channel, equals, interval = value.rpartition("=")
+        low, colon, high = interval.partition(":")
+        with contextlib.suppress(ValueError):
+            ends = float(low or "-inf"), float(high or "inf")
+            if colon and ends[0] <= ends[1] and bool(equals) == self.channel:
+                return (channel, ends) if self.channel else ends
+        self.fail(f"{value!r} is not {self.name}", param, ctx)
+
+
+class Safe(click.ParamType):
+    name = "hold|zero|VALUE"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        with contextlib.suppress(ValueError):
+            number = 0.0 if value == "zero" else float(value)
+            if abs(number) < float("inf"):
+                return number
+        return value if value == "hold" else self.fail(f"{value!r} is not {self.name}", param, ctx)
+
+
+@click.command(epilog="Example: tail -n +1 -f temps.csv | thermaltool compensate model.json")
+@model_argument
+@log_argument
+@columns_option
+@click.option("--from", "from_format", type=FORMATS, default="csv", help="Format of the input.")
+@click.option("--to", "to_format", type=FORMATS, default="csv", help="Format of the output.")
+@click.option("--period", type=SECONDS, metavar="S", help="Period of an input without a clock [s].")
+@click.option(
+    "--clock",
+    type=click.Choice(["column", "arrival"]),
+    default="column",
+    help="Time from the input, or of its arrival (to 1 ms).",
+)
+@click.option("--also", type=click.Choice(["estimates"]), help="Add columns: heat and deflections.")
+@click.option(
+    "--sign",
+    type=click.Choice(["-1", "1"]),
+    default="-1",
+    help="Setpoint over deflection: -1 for an offset that cancels it.",
+)
+@click.option(
+    "--hold",
+    type=SECONDS,
+    metavar="S",
+    help="Bad readings are replaced by the last good one for this long [s]; then comes "
+    "the safe setpoint.  [default: 10, at least 10 sample periods of the model]",
+)
+@click.option(
+    "--frozen-after",
+    type=SECONDS,
+    metavar="S",
+    default=float("inf"),
+    show_default="never",
+    help="A reading identical for longer than this is bad [s].",
+)
+@click.option(
+    "--range",
+    "ranges",
+    type=Interval(channel=True),
+    multiple=True,
+    help="Readings outside are bad.  [default: calibrated range, widened by its width]",
+)
+@click.option(
+    "--max-gap",
+    type=SECONDS,
+    metavar="S",
+    help="A longer pause is told, and counts as this long for --slew [s].  [default: as --hold]",
+)
+@click.option(
+    "--timeout",
+    type=click.FloatRange(min=0),
+    metavar="S",
+    help="Without a usable line for this long [s] the safe setpoint is written; 0 never."
+    "  [default: as --hold]",
+)
+@click.option(
+    "--limit", "limits", type=Interval(), default=":", help="Range of the setpoints [um]."
+)
+@click.option(
+    "--slew",
+    type=SECONDS,
+    metavar="UM_PER_S",
+    default=10.0,
+    help="Largest rate of the setpoints [um/s].",
+)
+@click.option(
+    "--step",
+    type=click.FloatRange(min=0),
+    metavar="UM",
+    default=0.5,
+    help="Step of the setpoints, with a hysteresis of a quarter step [um]; 0 for none.",
+)
+@click.option(
+    "--safe",
+    type=Safe(),
+    default="zero",
+    help="Setpoint while readings are lost and at the end: the last one, or a value [um].",
+)
+@click.option(
+    "--checkpoint",
+    type=click.Path(dir_okay=False),
+    metavar="FILE",
+    help="Keep the state here; a restart goes on from it.",
+)
+@click.option(
+    "--checkpoint-every",
+    type=SECONDS,
+    metavar="S",
+    default=10.0,
+    help="Time between two states kept [s].",
+)
+@quiet_option
+def command(model: str, log: str, **options: Any) -> None:
+    """Setpoints from sensor lines: one line in, one line out, at once.
+
+    MODEL is a file from regularize; LOG is read line by line. Readings that are bad (text, empty,
+    NaN, out of range, frozen) are held, then the safe setpoint is written until good ones return.
+    The safe setpoint is also the last line, whatever ends the stream (end of input, SIGINT,
+    SIGTERM); it is approached at --slew while the stream lives, and written at once at its end.
+    Each deflection d_PLACE_um gives a column offset_PLACE_um; --limit, --slew, --step and --safe
+    count in its unit.
+    """
+    from thermaltool.cli.documents import read_model
+    from thermaltool.runtime.settings import Settings, open_stream
+
+    if model == log == "-":
+        raise click.UsageError("MODEL and LOG cannot both be stdin")
+    quiet = options.pop("quiet")
+    safe = options.pop("safe")
+    settings = Settings(
+        sign=float(options.pop("sign")),
+        safe=None if safe == "hold" else safe,
+        ranges=dict(options.pop("ranges")),
+        arrival=options.pop("clock") == "arrival",
+        estimates=options.pop("also") == "estimates",
+        **options,
+    )
+
+    def emit(message: str) -> None:
+        # A terminal that has gone must not stop the stream.
+        if not quiet:
+            with contextlib.suppress(OSError):
+                click.echo(f"thermaltool compensate: {message}", err=True)
+
+    name = "<stdin>" if log == "-" else log
+    with click.open_file(log, "rb") as source:
+        try:
+            stream = open_stream(read_model(model), settings, source.fileno(), 1, emit, name)
+        except ValueError as error:
+            if isinstance(error, ThermalToolError):
+                raise
+            raise click.UsageError(str(error)) from error
+        number = stream.run()
+    if number:
+        raise SystemExit(128 + number)

@@ -1,0 +1,109 @@
+"""Model and noise documents at the border, and what commands say on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from thermaltool.errors import ModelError
+from thermaltool.files import atomic_output
+
+if TYPE_CHECKING:
+    from thermaltool.inverse.estimator import SensorNoise
+    from thermaltool.logs import Log
+    from thermaltool.model import Model
+
+
+# Time constant given to a drift of which the log tells only the rate [s].
+BOUNDED_DRIFT_TIME = 3600.0
+
+
+def read_text(path: str) -> str:
+    """A text file, or stdin for ``-``."""
+    try:
+        if path == "-":
+            return sys.stdin.read()
+        with open(path, encoding="utf-8") as stream:
+            return stream.read()
+    except UnicodeDecodeError as error:
+        raise ModelError(f"{path}: not a text file") from error
+
+
+def read_model(path: str) -> Model:
+    """The model document in a file, or on stdin for ``-``."""
+    from thermaltool.model import loads
+
+    return loads(read_text(path), "<stdin>" if path == "-" else path)
+
+
+def write_json(document: Mapping[str, Any], target: str) -> None:
+    """Sorted keys, null for what is missing, never NaN."""
+    text = json.dumps(document, sort_keys=True, indent=1, allow_nan=False) + "\n"
+    with atomic_output(target) as stream:
+        stream.write(text.encode())
+
+
+def read_noise(path: str) -> dict[str, SensorNoise]:
+    """Noise of every channel, from what ``thermaltool noise -o`` wrote.
+
+    Where the log only bounds a drift, its rate enters, over an hour.
+    """
+    from thermaltool.inverse.estimator import SensorNoise
+
+    try:
+        document = json.loads(read_text(path))
+        channels = document["channels"] if document["format"] == "thermaltool-noise" else None
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise ModelError(f"{path}: not what thermaltool noise -o writes") from error
+    if channels is None:
+        raise ModelError(f"{path}: format {document['format']!r} is not thermaltool-noise")
+    if document.get("version", 1) > 1:
+        raise ModelError(f"{path}: version {document['version']} is newer than this thermaltool")
+    noise = {}
+    for name, channel in channels.items():
+        drift = channel.get("drift") or {}
+        sigma, time = drift.get("sigma"), drift.get("time_constant_s")
+        if drift.get("upper_bound") and drift.get("rate_per_sqrt_s"):
+            time = BOUNDED_DRIFT_TIME
+            sigma = drift["rate_per_sqrt_s"] * (time / 2) ** 0.5
+        white = channel.get("white_sigma") or 0.0
+        # A quantizer's own noise is the least that a reading can have.
+        white = max(white, (channel.get("resolution") or 0.0) / 12**0.5)
+        if white > 0:
+            noise[name] = SensorNoise(white, sigma or 0.0, time or 1.0)
+    return noise
+
+
+def warn(message: str) -> None:
+    """One line on stderr."""
+    click.echo(message, err=True)
+
+
+def terminal_progress(label: str) -> Callable[[str], None]:
+    """A line that is overwritten, on a terminal only."""
+    if not sys.stderr.isatty():
+        return lambda message: None
+    return lambda message: click.echo(f"\r\033[K{label}: {message}", nl=False, err=True)
+
+
+def warn_excursions(model: Model, log: Log) -> None:
+    """Say where the log leaves what the calibration has seen."""
+    from thermaltool.model import excursions
+
+    for e in excursions(model, log.columns):
+        line = f":{log.lines[e.first]}" if len(log.lines) else ""
+        warn(
+            f"{log.name}{line}: {e.channel}: {e.value:.4g} is outside the calibrated range "
+            f"{e.low:.4g} to {e.high:.4g} ({e.rows} rows): the model extrapolates"
+        )
+
+
+def table(rows: list[list[str]]) -> str:
+    """Columns aligned by blanks; the first row is the heading."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join(line.rstrip() for line in lines)

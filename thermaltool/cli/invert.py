@@ -1,0 +1,96 @@
+"""``thermaltool invert``: the time-domain kernel of the regularized inverse."""
+
+from __future__ import annotations
+
+import click
+
+from thermaltool.cli.documents import read_model, warn, write_json
+from thermaltool.cli.options import json_option, model_argument, output_option, to_option
+from thermaltool.errors import ModelError
+
+
+@click.command(epilog="Example: thermaltool invert model.json --dt 0.5 --window 1200 -o kernel.csv")
+@model_argument
+@click.option(
+    "--dt",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
+    help="Sample period [s].  [default: that of the model]",
+)
+@click.option(
+    "--window", type=click.IntRange(2, 10_000_000), default=1200, help="Number of weights."
+)
+@click.option("--sensor", metavar="CHANNEL", help="Which sensor.  [default: the only one]")
+@click.option(
+    "--regularization",
+    nargs=3,
+    type=float,
+    metavar="A B C",
+    help="f_R = (At + Bt²)e^(−ct).  [default: that of the model's design]",
+)
+@output_option
+@to_option
+@json_option
+def command(
+    model: str,
+    dt: float | None,
+    window: int,
+    sensor: str | None,
+    regularization: tuple[float, float, float] | None,
+    output: str,
+    to_format: str | None,
+    as_json: bool,
+) -> None:
+    """Time-domain kernel of the inverse model, with its singular weights.
+
+    Q(n) = Σ weight(k)·ΔT(n−k) + A0·ΔT(n) + A1·(ΔT(n) − ΔT(n−1))/dt. Each weight is the exact
+    integral of the kernel over a sample, with ΔT a straight line between samples. A0, A1, the
+    estimated error and the share of the steady state that the window keeps go to stderr.
+    """
+    import numpy as np
+
+    from thermaltool.inverse.kernel import Regularization, kernel_table
+    from thermaltool.logs import write_table
+
+    document = read_model(model)
+    names = [o.channel for o in document.sensors]
+    if sensor is None and len(names) != 1:
+        raise ModelError(f"the model has the sensors {', '.join(names)}: choose one with --sensor")
+    terms = [t for t in document.terms if t.output == (sensor or names[0])]
+    if len(terms) != 1:
+        raise ModelError(f"{sensor} is not a sensor with one drive; there are {', '.join(names)}")
+    settings = dict((document.design or {}).get("settings", {}))
+    if regularization is not None:
+        settings |= dict(zip("ABc", regularization, strict=True))
+    if not {"A", "B", "c"} <= settings.keys():
+        raise ModelError(
+            "no regularization: run thermaltool regularize --form kernel, or give --regularization"
+        )
+    shape = Regularization(settings["A"], settings["B"], settings["c"])
+    response = terms[0].response
+    kernel = kernel_table(response.transfer, shape, dt or document.sample_period, window)
+    kept = float((kernel.weight.sum() + kernel.A0) * response.dc_gain())
+    if as_json:
+        write_json(
+            {
+                "A0": kernel.A0,
+                "A1_s": kernel.A1,
+                "error": kernel.error,
+                "steady_state_kept": kept,
+                "time_s": kernel.time.tolist(),
+                "weight": kernel.weight.tolist(),
+            },
+            output,
+        )
+    else:
+        columns = {
+            "time_s": kernel.time,
+            "weight_1": kernel.weight,
+            "A0_1": np.full(window, kernel.A0),
+            "A1_s": np.full(window, kernel.A1),
+        }
+        write_table(columns, output, to_format)
+    warn(
+        f"A0 = {kernel.A0:.6g}, A1 = {kernel.A1:.6g} s, error of a weight below "
+        f"{kernel.error:.1e}; a window of {window} keeps {100 * kept:.2f} % of the steady state"
+    )

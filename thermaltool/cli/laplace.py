@@ -1,0 +1,190 @@
+"""``thermaltool laplace``: invert an expression of s numerically."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any
+
+import click
+
+from thermaltool.cli.options import Source, json_option, output_option, to_option
+
+
+class TimeGrid(click.ParamType):
+    """START:STOP:COUNT[:log] as a tuple (start, stop, count, is_log)."""
+
+    name = "start:stop:count[:log]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if isinstance(value, tuple):
+            return value
+        try:
+            start, stop, count, *scale = value.split(":")
+            grid = float(start), float(stop), int(count), scale == ["log"]
+        except ValueError:
+            self.fail(f"{value!r} is not START:STOP:COUNT or START:STOP:COUNT:log", param, ctx)
+        if scale not in ([], ["log"], ["lin"]) or not 0 < grid[0] <= grid[1] < inf or grid[2] < 1:
+            self.fail(f"{value!r}: needs 0 < START <= STOP, COUNT >= 1, log or lin", param, ctx)
+        return grid
+
+
+class Assignment(click.ParamType):
+    """NAME=VALUE as a tuple (name, value)."""
+
+    name = "name=value"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if isinstance(value, tuple):
+            return value
+        name, _, number = value.partition("=")
+        try:
+            return name.strip(), float(number)
+        except ValueError:
+            self.fail(f"{value!r} is not NAME=NUMBER", param, ctx)
+
+
+@click.command(
+    epilog="Example: thermaltool laplace 'exp(-r*sqrt(s/a))/s' -p r=0.1 -p a=1.2e-5 "
+    "--times 1:1e4:200:log | thermaltool plot -"
+)
+@click.argument("expression")
+@click.argument("file", type=Source(), required=False)
+@click.option(
+    "--times",
+    "grid",
+    type=TimeGrid(),
+    metavar="START:STOP:COUNT[:log]",
+    help="Grid of times [s]; log for geometric.",
+)
+@click.option(
+    "--time",
+    "single",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
+    multiple=True,
+    help="One time [s]; repeatable.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest"]),
+    default="auto",
+    help="auto: hyperbola, and dehoog where its error exceeds --tol.",
+)
+@click.option(
+    "--tol",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="ERROR",
+    default=1e-9,
+    help="Absolute error wanted [unit of the result].",
+)
+@click.option(
+    "--abscissa",
+    type=float,
+    metavar="RATE",
+    default=0.0,
+    help="Largest real part of the singularities [1/s].",
+)
+@click.option("-p", "--parameter", type=Assignment(), multiple=True, help="Value of a name.")
+@json_option
+@output_option
+@to_option
+@click.pass_context
+def command(
+    ctx: click.Context,
+    expression: str,
+    file: str | None,
+    grid: tuple[float, float, int, bool] | None,
+    single: tuple[float, ...],
+    method: str,
+    tol: float,
+    abscissa: float,
+    parameter: tuple[tuple[str, float], ...],
+    as_json: bool,
+    output: str,
+    to_format: str | None,
+) -> None:
+    """Invert an EXPRESSION of s numerically, with an error estimate.
+
+    Times come from --times, --time and the clock of FILE (a log, - for stdin; read by default
+    where neither option is given). EXPRESSION: numbers, s, names given with -p, pi, e, + - * / **
+    and sqrt exp log sin cos tan sinh cosh tanh j0 j1 i0 i1 k0 k1 jv iv kv erf erfc erfcx gamma;
+    i0e(z) = exp(-z)*i0(z) and k0e(z) = exp(z)*k0(z) do not overflow.
+
+    Writes time_s, value_1, error_1 (estimated absolute error). Where the error exceeds --tol the
+    result is written all the same, a warning names the worst time, and the exit code is 3.
+    """
+    import numpy as np
+
+    from thermaltool.laplace import invert
+    from thermaltool.laplace.expression import ExpressionError, compile_expression
+
+    try:
+        transfer = compile_expression(expression, dict(parameter))
+    except ExpressionError as error:
+        raise click.BadParameter(str(error), param_hint="EXPRESSION") from error
+    times = _times(ctx, file, grid, single)
+    result = invert(transfer, times, method=method, tol=tol, abscissa=abscissa)
+    usable = np.isfinite(result.error)
+    columns = {
+        "time_s": result.t,
+        "value_1": result.values,
+        "error_1": np.where(usable, result.error, np.nan),
+    }
+    if as_json:
+        _write_json(columns, result.method, result.evaluations, tol, output)
+    else:
+        from thermaltool.logs import write_table
+
+        write_table(columns, output, to_format)
+    missed = int((result.error > tol).sum())
+    if missed:
+        worst = int(np.argmax(result.error))
+        click.echo(
+            f"thermaltool laplace: warning: estimated error {result.error[worst]:.2g} at "
+            f"t = {times[worst]:g} s exceeds {tol:g} ({missed} of {times.size} times)",
+            err=True,
+        )
+        ctx.exit(3)
+
+
+def _times(
+    ctx: click.Context,
+    file: str | None,
+    grid: tuple[float, float, int, bool] | None,
+    single: tuple[float, ...],
+) -> Any:
+    """All times asked for [s], in the order of options, then file."""
+    import numpy as np
+
+    from thermaltool.errors import LogError
+
+    parts = [np.array(single, dtype=float)]
+    if grid is not None:
+        start, stop, count, is_log = grid
+        parts.insert(0, (np.geomspace if is_log else np.linspace)(start, stop, count))
+    elif not single and file is None:
+        file = Source().convert("-", None, ctx)
+    if file is not None:
+        from thermaltool.logs import read_log
+
+        log = read_log(file)
+        if (log.time <= 0).any():
+            raise LogError("a time that is not above 0 s has no inverse", log.name, column="time_s")
+        parts.append(log.time)
+    return np.concatenate(parts)
+
+
+def _write_json(columns: Any, method: str, evaluations: int, tol: float, output: str) -> None:
+    """One JSON object: how it was found, and the columns with null where there is no answer."""
+    import json
+
+    import numpy as np
+
+    from thermaltool.files import atomic_output
+
+    report = {"method": method, "evaluations": evaluations, "tol": tol} | {
+        name: [float(x) if np.isfinite(x) else None for x in values]
+        for name, values in columns.items()
+    }
+    with atomic_output(output) as stream:
+        stream.write(json.dumps(report, allow_nan=False).encode() + b"\n")

@@ -1,0 +1,75 @@
+"""Options that several commands share, as named objects."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+class Source(click.Path):
+    """A readable file, or ``-`` for stdin; a terminal on stdin is a usage error."""
+
+    name = "file"
+
+    def __init__(self) -> None:
+        super().__init__(exists=False, dir_okay=True, allow_dash=True)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "-" and sys.stdin is not None and sys.stdin.isatty():
+            self.fail("stdin is a terminal: name a file or pipe a log in", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+log_argument: Decorator = click.argument("log", type=Source(), default="-")
+logs_argument: Decorator = click.argument("logs", type=Source(), nargs=-1, required=True)
+model_argument: Decorator = click.argument("model", type=Source())
+output_option: Decorator = click.option(
+    "-o", "--output", default="-", metavar="FILE", help="Where the result goes; - is stdout."
+)
+json_option: Decorator = click.option(
+    "--json", "as_json", is_flag=True, help="Machine-readable JSON on stdout."
+)
+columns_option: Decorator = click.option(
+    "--columns",
+    type=click.Path(exists=True, dir_okay=False),
+    metavar="MAP.toml",
+    help="Maps foreign column names to <quantity>_<place>_<unit>.",
+)
+from_option: Decorator = click.option(
+    "--from",
+    "from_format",
+    type=click.Choice(["csv", "ndjson", "parquet"]),
+    help="Format of stdin (a file's format follows its suffix).  [default: csv]",
+)
+to_option: Decorator = click.option(
+    "--to",
+    "to_format",
+    type=click.Choice(["csv", "ndjson", "parquet"]),
+    help="Format of stdout (a file's format follows its suffix).  [default: csv]",
+)
+nan_option: Decorator = click.option(
+    "--nan-policy",
+    type=click.Choice(["raise", "omit", "hold"]),
+    default="raise",
+    help="What a missing value does: stop, leave the row out, or keep the last value.",
+)
+gap_option: Decorator = click.option(
+    "--max-gap",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
+    help="A pause above this splits the log into segments [s].  [default: 10 median periods]",
+)
+quiet_option: Decorator = click.option("-q", "--quiet", count=True, help="Less on stderr.")
+verbose_option: Decorator = click.option("-v", "--verbose", count=True, help="More on stderr.")
+
+
+def log_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``--columns --from --nan-policy --max-gap``: everything that reading a log takes."""
+    for option in (gap_option, nan_option, from_option, columns_option):
+        function = option(function)
+    return function

@@ -1,0 +1,117 @@
+"""``thermaltool plant``: write a test log from a simulated machine."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import Any
+
+import click
+
+from thermaltool.cli.options import output_option, to_option
+from thermaltool.plants import PLANTS
+
+SHAPES = ("step", "idle", "triangle", "duty")
+
+
+class Finite(click.FloatRange):
+    """A range of numbers without NaN and infinity."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return number
+
+
+POSITIVE, NOT_NEGATIVE = Finite(min=0, min_open=True), Finite(min=0)
+
+
+@click.command(
+    epilog="Example: thermaltool plant frame --input triangle --duration 1800 | thermaltool check -"
+)
+@click.argument("name", type=click.Choice(list(PLANTS)))
+@click.option(
+    "--input",
+    "shape",
+    default="step",
+    metavar="|".join((*SHAPES, "FILE")),
+    help="Heat: a shape, or a log with Q_main_1 (and T_ambient_degC), held between its rows.",
+)
+@click.option("--level", type=NOT_NEGATIVE, default=1.0, help="Factor on the heat [1].")
+@click.option("--start", type=NOT_NEGATIVE, default=60.0, help="Idle time before the input [s].")
+@click.option("--duration", type=POSITIVE, default=9000.0, help="Length, idle time included [s].")
+@click.option("--dt", type=POSITIVE, default=0.5, help="Sample period [s].")
+@click.option("--ambient", type=Finite(), default=20.0, help="Air temperature [degC].")
+@click.option("--seed", type=click.IntRange(min=0), default=1, help="Seed of noise and of duty.")
+@click.option("--sigma", type=NOT_NEGATIVE, default=0.02, help="White noise of temperatures [K].")
+@click.option("--drift", type=NOT_NEGATIVE, default=0.008, help="Drift of temperatures [K].")
+@click.option("--drift-time", type=POSITIVE, default=900.0, help="Time constant of drift [s].")
+@click.option("--sigma-d", type=NOT_NEGATIVE, default=0.2, help="Noise of displacements [um].")
+@click.option("--clean", is_flag=True, help="The truth: no noise, no rounding.")
+@to_option
+@output_option
+def command(
+    name: str,
+    shape: str,
+    level: float,
+    start: float,
+    duration: float,
+    dt: float,
+    ambient: float,
+    seed: int,
+    sigma: float,
+    drift: float,
+    drift_time: float,
+    sigma_d: float,
+    clean: bool,
+    to_format: str | None,
+    output: str,
+) -> None:
+    """Write a test log from the simulated machine NAME, from rest at the air's temperature.
+
+    Q_main_1 acts from its row to the next. Temperatures are read to 0.001 K with white noise and
+    slow drift, displacements to 0.01 um; heat, air and clock are exact.
+    """
+    import numpy as np
+
+    from thermaltool.logs import write_table
+    from thermaltool.plants import build
+    from thermaltool.plants.excitation import INPUTS, hold, sample_times
+    from thermaltool.plants.noise import Sensor, read_sensors
+
+    time = sample_times(duration, dt)
+    air = np.full_like(time, ambient)
+    if shape in INPUTS:
+        heat = INPUTS[shape](time - start, seed)
+    else:
+        log = _read_input(shape)
+        elapsed = log.time - log.time[0] + start
+        heat = hold(time, elapsed, log.column("Q_main_1"), before=0.0)
+        if "T_ambient_degC" in log.columns:
+            measured = log.column("T_ambient_degC")
+            air = hold(time, elapsed, measured, before=measured[0])
+    heat = np.round(level * heat, 6)
+    columns = build(name).simulate(heat, air, dt)
+    if not clean:
+        temperature = Sensor(sigma, drift, drift_time, decimals=3)
+        sensors = {"degC": temperature, "K": temperature, "um": Sensor(sigma_d, decimals=2)}
+        columns = read_sensors(columns, sensors, dt, seed)
+    table = {"time_s": time, "Q_main_1": heat, "T_ambient_degC": air, **columns}
+    write_table(table, output, to_format)
+
+
+def _read_input(source: str) -> Any:
+    """The log that ``--input`` names."""
+    from thermaltool.errors import LogError
+    from thermaltool.logs import read_log
+
+    if source != "-" and not os.path.exists(source):
+        shapes = ", ".join(SHAPES)
+        raise click.BadParameter(
+            f"{source!r} is no file and none of {shapes}", param_hint="--input"
+        )
+    log = read_log(source, need=("Q_main_1",))
+    if not len(log):
+        raise LogError("no rows to take the heat from", log.name)
+    return log

@@ -1,0 +1,158 @@
+"""``thermaltool regularize``: from model and noise to an estimator."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import click
+
+from thermaltool.cli.documents import (
+    read_model,
+    read_noise,
+    table,
+    terminal_progress,
+    warn,
+    write_json,
+)
+from thermaltool.cli.options import Source, json_option, model_argument, output_option, quiet_option
+from thermaltool.errors import FitError
+
+
+@click.command(
+    epilog="Example: thermaltool regularize model.json --noise noise.json | "
+    "thermaltool estimate - log.csv"
+)
+@model_argument
+@click.option("--noise", required=True, type=Source(), help="What thermaltool noise -o wrote.")
+@click.option(
+    "--form",
+    type=click.Choice(["auto", "kalman", "kernel"]),
+    default="auto",
+    help="auto takes the one with the narrower predicted band.",
+)
+@click.option("--sensor", "sensors", multiple=True, metavar="CHANNEL", help="Use only this sensor.")
+@click.option(
+    "--dt",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
+    help="Sample period of the estimator [s].  [default: that of the calibration]",
+)
+@click.option(
+    "--walk",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Pin the Kalman form's random-walk rate [share of the level per √s].",
+)
+@click.option(
+    "--delay", type=click.FloatRange(min=0), help="Pin the kernel form's artificial delay [s]."
+)
+@click.option(
+    "--cutoff",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Pin the kernel form's filter [Hz].",
+)
+@click.option(
+    "--regularization",
+    nargs=3,
+    type=float,
+    metavar="A B C",
+    help="Pin f_R = (At + Bt²)e^(−ct) of the kernel form [unit/s, unit/s², 1/s].",
+)
+@output_option
+@json_option
+@quiet_option
+def command(
+    model: str,
+    noise: str,
+    form: str,
+    sensors: tuple[str, ...],
+    dt: float | None,
+    walk: float | None,
+    delay: float | None,
+    cutoff: float | None,
+    regularization: tuple[float, float, float] | None,
+    output: str,
+    as_json: bool,
+    quiet: int,
+) -> None:
+    """Design the estimator from the model and the measured noise.
+
+    Both forms minimize the predicted band of the deflection error after a step of the calibrated
+    level: what is missing while the estimate catches up, and what the sensors' noise leaves. The
+    trade-off goes to stderr (with --json to stdout), the model with its design to -o.
+    """
+    from thermaltool.files import atomic_output
+    from thermaltool.inverse.machine import Machine
+    from thermaltool.inverse.regularization import best_choice, design_kalman, design_kernel
+    from thermaltool.model import dumps, only_sensors
+
+    if as_json and output == "-":
+        raise click.UsageError("--json reports on stdout: give the model a file with -o")
+    document = read_model(model)
+    if sensors:
+        document = only_sensors(document, sensors)
+    known = read_noise(noise)
+    machine = Machine.of(document, known, dt or document.sample_period)
+    progress = terminal_progress("regularize")
+    pinned = {"delay_s": delay, "cutoff_Hz": cutoff}
+    pinned |= dict(zip("ABc", regularization or (None,) * 3, strict=True))
+    designs = {}
+    if form != "kernel":
+        designs["kalman"] = design_kalman(machine, walk)
+    single = len(machine.sensors) == 1 and len(machine.drives) == 1
+    if form == "kernel" or (form == "auto" and single):
+        held = {name: value for name, value in pinned.items() if value is not None}
+        try:
+            designs["kernel"] = design_kernel(machine, held, progress)
+        except FitError as error:
+            if form == "kernel":
+                raise
+            warn(f"kernel form: {error}")
+    progress("done\n")
+    best = {name: best_choice(choices) for name, choices in designs.items()}
+    chosen = min(best, key=lambda name: best[name].objective)
+    report: dict[str, Any] = {
+        "chosen": chosen,
+        "sample_period_s": machine.dt,
+        "forms": {
+            name: {
+                "settings": choice.settings,
+                "predicted": asdict(choice.prediction),
+                "trade_off": [
+                    {"settings": c.settings, "predicted": asdict(c.prediction)}
+                    for c in designs[name]
+                ],
+            }
+            for name, choice in best.items()
+        },
+    }
+    design = {
+        **best[chosen].estimator.document(),
+        "sample_period_s": machine.dt,
+        "settings": best[chosen].settings,
+        "predicted": asdict(best[chosen].prediction),
+    }
+    with atomic_output(output) as stream:
+        stream.write(dumps(document.with_design(design)).encode())
+    if as_json:
+        write_json(report, "-")
+    elif not quiet:
+        heading = ["form", "setting", "lag s"]
+        for name in machine.outputs:
+            heading += [f"{name}: band", "lag error", "noise σ"]
+        rows = [heading]
+        for name, choices in designs.items():
+            for c in choices:
+                mark = " <" if c is best[chosen] else ""
+                p = c.prediction
+                key = "walk_per_sqrt_s" if name == "kalman" else "delay_s"
+                row = [name, f"{key} {c.settings[key]:.3g}{mark}", f"{p.lag:.1f}"]
+                for k in range(len(machine.outputs)):
+                    row += [f"{p.band[k]:.2f}", f"{p.lag_error[k]:.2f}", f"{p.noise_sigma[k]:.3f}"]
+                rows.append(row)
+        warn(table(rows))
+        warn(f"chosen: {chosen}, {_told(best[chosen].settings)}")
+
+
+def _told(settings: dict[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.4g}" for name, value in settings.items())

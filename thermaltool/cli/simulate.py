@@ -1,0 +1,92 @@
+"""``thermaltool simulate``: a model's outputs for the drives in a log."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from thermaltool.cli.documents import read_model, table, warn, warn_excursions, write_json
+from thermaltool.cli.options import (
+    Source,
+    json_option,
+    log_options,
+    model_argument,
+    output_option,
+    quiet_option,
+    to_option,
+)
+
+
+@click.command(
+    epilog="Example: thermaltool plant frame --input duty | thermaltool simulate model.json - -q"
+)
+@model_argument
+@click.argument("log", type=Source(), default="-")
+@click.option("--start", type=float, metavar="SECONDS", help="Judge from this time on [s].")
+@click.option("--stop", type=float, metavar="SECONDS", help="Judge up to this time [s].")
+@click.option(
+    "--max-rmse",
+    type=float,
+    metavar="VALUE",
+    help="Exit 3 when an output's RMSE is above this [unit of the output].",
+)
+@log_options
+@output_option
+@to_option
+@json_option
+@quiet_option
+def command(
+    model: str,
+    log: str,
+    start: float | None,
+    stop: float | None,
+    max_rmse: float | None,
+    columns: str | None,
+    from_format: str | None,
+    nan_policy: str,
+    max_gap: float | None,
+    output: str,
+    to_format: str | None,
+    as_json: bool,
+    quiet: int,
+) -> None:
+    """Outputs of a model for the drives in a log.
+
+    Where the log holds the measured output too, a column residual_... (measured minus simulated)
+    is written beside it, and RMSE and fit go to stderr. The machine is taken to be at rest at the
+    first row; --start and --stop choose the rows that are judged, all rows drive the model.
+    """
+    from thermaltool.logs import read_log, write_table
+    from thermaltool.model import relative
+    from thermaltool.signals.agreement import agreement
+
+    document = read_model(model)
+    drives = [d.channel for d in document.drives]
+    data = read_log(log, columns=columns, from_format=from_format, nan_policy=nan_policy,
+                    max_gap=max_gap, need=drives)  # fmt: skip
+    warn_excursions(document, data)
+    simulated = document.simulate(data.time, {name: data.column(name) for name in drives})
+    result, report = {"time_s": data.time}, {}
+    judged = (data.time >= (start if start is not None else data.time[:1].sum())) & (
+        data.time <= (stop if stop is not None else float("inf"))
+    )
+    for out in document.outputs:
+        level = simulated[out.channel]
+        result[out.channel] = level if out.offset == "first" else level + out.offset
+        if out.channel in data.columns:
+            measured = relative(data.columns[out.channel], out.offset)
+            result[f"residual_{out.channel}"] = measured - level
+            report[out.channel] = agreement(measured[judged], level[judged])
+    if output != "-" or not as_json:
+        write_table(result, output, to_format)
+    if as_json:
+        write_json({name: each.document() for name, each in report.items()}, "-")
+    elif not quiet and report:
+        rows = [["output", "rmse", "fit %", "max", "mean", "rows"]]
+        for name, a in report.items():
+            rows.append([name, f"{a.rmse:.4g}", f"{a.fit_percent:.2f}", f"{a.max_error:.4g}",
+                         f"{a.mean:.3g}", str(a.rows)])  # fmt: skip
+        warn(table(rows))
+    if max_rmse is not None and any(a.rmse > max_rmse for a in report.values()):
+        sys.exit(3)

@@ -1,0 +1,95 @@
+"""Fourier series with an accelerated tail, for a window of times."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thermaltool.laplace.sampling import ComplexArray, RealArray, Sampler
+
+EPS = float(np.finfo(float).eps)
+
+# Aliasing: the series returns f(t) + Σ e^(−2kγT) f(t + 2kT); these are e^(−2γT) in the series
+# that answers and in the one that checks it, different so that the check sees the aliases.
+ALIASING, CHECK_ALIASING = 1e-14, 1e-13
+TAIL_ORDER = 20
+# Heads are multiples of this.
+BLOCK = 32
+
+# Half periods T of the two series, over the last time.
+HALF_PERIOD, CHECK_HALF_PERIOD = 2.0, 2.6
+
+
+def dehoog(
+    sample: Sampler, t: RealArray, head: int, check: int
+) -> tuple[RealArray, RealArray, RealArray]:
+    """Values, error estimates and rounding for times `t` (n,) of one window.
+
+    The error is the difference from a series with another period, larger aliases and `check`
+    terms in its head.
+    """
+    values, rounding = _series(sample, t, HALF_PERIOD * t[-1], ALIASING, head)
+    other, _ = _series(sample, t, CHECK_HALF_PERIOD * t[-1], CHECK_ALIASING, check)
+    rounding = rounding + ALIASING * abs(values).max()
+    return values, abs(values - other) + rounding, rounding
+
+
+def _series(
+    sample: Sampler, t: RealArray, half_period: float, aliasing: float, head: int
+) -> tuple[RealArray, RealArray]:
+    """Values from a Fourier series on the line Re s = γ, and what rounding may do to them.
+
+    De Hoog, Knight & Stokes, SIAM J. Sci. Stat. Comput. 3 (1982) 357: the series in
+    z = e^(iπt/T) is summed as a continued fraction with an estimate of its remainder (their
+    eq. 16-25). Here the first `head` terms are summed as they are and only the rest is
+    accelerated; this resolves poles up to Im s = π·head/T, and times t ≪ T.
+    """
+    gamma = -np.log(aliasing) / (2 * half_period)
+    k = np.arange(head + 2 * TAIL_ORDER + 1)
+    terms = sample(gamma + 1j * np.pi / half_period * k) * np.where(k == 0, 0.5, 1.0)
+    z = np.exp(1j * np.pi / half_period * t)
+    with np.errstate(all="ignore"):  # a degenerate fraction gives NaN: no answer, error infinite
+        total = _polynomial(terms[:head], z) + z**head * _continued_fraction(terms[head:], z)
+    scale = np.exp(gamma * t) / half_period
+    return scale * total.real, EPS * scale * abs(terms).sum()
+
+
+def _polynomial(terms: ComplexArray, z: ComplexArray) -> ComplexArray:
+    """Σ terms_k z^k: blocks of `BLOCK` terms as one matrix product, then Horner over the blocks."""
+    powers = np.cumprod(np.broadcast_to(z, (BLOCK, z.size)), axis=0)
+    blocks = terms.reshape(-1, BLOCK) @ np.concatenate([np.ones((1, z.size)), powers[:-1]])
+    total = blocks[-1]
+    for block in blocks[-2::-1]:
+        total = total * powers[-1] + block
+    return total
+
+
+def _continued_fraction(terms: ComplexArray, z: ComplexArray) -> ComplexArray:
+    """Σ terms_k z^k by the quotient-difference algorithm."""
+    d = _quotient_difference(terms)
+    before = np.stack([np.zeros_like(z), np.ones_like(z)])  # numerator and denominator
+    now = np.stack([np.full_like(z, d[0]), np.ones_like(z)])
+    for coefficient in d[1:-1]:
+        before, now = now, now + coefficient * z * before
+    half = 0.5 * (1 + (d[-2] - d[-1]) * z)
+    remainder = -half * (1 - np.sqrt(1 + d[-1] * z / half**2))
+    numerator, denominator = now + remainder * before
+    return np.asarray(numerator / denominator)
+
+
+def _quotient_difference(terms: ComplexArray) -> ComplexArray:
+    """Coefficients d_0 … d_2M of the continued fraction of a power series of 2M + 1 terms."""
+    d = np.zeros_like(terms)
+    d[0] = terms[0]
+    q = _divide(terms[1:], terms[:-1])
+    e = np.zeros_like(terms)
+    for r in range(1, terms.size, 2):
+        d[r] = -q[0]
+        e = q[1:] - q[:-1] + e[1 : q.size]
+        d[r + 1] = -e[0]
+        q = _divide(q[1:-1] * e[1:], e[:-1])
+    return d
+
+
+def _divide(a: ComplexArray, b: ComplexArray) -> ComplexArray:
+    """a / b; zero where b is: the fraction ends there."""
+    return np.divide(a, b, out=np.zeros_like(a), where=b != 0)

@@ -1,0 +1,166 @@
+"""The column map: foreign names, clocks and scales made the tool's own, in a small TOML file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from thermaltool.errors import LogError, UnitError
+from thermaltool.logs.log import hint
+from thermaltool.units import UNITS, parse_channel
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Where the time comes from: a column of a `unit` (or ``iso``), or an even `period` [s].
+
+    `format` is a `strptime` pattern for time stamps that are not ISO 8601.
+    """
+
+    column: str | None = None
+    unit: str = "s"
+    period: float | None = None
+    format: str | None = None
+
+
+@dataclass(frozen=True)
+class Rename:
+    """``name = scale * value + offset``"""
+
+    name: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How the numbers of a foreign CSV file are written."""
+
+    separator: str = ","
+    decimal: str = "."
+    missing: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """What a map file says; the default changes nothing.
+
+    `columns` gives None for a column that is left out; `unmapped` is ``keep`` or ``drop``.
+    """
+
+    file: str | None = None
+    clock: Clock | None = None
+    columns: Mapping[str, Rename | None] = field(default_factory=dict)
+    unmapped: str = "keep"
+    dialect: Dialect = Dialect()
+
+    def rename(self, name: str) -> Rename | None:
+        """What becomes of column `name`; None leaves it out."""
+        return self.columns.get(name, Rename(name) if self.unmapped == "keep" else None)
+
+    def check(self, names: Sequence[str], log: str) -> None:
+        """Raise LogError where the map names a column that the log `names` does not have."""
+        clock = [self.clock.column] if self.clock and self.clock.column is not None else []
+        for wanted in [*clock, *self.columns]:
+            if wanted not in names:
+                raise LogError(f"{log} has no column {wanted}{hint(wanted, names)}", self.file)
+
+
+def read_map(path: str) -> ColumnMap:
+    """Read a column map.
+
+    Raises
+    ------
+    LogError
+        Not TOML, an unknown key, a value of the wrong type, or a name without a known unit.
+    """
+    import tomllib
+
+    try:
+        with open(path, "rb") as stream:
+            document = tomllib.load(stream)
+    except OSError as error:
+        raise LogError(f"cannot be read: {error.strerror or error}", path) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise LogError(f"not TOML: {error}", path) from error
+    try:
+        _keys("the map", document, ("time", "columns", "unmapped", *Dialect.__dataclass_fields__))
+        columns = _typed("columns", document.get("columns", {}), dict)
+        return ColumnMap(
+            file=path,
+            clock=_clock(document["time"]) if "time" in document else None,
+            columns={name: _rename(name, entry) for name, entry in columns.items()},
+            unmapped=_choice("unmapped", document.get("unmapped", "keep"), ("keep", "drop")),
+            dialect=_dialect(document),
+        )
+    except UnitError as error:
+        raise LogError(str(error), path) from error
+    except _MapError as error:
+        raise LogError(str(error), path) from error
+
+
+class _MapError(Exception):
+    """Something in the map is not as it must be; `read_map` adds the file."""
+
+
+def _clock(entry: Any) -> Clock:
+    _keys("[time]", _typed("[time]", entry, dict), ("column", "unit", "period", "format"))
+    if ("column" in entry) == ("period" in entry):
+        raise _MapError("[time] takes either a column or a period")
+    if "period" in entry:
+        period = float(_typed("time.period", entry["period"], (int, float)))
+        if not period > 0:
+            raise _MapError("time.period must be above 0 s")
+        return Clock(period=period)
+    pattern = entry.get("format")
+    if pattern is not None:
+        _typed("time.format", pattern, str)
+    times = [unit for unit, (dimension, _) in UNITS.items() if dimension == "time"]
+    unit = _choice("time.unit", entry.get("unit", "iso" if pattern else "s"), [*times, "iso"])
+    if pattern and unit != "iso":
+        raise _MapError("time.format goes with time.unit = 'iso'")
+    return Clock(_typed("time.column", entry["column"], str), unit, format=pattern)
+
+
+def _rename(name: str, entry: Any) -> Rename | None:
+    if entry is False:
+        return None
+    if isinstance(entry, str):
+        return Rename(parse_channel(entry).name)
+    if not isinstance(entry, dict):
+        raise _MapError(f"columns.{name} must be a name, a table with a name, or false")
+    _keys(f"columns.{name}", entry, ("name", "scale", "offset"))
+    target = parse_channel(_typed(f"columns.{name}.name", entry.get("name"), str)).name
+    scale, offset = (
+        float(_typed(f"columns.{name}.{key}", entry.get(key, default), (int, float)))
+        for key, default in (("scale", 1.0), ("offset", 0.0))
+    )
+    return Rename(target, scale, offset)
+
+
+def _dialect(document: Mapping[str, Any]) -> Dialect:
+    missing = _typed("missing", document.get("missing", []), list)
+    return Dialect(
+        separator=_choice("separator", document.get("separator", ","), (",", ";", "\t", "|")),
+        decimal=_choice("decimal", document.get("decimal", "."), (".", ",")),
+        missing=tuple(_typed("missing", word, str) for word in missing),
+    )
+
+
+def _keys(place: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
+    for key in table:
+        if key not in known:
+            raise _MapError(f"{place} knows no {key!r}{hint(key, known)}")
+
+
+def _typed(place: str, value: Any, kind: Any) -> Any:
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise _MapError(f"{place} cannot be {value!r}")
+    return value
+
+
+def _choice(place: str, value: Any, known: Sequence[str]) -> str:
+    if value not in known:
+        raise _MapError(f"{place} is one of {', '.join(map(repr, known))}, not {value!r}")
+    return str(value)

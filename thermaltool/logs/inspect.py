@@ -1,0 +1,211 @@
+"""What is in a log and what is wrong with it: the findings behind ``check``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermaltool.errors import LogError
+from thermaltool.logs.clock import BURST_PERIODS, Sampling, sampling
+from thermaltool.logs.log import Array, Log
+from thermaltool.logs.table import TOLD
+
+ABSOLUTE_ZERO = -273.15  # [degC]
+# Steps may differ by this share of the period before the clock counts as uneven.
+JITTER_SHARE = 0.1
+# A sample is a spike when it stands out by this many median steps from row to row.
+SPIKE_STEPS = 10.0
+# Quantities of sensors; heat, speed, voltage and the like are commanded and may stand still.
+MEASURED = ("T", "dT", "d")
+# Equal values in a row that are no chance, where noise moves the last digit at every sample.
+FROZEN_ROWS = 20
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong: its `kind`, where it is, and a line of plain words."""
+
+    kind: str
+    message: str
+    line: int | None = None
+    column: str | None = None
+
+
+@dataclass(frozen=True)
+class ChannelSummary:
+    """One channel: what its name says, its range, and the share of missing values."""
+
+    name: str
+    quantity: str
+    unit: str
+    minimum: float
+    maximum: float
+    missing: float
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What is in a log (`rows`, `duration` [s], `clock`, `channels`) and its `findings`."""
+
+    rows: int
+    duration: float
+    segments: int
+    clock: Sampling
+    channels: tuple[ChannelSummary, ...]
+    findings: tuple[Finding, ...]
+
+
+def inspect(log: Log) -> Inspection:
+    """Look a log over, read with ``strict=False``.
+
+    Findings come in the order: reading, clock, channels. Of one kind in one column the first few
+    are told and the rest is counted.
+    """
+    findings = [_reading(problem) for problem in log.problems]
+    if not len(log):
+        findings.append(Finding("empty", "no rows"))
+    clock = sampling(log.time[np.isfinite(log.time)])
+    findings += _capped(_gaps(log, clock))
+    findings += _jitter(log, clock)
+    for name, values in log.columns.items():
+        quantity = log.channels[name].quantity if name in log.channels else ""
+        findings += _capped(_missing(log, name, values))
+        present = np.flatnonzero(np.isfinite(values))
+        lines, values = log.lines[present], values[present]
+        if quantity == "T":
+            findings += _capped(_too_cold(lines, name, values))
+        if quantity in MEASURED:
+            findings += _capped(_standstill(lines, name, values))
+        findings += _capped(_spikes(log.time[present], lines, name, values, clock))
+    finite = log.time[np.isfinite(log.time)]
+    return Inspection(
+        rows=len(log),
+        duration=float(finite[-1] - finite[0]) if finite.size else 0.0,
+        segments=len(log.segments),
+        clock=clock,
+        channels=tuple(_summary(log, name) for name in log.columns),
+        findings=tuple(findings),
+    )
+
+
+def _reading(problem: LogError) -> Finding:
+    return Finding("reading", problem.message, problem.line, problem.column)
+
+
+def _summary(log: Log, name: str) -> ChannelSummary:
+    values, channel = log.columns[name], log.channels.get(name)
+    present = values[np.isfinite(values)]
+    low, high = (float(present.min()), float(present.max())) if present.size else (np.nan, np.nan)
+    share = 1.0 - present.size / values.size if values.size else 0.0
+    quantity, unit = (channel.quantity, channel.unit) if channel else ("?", "?")
+    return ChannelSummary(name, quantity, unit, low, high, share)
+
+
+def _capped(findings: Iterator[Finding]) -> list[Finding]:
+    """The first few findings, and how many more there are."""
+    kept = list(findings)
+    if len(kept) <= TOLD:
+        return kept
+    last = kept[-1]
+    more = f"{len(kept) - TOLD} more like this, the last at line {last.line}"
+    return [*kept[:TOLD], Finding(last.kind, more, None, last.column)]
+
+
+def _gaps(log: Log, clock: Sampling) -> Iterator[Finding]:
+    """Pauses between segments and, where the sampling is even, places where rows were lost."""
+    steps = np.diff(log.time)
+    cuts = {part.start for part in log.segments}
+    for k in np.flatnonzero(steps > BURST_PERIODS * clock.period) + 1:
+        if k in cuts:
+            message = f"a gap of {steps[k - 1]:g} s: a new segment"
+        elif clock.burst_rows is None:
+            message = f"rows are lost: a step of {steps[k - 1]:g} s"
+        else:
+            continue
+        yield Finding("gap", message, int(log.lines[k]))
+
+
+def _jitter(log: Log, clock: Sampling) -> list[Finding]:
+    # Time stamps of whole seconds may each be half a second off.
+    whole = clock.period > 2 and np.array_equal(log.time, np.round(log.time))
+    allowed = max(JITTER_SHARE * clock.period, 1.0 if whole else 0.0)
+    if not clock.jitter > allowed:
+        return []
+    steps = np.diff(log.time)
+    uneven = (np.abs(steps - clock.period) > allowed) & (steps > 0)
+    uneven &= steps <= BURST_PERIODS * clock.period
+    message = (
+        f"uneven clock: steps up to {clock.jitter:.3g} s off the period of {clock.period:.6g} s "
+        f"({100 * np.mean(uneven):.2g} % of the steps); --resample makes it even"
+    )
+    return [Finding("jitter", message, int(log.lines[np.argmax(uneven) + 1]))]
+
+
+def _missing(log: Log, name: str, values: Array) -> Iterator[Finding]:
+    # A cell that reading has already complained about is not told again.
+    known = [problem.line for problem in log.problems if problem.column == name and problem.line]
+    for start, stop in _runs_of(np.isnan(values) & ~np.isin(log.lines, known)):
+        count = stop - start
+        message = "missing value" if count == 1 else f"{count} missing values in a row"
+        yield Finding("missing", message, int(log.lines[start]), name)
+
+
+def _too_cold(lines: np.ndarray, name: str, values: Array) -> Iterator[Finding]:
+    for start, stop in _runs_of(values < ABSOLUTE_ZERO):
+        low = values[start:stop].min()
+        message = f"{low:g} degC is below absolute zero"
+        yield Finding("implausible", message, int(lines[start]), name)
+
+
+def _standstill(lines: np.ndarray, name: str, values: Array) -> Iterator[Finding]:
+    """Stretches of equal values in a channel that otherwise moves at nearly every sample.
+
+    A coarsely resolved channel stands still by nature, so it says nothing.
+    """
+    if len(values) < 2 * FROZEN_ROWS:
+        return
+    edges = np.flatnonzero(np.diff(values) != 0) + 1
+    starts, stops = np.concatenate([[0], edges]), np.concatenate([edges, [len(values)]])
+    runs = stops - starts
+    if np.median(runs) > 1 or np.percentile(runs, 90) > 3:
+        return
+    low, high = values.min(), values.max()
+    for k in np.flatnonzero(runs >= FROZEN_ROWS):
+        value = values[starts[k]]
+        rail = value in (low, high)
+        kind, what = ("saturated", "at a rail") if rail else ("frozen", "frozen")
+        message = f"{what}: {value:g} for {runs[k]} rows"
+        yield Finding(kind, message, int(lines[starts[k]]), name)
+
+
+def _spikes(
+    time: Array, lines: np.ndarray, name: str, values: Array, clock: Sampling
+) -> Iterator[Finding]:
+    """Single samples far outside the range of the two before and the two after.
+
+    A step or a slope stays within that range, so it is no spike. Places beside a pause say
+    nothing.
+    """
+    if len(values) < 11:
+        return
+    neighbours = [values[:-4], values[1:-3], values[3:-1], values[4:]]
+    here = values[2:-2]
+    beyond = np.maximum(here - np.max(neighbours, axis=0), np.min(neighbours, axis=0) - here)
+    beyond[time[4:] - time[:-4] > 4 * BURST_PERIODS * clock.period] = 0.0
+    steps = np.abs(np.diff(values))
+    # Where rounding hides the noise, the resolution takes its place.
+    resolution = float(np.min(steps[steps > 0], initial=np.inf))
+    limit = SPIKE_STEPS * max(float(np.median(steps)), resolution)
+    for k in np.flatnonzero(beyond > limit).tolist():
+        # The channel may be livelier here than elsewhere: compare with the steps around, too.
+        if beyond[k] > SPIKE_STEPS * float(np.median(steps[max(0, k - 23) : k + 27])):
+            message = f"spike: {here[k]:g}, {beyond[k]:.3g} beyond its neighbours"
+            yield Finding("spike", message, int(lines[k + 2]), name)
+
+
+def _runs_of(mask: np.ndarray) -> list[tuple[int, int]]:
+    """Start and stop of each stretch where `mask` holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,0 +1,92 @@
+"""NDJSON: one JSON object per line, null where a value is missing."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+
+from thermaltool.errors import LogError
+from thermaltool.logs.log import Array
+from thermaltool.logs.table import UNFINISHED, Cells, Kind, Source, Values, told
+
+
+class NdjsonTable:
+    """Lines of JSON objects; the names are their keys in order of appearance.
+
+    Raises
+    ------
+    LogError
+        No lines at all, or bytes that are not UTF-8.
+    """
+
+    header_line = None
+
+    def __init__(self, source: Source) -> None:
+        self.file = source.name
+        self.lines: list[int] = []
+        self.faults: list[LogError] = []
+        self.unfinished: LogError | None = None
+        self.records: list[tuple[Any, ...]] = []
+        names: tuple[str, ...] = ()
+        # Integers as floats: one too long for a float becomes infinite, not an OverflowError.
+        decode = json.JSONDecoder(parse_int=float).decode
+        for line, row in enumerate(io.BytesIO(source.data.removeprefix(b"\xef\xbb\xbf")), 1):
+            if not row.strip() or row.startswith(b"#"):
+                continue
+            try:
+                record = decode(row.decode())
+                if not isinstance(record, dict):
+                    raise ValueError("something else")
+            except ValueError as error:
+                if row.endswith(b"\n"):
+                    self.faults.append(LogError(f"not a JSON object: {error}", self.file, line))
+                else:
+                    self.unfinished = LogError(UNFINISHED, self.file, line)
+                continue
+            if tuple(record) != names:
+                names = tuple(dict.fromkeys([*names, *record]))
+                record = {name: record.get(name) for name in names}
+            self.records.append(tuple(record.values()))
+            self.lines.append(line)
+        self.names = list(names)
+        if not self.records:
+            raise self.faults[0] if self.faults else LogError("the file is empty", self.file)
+
+    def cells(self, kinds: Sequence[Kind]) -> Cells:
+        """The columns as wanted; every fault is a problem with its line and column."""
+        values: Values = []
+        problems = told(self.faults)
+        columns = zip_longest(*self.records)
+        for name, kind, column in zip(self.names, kinds, columns, strict=True):
+            if kind == "number":
+                array, faults = self._numbers(name, column)
+                values.append(array)
+                problems += told(faults)
+            elif kind == "text":
+                values.append([None if cell is None else str(cell) for cell in column])
+            else:
+                values.append(None)
+        return Cells(values, np.array(self.lines, dtype=np.intp), problems, self.unfinished)
+
+    def _numbers(self, name: str, column: Sequence[Any]) -> tuple[Array, list[LogError]]:
+        if {float, type(None)}.issuperset(map(type, column)):
+            values = np.array(column, dtype=np.float64)
+            if not np.isinf(values).any():
+                return values, []
+        values = np.full(len(column), np.nan)
+        faults = []
+        for i, cell in enumerate(column):
+            if type(cell) is float and abs(cell) != np.inf:
+                values[i] = cell
+            elif cell is not None:
+                what = "infinite" if type(cell) is float else "not a number"
+                faults.append(self._fault(what, name, i, cell))
+        return values, faults
+
+    def _fault(self, what: str, name: str, i: int, cell: Any) -> LogError:
+        return LogError(f"{what}: {json.dumps(cell)}", self.file, self.lines[i], name)

@@ -1,0 +1,70 @@
+"""Parquet; its rows are counted from 1 where other formats have lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from thermaltool.errors import LogError
+from thermaltool.logs.log import Array
+from thermaltool.logs.table import Cells, Kind, Source, Values, told
+
+
+class ParquetTable:
+    """A Parquet file, complete in memory.
+
+    Raises
+    ------
+    LogError
+        Truncated, or no Parquet at all.
+    """
+
+    header_line = None
+
+    def __init__(self, source: Source) -> None:
+        import pyarrow
+        from pyarrow import parquet
+
+        self.file = source.name
+        if not source.data:
+            raise LogError("the file is empty", self.file)
+        try:
+            self.table = parquet.read_table(pyarrow.BufferReader(source.data))
+            self.names = [str(name) for name in self.table.column_names]
+        except (pyarrow.ArrowException, OSError, ValueError) as error:
+            reason = str(error).splitlines()[0].rstrip(".")
+            raise LogError(f"truncated, or not Parquet: {reason}", self.file) from error
+
+    def cells(self, kinds: Sequence[Kind]) -> Cells:
+        """The columns as wanted; every fault is a problem with its row and column."""
+        values: Values = []
+        problems: list[LogError] = []
+        for i, (name, kind) in enumerate(zip(self.names, kinds, strict=True)):
+            if kind == "number":
+                array, faults = self._numbers(name, i)
+                values.append(array)
+                problems += told(faults)
+            elif kind == "text":
+                values.append(self.table.column(i).cast("string").to_pylist())
+            else:
+                values.append(None)
+        return Cells(values, np.arange(1, self.table.num_rows + 1), problems)
+
+    def _numbers(self, name: str, i: int) -> tuple[Array, list[LogError]]:
+        import pyarrow
+
+        column = self.table.column(i)
+        numeric = (
+            pyarrow.types.is_integer(column.type)
+            or pyarrow.types.is_floating(column.type)
+            or pyarrow.types.is_decimal(column.type)
+        )
+        if not numeric:
+            error = LogError(f"not a number: the column holds {column.type}", self.file, None, name)
+            return np.full(len(column), np.nan), [error]
+        array = column.cast("float64", safe=False).to_numpy().astype(np.float64, copy=True)
+        rows = np.flatnonzero(np.isinf(array))
+        faults = [LogError(f"infinite: {array[k]}", self.file, int(k) + 1, name) for k in rows]
+        array[rows] = np.nan
+        return array, faults

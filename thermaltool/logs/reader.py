@@ -1,0 +1,263 @@
+"""Reading a log: bytes to table, names to channels, a clock to seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import cast
+
+import numpy as np
+
+from thermaltool.errors import LogError, UnitError
+from thermaltool.logs.clock import segments
+from thermaltool.logs.columns import Clock, ColumnMap, Rename, read_map
+from thermaltool.logs.csv_table import CsvTable
+from thermaltool.logs.log import Array, Log, hint
+from thermaltool.logs.table import Cells, Kind, Source, Table, format_of, read_source, told
+from thermaltool.units import UNITS, Channel, parse_channel
+
+
+def read_log(
+    source: str,
+    *,
+    columns: str | None = None,
+    from_format: str | None = None,
+    nan_policy: str = "raise",
+    max_gap: float | None = None,
+    need: Sequence[str] = (),
+    strict: bool = True,
+) -> Log:
+    """Read a log from a file, or from stdin.
+
+    Parameters
+    ----------
+    source : str
+        A file; ``-`` is stdin.
+    columns : str, optional
+        A column map (TOML) for foreign names.
+    from_format : {"csv", "ndjson", "parquet"}, optional
+        Default: by the file's suffix, else CSV.
+    nan_policy : {"raise", "omit", "hold"}
+        What a missing value in a channel of `need` does: raise, leave the row out, or take the
+        channel's last value. Other channels keep NaN.
+    max_gap : float, optional
+        A pause above this [s] starts a new segment. Default: ten median periods, or ten pauses
+        where the log is sampled in bursts.
+    need : sequence of str
+        Channels that must be there.
+    strict : bool
+        True raises at the first fault. False reads around faults and lists them in
+        `Log.problems`: a bad cell is NaN, a ragged line is left out, a clock is kept as it is.
+
+    Returns
+    -------
+    Log
+        Zero rows where the input has a header only.
+
+    Raises
+    ------
+    LogError
+        With file, line and column: unreadable, empty, truncated, ragged, text or infinity in a
+        number, unknown unit, column missing or there twice, clock absent, backward or repeated,
+        a missing value under ``raise``.
+    """
+    mapping = ColumnMap() if columns is None else read_map(columns)
+    raw = read_source(source)
+    table = _open(raw, format_of(source, from_format), mapping)
+    mapping.check(table.names, raw.name)
+    plan = _plan(raw.name, table, mapping)
+    cells = table.cells(plan.kinds)
+    problems = [*plan.problems, *cells.problems]
+    if strict and problems:
+        raise problems[0]
+    time, epoch, faults = _clock(raw.name, table, plan, cells)
+    log = Log(
+        name=raw.name,
+        time=time,
+        columns={
+            rename.name: _scaled(cast(Array, cells.values[i]), rename)
+            for i, rename in plan.renames.items()
+        },
+        channels=plan.channels,
+        segments=(),
+        digest=raw.digest,
+        epoch=epoch,
+        lines=cells.lines,
+    )
+    log = _without_gaps(log, need, nan_policy)
+    missing = [] if not strict else _first_missing(log, plan.clock.column)
+    faults = [*faults, *missing, *_disorder(log, plan.clock.column)]
+    if strict and faults:
+        raise faults[0]
+    if cells.unfinished:
+        problems.append(cells.unfinished)
+    return replace(log, segments=segments(log.time, max_gap), problems=(*problems, *told(faults)))
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Which column of the table becomes what."""
+
+    clock: Clock
+    kinds: list[Kind]
+    renames: dict[int, Rename]
+    channels: dict[str, Channel]
+    problems: list[LogError]
+
+
+def _open(raw: Source, form: str, mapping: ColumnMap) -> Table:
+    if form == "parquet":
+        from thermaltool.logs.parquet_table import ParquetTable
+
+        return ParquetTable(raw)
+    if form == "ndjson":
+        from thermaltool.logs.ndjson_table import NdjsonTable
+
+        return NdjsonTable(raw)
+    return CsvTable(raw, mapping.dialect)
+
+
+def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:
+    """Give every column its kind, name and channel; what does not fit is a problem."""
+    clock = mapping.clock or _own_clock(file, table)
+    kinds: list[Kind] = [None] * len(table.names)
+    renames: dict[int, Rename] = {}
+    channels: dict[str, Channel] = {}
+    problems: list[LogError] = []
+
+    def fault(message: str, name: str | None) -> None:
+        problems.append(LogError(message, file, table.header_line, name))
+
+    for i, name in enumerate(table.names):
+        if name in table.names[:i]:
+            fault("this name is there twice", name)
+            continue
+        if name == clock.column:
+            kinds[i] = "text" if clock.unit == "iso" else "number"
+            continue
+        rename = mapping.rename(name)
+        if rename is None:
+            continue
+        if any(rename.name == other.name for other in renames.values()):
+            fault(f"two columns are mapped to {rename.name}", name)
+            continue
+        if not name:
+            fault(f"column {i + 1} has no name ('\"\" = false' in a map leaves it out)", None)
+            continue
+        try:
+            channels[rename.name] = parse_channel(rename.name)
+        except UnitError as error:
+            fault(str(error).removeprefix(f"{rename.name}: "), name)
+        kinds[i], renames[i] = "number", rename
+    return _Plan(clock, kinds, renames, channels, problems)
+
+
+def _own_clock(file: str, table: Table) -> Clock:
+    """The clock by the tool's own names: ``time_s``, another time unit, or ISO 8601 ``time``."""
+    for unit, (dimension, _) in UNITS.items():
+        if dimension == "time" and f"time_{unit}" in table.names:
+            return Clock(f"time_{unit}", unit)
+    if "time" in table.names:
+        return Clock("time", "iso")
+    raise LogError(
+        f"no clock: no column time_s or time{hint('time_s', table.names)}; a map for --columns "
+        "names another one, or a period for logs without",
+        file,
+        table.header_line,
+    )
+
+
+def _clock(
+    file: str, table: Table, plan: _Plan, cells: Cells
+) -> tuple[Array, str | None, list[LogError]]:
+    """The clock [s], its epoch, and what is wrong with its cells."""
+    clock = plan.clock
+    if clock.column is None:
+        return (clock.period or 1.0) * np.arange(len(cells.lines), dtype=np.float64), None, []
+    values = cells.values[table.names.index(clock.column)]
+    if clock.unit == "iso":
+        return _iso(file, clock, cast(list[str | None], values), cells.lines.tolist())
+    return cast(Array, values) * UNITS[clock.unit][1], None, []
+
+
+def _iso(
+    file: str, clock: Clock, stamps: list[str | None], lines: list[int]
+) -> tuple[Array, str | None, list[LogError]]:
+    """Seconds from the first time stamp; a stamp that cannot be read is NaN and a fault."""
+    pattern = clock.format
+    what = f"not a time like {pattern}" if pattern else "not an ISO 8601 time"
+    moments: list[datetime | None] = []
+    faults = []
+    for stamp, line in zip(stamps, lines, strict=True):
+        moment = None
+        if stamp is not None:
+            try:
+                text = stamp.strip()
+                moment = (
+                    datetime.strptime(text, pattern) if pattern else datetime.fromisoformat(text)
+                )
+            except ValueError:
+                faults.append(LogError(f"{what}: {stamp!r}", file, line, clock.column))
+        moments.append(moment)
+    first = next((moment for moment in moments if moment is not None), None)
+    if first is None:
+        return np.full(len(stamps), np.nan), None, faults
+    try:
+        time = [(m - first).total_seconds() if m is not None else np.nan for m in moments]
+    except TypeError:
+        message = "time stamps with and without a time zone"
+        return np.full(len(stamps), np.nan), None, [LogError(message, file, None, clock.column)]
+    return np.array(time), first.isoformat(), faults
+
+
+def _scaled(values: Array, rename: Rename) -> Array:
+    if rename.scale == 1.0 and rename.offset == 0.0:
+        return values
+    return rename.scale * values + rename.offset
+
+
+def _without_gaps(log: Log, need: Sequence[str], policy: str) -> Log:
+    """Apply the policy for missing values to the channels of `need`."""
+    needed = {name: log.column(name) for name in need}
+    if policy == "omit":
+        bad = np.isnan(log.time)
+        for values in needed.values():
+            bad = bad | np.isnan(values)
+        return _rows(log, ~bad) if bad.any() else log
+    for name, values in needed.items():
+        missing = np.isnan(values)
+        if not missing.any():
+            continue
+        row = int(np.argmax(missing))
+        if policy == "raise":
+            message = f"missing value ({missing.sum()} in all): see --nan-policy"
+            raise LogError(message, log.name, int(log.lines[row]), name)
+        if missing[0]:
+            message = "missing value and none before it to hold"
+            raise LogError(message, log.name, int(log.lines[0]), name)
+        last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(values))))
+        log = replace(log, columns={**log.columns, name: values[last]})
+    return log
+
+
+def _rows(log: Log, keep: np.ndarray) -> Log:
+    columns = {name: values[keep] for name, values in log.columns.items()}
+    return replace(log, time=log.time[keep], columns=columns, lines=log.lines[keep])
+
+
+def _first_missing(log: Log, clock: str | None) -> list[LogError]:
+    missing = np.flatnonzero(np.isnan(log.time))[:1]
+    return [LogError("missing time", log.name, int(log.lines[k]), clock) for k in missing]
+
+
+def _disorder(log: Log, clock: str | None) -> list[LogError]:
+    """Where the clock does not increase."""
+    rows = np.flatnonzero(~np.isnan(log.time))
+    time = log.time[rows]
+    faults = []
+    for k in np.flatnonzero(np.diff(time) <= 0):
+        what = "repeats" if time[k + 1] == time[k] else "goes backward"
+        message = f"the clock {what}: {time[k + 1]:.15g} s after {time[k]:.15g} s"
+        faults.append(LogError(message, log.name, int(log.lines[rows[k + 1]]), clock))
+    return faults

@@ -1,0 +1,99 @@
+"""What the formats have in common: a table of cells, named columns first, values on request."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import LogError
+from thermaltool.logs.log import Array
+
+# How a column is wanted: as numbers, as text (an ISO clock), or not at all.
+Kind = Literal["number", "text"] | None
+
+# Problems of one kind in one column that are told one by one; the rest is counted.
+TOLD = 5
+UNFINISHED = "the last line is unfinished: left out"
+
+SUFFIXES = {
+    ".csv": "csv",
+    ".txt": "csv",
+    ".ndjson": "ndjson",
+    ".jsonl": "ndjson",
+    ".parquet": "parquet",
+}
+
+
+@dataclass(frozen=True)
+class Source:
+    """The bytes of an input and the name that messages give it."""
+
+    name: str
+    data: bytes
+
+    @property
+    def digest(self) -> str:
+        return hashlib.sha256(self.data).hexdigest()
+
+
+Values = list[Array | list[str | None] | None]
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The values of a table: one entry per column (None where not wanted).
+
+    `unfinished` is a last line without its line end that makes no row: it is still being written.
+    """
+
+    values: Values
+    lines: NDArray[np.intp]
+    problems: list[LogError] = field(default_factory=list)
+    unfinished: LogError | None = None
+
+
+class Table(Protocol):
+    """A parsed header."""
+
+    names: list[str]
+
+    @property
+    def header_line(self) -> int | None:
+        """The line of the names; None in formats that have none."""
+
+    def cells(self, kinds: Sequence[Kind]) -> Cells:
+        """The values, one kind per name."""
+
+
+def read_source(source: str) -> Source:
+    """All bytes of a file, or of stdin for ``-``; a file that cannot be read is a LogError."""
+    try:
+        if source == "-":
+            return Source("<stdin>", sys.stdin.buffer.read())
+        with open(source, "rb") as stream:
+            return Source(source, stream.read())
+    except IsADirectoryError as error:
+        raise LogError("this is a folder, not a log", source) from error
+    except OSError as error:
+        raise LogError(f"cannot be read: {error.strerror or error}", source) from error
+
+
+def format_of(target: str, chosen: str | None) -> str:
+    """The format of a file or pipe: as chosen, else by suffix, else CSV."""
+    return chosen or SUFFIXES.get(os.path.splitext(target)[1].lower(), "csv")
+
+
+def told(problems: list[LogError]) -> list[LogError]:
+    """The first few problems of one kind and column, and how many more there are."""
+    if len(problems) <= TOLD:
+        return problems
+    last = problems[-1]
+    more = f"{len(problems) - TOLD} more like this, the last at line {last.line}"
+    return [*problems[:TOLD], LogError(more, last.file, None, last.column)]

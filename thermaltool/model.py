@@ -1,0 +1,355 @@
+"""The model document: drives → terms → outputs, one JSON file.
+
+A drive is a channel that is known (in the log) or to be estimated; a term takes one drive through
+one response; an output is a channel, the sum of its terms. An output with the role "sensor" is one
+from which unknown drives are estimated. `design` holds the estimator that ``regularize`` made.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from thermaltool.errors import ModelError
+from thermaltool.responses import Response, parameter_names, response_class
+from thermaltool.responses.modes import Float, Hold, uniform_spans
+
+FORMAT, VERSION = "thermaltool-model", 1
+Role = Literal["sensor", "deflection"]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """An input of the machine.
+
+    Attributes
+    ----------
+    channel : str
+    hold : "zero" or "first"
+        Between samples: constant (heat, voltage, speed), or a straight line (a temperature).
+    reference : "first" or float
+        What counts as no drive; "first" is the first value of the log (the machine is taken to be
+        at rest there).
+    range : (float, float)
+        Values, relative to the reference, that the calibration has seen.
+    """
+
+    channel: str
+    hold: Hold
+    reference: float | Literal["first"]
+    range: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Output:
+    """A channel that the model computes.
+
+    Attributes
+    ----------
+    channel : str
+    role : "sensor" or "deflection"
+    offset : "first" or float
+        Its value at rest; "first" where the zero is arbitrary (a displacement): the first value
+        of a log.
+    range : (float, float)
+        Values, relative to rest, that the calibration has seen.
+    fit : mapping
+        Statistics of the calibration.
+    """
+
+    channel: str
+    role: Role
+    offset: float | Literal["first"]
+    range: tuple[float, float]
+    fit: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Term:
+    """One drive through one response into one output.
+
+    Attributes
+    ----------
+    drive, output : str
+    response : Response
+    covariance : ndarray, shape (n, n), or None
+        Of the fitted parameters, in the order of `covariance_names`.
+    covariance_names : tuple of str
+    """
+
+    drive: str
+    output: str
+    response: Response
+    covariance: Float | None = None
+    covariance_names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Model:
+    drives: tuple[Drive, ...]
+    outputs: tuple[Output, ...]
+    terms: tuple[Term, ...]
+    sample_period: float
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    design: Mapping[str, Any] | None = None
+
+    @property
+    def sensors(self) -> tuple[Output, ...]:
+        return tuple(o for o in self.outputs if o.role == "sensor")
+
+    @property
+    def deflections(self) -> tuple[Output, ...]:
+        return tuple(o for o in self.outputs if o.role == "deflection")
+
+    def with_design(self, design: Mapping[str, Any]) -> Model:
+        """The same model with an estimator, tied to the parameters that it was designed for."""
+        return replace(self, design={**design, "parameters_sha256": self.parameters_digest()})
+
+    def parameters_digest(self) -> str:
+        """Identifies the terms: a design belongs to one set of parameters."""
+        terms = json.dumps([_term_document(t) for t in self.terms], sort_keys=True)
+        return hashlib.sha256(terms.encode()).hexdigest()
+
+    def estimator_design(self) -> Mapping[str, Any]:
+        """The design, when it is there and belongs to these parameters.
+
+        Raises
+        ------
+        ModelError
+        """
+        if self.design is None:
+            raise ModelError("the model has no estimator yet: run thermaltool regularize")
+        if self.design.get("parameters_sha256") != self.parameters_digest():
+            raise ModelError(
+                "the estimator was designed for other parameters: run thermaltool regularize again"
+            )
+        return self.design
+
+    def simulate(self, time: Float, drives: Mapping[str, Float]) -> dict[str, Float]:
+        """Outputs of every channel, relative to rest.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,) [s], increasing
+        drives : mapping of channel to ndarray, shape (n,), no NaN
+
+        Returns
+        -------
+        dict of channel to ndarray, shape (n,)
+
+        Raises
+        ------
+        ModelError
+            A drive is missing.
+        """
+        result = {output.channel: np.zeros(len(time)) for output in self.outputs}
+        for term in self.terms:
+            if term.drive not in drives:
+                raise ModelError(f"the model's drive {term.drive} is not in the log")
+            drive = next(d for d in self.drives if d.channel == term.drive)
+            u = relative(drives[term.drive], drive.reference)
+            result[term.output] += simulate_response(term.response, time, u, drive.hold)
+        return result
+
+
+def relative(values: Float, rest: float | Literal["first"]) -> Float:
+    """Values minus the value at rest, which may be the first one that is there."""
+    if rest != "first":
+        return values - rest
+    there = np.flatnonzero(np.isfinite(values))
+    return values - values[there[0]] if len(there) else values
+
+
+@dataclass(frozen=True)
+class Excursion:
+    """Where a channel leaves the range that the calibration has seen."""
+
+    channel: str
+    rows: int
+    first: int
+    value: float
+    low: float
+    high: float
+
+
+def excursions(
+    model: Model, columns: Mapping[str, Float], margin: float = 0.1
+) -> tuple[Excursion, ...]:
+    """Channels that leave their calibrated range by more than `margin` of its width.
+
+    Parameters
+    ----------
+    columns : mapping of channel to ndarray, shape (n,); channels that are absent are passed over
+    """
+    found = []
+    rests = [(d.channel, d.reference, d.range) for d in model.drives]
+    rests += [(o.channel, o.offset, o.range) for o in model.outputs]
+    for channel, rest, (low, high) in rests:
+        if channel not in columns:
+            continue
+        values = relative(columns[channel], rest)
+        slack = margin * (high - low)
+        outside = np.flatnonzero((values < low - slack) | (values > high + slack))
+        if len(outside):
+            first = int(outside[0])
+            found.append(Excursion(channel, len(outside), first, float(values[first]), low, high))
+    return tuple(found)
+
+
+def only_sensors(model: Model, sensors: Sequence[str]) -> Model:
+    """The model with some of its sensors.
+
+    Raises
+    ------
+    ModelError
+        A name that is no sensor of the model.
+    """
+    known = [o.channel for o in model.sensors]
+    for name in sensors:
+        if name not in known:
+            raise ModelError(f"no sensor {name} in the model; there are: {', '.join(known)}")
+    dropped = set(known) - set(sensors)
+    return replace(
+        model,
+        outputs=tuple(o for o in model.outputs if o.channel not in dropped),
+        terms=tuple(t for t in model.terms if t.output not in dropped),
+    )
+
+
+def simulate_response(response: Response, time: Float, u: Float, hold: Hold) -> Float:
+    """One response to any input at any (increasing) times; at rest at the first.
+
+    Parameters
+    ----------
+    time, u : ndarray, shape (n,)
+
+    Returns
+    -------
+    y : ndarray, shape (n,)
+    """
+    y = np.zeros(len(time))
+    if len(time) < 2:
+        return y
+    modes = response.modes(float(np.min(np.diff(time))))
+    x = None
+    for rows, dt in uniform_spans(time):
+        part, x = modes.discretize(dt, hold).run(u[rows, None], x)
+        y[rows] = part[:, 0]
+    return y
+
+
+# ---------------------------------------------------------------- the file
+
+
+def to_document(model: Model) -> dict[str, Any]:
+    """The model as JSON-ready dict."""
+    document: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "sample_period_s": model.sample_period,
+        "drives": [
+            {
+                "channel": d.channel,
+                "hold": d.hold,
+                "reference": d.reference,
+                "range": list(d.range),
+            }
+            for d in model.drives
+        ],
+        "outputs": [
+            {
+                "channel": o.channel,
+                "role": o.role,
+                "offset": o.offset,
+                "range": list(o.range),
+                "fit": dict(o.fit),
+            }
+            for o in model.outputs
+        ],
+        "terms": [_term_document(t) for t in model.terms],
+        "provenance": dict(model.provenance),
+    }
+    if model.design is not None:
+        document["design"] = dict(model.design)
+    return document
+
+
+def _term_document(term: Term) -> dict[str, Any]:
+    response = term.response
+    return {
+        "drive": term.drive,
+        "output": term.output,
+        "kind": response.kind,
+        "parameters": {name: getattr(response, name) for name in parameter_names(response.kind)},
+        "covariance": None if term.covariance is None else np.asarray(term.covariance).tolist(),
+        "covariance_names": list(term.covariance_names),
+    }
+
+
+def dumps(model: Model) -> str:
+    """The file's text: sorted keys, no clock time, no NaN."""
+    return json.dumps(to_document(model), sort_keys=True, indent=1, allow_nan=False) + "\n"
+
+
+def loads(text: str, name: str = "<model>") -> Model:
+    """Read a model document.
+
+    Raises
+    ------
+    ModelError
+        No JSON, another format, a newer version, a part missing or out of range; each names the
+        file.
+    """
+    try:
+        document = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ModelError(f"{name}:{error.lineno}: not JSON: {error.msg}") from error
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise ModelError(f'{name}: not a thermaltool model (no "format": "{FORMAT}")')
+    version = document.get("version")
+    if not isinstance(version, int) or version > VERSION:
+        raise ModelError(
+            f"{name}: version {version} is newer than this thermaltool reads ({VERSION}): update it"
+        )
+    try:
+        return Model(
+            drives=tuple(
+                Drive(d["channel"], d["hold"], d["reference"], _pair(d["range"]))
+                for d in document["drives"]
+            ),
+            outputs=tuple(
+                Output(o["channel"], o["role"], o["offset"], _pair(o["range"]), o.get("fit", {}))
+                for o in document["outputs"]
+            ),
+            terms=tuple(_load_term(t) for t in document["terms"]),
+            sample_period=float(document["sample_period_s"]),
+            provenance=document.get("provenance", {}),
+            design=document.get("design"),
+        )
+    except KeyError as error:
+        raise ModelError(f"{name}: {error.args[0]!r} is missing") from error
+    except (TypeError, ValueError) as error:
+        raise ModelError(f"{name}: {error}") from error
+
+
+def _pair(values: Any) -> tuple[float, float]:
+    low, high = values
+    return float(low), float(high)
+
+
+def _load_term(document: Mapping[str, Any]) -> Term:
+    kind, given = document["kind"], document["parameters"]
+    response = response_class(kind)(**{name: float(given[name]) for name in parameter_names(kind)})
+    covariance = document.get("covariance")
+    return Term(
+        document["drive"],
+        document["output"],
+        response,
+        None if covariance is None else np.array(covariance, float),
+        tuple(document.get("covariance_names", ())),
+    )

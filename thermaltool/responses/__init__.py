@@ -1,0 +1,64 @@
+"""Responses: every linear block, each with three faces derived from the same parameters.
+
+``transfer(s)``, ``step(t)``, and ``modes(dt)`` whose `Modes.discretize` is the recursion. A new
+physical model is one file that provides them and a line in `KINDS`; ``tests/responses`` runs the
+shared checks on every kind listed here.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, ClassVar, Protocol
+
+from thermaltool.errors import ModelError
+from thermaltool.responses.modes import Complex, Float, Modes, Range
+
+# kind -> module:class; imported on use, so that the stream needs no Bessel functions.
+KINDS: dict[str, str] = {
+    "conduction": "thermaltool.responses.conduction:Conduction",
+    "deflection": "thermaltool.responses.deflection:Deflection",
+    "joint_deflection": "thermaltool.responses.deflection:JointDeflection",
+}
+
+
+class Response(Protocol):
+    """One linear block. Parameters are attributes; see `Conduction` for the conventions.
+
+    `searched` are the parameters that enter nonlinearly (all positive: searched as logarithms),
+    `gains` those that enter linearly, `fixed` those that a fit leaves alone, with their defaults.
+    """
+
+    kind: ClassVar[str]
+    searched: ClassVar[tuple[str, ...]]
+    gains: ClassVar[tuple[str, ...]]
+    fixed: ClassVar[dict[str, float]]
+
+    def transfer(self, s: Complex) -> Complex: ...
+    def step(self, t: Float) -> Float: ...
+    def dc_gain(self) -> float: ...
+    def slowest(self) -> float: ...
+    def modes(self, dt: float) -> Modes: ...
+    @classmethod
+    def search_box(cls, period: float, duration: float, **fixed: float) -> dict[str, Range]: ...
+    @classmethod
+    def starts(cls, period: float, duration: float, **fixed: float) -> list[tuple[float, ...]]: ...
+
+
+def response_class(kind: str) -> Any:
+    """The class of a kind by name.
+
+    Raises
+    ------
+    ModelError
+        Unknown kind; the message lists the known ones.
+    """
+    if kind not in KINDS:
+        raise ModelError(f"unknown response {kind!r}; known: {', '.join(KINDS)}")
+    module, _, name = KINDS[kind].partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def parameter_names(kind: str) -> tuple[str, ...]:
+    """All parameters of a kind: searched, gains, fixed."""
+    cls = response_class(kind)
+    return (*cls.searched, *cls.gains, *cls.fixed)

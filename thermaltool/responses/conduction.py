@@ -1,0 +1,119 @@
+"""Generalized temperature response: a ring source on a thin plate that loses heat by convection.
+
+Fraser 1997, (3.7), (5.3), (5.8). The print gives the transfer function as an integral over Bessel
+functions; the integral has the closed form K·I0(r0 λ)·K0(r λ), λ = √(a + s/α), for r ≥ r0.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.special import ive, kve
+
+from thermaltool.errors import ModelError
+from thermaltool.laplace.contours import hyperbola_rule, windows
+from thermaltool.responses.modes import Complex, Float, Modes, Range, fit_relaxation
+
+
+@dataclass(frozen=True)
+class Conduction:
+    """Temperature difference per unit heat at distance r from a ring source of radius r0.
+
+    Attributes
+    ----------
+    K : float [unit of the output per unit of the drive]
+    a : float [1/length²]
+        Convection loss; the slowest rate of the response is a·α.
+    alpha : float [length²/s]
+        Diffusivity.
+    r, r0 : float [length]
+        Distance of the probes and radius of the source; r0 sets the unit of length.
+    """
+
+    K: float
+    a: float
+    alpha: float
+    r: float
+    r0: float = 0.12
+
+    kind: ClassVar[str] = "conduction"
+    searched: ClassVar[tuple[str, ...]] = ("a", "alpha", "r")
+    gains: ClassVar[tuple[str, ...]] = ("K",)
+    fixed: ClassVar[dict[str, float]] = {"r0": 0.12}
+
+    def __post_init__(self) -> None:
+        if not (self.a > 0 and self.alpha > 0 and self.r0 > 0 and self.r >= self.r0):
+            raise ModelError(
+                f"conduction needs a, alpha, r0 > 0 and r >= r0 (a={self.a:g}, "
+                f"alpha={self.alpha:g}, r={self.r:g}, r0={self.r0:g})"
+            )
+
+    def transfer(self, s: Complex) -> Complex:
+        """K·I0(r0 λ)·K0(r λ), the closed form of (5.8).
+
+        Parameters
+        ----------
+        s : ndarray, any shape, complex [rad/s]
+            Off the cut (−∞, −a·α].
+        """
+        lam = np.sqrt(self.a + np.asarray(s, complex) / self.alpha)
+        # Scaled Bessel functions, so that far from the origin nothing overflows.
+        scale = np.exp(self.r0 * lam.real - self.r * lam)
+        return np.asarray(self.K * ive(0, self.r0 * lam) * kve(0, self.r * lam) * scale)
+
+    def dc_gain(self) -> float:
+        """H(0) = K·I0(r0 √a)·K0(r √a)."""
+        return float(self.transfer(np.zeros(1, complex))[0].real)
+
+    def step(self, t: Float) -> Float:
+        """Unit-step response (3.7); zero for t ≤ 0.
+
+        H(s)/s is inverted on one contour per window of times. All its singularities lie on the
+        negative real axis, so the contour needs no audit: 28 nodes are good to 1e-11 of the
+        steady state.
+        """
+        t = np.asarray(t, float)
+        times, back = np.unique(t[t > 0], return_inverse=True)
+        values = np.empty(times.shape)
+        for window in windows(times):
+            last = times[window][-1]
+            nodes, weights = hyperbola_rule(28)
+            terms = self.transfer(nodes / last) / nodes * weights
+            values[window] = (np.exp(np.outer(times[window] / last, nodes)) @ terms).real
+        step = np.zeros(t.shape)
+        step[t > 0] = values[back]
+        return step
+
+    def slowest(self) -> float:
+        """Slowest time constant, 1/(a α) [s]."""
+        return 1 / (self.a * self.alpha)
+
+    def modes(self, dt: float) -> Modes:
+        """The response as exponentials, for samples of `dt` or longer [s]."""
+        slow = 0.9 * self.a * self.alpha
+        # Fast enough for the sample, and for the delay of diffusion where that is shorter.
+        delay = (self.r - self.r0) ** 2 / self.alpha
+        fast = max(8 / dt, 100 * slow, min(30 / delay if delay else np.inf, 800 / dt))
+        return fit_relaxation(self, slow, fast)
+
+    @classmethod
+    def search_box(cls, period: float, duration: float, r0: float) -> dict[str, Range]:
+        """Where a fit looks, from the sample period and the length of the records [s]."""
+        return {
+            "a": (1e-8 / r0**2, 30 / r0**2),
+            "alpha": (1e-4 * r0**2 / duration, 1e3 * r0**2 / period),
+            "r": (r0 * (1 + 1e-6), 300 * r0),
+        }
+
+    @classmethod
+    def starts(cls, period: float, duration: float, r0: float) -> list[tuple[float, ...]]:
+        """Coarse grid: slow time constant, loss over the distance (a r²), and r/r0."""
+        slow = duration * np.array([0.05, 0.2, 0.5, 1.0])
+        grid = itertools.product(slow, (0.01, 0.1, 0.4, 1.0, 3.0), (1.2, 3.0, 10.0, 40.0))
+        return [
+            (loss / (ratio * r0) ** 2, (ratio * r0) ** 2 / (loss * tau), ratio * r0)
+            for tau, loss, ratio in grid
+        ]

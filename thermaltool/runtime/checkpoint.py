@@ -1,0 +1,115 @@
+"""The state of a stream on disk, so that a restart goes on without a step."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from thermaltool.errors import ModelError, OutputError
+from thermaltool.files import atomic_output
+
+FORMAT, VERSION = "thermaltool-checkpoint", 1
+MEND = "remove it to start from rest"
+
+
+def design_digest(design: Mapping[str, Any]) -> str:
+    """Identifies an estimator: a state belongs to one."""
+    return hashlib.sha256(json.dumps(design, sort_keys=True).encode()).hexdigest()
+
+
+@dataclass
+class Checkpoint:
+    """A file that always holds one whole state.
+
+    Attributes
+    ----------
+    path : str
+    design : str
+        Digest of the estimator.
+    """
+
+    path: str
+    design: str
+    _writer: threading.Thread | None = field(default=None, init=False)
+    _error: OutputError | None = field(default=None, init=False)
+
+    def load(self) -> dict[str, Any] | None:
+        """The state, or None where there is no file yet.
+
+        Raises
+        ------
+        ModelError
+            Not a checkpoint, or one of another estimator.
+        OutputError
+            The folder is missing: no state could be kept there.
+        """
+        try:
+            document = json.loads(Path(self.path).read_bytes())
+        except FileNotFoundError:
+            if not Path(self.path).absolute().parent.is_dir():
+                raise OutputError(f"{self.path}: the folder does not exist") from None
+            return None
+        except OSError as error:
+            raise OutputError(f"{self.path}: {error.strerror}") from error
+        except ValueError as error:
+            raise ModelError(f"{self.path}: not a checkpoint: {MEND}") from error
+        if not isinstance(document, dict) or document.get("format") != FORMAT:
+            raise ModelError(f"{self.path}: not a checkpoint: {MEND}")
+        if document.get("version") != VERSION:
+            raise ModelError(f"{self.path}: a checkpoint of another version: {MEND}")
+        if document.get("design_sha256") != self.design:
+            raise ModelError(f"{self.path}: a checkpoint of another model or design: {MEND}")
+        state = document.get("state")
+        if not isinstance(state, dict):
+            raise ModelError(f"{self.path}: not a checkpoint: {MEND}")
+        return state
+
+    def save(self, state: dict[str, Any]) -> None:
+        """Write `state` whole, in the background: a slow disk does not keep the stream waiting.
+
+        While the last one is still being written, this one is skipped.
+
+        Raises
+        ------
+        OutputError
+            An earlier save failed.
+        """
+        if self._writer is not None and self._writer.is_alive():
+            return
+        self._raise()
+        self._writer = threading.Thread(target=self._write, args=(self._text(state),))
+        self._writer.start()
+
+    def close(self, state: dict[str, Any]) -> None:
+        """Write the last state and wait for it; raises as `save`."""
+        if self._writer is not None:
+            self._writer.join()
+        self._error = None
+        self._write(self._text(state))
+        self._raise()
+
+    def _text(self, state: dict[str, Any]) -> bytes:
+        document = {
+            "format": FORMAT,
+            "version": VERSION,
+            "design_sha256": self.design,
+            "state": state,
+        }
+        return json.dumps(document, sort_keys=True, allow_nan=False).encode() + b"\n"
+
+    def _write(self, text: bytes) -> None:
+        try:
+            with atomic_output(self.path) as stream:
+                stream.write(text)
+        except OutputError as error:
+            self._error = error
+
+    def _raise(self) -> None:
+        error, self._error = self._error, None
+        if error is not None:
+            raise error

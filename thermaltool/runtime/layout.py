@@ -1,0 +1,117 @@
+"""Which columns of a stream carry its clock and the model's sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from thermaltool.errors import LogError
+from thermaltool.runtime.clocks import ArrivalClock, Clock, ColumnClock, PeriodClock, StampClock
+from thermaltool.units import UNITS
+
+if TYPE_CHECKING:
+    from thermaltool.logs.columns import ColumnMap
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is looked for in a stream.
+
+    Attributes
+    ----------
+    sensors : tuple of str
+    mapping : ColumnMap or None
+        Foreign names and their clock.
+    period : float [s] or None
+        Of a stream without a clock.
+    arrival : float [s] or None
+        Grid of arrival times, where these are the clock.
+    """
+
+    sensors: tuple[str, ...]
+    mapping: ColumnMap | None = None
+    period: float | None = None
+    arrival: float | None = None
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """Where a sensor's reading is: ``scale * value + offset`` of the field at `key`."""
+
+    key: Any
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The clock, and one `Sensed` per sensor in the order of the model."""
+
+    clock: Clock
+    sensors: tuple[Sensed, ...]
+
+
+def find_layout(keys: Mapping[str, Any], wanted: Wanted, number: Callable[[Any], float]) -> Layout:
+    """Find clock and sensors among the columns of a stream.
+
+    Parameters
+    ----------
+    keys : mapping
+        Name of each column to what finds its field in a split line.
+    number : callable
+        Reads a field.
+
+    Raises
+    ------
+    LogError
+        A sensor or the clock is not there; the message names the near ones.
+    """
+    found = _columns(keys, wanted.mapping)
+    for sensor in wanted.sensors:
+        if sensor not in found:
+            raise LogError(f"no column {sensor}, a sensor of the model{_hint(sensor, found)}")
+    return Layout(_clock(keys, wanted, number), tuple(found[name] for name in wanted.sensors))
+
+
+def _columns(keys: Mapping[str, Any], mapping: ColumnMap | None) -> dict[str, Sensed]:
+    if mapping is None:
+        return {name: Sensed(key) for name, key in keys.items()}
+    renames = {name: mapping.rename(name) for name in keys}
+    return {
+        rename.name: Sensed(keys[name], rename.scale, rename.offset)
+        for name, rename in renames.items()
+        if rename is not None
+    }
+
+
+def _clock(keys: Mapping[str, Any], wanted: Wanted, number: Callable[[Any], float]) -> Clock:
+    """What the user asks for, else what the map says, else the tool's own names."""
+    if wanted.arrival is not None:
+        return ArrivalClock(wanted.arrival)
+    mapped = wanted.mapping.clock if wanted.mapping else None
+    period = wanted.period or (mapped.period if mapped else None)
+    if period is not None:
+        return PeriodClock(period)
+    if mapped is not None and mapped.column is not None:
+        if mapped.column not in keys:
+            raise LogError(f"no column {mapped.column}{_hint(mapped.column, keys)}")
+        if mapped.unit == "iso":
+            return StampClock(keys[mapped.column], mapped.format)
+        return ColumnClock(keys[mapped.column], number, UNITS[mapped.unit][1])
+    for unit, (dimension, factor) in UNITS.items():
+        if dimension == "time" and f"time_{unit}" in keys:
+            return ColumnClock(keys[f"time_{unit}"], number, factor)
+    if "time" in keys:
+        return StampClock(keys["time"])
+    raise LogError(
+        f"no clock: no column time_s or time{_hint('time_s', keys)}; --period gives one to a "
+        "stream without, --clock arrival takes the time of arrival"
+    )
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    # Imported for the message alone: the package reads whole logs, the stream starts without it.
+    from thermaltool.logs.log import hint
+
+    return hint(name, known)

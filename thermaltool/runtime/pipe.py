@@ -1,0 +1,135 @@
+"""Lines in and lines out, with signals that never tear one."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+from types import FrameType, TracebackType
+
+from thermaltool.errors import LogError, OutputError
+
+READ_SIZE = 16384
+# A write of at most this many bytes to a pipe that polls as writable neither blocks nor tears.
+PIPE_BUF = select.PIPE_BUF
+# A line longer than this is garbage: it is cut, so that memory stays bounded.
+LONGEST_LINE = 65536
+# After a signal, a sink that is full has this long [s] to take the last line.
+LAST_WORD = 1.0
+
+
+class LinePipe:
+    """A source and a sink of lines, as file descriptors.
+
+    Inside ``with``, SIGINT and SIGTERM raise nothing: they set `signal` and wake whatever waits.
+
+    Attributes
+    ----------
+    signal : int
+        The signal that came; 0 for none.
+    torn : bytes
+        What followed the last newline when the source ended.
+    """
+
+    def __init__(self, source: int, sink: int) -> None:
+        self.source, self.sink = source, sink
+        self.signal = 0
+        self.torn = b""
+        self._sink_failed = False
+
+    def __enter__(self) -> LinePipe:
+        def note(number: int, frame: FrameType | None) -> None:
+            self.signal = self.signal or number
+
+        self._woken, self._wake = os.pipe()
+        os.set_blocking(self._wake, False)
+        self._incoming, self._outgoing, self._last_word = (select.poll() for _ in range(3))
+        self._incoming.register(self.source, select.POLLIN)
+        self._incoming.register(self.sink, 0)  # tells of a reader that has left
+        self._outgoing.register(self.sink, select.POLLOUT)
+        self._last_word.register(self.sink, select.POLLOUT)
+        for poll in (self._incoming, self._outgoing):
+            poll.register(self._woken, select.POLLIN)
+        self._handlers = {
+            number: signal.signal(number, note)
+            for number in (signal.SIGINT, signal.SIGTERM)
+            if signal.getsignal(number) is not signal.SIG_IGN
+        }
+        self._old_wake = signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        signal.set_wakeup_fd(self._old_wake)
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+        os.close(self._wake)
+        os.close(self._woken)
+
+    def wait(self, timeout: float | None) -> bool:
+        """Until there is something to read; False after `timeout` [s] or on a signal.
+
+        Raises BrokenPipeError when the sink's reader has left.
+        """
+        ready = self._incoming.poll(None if timeout is None else 1000 * timeout)
+        for descriptor, event in ready:
+            if descriptor == self.sink and event & (select.POLLERR | select.POLLNVAL):
+                self._sink_failed = True
+                raise BrokenPipeError
+        return not self.signal and any(d == self.source for d, _ in ready)
+
+    def read(self) -> list[bytes] | None:
+        """The lines that have arrived, without their ends; None at the end of the source.
+
+        Raises
+        ------
+        LogError
+            The source cannot be read.
+        """
+        try:
+            chunk = os.read(self.source, READ_SIZE)
+        except OSError as error:
+            raise LogError(f"cannot be read: {error.strerror}") from error
+        if not chunk:
+            return None
+        *lines, self.torn = (self.torn + chunk).split(b"\n")
+        if len(self.torn) > LONGEST_LINE:
+            lines.append(self.torn)
+            self.torn = b""
+        return lines
+
+    def write(self, data: bytes) -> None:
+        """Write whole lines.
+
+        Waits for a sink that is full, after a signal no longer than `LAST_WORD`: then what is
+        left is dropped, between two lines. A sink that has failed takes nothing more.
+
+        Raises
+        ------
+        OutputError
+            Disk full, or the like.
+        BrokenPipeError
+            The reader has left.
+        """
+        while data and not self._sink_failed and self._writable():
+            size = len(data)
+            if size > PIPE_BUF:
+                size = data.rfind(b"\n", 0, PIPE_BUF) + 1 or PIPE_BUF
+            try:
+                data = data[os.write(self.sink, data[:size]) :]
+            except BrokenPipeError:
+                self._sink_failed = True
+                raise
+            except OSError as error:
+                self._sink_failed = True
+                raise OutputError(f"<stdout>: {error.strerror}") from error
+
+    def _writable(self) -> bool:
+        if not self.signal and any(d == self.sink for d, _ in self._outgoing.poll()):
+            return True
+        self._sink_failed = not self._last_word.poll(1000 * LAST_WORD)
+        return not self._sink_failed

@@ -1,0 +1,209 @@
+"""From a model and the user's settings to a stream."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from thermaltool.control.setpoint import Limits, Setpoint
+from thermaltool.errors import ModelError
+from thermaltool.inverse.estimator import load_estimator
+from thermaltool.model import Model
+from thermaltool.runtime.checkpoint import Checkpoint, design_digest
+from thermaltool.runtime.compensator import Compensator, Policy
+from thermaltool.runtime.layout import Wanted
+from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.pipe import LinePipe
+from thermaltool.runtime.records import CsvRecords, NdjsonRecords
+from thermaltool.runtime.sensors import Report, Sensor
+from thermaltool.runtime.stepper import Stepper
+from thermaltool.runtime.stream import Stream, Writer
+
+Format = Literal["csv", "ndjson"]
+Interval = tuple[float, float]
+ANYTHING: Interval = (-math.inf, math.inf)
+
+# Where nothing is said, readings are held and pauses borne for this many sample periods of the
+# model, and not below `LEAST_HOLD` [s].
+HOLD_PERIODS, LEAST_HOLD = 10, 10.0
+# Arrival times are rounded to this [s].
+ARRIVAL_STEP = 1e-3
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the user may choose; setpoints in their own unit, times in s.
+
+    Attributes
+    ----------
+    sign : float
+        Setpoint over deflection: -1 for an offset that cancels it.
+    safe : float or None
+        The safe setpoint; None holds the last one.
+    hold, max_gap, timeout : float or None
+        Of readings, of the slew rate's patience, of the watchdog; None for `default_hold`.
+    frozen_after : float
+    ranges : mapping of channel to (low, high)
+        Of readings as they come, in place of the calibrated range of the model, widened by its
+        width to both sides.
+    limits : (low, high)
+    slew, step : float
+        Rate and quantizer of the setpoints; inf and 0 for none.
+    period : float or None
+        Of an input without a clock.
+    arrival : bool
+        The clock is the time of arrival.
+    columns : str or None
+        File of a column map.
+    from_format, to_format : "csv" or "ndjson"
+    estimates : bool
+        Whether heat and deflections are written too.
+    checkpoint : str or None
+    checkpoint_every : float
+    """
+
+    sign: float = -1.0
+    safe: float | None = 0.0
+    hold: float | None = None
+    max_gap: float | None = None
+    timeout: float | None = None
+    frozen_after: float = math.inf
+    ranges: Mapping[str, Interval] = field(default_factory=dict)
+    limits: Interval = ANYTHING
+    slew: float = math.inf
+    step: float = 0.0
+    period: float | None = None
+    arrival: bool = False
+    columns: str | None = None
+    from_format: Format = "csv"
+    to_format: Format = "csv"
+    estimates: bool = False
+    checkpoint: str | None = None
+    checkpoint_every: float = 10.0
+
+
+def default_hold(model: Model) -> float:
+    """How long the last good value stands in, where the user does not say [s]."""
+    return max(LEAST_HOLD, HOLD_PERIODS * model.sample_period)
+
+
+def setpoint_name(channel: str) -> str:
+    """The setpoint that cancels a deflection: ``d_x_um`` gives ``offset_x_um``."""
+    return "offset_" + channel.partition("_")[2]
+
+
+def widened(seen: Interval) -> Interval:
+    """What the calibration has seen, widened by its own width to both sides."""
+    low, high = seen
+    return (2 * low - high, 2 * high - low) if high > low else ANYTHING
+
+
+def open_stream(
+    model: Model,
+    settings: Settings,
+    source: int,
+    sink: int,
+    emit: Callable[[str], None],
+    name: str = "<stdin>",
+) -> Stream:
+    """The stream of `model` between two file descriptors; nothing is read or written yet.
+
+    Parameters
+    ----------
+    model : Model
+    settings : Settings
+    source, sink : int
+        File descriptors.
+    emit : callable
+        Gets each message, one line.
+    name : str
+        What messages call the source.
+
+    Raises
+    ------
+    ModelError
+        No design, one for other parameters, no deflection to cancel, or a range for a channel
+        that is no sensor.
+    LogError
+        The column map cannot be read.
+    ValueError
+        Limits without a multiple of the step between them.
+    """
+    design = model.estimator_design()
+    estimator = load_estimator(dict(design))
+    hold = default_hold(model) if settings.hold is None else settings.hold
+    max_gap = default_hold(model) if settings.max_gap is None else settings.max_gap
+    timeout = default_hold(model) if settings.timeout is None else settings.timeout
+    messages = Messages(emit, name)
+    deflections = {output.channel for output in model.deflections}
+    followed = [k for k, name in enumerate(estimator.estimates) if name in deflections]
+    if not followed:
+        raise ModelError("the model's design estimates no deflection: nothing to compensate")
+    setpoints = [
+        Setpoint(Limits(*settings.limits), settings.slew, settings.step, settings.safe or 0.0)
+        for _ in followed
+    ]
+    compensator = Compensator(
+        Stepper(estimator, model.sample_period),
+        _sensors(model, estimator.sensors, hold, settings, messages),
+        followed,
+        setpoints,
+        Policy(settings.sign, settings.safe, hold, max_gap),
+        messages,
+    )
+    mapping = None
+    if settings.columns is not None:
+        # Imported for a map alone: the package reads whole logs.
+        from thermaltool.logs.columns import read_map
+
+        mapping = read_map(settings.columns)
+    wanted = Wanted(
+        estimator.sensors, mapping, settings.period, ARRIVAL_STEP if settings.arrival else None
+    )
+    names = [setpoint_name(estimator.estimates[k]) for k in followed]
+    return Stream(
+        pipe=LinePipe(source, sink),
+        records=(CsvRecords if settings.from_format == "csv" else NdjsonRecords)(wanted),
+        writer=Writer(
+            settings.to_format, [*names, *(estimator.estimates if settings.estimates else ())]
+        ),
+        compensator=compensator,
+        messages=messages,
+        estimates=settings.estimates,
+        timeout=timeout or math.inf,
+        tick=model.sample_period,
+        checkpoint=Checkpoint(settings.checkpoint, design_digest(design))
+        if settings.checkpoint
+        else None,
+        checkpoint_every=settings.checkpoint_every,
+    )
+
+
+def _sensors(
+    model: Model, channels: Sequence[str], hold: float, settings: Settings, report: Report
+) -> list[Sensor]:
+    """The sensors of an estimator, with their rest and range from the model."""
+    for channel in settings.ranges:
+        if channel not in channels:
+            raise ModelError(
+                f"a range for {channel}, but the sensors of the model are {', '.join(channels)}"
+            )
+    outputs = {output.channel: output for output in model.sensors}
+    sensors = []
+    for channel in channels:
+        if channel not in outputs:
+            raise ModelError(f"the design reads {channel}, which is no sensor of the model")
+        low, high = widened(outputs[channel].range)
+        sensor = Sensor(channel, hold=hold, frozen_after=settings.frozen_after, report=report)
+        offset = outputs[channel].offset
+        if offset == "first":
+            sensor.rest, sensor.about_rest = math.nan, (low, high)
+        else:
+            sensor.rest, sensor.low, sensor.high = offset, offset + low, offset + high
+        if channel in settings.ranges:
+            sensor.low, sensor.high = settings.ranges[channel]
+            sensor.about_rest = None
+        sensors.append(sensor)
+    return sensors

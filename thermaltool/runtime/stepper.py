@@ -1,0 +1,85 @@
+"""An estimator one sample at a time: a single matrix-vector product per sample."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from thermaltool.inverse.estimator import Estimator
+from thermaltool.responses.modes import CLOCK_STEP, Float
+
+# Sample lengths kept as ready matrices; an even clock needs one, a printed jittering clock a few.
+KEPT = 32
+
+
+class Stepper:
+    """The state of an estimator, advanced sample by sample.
+
+    x ← F x + G0 u_before + G1 u_now and y = C x are one product of a stacked matrix with
+    z = (x, u_before, u_now), so the work per sample depends on the number of states alone.
+
+    Parameters
+    ----------
+    estimator : Estimator
+    sample_period : float [s]
+        The expected sample length: its gain is solved for at once, before the first line.
+    """
+
+    def __init__(self, estimator: Estimator, sample_period: float) -> None:
+        self._estimator = estimator
+        self._sensors = len(estimator.sensors)
+        self._states = len(estimator.recursion(sample_period).F)
+        self._z = np.zeros(self._states + 2 * self._sensors)
+        self._next = np.empty(self._states + len(estimator.estimates))
+        self._matrices: dict[int, Float] = {}
+
+    def rest(self) -> list[float]:
+        """Estimates before anything is known."""
+        return [0.0] * len(self._estimator.estimates)
+
+    def start(self, readings: list[float]) -> list[float]:
+        """Rest, with the first readings: every estimate is zero."""
+        self._z[:] = 0.0
+        self._z[self._states : self._states + self._sensors] = readings
+        return self.rest()
+
+    def step(self, ticks: int, readings: list[float]) -> list[float]:
+        """Estimates after a sample of `ticks` clock steps (1 µs), which ends with `readings`.
+
+        Raises
+        ------
+        FitError
+            Where the estimator has no gain for this sample length.
+        """
+        states, before = self._states, self._states + self._sensors
+        matrix = self._matrices.get(ticks)
+        if matrix is None:
+            matrix = self._matrix(ticks)
+        z = self._z
+        z[before:] = readings
+        matrix.dot(z, out=self._next)
+        z[:states] = self._next[:states]
+        z[states:before] = z[before:]
+        estimates: list[float] = self._next[states:].tolist()
+        return estimates
+
+    def _matrix(self, ticks: int) -> Float:
+        if len(self._matrices) >= KEPT:
+            del self._matrices[next(iter(self._matrices))]
+        r = self._estimator.recursion(ticks * CLOCK_STEP)
+        sample = np.hstack([r.F, r.G0, r.G1])
+        matrix = self._matrices[ticks] = np.vstack([sample, r.C @ sample])
+        return matrix
+
+    def state(self) -> list[float]:
+        """State and last readings, for `resume`."""
+        values: list[float] = self._z[: self._states + self._sensors].tolist()
+        return values
+
+    def resume(self, values: list[Any]) -> None:
+        """Raises ValueError where `values` are no state of this estimator."""
+        state = np.array(values, float)
+        if state.shape != (self._states + self._sensors,) or not np.all(np.isfinite(state)):
+            raise ValueError("not a state of this estimator")
+        self._z[: len(state)] = state

@@ -1,0 +1,64 @@
+"""How far a computed signal is from a measured one."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Error = measured − computed, in the unit of the signal.
+
+    Attributes
+    ----------
+    rmse, max_error, mean : float
+    band : float
+        Largest minus smallest error.
+    steady : float
+        Mean error over the last tenth of the rows.
+    fit_percent : float
+        (1 − ‖y − ŷ‖/‖y − ȳ‖)·100; NaN for a constant signal.
+    rows : int
+        Rows with both.
+    """
+
+    rmse: float
+    max_error: float
+    mean: float
+    band: float
+    steady: float
+    fit_percent: float
+    rows: int
+
+    def document(self) -> dict[str, float | int | None]:
+        """JSON-ready: null for what is not there."""
+        return {k: v if np.isfinite(v) else None for k, v in asdict(self).items()}
+
+
+def agreement(measured: Array, computed: Array) -> Agreement:
+    """Compare two signals, leaving out rows where either is NaN.
+
+    Parameters
+    ----------
+    measured, computed : ndarray, shape (n,)
+    """
+    there = np.isfinite(measured) & np.isfinite(computed)
+    y, error = measured[there], (measured - computed)[there]
+    if not len(y):
+        nan = float("nan")
+        return Agreement(nan, nan, nan, nan, nan, nan, 0)
+    spread = float(np.linalg.norm(y - np.mean(y)))
+    return Agreement(
+        rmse=float(np.sqrt(np.mean(error**2))),
+        max_error=float(np.max(np.abs(error))),
+        mean=float(np.mean(error)),
+        band=float(np.ptp(error)),
+        steady=float(np.mean(error[-max(1, len(error) // 10) :])),
+        fit_percent=100 * (1 - float(np.linalg.norm(error)) / spread) if spread else float("nan"),
+        rows=len(y),
+    )

@@ -1,0 +1,188 @@
+"""Separation of the slow signal (the machine warming up) from the noise.
+
+Local cubic polynomials with a stated cutoff; what no smooth signal explains (a step, a spike) is
+marked, so that it leaks into no figure of the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import median_filter
+from scipy.special import ndtri
+
+Array = NDArray[np.float64]
+
+DEGREE = 3  # of the local polynomials
+_MAD_TO_SIGMA = 1.482602218505602  # 1 / Φ⁻¹(3/4)
+_MEDIAN_SPREAD = 1.1  # of white noise about its running median of 7: sqrt(1 + 0.46²)
+_LEAK = 3.0  # a block's residual variance above this many times what its noise explains has a step
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Slow signal and what is left of each reading.
+
+    Attributes
+    ----------
+    slow, residual : ndarray (n,)
+        Readings = slow + residual [unit]; residual is NaN where the slow signal is not smooth.
+    cutoff : float
+        Frequency at which the slow part has lost half its power, per sample (cycles / sample).
+    """
+
+    slow: Array
+    residual: Array
+    cutoff: float
+
+
+def difference_sigma(values: ArrayLike) -> float:
+    """White level from the median absolute second difference: blind to ramps, steps and spikes.
+
+    Second differences of white noise have the variance 6 σ². Returns 0 for quantized readings that
+    change on fewer than half of the samples.
+    """
+    second = np.diff(np.asarray(values, dtype=float), 2)
+    second = second[np.isfinite(second)]
+    return float(_MAD_TO_SIGMA * np.median(np.abs(second)) / np.sqrt(6.0)) if second.size else 0.0
+
+
+def find_outliers(values: ArrayLike, sigma: float, probability: float = 0.01) -> NDArray[np.bool_]:
+    """Readings that stand alone: beyond the running median of 7 by more than chance allows.
+
+    A step or a ramp passes, since the median follows it. The threshold holds the chance of a false
+    alarm anywhere in a Gaussian record of this length to `probability`.
+
+    Parameters
+    ----------
+    values : array_like (n,)
+        Readings without NaN [unit].
+    sigma : float
+        Noise level of one reading [unit].
+
+    Returns
+    -------
+    ndarray (n,) of bool
+    """
+    v = np.asarray(values, dtype=float)
+    if v.size < 7:
+        return np.zeros(v.size, dtype=bool)
+    deviation = np.abs(v - median_filter(v, size=7, mode="nearest"))
+    # Where the signal itself is restless, or the noise larger, the neighbourhood sets the scale.
+    local = _MAD_TO_SIGMA * median_filter(deviation, size=min(101, v.size), mode="nearest")
+    threshold = -ndtri(probability / (2.0 * v.size)) * np.maximum(_MEDIAN_SPREAD * sigma, local)
+    return deviation > threshold
+
+
+def cutoff_per_sample(window: int) -> float:
+    """−3 dB frequency of the local cubic over `window` samples [cycles / sample].
+
+    From the filter's own response, the sum of h_k cos(2πfk) over its weights h.
+    """
+    half = window // 2
+    k = np.arange(-half, half + 1)
+    weights = np.linalg.pinv((k / half)[:, None] ** np.arange(DEGREE + 1.0))[0]
+    frequency = np.linspace(0.0, 2.0 / half, 2001)
+    response = np.cos(2.0 * np.pi * frequency[:, None] * k) @ weights
+    return float(frequency[np.argmax(response < np.sqrt(0.5))])
+
+
+def separate(values: ArrayLike, window: int) -> Separation:
+    """Split evenly sampled readings into a local cubic (Savitzky-Golay) and the residual.
+
+    Parameters
+    ----------
+    values : array_like (n,)
+        Readings without NaN and outliers [unit]; n ≥ window.
+    window : int
+        Odd number of samples of the local polynomial.
+
+    Raises
+    ------
+    ValueError
+        Record shorter than the window.
+    """
+    from scipy.signal import savgol_filter
+
+    v = np.asarray(values, dtype=float)
+    if v.size < window:
+        raise ValueError(f"record of {v.size} samples is shorter than the window of {window}")
+    slow = savgol_filter(v, window, DEGREE)
+    residual = v - slow
+    starts = np.arange(0, v.size - window + 1, window)
+    time = np.arange(v.size, dtype=float)
+    for start in starts[~smooth_blocks(time, v, starts, window)]:
+        residual[max(start - window, 0) : start + 2 * window] = np.nan
+    return Separation(slow, residual, cutoff_per_sample(window))
+
+
+def block_variance(time: Array, values: Array, starts: NDArray[np.int64], size: int) -> Array:
+    """Variance about a cubic in each block of `size` samples, ndarray (len(starts),) [unit²]."""
+    index = starts[:, None] + np.arange(size)
+    t, v = time[index], values[index]
+    t = 2.0 * (t - t[:, :1]) / (t[:, -1:] - t[:, :1]) - 1.0
+    basis, _ = np.linalg.qr(t[..., None] ** np.arange(DEGREE + 1))
+    v = v - v.mean(axis=1, keepdims=True)
+    fit = np.einsum("bij,bj->bi", basis, np.einsum("bij,bi->bj", basis, v))
+    return np.sum((v - fit) ** 2, axis=1) / (size - DEGREE - 1)
+
+
+def smooth_blocks(
+    time: Array, values: Array, starts: NDArray[np.int64], size: int
+) -> NDArray[np.bool_]:
+    """Blocks in which a cubic explains the signal: no step, no kink, no burst of outliers.
+
+    Judged against the block's own second differences, so that a noisier block is not lost, and
+    against the other blocks, so that drift inside all of them is no reason.
+    """
+    if starts.size == 0:
+        return np.zeros(0, dtype=bool)
+    variance = block_variance(time, values, starts, size)
+    second = np.abs(np.diff(values[starts[:, None] + np.arange(size)], 2, axis=1))
+    rough = (_MAD_TO_SIGMA * np.median(second, axis=1)) ** 2 / 6.0
+    # A quantized block without a majority of changes has no scale of its own: take the common one.
+    rough = np.maximum(rough, max(0.5 * float(np.median(variance)), 1e-3 * float(variance.mean())))
+    if not rough.any():
+        return np.ones(starts.size, dtype=bool)
+    ratio = variance / rough
+    return ratio <= _LEAK * max(float(np.median(ratio)), 1.0)
+
+
+def longest_level_stretch(values: Array, band: float, size: int) -> slice:
+    """Longest run of readings whose block medians stay within `band` of each other.
+
+    A tenth is cut off where the run ends beside a signal, whose first rise fits the band too.
+
+    Parameters
+    ----------
+    values : ndarray (n,)
+        Readings without NaN [unit].
+    band : float
+        Allowed range of the block medians [unit].
+    size : int
+        Samples per block.
+    """
+    blocks = values.size // size
+    if blocks < 2:
+        return slice(0, values.size)
+    medians = np.median(values[: blocks * size].reshape(blocks, size), axis=1)
+    best, first = (0, 0), 0
+    low, high = [0], [0]  # indices of rising minima and falling maxima from `first` on
+    for last in range(blocks):
+        while low and medians[low[-1]] >= medians[last]:
+            low.pop()
+        while high and medians[high[-1]] <= medians[last]:
+            high.pop()
+        low.append(last)
+        high.append(last)
+        while medians[high[0]] - medians[low[0]] > band:
+            first += 1
+            low = low[1:] if low[0] < first else low
+            high = high[1:] if high[0] < first else high
+        if last + 1 - first > best[1] - best[0]:
+            best = (first, last + 1)
+    margin = -(-(best[1] - best[0]) // 10) * size
+    start = best[0] * size + margin if best[0] > 0 else 0
+    return slice(start, best[1] * size - margin if best[1] < blocks else values.size)

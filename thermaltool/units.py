@@ -1,0 +1,81 @@
+"""The border's nomenclature: a column name is ``<quantity>_<place>_<unit>``.
+
+``T_spindle_degC`` is an absolute temperature, ``dT_pair1_K`` a difference of two, ``Q_main_W`` a
+heat, ``Q_main_1`` a heat relative to full scale, ``d_z_um`` a displacement, ``n_spindle_rpm`` a
+speed, ``U_heater_V`` a voltage; ``time_s`` (or ISO 8601 ``time``) is the clock. The place may be
+absent (``T_degC``) and may contain underscores.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from thermaltool.errors import UnitError
+
+# unit -> (dimension, factor to the dimension's base unit)
+UNITS: dict[str, tuple[str, float]] = {
+    "s": ("time", 1.0),
+    "ms": ("time", 1e-3),
+    "min": ("time", 60.0),
+    "h": ("time", 3600.0),
+    "degC": ("temperature", 1.0),
+    "K": ("temperature difference", 1.0),
+    "mK": ("temperature difference", 1e-3),
+    "W": ("power", 1.0),
+    "kW": ("power", 1e3),
+    "um": ("length", 1.0),
+    "nm": ("length", 1e-3),
+    "mm": ("length", 1e3),
+    "m": ("length", 1e6),
+    "urad": ("angle", 1.0),
+    "rad": ("angle", 1e6),
+    "rpm": ("speed", 1.0),
+    "V": ("voltage", 1.0),
+    "mV": ("voltage", 1e-3),
+    "A": ("current", 1.0),
+    "N": ("force", 1.0),
+    "Hz": ("frequency", 1.0),
+    "bar": ("pressure", 1.0),
+    "pct": ("ratio", 0.01),
+    "1": ("ratio", 1.0),
+}
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column: its `name`, and the `quantity`, `place` and `unit` that the name says."""
+
+    name: str
+    quantity: str
+    place: str
+    unit: str
+
+    @property
+    def dimension(self) -> str:
+        return UNITS[self.unit][0]
+
+
+def parse_channel(name: str) -> Channel:
+    """Read quantity, place and unit off a column name.
+
+    Raises
+    ------
+    UnitError
+        Where the last part is no known unit (the message lists them), or where an absolute
+        temperature is named as a difference (``dT_..._degC``) or the reverse (``T_..._K``).
+    """
+    head, _, unit = name.rpartition("_")
+    if not head or unit not in UNITS:
+        near = get_close_matches(unit, UNITS, n=1, cutoff=0.5) if head else []
+        hint = f" (did you mean {head}_{near[0]}?)" if near else ""
+        raise UnitError(
+            f"{name}: unknown unit {unit!r}{hint}; a name is <quantity>_<place>_<unit> with one of "
+            + ", ".join(UNITS)
+        )
+    quantity, _, place = head.partition("_")
+    if quantity == "dT" and unit == "degC":
+        raise UnitError(f"{name}: a difference of temperatures is in K, not degC")
+    if quantity == "T" and unit in ("K", "mK"):
+        raise UnitError(f"{name}: an absolute temperature is in degC; a difference is dT_..._K")
+    return Channel(name, quantity, place, unit)
