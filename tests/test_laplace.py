@@ -218,6 +218,15 @@ def test_against_an_independent_program():
     assert "dehoog" in result.method
 
 
+def test_more_terms_do_no_harm_where_the_transfer_is_rounded():
+    """s + 1/s + s^-1/2 - s: the rounding of F grows with s, and with it the sum's."""
+    t = np.geomspace(0.5, 2, 9)
+    result = invert(lambda s: (1e6 * s + 1 / s + s**-0.5) - 1e6 * s, t, method="dehoog")
+    error = abs(result.values - 1 - 1 / np.sqrt(np.pi * t))
+    assert (error <= 10 * result.error).all()
+    assert result.error.max() < 1e-4
+
+
 def test_times_come_back_in_their_order_with_duplicates():
     t = np.array([30.0, 0.1, 2.0, 2.0, 500.0])
     result = invert(CATALOGUE["erfc"].transform, t)

@@ -70,7 +70,9 @@ def test_what_is_not_finite_leaves_the_setpoint(wanted):
 
 
 def test_limits_without_a_multiple_of_the_step_are_refused():
-    with pytest.raises(ValueError, match="no multiple of the step 0.5 lies between 0.1 and 0.4"):
+    with pytest.raises(
+        ValueError, match=r"no multiple of the step 0\.5 lies between 0\.1 and 0\.4"
+    ):
         Setpoint(Limits(0.1, 0.4), step=0.5)
     with pytest.raises(ValueError, match="no value lies between 2 and 1"):
         Limits(2, 1)

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,7 +89,9 @@ def test_safe_setpoints(compensator, safe, end):
     assert each.values() == wanted
 
 
-def test_until_every_sensor_has_been_good_the_setpoint_is_safe(make_machine, make_kalman, compensator):
+def test_until_every_sensor_has_been_good_the_setpoint_is_safe(
+    make_machine, make_kalman, compensator
+):
     each = compensator(make_machine(make_kalman(2)), safe=3.0)
     each.take(Record(0.0, [1.0, math.nan], ("", "empty")))
     assert each.values() == [3.0, 3.0]
@@ -199,7 +202,7 @@ def test_estimates_that_are_not_finite_start_again_from_rest(compensator):
 
 
 @FIXTURES
-@given(shift=st.integers(-10**6, 10**6))
+@given(shift=st.integers(-(10**6), 10**6))
 def test_time_shift_changes_nothing(compensator, shift):
     one, other = compensator(), compensator()
     for k in range(20):
@@ -213,10 +216,8 @@ def test_names_and_ranges():
 
 
 def test_a_range_for_no_sensor_and_a_design_without_deflection(compensator, model):
-    with pytest.raises(ModelError, match="a range for T_x_degC, but the sensors .* dT_pair1_K"):
+    with pytest.raises(ModelError, match=r"a range for T_x_degC, but the sensors .* dT_pair1_K"):
         compensator(ranges={"T_x_degC": (0.0, 1.0)})
-    from dataclasses import replace
-
     alone = replace(model, outputs=model.outputs[:1])
     with pytest.raises(ModelError, match="no deflection"):
         compensator(alone)

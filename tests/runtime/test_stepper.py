@@ -66,7 +66,7 @@ def test_a_resumed_stepper_goes_on_as_the_first_would(estimator):
 
 @pytest.mark.parametrize("state", [[], [0.0], ["x"] * 3, [float("nan")] * 99])
 def test_a_state_of_another_estimator_is_refused(estimator, state):
-    with pytest.raises(ValueError, match="state|convert"):
+    with pytest.raises(ValueError, match=r"state|convert"):
         Stepper(estimator, 0.5).resume(state)
 
 

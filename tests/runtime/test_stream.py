@@ -5,6 +5,8 @@ import math
 import os
 import signal
 import threading
+from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -197,8 +199,6 @@ def test_silence_ends_in_the_safe_setpoint_and_resumes(run):
 
 
 def test_silence_is_slewed_line_by_line(run, model):
-    from dataclasses import replace
-
     seen = []
 
     def feed(inlet, outlet):
@@ -211,7 +211,7 @@ def test_silence_is_slewed_line_by_line(run, model):
     run(b"", feed, machine=quick, timeout=0.1, slew=50.0, max_gap=100.0)
     ramp = [[float(cell) for cell in line.split(",")] for line in seen[3:]]
     assert len(ramp) > 5
-    for (t0, _, y0), (t1, _, y1) in zip(ramp, ramp[1:], strict=False):
+    for (t0, _, y0), (t1, _, y1) in pairwise(ramp):
         assert abs(y1 - y0) <= 50.0 * (t1 - t0) + 1e-9
     assert len(run.said) == 1
 
@@ -278,7 +278,7 @@ def test_a_restart_after_a_safe_end_comes_back_at_the_slew_rate(run, tmp_path):
     run(HEADER + rows(0, 400), checkpoint=path)
     _, out = run(HEADER + rows(400, 500), checkpoint=path, slew=3.0)
     path = [0.0, *(float(line.split(",")[2]) for line in out[1:-1])]
-    moves = [abs(b - a) for a, b in zip(path, path[1:], strict=False)]
+    moves = [abs(b - a) for a, b in pairwise(path)]
     assert max(moves) <= 3.0 + 1e-9
     assert path[-1] < -60
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import click
 
-from thermaltool.cli.documents import table, terminal_progress, warn, write_json
+from thermaltool.cli.documents import one_stdin, table, terminal_progress, warn, write_json
 from thermaltool.cli.options import (
     json_option,
     log_options,
@@ -139,6 +139,7 @@ def command(
         initial == "free",
     )
     need = (*drives, *sensors, *deflections)
+    one_stdin(*logs)
     measurements, sources = [], []
     for name in logs:
         log = read_log(

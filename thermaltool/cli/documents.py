@@ -33,6 +33,12 @@ def read_text(path: str) -> str:
         raise ModelError(f"{path}: not a text file") from error
 
 
+def one_stdin(*paths: str) -> None:
+    """Refuse a second ``-``: there is one stdin."""
+    if paths.count("-") > 1:
+        raise click.UsageError("only one input can be -: name a file for the others")
+
+
 def read_model(path: str) -> Model:
     """The model document in a file, or on stdin for ``-``."""
     from thermaltool.model import loads

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import click
 
-from thermaltool.cli.documents import read_model, table, warn, warn_excursions, write_json
+from thermaltool.cli.documents import (
+    one_stdin,
+    read_model,
+    table,
+    warn,
+    warn_excursions,
+    write_json,
+)
 from thermaltool.cli.options import (
     Source,
     json_option,
@@ -51,6 +58,7 @@ def command(
     from thermaltool.model import relative
     from thermaltool.signals.agreement import agreement
 
+    one_stdin(model, log)
     document = read_model(model)
     estimator = load_estimator(dict(document.estimator_design()))
     data = read_log(log, columns=columns, from_format=from_format, nan_policy=nan_policy,

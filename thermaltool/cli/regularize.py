@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from thermaltool.cli.documents import (
+    one_stdin,
     read_model,
     read_noise,
     table,
@@ -88,6 +89,7 @@ def command(
 
     if as_json and output == "-":
         raise click.UsageError("--json reports on stdout: give the model a file with -o")
+    one_stdin(model, noise)
     document = read_model(model)
     if sensors:
         document = only_sensors(document, sensors)

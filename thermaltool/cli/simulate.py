@@ -6,7 +6,14 @@ import sys
 
 import click
 
-from thermaltool.cli.documents import read_model, table, warn, warn_excursions, write_json
+from thermaltool.cli.documents import (
+    one_stdin,
+    read_model,
+    table,
+    warn,
+    warn_excursions,
+    write_json,
+)
 from thermaltool.cli.options import (
     Source,
     json_option,
@@ -57,10 +64,13 @@ def command(
     is written beside it, and RMSE and fit go to stderr. The machine is taken to be at rest at the
     first row; --start and --stop choose the rows that are judged, all rows drive the model.
     """
+    import numpy as np
+
     from thermaltool.logs import read_log, write_table
     from thermaltool.model import relative
     from thermaltool.signals.agreement import agreement
 
+    one_stdin(model, log)
     document = read_model(model)
     drives = [d.channel for d in document.drives]
     data = read_log(log, columns=columns, from_format=from_format, nan_policy=nan_policy,
@@ -68,9 +78,8 @@ def command(
     warn_excursions(document, data)
     simulated = document.simulate(data.time, {name: data.column(name) for name in drives})
     result, report = {"time_s": data.time}, {}
-    judged = (data.time >= (start if start is not None else data.time[:1].sum())) & (
-        data.time <= (stop if stop is not None else float("inf"))
-    )
+    low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
+    judged = (data.time >= low) & (data.time <= high)
     for out in document.outputs:
         level = simulated[out.channel]
         result[out.channel] = level if out.offset == "first" else level + out.offset

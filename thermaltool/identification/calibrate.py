@@ -92,6 +92,9 @@ def fit_output(
     classes = tuple(response_class(kind) for kind in kinds)
     constants = tuple({k: (fixed or {}).get(k, v) for k, v in c.fixed.items()} for c in classes)
     candidate = Candidate(classes, constants)
+    for record in records:
+        if len(record.time) < 2:
+            raise FitError(f"a log of {len(record.time)} rows says nothing of a response")
     for k in range(len(kinds)):
         if not any(np.ptp(r.drives[k]) > 0 or np.any(r.drives[k]) for r in records):
             raise FitError("the drive never leaves its reference: nothing to fit")

@@ -89,7 +89,7 @@ class Inverse:
         second = omega**3 / ((own[1] + omega) * 2j * own[1].imag)
         poles = self.regular.poles
         gain = omega**3 / ((poles + omega) * (poles**2 + omega * poles + omega**2))
-        weights = np.array([first, second]) * self.transfer(own)
+        weights = np.array([first, second]) * self.transfer(own.astype(complex))
         return Modes(
             np.concatenate([poles, own]), np.concatenate([self.regular.weights * gain, weights])
         )
@@ -165,6 +165,8 @@ def kernel_table(
     dt : float [s]
     window : int
         Number of weights.
+    tol : float
+        Wanted error of a weight, relative to A0.
 
     Notes
     -----
@@ -176,7 +178,7 @@ def kernel_table(
         return np.asarray(1 / (transfer(s) + regularization.transfer(s)) - A0 - A1 * s)
 
     t = dt * np.arange(window + 1)
-    twice = invert(lambda s: regular(s) / s**2, t[1:], tol=tol * dt)
+    twice = invert(lambda s: regular(s) / s**2, t[1:], tol=tol * dt * abs(A0))
     ramp = np.concatenate([[0.0], twice.values])
     weight = np.empty(window)
     weight[0] = ramp[1] / dt

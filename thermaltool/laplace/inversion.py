@@ -140,11 +140,17 @@ def _audited(
 ) -> tuple[RealArray, RealArray, NDArray[np.bool_]]:
     """Values, errors and whether dehoog gave them, at the times of one window."""
     values, own_error = _contour(sample, t, method)
+    series, series_error = np.full_like(t, np.nan), np.full_like(t, np.inf)
+    missed = np.zeros_like(t)
     for head, check in HEADS:
-        series, series_error, rounding = dehoog(sample, t, head, check)
+        longer, error, rounding = dehoog(sample, t, head, check)
         unresolved = resonances.above(np.pi * head / (HALF_PERIOD * t[-1]))
-        series_error = _worst(series_error, unresolved)
-        audited = _worst(own_error, abs(values - series), unresolved)
+        error = _worst(error, unresolved)
+        better = error < series_error  # more terms are not better where F itself is rounded
+        series = np.where(better, longer, series)
+        series_error = np.where(better, error, series_error)
+        missed = np.where(better, unresolved, missed)
+        audited = _worst(own_error, abs(values - series), missed)
         if (np.minimum(audited, series_error) <= np.maximum(target, 10 * rounding)).all():
             break
     if method == "dehoog":

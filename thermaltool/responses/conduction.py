@@ -97,7 +97,7 @@ class Conduction:
         # Fast enough for the sample, and for the delay of diffusion where that is shorter.
         delay = (self.r - self.r0) ** 2 / self.alpha
         fast = max(8 / dt, 100 * slow, min(30 / delay if delay else np.inf, 800 / dt))
-        return fit_relaxation(self, slow, fast)
+        return fit_relaxation(self, slow, fast, delayed=delay * fast > 1)
 
     @classmethod
     def search_box(cls, period: float, duration: float, r0: float) -> dict[str, Range]:

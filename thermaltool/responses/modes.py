@@ -344,7 +344,9 @@ class StepResponse(Protocol):
     def dc_gain(self) -> float: ...
 
 
-def fit_relaxation(response: StepResponse, slow: float, fast: float, tol: float = 3e-5) -> Modes:
+def fit_relaxation(
+    response: StepResponse, slow: float, fast: float, delayed: bool, tol: float = 3e-5
+) -> Modes:
     """A response by diffusion as a sum of real exponentials.
 
     Parameters
@@ -352,6 +354,8 @@ def fit_relaxation(response: StepResponse, slow: float, fast: float, tol: float 
     response : has ``step(t)`` and ``dc_gain()``
     slow, fast : float [1/s]
         Ends of the spectrum: below `slow` there is nothing, above `fast` nothing is wanted.
+    delayed : bool
+        See `RelaxationGrid.between`.
     tol : float
         Largest error of the step response, relative to its largest value.
 
@@ -360,7 +364,7 @@ def fit_relaxation(response: StepResponse, slow: float, fast: float, tol: float 
     FitError
         Where the tolerance is not reached.
     """
-    grid = RelaxationGrid.between(slow, fast, delayed=True)
+    grid = RelaxationGrid.between(slow, fast, delayed)
     target = response.step(grid.times)
     weights = grid.rates * grid.weights(response)
     modes = Modes((-grid.rates).astype(complex), weights.astype(complex))

@@ -129,7 +129,7 @@ def open_stream(
     LogError
         The column map cannot be read.
     ValueError
-        Limits without a multiple of the step between them.
+        Limits without a multiple of the step between them, or a safe setpoint outside.
     """
     design = model.estimator_design()
     estimator = load_estimator(dict(design))
@@ -141,9 +141,11 @@ def open_stream(
     followed = [k for k, name in enumerate(estimator.estimates) if name in deflections]
     if not followed:
         raise ModelError("the model's design estimates no deflection: nothing to compensate")
+    limits = Limits(*settings.limits)
+    if settings.safe is not None and limits.clip(settings.safe) != settings.safe:
+        raise ValueError(f"the safe setpoint {settings.safe:g} is outside the limits")
     setpoints = [
-        Setpoint(Limits(*settings.limits), settings.slew, settings.step, settings.safe or 0.0)
-        for _ in followed
+        Setpoint(limits, settings.slew, settings.step, settings.safe or 0.0) for _ in followed
     ]
     compensator = Compensator(
         Stepper(estimator, model.sample_period),

@@ -1,0 +1,43 @@
+"""Write a page for each command from its --help: ``make docs`` (a test checks that they agree)."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from thermaltool.cli import COMMANDS, group
+
+PAGES = Path(__file__).with_name("commands")
+
+
+def page(name: str) -> str:
+    """Markdown of one command."""
+    command = group.get_command(click.Context(group), name)
+    assert command is not None
+    parent = click.Context(group, info_name="thermaltool", **group.context_settings)
+    context = click.Context(
+        command, info_name=name, parent=parent, terminal_width=90, max_content_width=90
+    )
+    context.help_option_names = ["-h", "--help"]
+    context.show_default = True
+    text = command.get_help(context)
+    return f"# thermaltool {name}\n\n{COMMANDS[name]}\n\n```text\n{text}\n```\n"
+
+
+def index() -> str:
+    rows = "\n".join(f"| [{name}]({name}.md) | {what} |" for name, what in COMMANDS.items())
+    return f"# Commands\n\n| command | what it does |\n|---|---|\n{rows}\n"
+
+
+def pages() -> dict[str, str]:
+    """File name to text."""
+    return {"README.md": index(), **{f"{name}.md": page(name) for name in COMMANDS}}
+
+
+if __name__ == "__main__":
+    PAGES.mkdir(exist_ok=True)
+    for name, text in pages().items():
+        (PAGES / name).write_text(text, encoding="utf-8")
+    print(f"{len(pages())} pages in {PAGES}", file=sys.stderr)
