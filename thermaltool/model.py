@@ -11,7 +11,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -128,6 +128,9 @@ class Model:
             raise ModelError(
                 "the estimator was designed for other parameters: run thermaltool regularize again"
             )
+        known = {output.channel for output in self.outputs}
+        if not known.issuperset(self.design.get("sensors", ())):
+            raise ModelError("the estimator reads a sensor that the model does not have")
         return self.design
 
     def simulate(self, time: Float, drives: Mapping[str, Float]) -> dict[str, Float]:
@@ -312,34 +315,75 @@ def loads(text: str, name: str = "<model>") -> Model:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ModelError(f'{name}: not a thermaltool model (no "format": "{FORMAT}")')
     version = document.get("version")
-    if not isinstance(version, int) or version > VERSION:
+    if type(version) is not int or version < 1:
+        raise ModelError(f"{name}: no version of the format: {version!r}")
+    if version > VERSION:
         raise ModelError(
             f"{name}: version {version} is newer than this thermaltool reads ({VERSION}): update it"
         )
     try:
-        return Model(
+        model = Model(
             drives=tuple(
-                Drive(d["channel"], d["hold"], d["reference"], _pair(d["range"]))
+                Drive(
+                    d["channel"],
+                    _one_of(d["hold"], get_args(Hold)),
+                    _rest(d["reference"]),
+                    _pair(d["range"]),
+                )
                 for d in document["drives"]
             ),
             outputs=tuple(
-                Output(o["channel"], o["role"], o["offset"], _pair(o["range"]), o.get("fit", {}))
+                Output(
+                    o["channel"],
+                    _one_of(o["role"], get_args(Role)),
+                    _rest(o["offset"]),
+                    _pair(o["range"]),
+                    dict(o.get("fit", {})),
+                )
                 for o in document["outputs"]
             ),
             terms=tuple(_load_term(t) for t in document["terms"]),
-            sample_period=float(document["sample_period_s"]),
-            provenance=document.get("provenance", {}),
-            design=document.get("design"),
+            sample_period=_finite(document["sample_period_s"]),
+            provenance=dict(document.get("provenance", {})),
+            design=None if document.get("design") is None else dict(document["design"]),
         )
+        _check_ends(model)
+        return model
     except KeyError as error:
         raise ModelError(f"{name}: {error.args[0]!r} is missing") from error
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ModelError(f"{name}: {error}") from error
+
+
+def _check_ends(model: Model) -> None:
+    """Terms go from a drive of the model to an output of the model."""
+    drives, outputs = ([each.channel for each in ends] for ends in (model.drives, model.outputs))
+    for term in model.terms:
+        if term.drive not in drives or term.output not in outputs:
+            raise ModelError(f"a term from {term.drive!r} to {term.output!r}, which are not there")
+    if not model.sample_period > 0:
+        raise ModelError("sample_period_s is not above 0")
+
+
+def _one_of(value: Any, known: tuple[str, ...]) -> Any:
+    if value not in known:
+        raise ModelError(f"{value!r} is none of {', '.join(known)}")
+    return value
+
+
+def _finite(value: Any) -> float:
+    if not np.isfinite(float(value)):
+        raise ModelError(f"not a finite number: {value!r}")
+    return float(value)
+
+
+def _rest(value: Any) -> float | Literal["first"]:
+    return "first" if value == "first" else _finite(value)
 
 
 def _pair(values: Any) -> tuple[float, float]:
     low, high = values
-    return float(low), float(high)
+    return _finite(low), _finite(high)
 
 
 def _load_term(document: Mapping[str, Any]) -> Term:

@@ -196,7 +196,10 @@ def test_models_that_cannot_run(model, change, message):
     [
         (["--limit", "5"], "'5' is not LOW:HIGH"),
         (["--limit", "5:1"], "'5:1' is not LOW:HIGH"),
-        (["--limit", "0.1:0.4", "--safe", "0.2"], "no multiple of the step 0.5 lies between 0.1 and 0.4"),
+        (
+            ["--limit", "0.1:0.4", "--safe", "0.2"],
+            "no multiple of the step 0.5 lies between 0.1 and 0.4",
+        ),
         (["--range", "0:1"], "'0:1' is not CHANNEL=LOW:HIGH"),
         (["--safe", "nan"], "'nan' is not hold|zero|VALUE"),
         (["--safe", "7", "--limit", ":5"], "the safe setpoint 7 is outside the limits"),

@@ -10,7 +10,7 @@ from thermaltool.control.setpoint import HYSTERESIS
 from thermaltool.errors import ModelError
 from thermaltool.inverse.estimator import load_estimator, run_estimator
 from thermaltool.runtime.records import Record
-from thermaltool.runtime.settings import setpoint_name, widened
+from thermaltool.runtime.settings import setpoint_name
 
 FIXTURES = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -209,10 +209,9 @@ def test_time_shift_changes_nothing(compensator, shift):
         assert take(one, 0.5 * k, 0.1 * k) == take(other, 0.5 * k + shift, 0.1 * k)
 
 
-def test_names_and_ranges():
+def test_a_setpoint_is_named_after_its_deflection():
     assert setpoint_name("d_x_um") == "offset_x_um"
-    assert widened((0.0, 8.0)) == (-8.0, 16.0)
-    assert widened((0.0, 0.0)) == (-math.inf, math.inf)
+    assert setpoint_name("d_um") == "offset_um"
 
 
 def test_a_range_for_no_sensor_and_a_design_without_deflection(compensator, model):

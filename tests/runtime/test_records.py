@@ -80,13 +80,15 @@ def test_a_line_without_a_time(line):
         ('"2.0"', "not a number: '2.0'"),
         ("[1]", "not a number: '[1]'"),
         ("NaN", ""),
+        ("1" + "0" * 400, "not a number: '1000"),
     ],
 )
 def test_ndjson_values_that_are_no_number(value, fault):
     records = NdjsonRecords(Wanted(PAIR))
     records.open(b'{"time_s": 0, "dT_pair1_K": 1}')
     record = records.record(b'{"time_s": 2, "dT_pair1_K": %s}' % value.encode())
-    assert (record.time, record.faults[0]) == (2.0, fault)
+    assert record.time == 2.0
+    assert record.faults[0].startswith(fault)
     assert math.isnan(record.readings[0])
 
 

@@ -5,12 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from thermaltool.runtime.messages import Messages
-from thermaltool.runtime.sensors import Sensor
+from thermaltool.runtime.sensors import Sensor, widened
 
 
 def sensor(**kept):
     said = []
-    kept = {"low": -3.0, "high": 27.0, "hold": 10.0, **kept}
+    kept = {"bounds": (-3.0, 27.0), "hold": 10.0, **kept}
     return Sensor("dT_pair1_K", report=lambda channel, message: said.append(message), **kept), said
 
 
@@ -29,7 +29,7 @@ def test_a_bad_reading_is_held_then_lost_then_good_again():
         (2.0, False, False),
     ]
     assert said == [
-        "no number: holding 1.0",
+        "not finite: holding 1.0",
         "out of range: 99 not in -3..27: no good reading for 11 s: safe setpoint",
         "good again",
     ]
@@ -59,11 +59,23 @@ def test_a_frozen_reading_is_bad_until_it_moves():
 
 
 def test_the_first_reading_is_the_rest_where_the_model_says_so():
-    each, _ = sensor(low=-math.inf, high=math.inf, rest=math.nan, about_rest=(-5.0, 10.0))
+    each, said = sensor(bounds=None, rest=math.nan, calibrated=(0.0, 5.0))
     each.take(0.0, 21.5)
-    assert (each.rest, each.low, each.high) == (21.5, 16.5, 31.5)
-    each.take(1.0, 40.0)
-    assert each.held
+    assert each.rest == 21.5
+    for time, reading, held in [(1.0, 31.5, False), (2.0, 31.6, True), (3.0, 16.4, True)]:
+        each.take(time, reading)
+        assert each.held is held
+    assert said[-1] == "out of range: 31.6 not in 16.5..31.5: holding 31.5"
+
+
+def test_leaving_the_calibrated_range_is_told_once():
+    each, said = sensor(bounds=None, calibrated=(0.0, 10.0))
+    for time, reading in enumerate([9.0, 10.9, 11.1, 11.2, 11.3, 5.0, 6.0, -1.1]):
+        each.take(float(time), reading)
+    assert said == [
+        "11.1 is outside the calibrated range: the model extrapolates",
+        "-1.1 is outside the calibrated range: the model extrapolates",
+    ]
 
 
 @given(st.lists(st.tuples(st.floats(0.01, 20), st.floats()), min_size=1))
@@ -73,17 +85,19 @@ def test_what_is_held_is_always_a_good_reading_or_lost(samples):
     for dt, reading in samples:
         time += dt
         each.take(time, reading)
-        assert each.lost or each.low <= each.value <= each.high
+        assert each.lost or -3 <= each.value <= 27
         assert each.lost or time - each.good_at <= each.hold
 
 
 def test_a_resumed_sensor_is_the_same():
-    each, _ = sensor(rest=math.nan, about_rest=(-5.0, 10.0), low=-math.inf, high=math.inf)
+    kept = {"bounds": None, "rest": math.nan, "calibrated": (0.0, 5.0)}
+    each, _ = sensor(**kept)
     each.take(3.0, 20.0)
-    other, _ = sensor(rest=math.nan, about_rest=(-5.0, 10.0), low=-math.inf, high=math.inf)
+    other, said = sensor(**kept)
     other.resume(each.state())
     assert other.state() == each.state()
-    assert (other.low, other.high) == (each.low, each.high)
+    other.take(4.0, 31.0)
+    assert said == ["out of range: 31 not in 15..30: holding 20.0"]
     unseen, _ = sensor()
     assert unseen.state() == {}
 
@@ -101,3 +115,8 @@ def test_messages_never_flood_and_are_counted():
     messages.close()
     messages.close()
     assert said[5:] == ["log.csv: 1 more messages left out"]
+
+
+def test_an_interval_without_width_bounds_nothing():
+    assert widened((0.0, 8.0), 1.0) == (-8.0, 16.0)
+    assert widened((3.0, 3.0), 1.0) == (-math.inf, math.inf)

@@ -77,6 +77,23 @@ def test_ndjson_in_equals_csv_in(run):
     assert same == plain
 
 
+def test_the_time_of_arrival_as_clock(run):
+    seen = []
+
+    def feed(inlet, outlet):
+        os.write(inlet, b"dT_pair1_K\n1.0\n")
+        seen.extend(read_lines(outlet, 2))
+        threading.Event().wait(0.2)
+        os.write(inlet, b"1.0\n")
+        seen.extend(read_lines(outlet, 1))
+        os.close(inlet)
+
+    run(b"", feed, arrival=True)
+    times = [float(line.split(",")[0]) for line in seen[1:]]
+    assert times[0] == 0.0
+    assert 0.2 <= times[1] < 5.0
+
+
 @pytest.mark.parametrize("safe", [0.0, 7.0])
 def test_header_only_is_the_safe_setpoint(run, safe):
     assert run(HEADER, safe=safe)[1][1:] == [f",{safe},{safe}"]
@@ -94,6 +111,14 @@ def test_a_header_that_lacks_a_sensor_names_line_and_near_columns(run):
     with pytest.raises(LogError, match=r"<stdin>:2: no column dT_pair1_K.*\(near: dT_pair2_K\)"):
         run(b"# log\ntime_s,dT_pair2_K\n0,0\n")
     assert run.out[-1] == ",0.0,0.0"
+
+
+def test_foreign_names_by_a_map(run, tmp_path):
+    path = tmp_path / "map.toml"
+    path.write_text('[time]\ncolumn = "t"\nunit = "min"\n[columns]\nK1 = "dT_pair1_K"\n')
+    _, out = run(b"t,K1\n0,0\n0.5,1.0\n", columns=str(path))
+    _, same = run(HEADER + b"0,0\n30,1.0\n")
+    assert out == same
 
 
 def test_messages_name_line_and_channel(run):
@@ -221,13 +246,16 @@ def test_lines_without_a_usable_time_do_not_feed_the_watchdog(run):
 
     def feed(inlet, outlet):
         os.write(inlet, HEADER + b"0,0\n60,5.0\n")
-        seen.extend(read_lines(outlet, 3))
-        while not seen[-1].endswith(",0.0,0.0"):
+        read_lines(outlet, 3)
+        for _ in range(200):
             os.write(inlet, b"60,5.0\n")
             seen.extend(read_lines(outlet, 1))
+            threading.Event().wait(0.005)
         os.close(inlet)
 
     run(b"", feed, timeout=0.1)
+    assert not seen[0].endswith(",0.0,0.0")
+    assert seen[-1].endswith(",0.0,0.0")
 
 
 def test_a_full_disk_is_an_error(model):

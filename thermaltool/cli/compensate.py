@@ -11,9 +11,6 @@ import click
 from thermaltool.cli.options import columns_option, log_argument, model_argument, quiet_option
 from thermaltool.errors import ThermalToolError
 
-# One small product per line: threads would only cost memory and add jitter. Read when numpy loads.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 FORMATS = click.Choice(["csv", "ndjson"])
 SECONDS = click.FloatRange(min=0, min_open=True)
 
@@ -149,6 +146,8 @@ def command(model: str, log: str, **options: Any) -> None:
     Each deflection d_PLACE_um gives a column offset_PLACE_um; --limit, --slew, --step and --safe
     count in its unit.
     """
+    # One small product per line: threads would only cost memory. Read when numpy is loaded.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from thermaltool.cli.documents import read_model
     from thermaltool.runtime.settings import Settings, open_stream
 

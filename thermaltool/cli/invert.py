@@ -49,26 +49,32 @@ def command(
     """
     import numpy as np
 
-    from thermaltool.inverse.kernel import Regularization, kernel_table
+    from thermaltool.inverse.kernel import Regularization, invert_modes, kernel_table
     from thermaltool.logs import write_table
 
     document = read_model(model)
     names = [o.channel for o in document.sensors]
     if sensor is None and len(names) != 1:
         raise ModelError(f"the model has the sensors {', '.join(names)}: choose one with --sensor")
-    terms = [t for t in document.terms if t.output == (sensor or names[0])]
-    if len(terms) != 1:
-        raise ModelError(f"{sensor} is not a sensor with one drive; there are {', '.join(names)}")
-    settings = dict((document.design or {}).get("settings", {}))
+    chosen = sensor or names[0]
+    terms = [t for t in document.terms if t.output == chosen]
+    if chosen not in names or len(terms) != 1:
+        raise ModelError(f"{chosen} is not a sensor with one drive; there are {', '.join(names)}")
+    settings: dict[str, float] = {}
     if regularization is not None:
-        settings |= dict(zip("ABc", regularization, strict=True))
+        settings = dict(zip("ABc", regularization, strict=True))
+    elif document.design is not None:
+        design = document.estimator_design()
+        settings = dict(design.get("settings", {})) if design.get("sensors") == [chosen] else {}
     if not {"A", "B", "c"} <= settings.keys():
         raise ModelError(
             "no regularization: run thermaltool regularize --form kernel, or give --regularization"
         )
     shape = Regularization(settings["A"], settings["B"], settings["c"])
     response = terms[0].response
-    kernel = kernel_table(response.transfer, shape, dt or document.sample_period, window)
+    period = dt or document.sample_period
+    invert_modes(response.modes(period), shape)  # raises where the inverse is unstable
+    kernel = kernel_table(response.transfer, shape, period, window)
     kept = float((kernel.weight.sum() + kernel.A0) * response.dc_gain())
     if as_json:
         write_json(

@@ -148,7 +148,7 @@ def fit_output(
             weights, compressed = new, problem.compress(new)
             theta = refine(theta, compressed)[1]
     rmses = tuple(size * scale / np.sqrt(len(problem.measured)) for size, _ in reached)
-    return _describe(problem, candidate, theta, compressed, duration, rmses)
+    return _describe(problem, candidate, theta, weights, duration, rmses)
 
 
 def _joint_starts(
@@ -179,11 +179,11 @@ def _describe(
     problem: Problem,
     candidate: Candidate,
     theta: Float,
-    compressed: Compressed,
+    weights: Float,
     duration: float,
     starts: tuple[float, ...],
 ) -> Fit:
-    residual, linear = _residual(problem, candidate, theta, compressed)
+    residual, linear = _residual(problem, candidate, theta, problem.compress(weights))
     gains = sum(len(c.gains) for c in candidate.classes)
     responses = candidate.responses(theta, linear[:gains])
     several = len(responses) > 1
@@ -194,7 +194,7 @@ def _describe(
         for name in getattr(cls, group)
     ]
     jacobian = _jacobian(problem, candidate, theta, linear)
-    covariance = block_covariance(jacobian, residual, problem.record)
+    covariance = block_covariance(jacobian, residual, problem.record, weights)
     # From logarithms to the parameters themselves.
     factor = np.concatenate([np.exp(theta), np.ones(len(linear))])
     covariance = covariance * np.outer(factor, factor)
@@ -233,7 +233,7 @@ def _jacobian(problem: Problem, candidate: Candidate, theta: Float, linear: Floa
     return np.column_stack([*columns, problem.design @ problem.combine(unit)])
 
 
-def block_covariance(jacobian: Float, residual: Float, owner: np.ndarray) -> Float:
+def block_covariance(jacobian: Float, residual: Float, owner: np.ndarray, weights: Float) -> Float:
     """Covariance of least-squares parameters under noise of unknown colour.
 
     Sandwich estimator with scores summed over blocks of rows, several times as many as
@@ -245,16 +245,20 @@ def block_covariance(jacobian: Float, residual: Float, owner: np.ndarray) -> Flo
     residual : ndarray, shape (rows,)
     owner : ndarray of int, shape (rows,)
         Which record a row belongs to; a block does not cross records.
+    weights : ndarray, shape (rows,)
+        Huber's weights of the squares: below 1 where a residual counts linearly.
     """
     p = jacobian.shape[1]
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0] = 1.0
     scaled = jacobian / size
-    bread = np.linalg.pinv(scaled.T @ scaled, rcond=1e-14, hermitian=True)
+    # A score that has stopped growing with the residual holds no curvature.
+    curved = scaled[weights >= 1]
+    bread = np.linalg.pinv(curved.T @ curved, rcond=1e-14, hermitian=True)
     blocks = min(4 * p, len(residual))
     label = owner * (blocks + 1) + np.arange(len(residual)) * blocks // len(residual)
     starts = np.flatnonzero(np.diff(label, prepend=-1))
-    scores = np.add.reduceat(scaled * residual[:, None], starts, axis=0)
+    scores = np.add.reduceat(scaled * (weights * residual)[:, None], starts, axis=0)
     meat = scores.T @ scores * len(scores) / max(len(scores) - p, 1)
     return np.asarray(bread @ meat @ bread / np.outer(size, size))
 

@@ -98,6 +98,14 @@ def calibrate(
     for name in names:
         if names.count(name) > 1:
             raise ModelError(f"{name} is named twice: a channel has one role")
+    for channel in plan.kinds:
+        if channel not in names[len(plan.drives) :]:
+            raise ModelError(f"a kind of response for {channel}, which is no output of the fit")
+    constants = {name for _, _, kind in outputs for name in response_class(kind).fixed}
+    for name, value in plan.fixed.items():
+        if name not in constants or not 0 < value < float("inf"):
+            known = f"one of {', '.join(sorted(constants))}" if constants else "nothing here"
+            raise ModelError(f"cannot fix {name} = {value:g}: it must be above 0, and {known}")
     driven = [
         tuple(relative(log.columns[c], plan.drive_reference(c)) for c in plan.drives)
         for log in logs

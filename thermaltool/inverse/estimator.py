@@ -301,8 +301,10 @@ def load_estimator(document: dict[str, Any]) -> Estimator:
                 _terms(document["followed"]),
                 document["delay_s"],
             )
-    except (KeyError, TypeError, IndexError) as error:
-        raise ModelError(f"the design lacks {error}; run thermaltool regularize again") from error
+    except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
+        raise ModelError(
+            f"the design is not sound ({error}); run thermaltool regularize again"
+        ) from error
     raise ModelError(f"unknown form of estimator: {document['form']!r}")
 
 

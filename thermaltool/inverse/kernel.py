@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, ModelError
 from thermaltool.laplace import invert
 from thermaltool.responses.modes import Complex, Float, Modes
 
@@ -26,11 +26,23 @@ class Regularization:
     A : float [unit of the response per s]
     B : float [unit of the response per s²]
     c : float [1/s]
+
+    Raises
+    ------
+    ModelError
+        A is zero or c is not above zero: there is no inverse, or it does not settle.
     """
 
     A: float
     B: float
     c: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([self.A, self.B, self.c]).all() or self.A == 0 or self.c <= 0:
+            raise ModelError(
+                f"a regularization needs finite A, B, c with A other than 0 and c above 0 "
+                f"(A={self.A:g}, B={self.B:g}, c={self.c:g})"
+            )
 
     def transfer(self, s: Complex) -> Complex:
         """As/(s+c)² + 2Bs/(s+c)³: what is added to H."""
@@ -101,8 +113,11 @@ def invert_modes(response: Modes, regularization: Regularization) -> Inverse:
     Raises
     ------
     FitError
-        Where a zero of H_R lies in the right half-plane: the inverse would be unstable.
+        Where the response has double or complex poles, or a zero of H_R lies in the right
+        half-plane: the inverse would be unstable.
     """
+    if np.any(response.double) or np.any(response.poles.imag):
+        raise FitError("the kernel form takes a response of simple real modes; use --form kalman")
     p, w = response.poles.real, response.weights.real
     A, B, c = regularization.A, regularization.B, regularization.c
     n = len(p)
@@ -168,11 +183,19 @@ def kernel_table(
     tol : float
         Wanted error of a weight, relative to A0.
 
+    Raises
+    ------
+    FitError
+        H decays no faster than 1/s: A0 and A1 are then not those of the regularization.
+
     Notes
     -----
     With ΔT linear between samples the weight k is the second difference of the inverse of G_p/s².
     """
     A0, A1 = regularization.singular_weights()
+    far = np.array([1e9 * regularization.c], complex)
+    if np.abs(far * transfer(far))[0] > 1e-6 * abs(regularization.A):
+        raise FitError("the kernel takes a response that starts by diffusion, with zero slope")
 
     def regular(s: Complex) -> Complex:
         return np.asarray(1 / (transfer(s) + regularization.transfer(s)) - A0 - A1 * s)

@@ -131,7 +131,7 @@ def design_kalman(machine: Machine, walk: float | None = None) -> list[Choice]:
     best = min(range(len(choices)), key=lambda k: choices[k].objective)
     low, high = max(best - 1, 0), min(best + 1, len(choices) - 1)
     first, last = (choices[k].settings["walk_per_sqrt_s"] for k in (low, high))
-    choices += [at(float(share)) for share in np.geomspace(first, last, 9)[1:-1]]
+    choices += [at(float(share)) for share in np.geomspace(first, last, 8)[1:-1]]
     return sorted(choices, key=lambda choice: choice.settings["walk_per_sqrt_s"])
 
 
@@ -157,7 +157,14 @@ def design_kernel(
         More than one sensor or drive, or no stable inverse without ringing.
     """
     pinned = dict(pinned or {})
-    (_, _, response), *_ = machine.sensed
+    (_, _, response), *others = machine.sensed
+    if others or len(machine.drives) != 1:
+        raise FitError("the kernel form takes one sensor and one drive; use --form kalman")
+    if pinned.keys() >= {"A", "B", "c"}:
+        # Says why, where the pinned shape has no usable inverse.
+        machine.kernel(
+            Regularization(pinned["A"], pinned["B"], pinned["c"]), 0.25 / machine.dt, 0.0
+        )
     dc = response.dc_gain()
     half = float(np.interp(0.5, response.step(machine.clock) / dc, machine.clock))
 
@@ -185,6 +192,8 @@ def design_kernel(
         except FitError:
             return OUTSIDE
 
+    if len(pinned) == 5:
+        return [choice(pinned)]
     low = np.log([0.03, 0.05, 1.0, 2.0, 0.005])
     high = np.log([2.0, 20.0, 20.0, 30.0, 0.25])
     sample = low + (high - low) * qmc.Halton(5, scramble=False).random(400)[1:]

@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thermaltool.errors import OutputError
+from thermaltool.errors import LogError
+from thermaltool.report.style import (
+    COMPUTED,
+    ERROR,
+    MARK,
+    Array,
+    choose,
+    new_figure,
+    plain,
+    say,
+    span_of,
+    symbol,
+    time_unit,
+    trace,
+)
+from thermaltool.report.style import figure_format as figure_format
+from thermaltool.signals.drift import DriftFit, model_allan, model_density
 from thermaltool.signals.noise import NoiseEstimate
 from thermaltool.signals.spectrum import thin
 
@@ -17,11 +34,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+FORMAT, VERSION = "thermaltool-noise", 1
+
 Results = Mapping[str, "NoiseEstimate | str"]  # a string says why there is no estimate
 
 _OUTLIERS_LISTED = 100
-_FIGURES = ("png", "svg", "pdf")
-_DATA, _MODEL, _MARK = "#4878a8", "#c1432b", "#222222"
 
 
 def noise_document(
@@ -29,8 +46,8 @@ def noise_document(
 ) -> dict[str, Any]:
     """The document that the next stage reads; figures that are not available are None."""
     return {
-        "format": "thermaltool-noise",
-        "version": 1,
+        "format": FORMAT,
+        "version": VERSION,
         "log": log,
         "sample_period_s": period,
         "channels": {name: _channel(units[name], result) for name, result in results.items()},
@@ -156,94 +173,154 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"
 
 
-def figure_format(path: str) -> str:
-    """Format by suffix.
+@dataclass(frozen=True)
+class _Curves:
+    """Allan deviation and spectrum of a channel, measured and of the fitted model; None if absent.
 
-    Raises
-    ------
-    OutputError
-        Where the suffix is none of .png, .svg, .pdf.
+    `allan` holds tau [s], deviation, low and high [unit]; `spectrum` frequency [Hz] and density
+    [unit²/Hz]; `lines` frequencies [Hz].
     """
-    suffix = Path(path).suffix.lower().lstrip(".")
-    if suffix not in _FIGURES:
-        raise OutputError(f"{path}: a figure's name ends in .png, .svg or .pdf")
-    return suffix
+
+    unit: str
+    allan: tuple[Array, Array, Array, Array] | None
+    allan_model: Array | None
+    spectrum: tuple[Array, Array] | None
+    density_model: Array | None
+    cutoff: float | None
+    lines: Array
+
+    @staticmethod
+    def of_estimate(unit: str, result: NoiseEstimate) -> _Curves:
+        a, spectrum = result.allan, result.spectrum
+        return _Curves(
+            symbol(unit),
+            None if a is None else (a.tau, a.deviation, a.low, a.high),
+            result.allan_model,
+            None if spectrum is None else (spectrum.frequency, spectrum.density),
+            result.density_model,
+            result.separation_cutoff,
+            np.array([line.frequency for line in result.lines]),
+        )
+
+    @staticmethod
+    def of_document(channel: Mapping[str, Any]) -> _Curves:
+        """The models are computed again from the fitted parameters."""
+        period, drift = channel["sample_period_s"], channel["drift"]
+        allan = spectrum = allan_model = density_model = None
+        fit = DriftFit(
+            white_sigma=channel["white_sigma"],
+            white_interval=channel["white_sigma_interval"],
+            white_resolved=not channel["white_sigma_upper_limit"],
+            sigma=drift["sigma"],
+            sigma_interval=drift["sigma_interval"],
+            time_constant=drift["time_constant_s"],
+            time_constant_interval=drift["time_constant_interval_s"],
+            rate=drift["rate_per_sqrt_s"],
+            rate_interval=drift["rate_interval"],
+            at_bound=drift["upper_bound"],
+        )
+        if (a := drift["allan"]) is not None:
+            tau, deviation, low, high = (
+                np.array(a[key], float) for key in ("tau_s", "deviation", "low", "high")
+            )
+            allan = tau, deviation, low, high
+            allan_model = model_allan(np.rint(tau / period).astype(np.int64), period, fit)
+        if (s := channel["spectrum"]) is not None:
+            frequency, density = (np.array(s[key], float) for key in ("frequency_Hz", "density"))
+            spectrum = frequency, density
+            density_model = model_density(frequency, period, fit)
+        return _Curves(
+            symbol(channel["unit"]),
+            allan,
+            allan_model,
+            spectrum,
+            density_model,
+            channel["separation_cutoff_Hz"],
+            np.array([line["frequency_Hz"] for line in channel["lines"]]),
+        )
 
 
 def draw_figure(log: str, units: Mapping[str, str], results: Results) -> Figure:
     """Residual, Allan deviation and spectrum, one channel per row."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     estimates = {name: r for name, r in results.items() if isinstance(r, NoiseEstimate)}
-    figure = Figure(figsize=(13.0, 0.6 + 3.0 * len(estimates)), layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(f"Noise of {Path(log).name}")
+    figure = new_figure(f"Noise of {Path(log).name}", 13.0, 0.6 + 3.0 * len(estimates))
     axes = figure.subplots(len(estimates), 3, squeeze=False)
     for row, (name, result) in zip(axes, estimates.items(), strict=True):
-        _draw_residual(row[0], name, units[name], result)
-        _draw_allan(row[1], units[name], result)
-        _draw_spectrum(row[2], units[name], result)
+        curves = _Curves.of_estimate(units[name], result)
+        _draw_residual(row[0], name, curves.unit, result)
+        _draw_allan(row[1], "Allan deviation", curves)
+        _draw_spectrum(row[2], "Spectrum", curves)
+    return figure
+
+
+def draw_document(document: Mapping[str, Any], name: str, channels: Sequence[str] = ()) -> Figure:
+    """Allan deviation and spectrum of what `noise_document` holds, one channel per row.
+
+    Channels without noise are left out unless they are named.
+
+    Raises
+    ------
+    LogError
+        A channel that is not there, or no channel with noise.
+    """
+    known: Mapping[str, Any] = document["channels"]
+    chosen = {n: known[n] for n in choose(known, channels, name) if known[n].get("drift")}
+    if not channels:
+        chosen = {n: channel for n, channel in chosen.items() if channel["drift"]["allan"]}
+    if not chosen:
+        raise LogError("no noise to draw", name)
+    figure = new_figure(f"Noise of {Path(document['log']).name}", 11.0, 0.6 + 2.8 * len(chosen))
+    axes = figure.subplots(len(chosen), 2, squeeze=False)
+    for row, (channel, part) in zip(axes, chosen.items(), strict=True):
+        curves = _Curves.of_document(part)
+        _draw_allan(row[0], f"{channel}: Allan deviation", curves)
+        _draw_spectrum(row[1], f"{channel}: spectrum", curves)
     return figure
 
 
 def _draw_residual(ax: Axes, name: str, unit: str, result: NoiseEstimate) -> None:
     what = "about the mean" if result.separation_cutoff is None else "without slow signal"
-    ax.set(title=f"{name}, {what}", xlabel="time [s]", ylabel=f"residual [{unit}]")
+    label, per = time_unit(span_of(result.time))
+    ax.set(title=plain(f"{name}, {what}"), xlabel=f"time [{label}]", ylabel=f"residual [{unit}]")
     if not result.residual.any():
-        _say(ax, result.notes[0].replace(": ", ":\n"))
+        say(ax, result.notes[0].replace(": ", ":\n"))
         return
-    ax.plot(result.time, result.residual, lw=0.5, color=_DATA, rasterized=True)
+    trace(ax, result.time, result.residual, per=per, lw=0.5, color=COMPUTED)
     if result.drift.white_sigma > 0.0:
         for side in (-2.0, 2.0):
-            ax.axhline(side * result.drift.white_sigma, color=_MODEL, lw=1.0, ls="--")
-        ax.plot([], [], color=_MODEL, lw=1.0, ls="--", label=r"±2 white σ")
+            ax.axhline(side * result.drift.white_sigma, color=ERROR, lw=1.2, ls="--")
+        ax.plot([], [], color=ERROR, lw=1.2, ls="--", label="±2 white σ")
         ax.legend(loc="upper right", fontsize=8)
 
 
-def _draw_allan(ax: Axes, unit: str, result: NoiseEstimate) -> None:
-    allan = result.allan
-    ax.set(title="Allan deviation", xlabel="averaging time τ [s]", ylabel=f"deviation [{unit}]")
-    if allan is None or result.allan_model is None or not allan.deviation.all():
-        _say(ax, "not available")
+def _draw_allan(ax: Axes, title: str, curves: _Curves) -> None:
+    ax.set(title=plain(title), xlabel="averaging time τ [s]", ylabel=f"deviation [{curves.unit}]")
+    if curves.allan is None or curves.allan_model is None or not curves.allan[1].all():
+        say(ax, "not available")
         return
-    label = "measured" if result.separation_cutoff is None else "measured, signal included"
-    ax.fill_between(allan.tau, allan.low, allan.high, color=_DATA, alpha=0.25, label="95 %")
-    ax.loglog(allan.tau, allan.deviation, ".-", ms=4, lw=1.0, color=_DATA, label=label)
-    ax.loglog(
-        allan.tau, result.allan_model, "--", lw=1.4, color=_MODEL, label="white + drift, fitted"
-    )
-    ax.grid(True, which="major", alpha=0.3)
+    tau, deviation, low, high = curves.allan
+    label = "measured" if curves.cutoff is None else "measured, signal included"
+    ax.fill_between(tau, low, high, color=COMPUTED, alpha=0.2, lw=0, label="95 %")
+    ax.loglog(tau, deviation, ".-", ms=4, lw=1.0, color=COMPUTED, label=label)
+    ax.loglog(tau, curves.allan_model, "--", lw=1.4, color=ERROR, label="white + drift, fitted")
     ax.legend(loc="best", fontsize=8)
 
 
-def _draw_spectrum(ax: Axes, unit: str, result: NoiseEstimate) -> None:
-    spectrum = result.spectrum
-    ax.set(title="Spectrum", xlabel="frequency [Hz]", ylabel=f"density [{unit}²/Hz]")
-    if spectrum is None or result.density_model is None or not spectrum.density.any():
-        _say(ax, "not available")
+def _draw_spectrum(ax: Axes, title: str, curves: _Curves) -> None:
+    ax.set(title=plain(title), xlabel="frequency [Hz]", ylabel=f"density [{curves.unit}²/Hz]")
+    if curves.spectrum is None or curves.density_model is None or not curves.spectrum[1].any():
+        say(ax, "not available")
         return
-    ax.loglog(spectrum.frequency, spectrum.density, lw=0.7, color=_DATA, label="Welch")
+    frequency, density = curves.spectrum
+    ax.loglog(frequency, density, lw=0.7, color=COMPUTED, label="Welch")
     ax.loglog(
-        spectrum.frequency, result.density_model, "--", lw=1.4, color=_MODEL, label="white + drift"
+        frequency, curves.density_model, "--", lw=1.4, color=ERROR, label="white + drift, fitted"
     )
     ax.xaxis.set_minor_formatter("")
-    if result.separation_cutoff is not None:
-        ax.axvspan(
-            spectrum.frequency[0],
-            max(result.separation_cutoff, spectrum.frequency[0]),
-            color="0.9",
-            label="taken as signal",
-        )
-    if result.lines:
-        at = np.array([line.frequency for line in result.lines])
-        height = np.interp(at, spectrum.frequency, spectrum.density)
-        ax.loglog(at, height, "v", ms=6, mfc="none", color=_MARK, label="line")
-    ax.grid(True, which="major", alpha=0.3)
+    if curves.cutoff is not None:
+        right = max(curves.cutoff, frequency[0])
+        ax.axvspan(frequency[0], right, color="0.9", label="taken as signal")
+    if curves.lines.size:
+        height = np.interp(curves.lines, frequency, density)
+        ax.loglog(curves.lines, height, "v", ms=6, mfc="none", color=MARK, label="line")
     ax.legend(loc="best", fontsize=8)
-
-
-def _say(ax: Axes, text: str) -> None:
-    ax.text(0.5, 0.5, text, ha="center", va="center", transform=ax.transAxes, color="0.4")
-    ax.set_xticks([])
-    ax.set_yticks([])

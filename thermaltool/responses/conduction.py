@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import ive, kve
 
 from thermaltool.errors import ModelError
 from thermaltool.laplace.contours import hyperbola_rule, windows
@@ -45,10 +44,11 @@ class Conduction:
     fixed: ClassVar[dict[str, float]] = {"r0": 0.12}
 
     def __post_init__(self) -> None:
-        if not (self.a > 0 and self.alpha > 0 and self.r0 > 0 and self.r >= self.r0):
+        sound = self.a > 0 and self.alpha > 0 and self.r0 > 0 and self.r >= self.r0
+        if not sound or not np.isfinite([self.K, self.a, self.alpha, self.r]).all():
             raise ModelError(
-                f"conduction needs a, alpha, r0 > 0 and r >= r0 (a={self.a:g}, "
-                f"alpha={self.alpha:g}, r={self.r:g}, r0={self.r0:g})"
+                f"conduction needs finite K, a, alpha, r0 > 0 and r >= r0 (K={self.K:g}, "
+                f"a={self.a:g}, alpha={self.alpha:g}, r={self.r:g}, r0={self.r0:g})"
             )
 
     def transfer(self, s: Complex) -> Complex:
@@ -59,6 +59,9 @@ class Conduction:
         s : ndarray, any shape, complex [rad/s]
             Off the cut (−∞, −a·α].
         """
+        # Imported on use: the stream reads models and needs no Bessel function.
+        from scipy.special import ive, kve
+
         lam = np.sqrt(self.a + np.asarray(s, complex) / self.alpha)
         # Scaled Bessel functions, so that far from the origin nothing overflows.
         scale = np.exp(self.r0 * lam.real - self.r * lam)
@@ -96,8 +99,9 @@ class Conduction:
         slow = 0.9 * self.a * self.alpha
         # Fast enough for the sample, and for the delay of diffusion where that is shorter.
         delay = (self.r - self.r0) ** 2 / self.alpha
-        fast = max(8 / dt, 100 * slow, min(30 / delay if delay else np.inf, 800 / dt))
-        return fit_relaxation(self, slow, fast, delayed=delay * fast > 1)
+        fastest = max(800 / dt, 30000 * slow)
+        fast = max(8 / dt, 1000 * slow, min(30 / delay if delay else np.inf, fastest))
+        return fit_relaxation(self, slow, fast, dt)
 
     @classmethod
     def search_box(cls, period: float, duration: float, r0: float) -> dict[str, Range]:
@@ -112,8 +116,9 @@ class Conduction:
     def starts(cls, period: float, duration: float, r0: float) -> list[tuple[float, ...]]:
         """Coarse grid: slow time constant, loss over the distance (a r²), and r/r0."""
         slow = duration * np.array([0.05, 0.2, 0.5, 1.0])
+        _, fastest = cls.search_box(period, duration, r0)["alpha"]
         grid = itertools.product(slow, (0.01, 0.1, 0.4, 1.0, 3.0), (1.2, 3.0, 10.0, 40.0))
         return [
-            (loss / (ratio * r0) ** 2, (ratio * r0) ** 2 / (loss * tau), ratio * r0)
+            (loss / (ratio * r0) ** 2, min((ratio * r0) ** 2 / (loss * tau), fastest), ratio * r0)
             for tau, loss, ratio in grid
         ]

@@ -40,8 +40,11 @@ class Deflection:
 
     def __post_init__(self) -> None:
         rates = {name: getattr(self, name) for name in self.searched}
-        if not all(rate > 0 for rate in rates.values()):
-            raise ModelError(f"{self.kind} needs rates above zero ({rates})")
+        gains = {name: getattr(self, name) for name in self.gains}
+        if not all(0 < rate < np.inf for rate in rates.values()):
+            raise ModelError(f"{self.kind} needs finite rates above zero ({rates})")
+        if not np.isfinite(list(gains.values())).all():
+            raise ModelError(f"{self.kind} needs finite gains ({gains})")
 
     def _pairs(self) -> list[tuple[float, float]]:
         return [(self.D, self.d)]

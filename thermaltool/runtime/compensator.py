@@ -103,15 +103,18 @@ class Compensator:
             sensor.take(time, reading, fault)
             lost = lost or sensor.lost
         readings = [sensor.value - sensor.rest for sensor in self.sensors]
+        self._estimate(ticks, readings)
+        self._move(time, lost or not self._started)
+
+    def _estimate(self, ticks: int, readings: list[float]) -> None:
+        """Go on, or start from rest as soon as every sensor has given a reading."""
         if self._started:
             self.estimates = self.stepper.step(ticks, readings)
-            if not math.isfinite(sum(self.estimates)):
-                self.report("", "the estimates are not finite: started again from rest")
-                self._started = False
-        if not self._started:
-            self._started = all(map(math.isfinite, readings))
-            self.estimates = self.stepper.start(readings) if self._started else self.stepper.rest()
-        self._move(time, lost or not self._started)
+            if math.isfinite(sum(self.estimates)):
+                return
+            self.report("", "the estimates are not finite: started again from rest")
+        self._started = all(map(math.isfinite, readings))
+        self.estimates = self.stepper.start(readings) if self._started else self.stepper.rest()
 
     def _ticks(self, time: float) -> int:
         """Clock steps since the last record; 0 where the record has to be refused.

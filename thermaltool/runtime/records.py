@@ -12,7 +12,7 @@ from thermaltool.errors import LogError
 from thermaltool.runtime.clocks import Clock
 from thermaltool.runtime.layout import Sensed, Wanted, find_layout
 
-UNREADABLE = (LookupError, TypeError, ValueError)
+UNREADABLE = (LookupError, OverflowError, TypeError, ValueError)
 EMPTY = ("", "null", "none", "na")
 
 
@@ -135,7 +135,7 @@ class NdjsonRecords(_Fields):
     def open(self, line: bytes) -> bool:
         try:
             fields = json.loads(line)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise LogError(f"not a JSON object: {error}") from error
         if not isinstance(fields, dict):
             raise LogError("not a JSON object")

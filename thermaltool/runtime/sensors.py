@@ -8,6 +8,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 Report = Callable[[str, str], None]  # (channel, message)
+Interval = tuple[float, float]
+ANYTHING: Interval = (-math.inf, math.inf)
+
+
+# Beyond the calibrated range by more than this part of its width, a model extrapolates.
+MARGIN = 0.1
+
+
+def widened(span: Interval, part: float) -> Interval:
+    """An interval with `part` of its width added on both sides; everything, if it has no width."""
+    low, high = span
+    width = part * (high - low)
+    return (low - width, high + width) if width > 0 else ANYTHING
 
 
 @dataclass
@@ -17,12 +30,13 @@ class Sensor:
     Attributes
     ----------
     channel : str
-    low, high : float [unit of the channel]
-        Readings outside are bad; so is NaN.
     rest : float [unit of the channel]
         The reading at rest; NaN where the first good reading is taken for it.
-    about_rest : (float, float) or None
-        `low` and `high` relative to such a first reading.
+    calibrated : (float, float) [unit of the channel]
+        Readings, relative to rest, that the calibration has seen; to leave it is told.
+    bounds : (float, float) or None
+        Readings outside are bad, as is NaN. None for the calibrated range, widened by its own
+        width to both sides.
     hold : float [s]
         How long the last good value stands in for bad readings.
     frozen_after : float [s]
@@ -33,46 +47,68 @@ class Sensor:
         The last good reading; NaN before the first.
     good_at, changed_at : float [s]
         When the last good reading came, and since when readings have been identical.
+    held, lost, extrapolates : bool
     """
 
     channel: str
-    low: float = -math.inf
-    high: float = math.inf
+    rest: float = 0.0
+    calibrated: Interval = ANYTHING
+    bounds: Interval | None = None
     hold: float = 10.0
     frozen_after: float = math.inf
     report: Report = lambda channel, message: None
-    rest: float = 0.0
-    about_rest: tuple[float, float] | None = None
-    value: float = math.nan
-    good_at: float = -math.inf
-    changed_at: float = -math.inf
+    value: float = field(default=math.nan, init=False)
+    good_at: float = field(default=-math.inf, init=False)
+    changed_at: float = field(default=-math.inf, init=False)
     held: bool = field(default=False, init=False)
     lost: bool = field(default=False, init=False)
+    extrapolates: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        self._low, self._high = self.bounds or ANYTHING
+        self._seen = ANYTHING
+        self._settle(self.rest)
+
+    def _settle(self, rest: float) -> None:
+        """Take `rest` for the reading at rest, once it is known."""
+        self.rest = rest
+        if math.isfinite(rest):
+            low, high = widened(self.calibrated, MARGIN)
+            self._seen = low + rest, high + rest
+            if self.bounds is None:
+                low, high = widened(self.calibrated, 1.0)
+                self._low, self._high = low + rest, high + rest
 
     def take(self, time: float, reading: float, fault: str = "") -> None:
         """A reading at `time` [s]; NaN with the `fault` that made it unreadable."""
-        if self.low <= reading <= self.high:
-            if reading != self.value:
-                self.value, self.changed_at = reading, time
-                if self.rest != self.rest:
-                    self._settle(reading)
-            elif time - self.changed_at > self.frozen_after:
-                self._miss(time, f"frozen at {reading!r} for {time - self.changed_at:g} s")
-                return
-            if self.held:
-                self.report(self.channel, "good again")
-                self.held = self.lost = False
-            self.good_at = time
+        if not (self._low <= reading <= self._high and math.isfinite(reading)):
+            if not fault:
+                inside = f"not in {self._low:g}..{self._high:g}"
+                finite = math.isfinite(reading)
+                fault = f"out of range: {reading:g} {inside}" if finite else "not finite"
+            self._miss(time, fault)
             return
-        if not fault:
-            inside = f"not in {self.low:g}..{self.high:g}"
-            fault = f"out of range: {reading:g} {inside}" if math.isfinite(reading) else "no number"
-        self._miss(time, fault)
+        if reading != self.value:
+            self.value, self.changed_at = reading, time
+            if self.rest != self.rest:
+                self._settle(reading)
+            if self.extrapolates == (self._seen[0] <= reading <= self._seen[1]):
+                self._cross(reading)
+        elif time - self.changed_at > self.frozen_after:
+            self._miss(time, f"frozen at {reading!r} for {time - self.changed_at:g} s")
+            return
+        if self.held:
+            self.report(self.channel, "good again")
+            self.held = self.lost = False
+        self.good_at = time
 
-    def _settle(self, rest: float) -> None:
-        self.rest = rest
-        if self.about_rest:
-            self.low, self.high = (rest + end for end in self.about_rest)
+    def _cross(self, reading: float) -> None:
+        """The reading has crossed the border of what the calibration has seen."""
+        self.extrapolates = not self.extrapolates
+        if self.extrapolates:
+            self.report(
+                self.channel, f"{reading:g} is outside the calibrated range: the model extrapolates"
+            )
 
     def _miss(self, time: float, fault: str) -> None:
         away = time - self.good_at

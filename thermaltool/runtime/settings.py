@@ -17,13 +17,11 @@ from thermaltool.runtime.layout import Wanted
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
 from thermaltool.runtime.records import CsvRecords, NdjsonRecords
-from thermaltool.runtime.sensors import Report, Sensor
+from thermaltool.runtime.sensors import ANYTHING, Interval, Report, Sensor
 from thermaltool.runtime.stepper import Stepper
 from thermaltool.runtime.stream import Stream, Writer
 
 Format = Literal["csv", "ndjson"]
-Interval = tuple[float, float]
-ANYTHING: Interval = (-math.inf, math.inf)
 
 # Where nothing is said, readings are held and pauses borne for this many sample periods of the
 # model, and not below `LEAST_HOLD` [s].
@@ -92,12 +90,6 @@ def default_hold(model: Model) -> float:
 def setpoint_name(channel: str) -> str:
     """The setpoint that cancels a deflection: ``d_x_um`` gives ``offset_x_um``."""
     return "offset_" + channel.partition("_")[2]
-
-
-def widened(seen: Interval) -> Interval:
-    """What the calibration has seen, widened by its own width to both sides."""
-    low, high = seen
-    return (2 * low - high, 2 * high - low) if high > low else ANYTHING
 
 
 def open_stream(
@@ -193,19 +185,18 @@ def _sensors(
                 f"a range for {channel}, but the sensors of the model are {', '.join(channels)}"
             )
     outputs = {output.channel: output for output in model.sensors}
-    sensors = []
     for channel in channels:
         if channel not in outputs:
             raise ModelError(f"the design reads {channel}, which is no sensor of the model")
-        low, high = widened(outputs[channel].range)
-        sensor = Sensor(channel, hold=hold, frozen_after=settings.frozen_after, report=report)
-        offset = outputs[channel].offset
-        if offset == "first":
-            sensor.rest, sensor.about_rest = math.nan, (low, high)
-        else:
-            sensor.rest, sensor.low, sensor.high = offset, offset + low, offset + high
-        if channel in settings.ranges:
-            sensor.low, sensor.high = settings.ranges[channel]
-            sensor.about_rest = None
-        sensors.append(sensor)
-    return sensors
+    return [
+        Sensor(
+            channel,
+            rest=math.nan if outputs[channel].offset == "first" else float(outputs[channel].offset),
+            calibrated=outputs[channel].range,
+            bounds=settings.ranges.get(channel),
+            hold=hold,
+            frozen_after=settings.frozen_after,
+            report=report,
+        )
+        for channel in channels
+    ]

@@ -1,0 +1,69 @@
+"""``thermaltool plot``: a figure of any log or result."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from thermaltool.cli.options import Source, log_options, output_option
+
+
+@click.command(
+    epilog="Example: thermaltool estimate model.json log.csv -q | "
+    "thermaltool plot - --against log.csv -o estimate.png"
+)
+@click.argument("files", type=Source(), nargs=-1, metavar="[FILE]...")
+@click.option(
+    "--against", type=Source(), metavar="LOG", help="What was measured: shows the error of FILE."
+)
+@click.option(
+    "--channel", "channels", multiple=True, metavar="NAME", help="Only this one; repeat for more."
+)
+@log_options
+@output_option
+@click.pass_context
+def command(
+    ctx: click.Context,
+    files: tuple[str, ...],
+    against: str | None,
+    channels: tuple[str, ...],
+    columns: str | None,
+    from_format: str | None,
+    nan_policy: str,
+    max_gap: float | None,
+    output: str,
+) -> None:
+    """Figure of any log or result, PNG, SVG or PDF by the suffix of -o; stdout is PNG.
+
+    FILE is recognized by its content: a log; what noise -o writes; a model; what regularize --json
+    reports; a table of invert, simulate, estimate, compensate or laplace. A model and a log show
+    measured, simulated and residual; a model beside a kernel or a trade-off names its parts.
+    Stdin is a JSON document where it starts with {, else a log as --from says.
+    """
+    from thermaltool.errors import LogError
+    from thermaltool.files import atomic_output
+    from thermaltool.report.content import Content, is_document, read_document, read_table
+    from thermaltool.report.figure import draw
+    from thermaltool.report.style import figure_format, render
+
+    if output == "-" and sys.stdout.isatty():
+        raise click.UsageError("stdout is a terminal: name a figure with -o FIG.png, .svg or .pdf")
+    kind = "png" if output == "-" else figure_format(output)
+    sources = files or (Source().convert("-", None, ctx),)
+    if [*sources, against].count("-") > 1:
+        raise click.UsageError("stdin can be only one of the files")
+    documents = {name for name in sources if is_document(name, from_format)}
+    contents = [read_document(name) for name in sources if name in documents]
+    need = [d.channel for c in contents if c.kind == "model" for d in c.data.drives]
+    options = {"columns": columns, "from_format": from_format, "max_gap": max_gap}
+    options["nan_policy"] = nan_policy
+    contents += [read_table(n, options, need) for n in sources if n not in documents]
+    if against is not None:
+        reference = read_table(against, options)
+        if reference.kind != "log":
+            raise LogError(f"--against takes a log, this is a {reference.kind}", reference.name)
+        contents.append(Content("reference", reference.name, reference.data))
+    figure = render(lambda: draw(contents, channels), kind)
+    with atomic_output(output) as stream:
+        stream.write(figure)

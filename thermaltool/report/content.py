@@ -1,0 +1,158 @@
+"""What a file is, told by what is in it: a log, or which command's result."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import numpy as np
+
+from thermaltool.errors import LogError
+from thermaltool.logs import Log, read_log
+from thermaltool.logs.table import UNFINISHED
+from thermaltool.model import FORMAT as MODEL_FORMAT
+from thermaltool.model import loads
+from thermaltool.report.noise import FORMAT as NOISE_FORMAT
+from thermaltool.report.noise import VERSION as NOISE_VERSION
+from thermaltool.report.records import RESIDUAL, SETPOINT
+
+Kind = Literal[
+    "trade-off",
+    "kernel",
+    "noise",
+    "inversion",
+    "model",
+    "log",
+    "simulation",
+    "setpoints",
+    "reference",
+]
+
+
+@dataclass(frozen=True)
+class Content:
+    """A file that was recognized: `data` is a Log, a Model, or the mapping of a document."""
+
+    kind: Kind
+    name: str
+    data: Any
+
+
+def is_document(source: str, from_format: str | None = None) -> bool:
+    """True where the input starts as one JSON document does, and is not named as a table.
+
+    Stdin is looked at, not consumed.
+    """
+    if from_format is not None or source.lower().endswith((".ndjson", ".jsonl")):
+        return False
+    if source == "-":
+        head = cast(io.BufferedReader, sys.stdin.buffer).peek(1)
+    elif not os.path.isfile(source):
+        return False
+    else:
+        with open(source, "rb") as stream:
+            head = stream.read(64)
+    return head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
+
+
+def read_document(source: str) -> Content:
+    """A JSON document by its content.
+
+    Raises
+    ------
+    LogError, ModelError
+        Not JSON, or none of the documents that have a figure.
+    """
+    name = "<stdin>" if source == "-" else source
+    try:
+        if source == "-":
+            text = sys.stdin.buffer.read().decode("utf-8-sig")
+        else:
+            with open(source, encoding="utf-8-sig") as stream:
+                text = stream.read()
+        document = json.loads(text)
+    except UnicodeDecodeError as error:
+        raise LogError("not a text file", name) from error
+    except json.JSONDecodeError as error:
+        lines = " (a log of JSON lines: name it .ndjson, or give --from ndjson)"
+        more = lines if error.msg == "Extra data" else ""
+        raise LogError(f"not JSON: {error.msg}{more}", name, error.lineno) from error
+    if document.get("format") == MODEL_FORMAT:
+        return Content("model", name, loads(text, name))
+    if document.get("format") == NOISE_FORMAT:
+        if document.get("version", NOISE_VERSION) > NOISE_VERSION:
+            raise LogError(f"version {document['version']} is newer than this thermaltool", name)
+        return Content("noise", name, document)
+    if {"chosen", "forms"} <= document.keys():
+        return Content("trade-off", name, document)
+    if {"time_s", "weight", "A0", "A1_s"} <= document.keys():
+        return Content("kernel", name, document)
+    if {"time_s", "value_1", "error_1"} <= document.keys():
+        return Content("inversion", name, document)
+    raise LogError(
+        "no figure for this document: it is neither a model, nor noise, nor what regularize, "
+        "invert or laplace report with --json",
+        name,
+    )
+
+
+def read_table(source: str, options: Mapping[str, Any], need: Sequence[str] = ()) -> Content:
+    """A table by its columns.
+
+    Parameters
+    ----------
+    options : mapping
+        How a log is read: see `read_log`.
+    need : sequence of str
+        Channels that must be there, without missing values.
+
+    Raises
+    ------
+    LogError
+        What `read_log` raises; no rows.
+    """
+    try:
+        log = _sound(read_log(source, **options, need=need, strict=False))
+    except LogError:
+        # What is needed of a log is not in a kernel; stdin cannot be read again to see.
+        if not need or source == "-":
+            raise
+        content = read_table(source, options)
+        if content.kind != "kernel":
+            raise
+        return content
+    if not len(log):
+        raise LogError("no rows: nothing to draw", log.name)
+    columns = log.columns
+    if {"weight_1", "A0_1", "A1_s"} <= columns.keys():
+        data = {"time_s": log.time, "weight": columns["weight_1"],
+                "A0": float(columns["A0_1"][0]), "A1_s": float(columns["A1_s"][0])}  # fmt: skip
+        return Content("kernel", log.name, data)
+    if {"value_1", "error_1"} <= columns.keys():
+        return Content("inversion", log.name, {"time_s": log.time, **columns})
+    if any(RESIDUAL + name in columns for name in columns):
+        return Content("simulation", log.name, log)
+    if any(name.startswith(SETPOINT) for name in columns):
+        return Content("setpoints", log.name, log)
+    return Content("log", log.name, log)
+
+
+def _sound(log: Log) -> Log:
+    """The log, unless it has a fault.
+
+    The safe setpoint that ends a stream bears the time of the line before it: in a table of
+    setpoints the clock may stand still.
+    """
+    faults = [p for p in log.problems if p.message != UNFINISHED]
+    if any(name.startswith(SETPOINT) for name in log.columns) and np.all(np.diff(log.time) >= 0):
+        faults = [p for p in faults if p.column != "time_s"]
+    if faults:
+        raise faults[0]
+    if np.isnan(log.time).any():
+        raise LogError("missing time", log.name, int(log.lines[np.isnan(log.time)][0]))
+    return log

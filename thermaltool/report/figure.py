@@ -1,0 +1,72 @@
+"""From what files are to the figure that shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from thermaltool.errors import LogError
+from thermaltool.report.content import Content
+from thermaltool.report.kernels import draw_inversion, draw_kernel
+from thermaltool.report.models import draw_model, draw_trade_off
+from thermaltool.report.noise import draw_document
+from thermaltool.report.pairs import (
+    draw_comparison,
+    draw_compensation,
+    draw_estimate,
+    draw_simulation,
+)
+from thermaltool.report.records import draw_log, draw_setpoints
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# What a figure is made of, in this order, and what draws it.
+FIGURES: dict[tuple[str, ...], Callable[..., Figure]] = {
+    ("log",): lambda log, channels: draw_log(log.data, channels),
+    ("simulation",): lambda log, channels: draw_simulation(log.data, channels),
+    ("setpoints",): lambda log, channels: draw_setpoints(log.data, channels),
+    ("log", "reference"): lambda log, ref, channels: draw_estimate(log.data, ref.data, channels),
+    ("setpoints", "reference"): (
+        lambda log, ref, channels: draw_compensation(log.data, ref.data, channels)
+    ),
+    ("noise",): lambda noise, channels: draw_document(noise.data, noise.name, channels),
+    ("model",): lambda model, channels: draw_model(model.data, model.name, channels),
+    ("log", "model"): lambda log, model, channels: draw_comparison(model.data, log.data, channels),
+    ("trade-off",): lambda report, channels: draw_trade_off(
+        report.data, report.name, channels=channels
+    ),
+    ("model", "trade-off"): lambda model, report, channels: draw_trade_off(
+        report.data, report.name, model.data, channels
+    ),
+    ("kernel",): lambda kernel, channels: draw_kernel(kernel.data, kernel.name, channels=channels),
+    ("kernel", "model"): lambda kernel, model, channels: draw_kernel(
+        kernel.data, kernel.name, model.data, channels
+    ),
+    ("inversion",): lambda result, channels: draw_inversion(
+        result.data, result.name, result.data.get("tol"), channels
+    ),
+}
+
+
+def draw(contents: Sequence[Content], channels: Sequence[str] = ()) -> Figure:
+    """The figure of one content, or of two that belong together, in any order.
+
+    Raises
+    ------
+    LogError
+        Contents that make no figure together, a part of a document missing, and what the figure
+        itself raises.
+    """
+    ordered = sorted(contents, key=lambda content: (content.kind == "reference", content.kind))
+    kinds = tuple(content.kind for content in ordered)
+    if kinds not in FIGURES:
+        told = " and ".join(f"{content.name} ({content.kind})" for content in contents)
+        raise LogError(
+            f"no figure of {told}: draw one file, or a model with a log, a kernel or a trade-off, "
+            "or a result of estimate or compensate --against a log"
+        )
+    try:
+        return FIGURES[kinds](*ordered, channels)
+    except KeyError as error:
+        raise LogError(f"{error.args[0]!r} is missing", ordered[0].name) from error

@@ -1,0 +1,107 @@
+"""Figures of records as they are: logs, and the setpoints of a stream."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from thermaltool.errors import LogError
+from thermaltool.logs import Log
+from thermaltool.report.style import (
+    COMPUTED,
+    CYCLE,
+    MEASURED,
+    choose,
+    legend_beside,
+    new_figure,
+    quantity_label,
+    span_of,
+    time_unit,
+    trace,
+)
+from thermaltool.units import parse_channel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# How simulate and compensate name their columns.
+RESIDUAL, SETPOINT = "residual_", "offset_"
+
+
+def draw_log(log: Log, channels: Sequence[str] = ()) -> Figure:
+    """One panel per unit, all against one clock.
+
+    Raises
+    ------
+    LogError
+        No channels, or a channel that is not there.
+    """
+    names = choose(log.columns, channels, log.name)
+    if not names:
+        raise LogError("no channels besides the clock: nothing to draw", log.name)
+    units = _by_unit(names)
+    figure = new_figure(Path(log.name).name, 11.0, 1.0 + 2.4 * len(units))
+    axes = figure.subplots(len(units), 1, sharex=True, squeeze=False)[:, 0]
+    _draw_units(axes, log, units)
+    label_time(axes[-1], log)
+    return figure
+
+
+def draw_setpoints(log: Log, channels: Sequence[str] = ()) -> Figure:
+    """What ``compensate`` writes: each setpoint over the deflection it cancels, then the rest.
+
+    Raises
+    ------
+    LogError
+        A channel that is not there.
+    """
+    names = choose(log.columns, channels, log.name)
+    setpoints = [name for name in names if name.startswith(SETPOINT)]
+    followed = [deflection_of(name) for name in setpoints]
+    units = _by_unit([n for n in names if n not in setpoints and n not in followed])
+    count = len(setpoints) + len(units)
+    figure = new_figure(f"Setpoints, {Path(log.name).name}", 11.0, 1.0 + 2.4 * count)
+    axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+    per = time_unit(span_of(log.time))[1]
+    for ax, name, deflection in zip(axes, setpoints, followed, strict=False):
+        if deflection in log.columns:
+            negative = -log.columns[deflection]
+            trace(ax, log.time, negative, log.segments, per=per, color=MEASURED,
+                  lw=2.5, label=f"−{deflection}, estimated")  # fmt: skip
+        trace(ax, log.time, log.columns[name], log.segments, per=per, color=COMPUTED, label=name)
+        ax.set(ylabel=quantity_label(parse_channel(name).unit))
+        legend_beside(ax)
+    _draw_units(axes[len(setpoints) :], log, units)
+    label_time(axes[-1], log)
+    return figure
+
+
+def deflection_of(setpoint: str) -> str:
+    """The deflection that a setpoint cancels: ``offset_x_um`` gives ``d_x_um``."""
+    return "d_" + setpoint.removeprefix(SETPOINT)
+
+
+def label_time(ax: Axes, log: Log) -> None:
+    """Name the clock under the lowest panel."""
+    since = f" since {log.epoch}" if log.epoch else ""
+    ax.set(xlabel=f"time{since} [{time_unit(span_of(log.time))[0]}]")
+
+
+def _draw_units(axes: Iterable[Axes], log: Log, units: dict[str, list[str]]) -> None:
+    per = time_unit(span_of(log.time))[1]
+    for ax, (unit, names) in zip(axes, units.items(), strict=True):
+        for k, name in enumerate(names):
+            style = ("-", "--", ":")[k // len(CYCLE) % 3]
+            trace(ax, log.time, log.columns[name], log.segments, per=per, label=name,
+                  color=CYCLE[k % len(CYCLE)], ls=style)  # fmt: skip
+        ax.set(ylabel=quantity_label(unit))
+        legend_beside(ax)
+
+
+def _by_unit(names: Sequence[str]) -> dict[str, list[str]]:
+    units: dict[str, list[str]] = {}
+    for name in names:
+        units.setdefault(parse_channel(name).unit, []).append(name)
+    return units

@@ -1,0 +1,229 @@
+"""What all figures share: palette, axes, thinning, and bytes that are the same every time."""
+
+from __future__ import annotations
+
+import io
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import LogError, OutputError
+from thermaltool.logs.log import hint
+from thermaltool.units import UNITS, parse_channel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+FORMATS = ("png", "svg", "pdf")
+
+# P. Tol's high-contrast and medium-contrast colours: told apart by the colour-blind and in grey.
+MEASURED, COMPUTED, ERROR, MARK = "#DDAA33", "#004488", "#BB5566", "#222222"
+CYCLE = (COMPUTED, "#DDAA33", "#BB5566", "#6699CC", "#997700", "#000000", "#994455")
+
+STYLE: dict[str, Any] = {
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.01,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 11,
+    "axes.titlelocation": "left",
+    "figure.titlesize": 13,
+    "grid.color": "0.88",
+    "legend.fontsize": 9,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "svg.hashsalt": "thermaltool",
+}
+
+# Points per trace: above four per bin only the extremes of each bin are drawn.
+_BINS = 1500
+# Missing readings break a trace where they last longer than this many of its periods.
+_OUTAGE = 10.0
+
+_SYMBOLS = {"degC": "°C", "um": "µm", "urad": "µrad", "pct": "%"}
+_QUANTITIES = {"length": "displacement", "ratio": "relative value"}
+# Up to this span [s] -> unit of the axis, and its length [s].
+_TIME_UNITS = ((600.0, "s", 1.0), (4 * 3600.0, "min", 60.0), (np.inf, "h", 3600.0))
+
+
+def figure_format(path: str) -> str:
+    """Format by suffix.
+
+    Raises
+    ------
+    OutputError
+        Where the suffix is none of .png, .svg, .pdf.
+    """
+    suffix = Path(path).suffix.lower().lstrip(".")
+    if suffix not in FORMATS:
+        raise OutputError(f"{path}: a figure's name ends in .png, .svg or .pdf")
+    return suffix
+
+
+def render(draw: Callable[[], Figure], kind: str) -> bytes:
+    """The bytes of the figure that `draw` makes, in the common style; no clock time in them.
+
+    Parameters
+    ----------
+    draw : callable
+    kind : {"png", "svg", "pdf"}
+    """
+    from matplotlib import style
+
+    undated = {"png": None, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    buffer = io.BytesIO()
+    with style.context(["default", STYLE]):
+        draw().savefig(buffer, format=kind, dpi=120, metadata=undated[kind])
+    return buffer.getvalue()
+
+
+def new_figure(title: str, width: float, height: float) -> Figure:
+    """An empty figure [inch] with a canvas of its own."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(plain(title), x=0.01, ha="left")
+    return figure
+
+
+def plain(text: str) -> str:
+    """Text as it stands: a dollar sign in a name starts no formula."""
+    return text.replace("$", r"\$")
+
+
+def symbol(unit: str) -> str:
+    """A unit as it is printed."""
+    return _SYMBOLS.get(unit, unit)
+
+
+def quantity(unit: str) -> str:
+    """What a channel of this unit measures."""
+    dimension = UNITS[unit][0]
+    return _QUANTITIES.get(dimension, dimension)
+
+
+def quantity_label(unit: str) -> str:
+    """Label of an axis: ``temperature [°C]``."""
+    return f"{quantity(unit)} [{symbol(unit)}]"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A number of three digits and its printed unit; a ratio has none."""
+    return f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
+
+
+def channel_unit(channel: str) -> str:
+    """The printed unit of a channel, off its name."""
+    return symbol(parse_channel(channel).unit)
+
+
+def choose(known: Iterable[str], wanted: Sequence[str], name: str) -> list[str]:
+    """The channels that are wanted, all of `known` where none is named.
+
+    Raises
+    ------
+    LogError
+        A channel that is not there; the message names the near ones.
+    """
+    known = list(known)
+    for channel in wanted:
+        if channel not in known:
+            raise LogError(f"no channel {channel}{hint(channel, known)}", name)
+    return list(dict.fromkeys(wanted)) or known
+
+
+def time_unit(span: float) -> tuple[str, float]:
+    """Unit for an axis of this span [s], and its length [s]."""
+    return next((unit, length) for limit, unit, length in _TIME_UNITS if span <= limit)
+
+
+def envelope(time: Array, values: Array, bins: int = _BINS) -> tuple[Array, Array]:
+    """The trace with the least and the largest value of every bin, so that no peak is lost.
+
+    Parameters
+    ----------
+    time, values : ndarray, shape (n,), no NaN
+    bins : int
+        Bins of equally many samples; up to four samples per bin nothing changes.
+    """
+    size = -(-len(values) // bins)
+    if size <= 4:
+        return time, values
+    whole = len(values) // size * size
+    rows = values[:whole].reshape(-1, size)
+    extremes = np.sort(np.stack([rows.argmin(axis=1), rows.argmax(axis=1)], axis=1), axis=1)
+    keep = (extremes + size * np.arange(len(rows))[:, None]).ravel()
+    keep = np.append(keep, np.arange(whole, len(values)))
+    return time[keep], values[keep]
+
+
+def visible(time: Array, values: Array, segments: Sequence[slice] = ()) -> tuple[Array, Array]:
+    """What of a channel is drawn: thinned, with a NaN where the line breaks.
+
+    It breaks between `segments` of the log and over long outages; short ones (a slow channel in
+    a fast log) are bridged.
+    """
+    rows = np.flatnonzero(np.isfinite(values) & np.isfinite(time))
+    if not len(rows):
+        return np.empty(0), np.empty(0)
+    t, v = time[rows], values[rows]
+    steps = np.diff(t)
+    starts = np.array([s.start for s in segments], int)
+    broken = np.diff(np.searchsorted(starts, rows, side="right")) != 0
+    if len(steps):
+        broken |= (np.diff(rows) > 1) & (steps > _OUTAGE * np.median(steps))
+    edges = [0, *(np.flatnonzero(broken) + 1).tolist(), len(rows)]
+    pieces = [
+        envelope(t[a:b], v[a:b], max(1, _BINS * (b - a) // len(rows)))
+        for a, b in itertools.pairwise(edges)
+    ]
+    gap = np.array([np.nan])
+    joined = [[part for piece in pieces for part in (piece[k], gap)][:-1] for k in (0, 1)]
+    return np.concatenate(joined[0]), np.concatenate(joined[1])
+
+
+def trace(
+    ax: Axes,
+    time: Array,
+    values: Array,
+    segments: Sequence[slice] = (),
+    *,
+    per: float = 1.0,
+    label: str = "",
+    **style: Any,
+) -> None:
+    """Draw a channel against time in units of `per` [s]."""
+    t, v = visible(time, values, segments)
+    if len(t) < 30:
+        style = {"marker": ".", **style}
+    text = plain(label) if len(t) else f"{plain(label)} (no values)"
+    ax.plot(t / per, v, label=text, rasterized=len(t) > 2 * _BINS, **style)
+
+
+def span_of(time: Array) -> float:
+    """Length of a clock [s]."""
+    return float(time[-1] - time[0]) if len(time) else 0.0
+
+
+def legend_beside(ax: Axes) -> None:
+    """The legend to the right of the panel, where it hides nothing."""
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
+
+
+def say(ax: Axes, text: str) -> None:
+    """A sentence in place of curves."""
+    ax.text(0.5, 0.5, text, ha="center", va="center", transform=ax.transAxes, color="0.4")
+    ax.set_xticks([])
+    ax.set_yticks([])
