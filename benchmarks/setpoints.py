@@ -1,9 +1,9 @@
 """Residual deflection after actuation in steps, against the error of the estimate itself.
 
-For each LOG.DESIGN the stream's setpoints are added to the displacement that the probes of the log
-saw. The estimate of the whole log at once, by another way through the code, gives the error that an
-actuator without steps would leave; the residual may differ from it by `ALLOWED` at most. The probes'
-own noise (0.2 µm per sample) is in both bands and not in the difference.
+For each LOG.DESIGN the stream's setpoints are added to the displacement that the probes of the
+log saw. The estimate of the whole log at once, by another way through the code, gives the error
+that an actuator without steps would leave; the residual may differ from it by `ALLOWED` at most.
+The probes' own noise (0.2 µm per sample) is in both bands and not in the difference.
 
 Prints a Markdown table; exits with 3 when a difference is larger.
 """
@@ -59,7 +59,9 @@ def main() -> None:
         print(f"| {log} | {design} | {error:.2f} | {residual:.2f} | {difference:.2f} |")
         largest = max(largest, difference)
     verdict = "holds" if largest <= ALLOWED else "DOES NOT HOLD"
-    print(f"\nResidual within ±{ALLOWED:g} µm of the estimation error: {verdict} ({largest:.2f} µm)")
+    print(
+        f"\nResidual within ±{ALLOWED:g} µm of the estimation error: {verdict} ({largest:.2f} µm)"
+    )
     sys.exit(0 if largest <= ALLOWED else 3)
 
 

@@ -12,8 +12,8 @@
 # CALIBRATE_FLAGS, REGULARIZE_FLAGS  further options of these commands
 #
 # For each log OUT/NAME.model.json, .kalman.json and .kernel.json (the model with a design),
-# .kernel.parquet, .estimate.parquet, and figures of both; for all of them noise.json, noise.png
-# and summary.csv. Only what is older than its source or made with other options is made again;
+# .kernel.parquet, .estimate.parquet, and the figures .fit.png, .estimate.png, .kernel.png; for all
+# of them noise.json, noise.png and summary.csv. Only what is older than its source or made with other options is made again;
 # every file appears whole or not at all; nothing is written elsewhere. Make cannot quote blanks
 # in file names.
 SHELL := bash
@@ -40,7 +40,9 @@ made = $(NAMES:%=$(OUT)/%.$(1))
 MAP := $(COLUMNS:%=--columns %)
 CHANNELS := $(DRIVE:%=--drive %) $(SENSORS:%=--sensor %) $(DEFLECTIONS:%=--deflection %)
 
-all: $(OUT)/summary.csv $(OUT)/noise.png $(call made,kernel.png) $(call made,estimate.png)
+FIGURES := $(foreach figure,fit estimate kernel,$(call made,$(figure).png)) $(OUT)/noise.png
+
+all: $(OUT)/summary.csv $(FIGURES)
 
 # The options are a source like the logs: with other ones everything is made again.
 export OPTIONS := $(strip $(CHANNELS) $(MAP) $(CALIBRATE_FLAGS) / $(KERNEL_SENSOR) $(REGULARIZE_FLAGS))
@@ -65,6 +67,12 @@ $(OUT)/%.model.json: $(LOGS)/%.$(1) $(COLUMNS) $(OUT)/options.txt
 
 $(OUT)/%.estimate.parquet: $(OUT)/%.kalman.json $(LOGS)/%.$(1)
 	$(THERMALTOOL) estimate $$^ $(MAP) -q -o $$@
+
+$(OUT)/%.fit.png: $(OUT)/%.model.json $(LOGS)/%.$(1)
+	$(THERMALTOOL) plot $$^ $(MAP) -o $$@
+
+$(OUT)/%.estimate.png: $(OUT)/%.estimate.parquet $(LOGS)/%.$(1)
+	$(THERMALTOOL) plot $$< --against $$(lastword $$^) $(MAP) -o $$@
 endef
 $(foreach format,csv parquet ndjson,$(eval $(call fit,$(format))))
 
@@ -78,7 +86,7 @@ $(OUT)/%.kernel.json: $(OUT)/%.model.json $(OUT)/noise.json
 $(OUT)/%.kernel.parquet: $(OUT)/%.kernel.json
 	$(THERMALTOOL) invert $< -o $@
 
-$(OUT)/%.png: $(OUT)/%.parquet
+$(OUT)/%.kernel.png: $(OUT)/%.kernel.parquet
 	$(THERMALTOOL) plot $< -o $@
 
 # One row for each log and output: the fit, and what the designs promise.

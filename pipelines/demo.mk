@@ -18,7 +18,8 @@ DEFLECTIONS := d_x_um d_y_um
 LOGS := step100 step050 step025 triangle duty
 DESIGNS := far_kalman far_kernel all_kalman
 BOTH := $(foreach log,$(LOGS),$(foreach design,$(DESIGNS),$(log).$(design)))
-FIGURES := noise kernel $(addsuffix .far_kalman.estimate,$(LOGS)) triangle.far_kalman.setpoints
+FIGURES := noise fit kernel triangle.far_kalman.setpoints \
+    $(foreach log,$(LOGS),$(log).far_kalman $(log).far_kernel)
 
 all: $(OUT)/bands.md $(OUT)/setpoints.md $(FIGURES:%=$(OUT)/figures/%.png)
 	@echo
@@ -75,8 +76,15 @@ $(OUT)/setpoints.md: $(foreach each,$(BOTH),$(OUT)/$(each).estimate.parquet $(OU
 $(OUT)/figures/noise.png: $(OUT)/noise.json | $(OUT)/figures
 	$(THERMALTOOL) plot $< -o $@
 
-$(OUT)/figures/%.png: $(OUT)/%.parquet | $(OUT)/figures
+$(OUT)/figures/fit.png: $(OUT)/model.json $(SAMPLES)/frame_step100.parquet | $(OUT)/figures
+	$(THERMALTOOL) plot $^ -o $@
+
+$(OUT)/figures/kernel.png: $(OUT)/kernel.parquet | $(OUT)/figures
 	$(THERMALTOOL) plot $< -o $@
 
-$(OUT)/figures/%.png: $(OUT)/%.csv | $(OUT)/figures
+$(OUT)/figures/%.setpoints.png: $(OUT)/%.setpoints.csv | $(OUT)/figures
 	$(THERMALTOOL) plot $< -o $@
+
+# Without a suffix of its own: the estimate beside what was measured.
+$(OUT)/figures/%.png: $(OUT)/%.estimate.parquet | $(OUT)/figures
+	$(THERMALTOOL) plot $< --against $(SAMPLES)/frame_$(basename $*).parquet -o $@

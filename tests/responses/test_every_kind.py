@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import cache
 
 import numpy as np
@@ -27,7 +28,7 @@ def examples(kind):
     cls = response_class(kind)
     starts = cls.starts(PERIOD, DURATION, **cls.fixed)
     gains = dict(zip(cls.gains, (3.5, -1.2, 0.004, -0.002), strict=False))
-    chosen = [starts[k] for k in np.linspace(0, len(starts) - 1, 7).astype(int)]
+    chosen = [starts[k] for k in np.linspace(0, len(starts) - 1, 5).astype(int)]
     return [
         cls(**dict(zip(cls.searched, place, strict=True)), **gains, **cls.fixed) for place in chosen
     ]
@@ -86,15 +87,18 @@ def test_modes_keep_the_step_within_the_stated_tolerance(kind, dt):
 @kinds
 @pytest.mark.parametrize("dt", [0.5, PERIOD, 300.0])
 def test_recursions_follow_step_and_ramp(kind, dt):
-    n = 150
-    inside, w = panels(dt * np.arange(n + 1))
+    n = 60
+    # Modes much faster than the sample live in the first one only.
+    first, w_first = panels(np.concatenate([[0], dt * np.geomspace(1e-6, 1, 40)]))
+    inside, w = panels(dt * np.arange(1, n + 1))
     for response in examples(kind):
         modes = response.modes(dt)
         t = dt * np.arange(n + 1)
         held, _ = modes.discretize(dt, "zero").run(np.ones((n + 1, 1)))
         np.testing.assert_allclose(held[:, 0], modes.step(t), atol=1e-10 * size(response))
         # The response to a ramp is the integral of the response to a step.
-        area = np.cumsum((w * modes.step(inside)).reshape(n, -1).sum(1))
+        later = (w * modes.step(inside)).reshape(n - 1, -1).sum(1)
+        area = np.cumsum([np.sum(w_first * modes.step(first)), *later])
         ramp, _ = modes.discretize(dt, "first").run(t[:, None])
         np.testing.assert_allclose(ramp[1:, 0], area, rtol=1e-9, atol=1e-10 * dt * size(response))
 
@@ -107,10 +111,11 @@ def test_batch_is_stream(kind, hold):
         recursion = response.modes(PERIOD).discretize(PERIOD, hold)
         batch, last = recursion.run(u)
         x = np.zeros(len(recursion.F))
-        for k in range(len(u)):
-            if k:
-                x = recursion.F @ x + recursion.G0 @ u[k - 1] + recursion.G1 @ u[k]
-            assert batch[k, 0] == pytest.approx((recursion.C @ x)[0], abs=1e-11 * size(response))
+        stream = [recursion.C @ x]
+        for before, now in itertools.pairwise(u):
+            x = recursion.F @ x + recursion.G0 @ before + recursion.G1 @ now
+            stream.append(recursion.C @ x)
+        np.testing.assert_allclose(batch, stream, atol=1e-11 * size(response))
         np.testing.assert_allclose(last, x, rtol=1e-9, atol=1e-11 * np.max(np.abs(x)))
         first, state = recursion.run(u[:91])
         second, _ = recursion.run(u[90:], state)
@@ -124,7 +129,7 @@ inputs = st.lists(st.floats(-5, 5, width=32), min_size=3, max_size=90).map(np.ar
 
 @kinds
 @pytest.mark.parametrize("hold", ["zero", "first"])
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(u=inputs, wait=st.integers(1, 70))
 def test_a_later_input_gives_the_same_output_later(kind, hold, u, wait):
     response = examples(kind)[3]
@@ -138,8 +143,8 @@ def test_a_later_input_gives_the_same_output_later(kind, hold, u, wait):
 
 @kinds
 @pytest.mark.parametrize("hold", ["zero", "first"])
-@settings(max_examples=20, deadline=None)
-@given(pair=st.integers(3, 90).flatmap(lambda n: st.tuples(*(
+@settings(max_examples=12, deadline=None)
+@given(pair=st.integers(3, 25).flatmap(lambda n: st.tuples(*(
     st.lists(st.floats(-5, 5, width=32), min_size=n, max_size=n).map(np.array) for _ in "ab"
 ))), gain=st.floats(-3, 3))  # fmt: skip
 def test_superposition(kind, hold, pair, gain):

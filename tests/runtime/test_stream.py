@@ -47,12 +47,12 @@ def run(model):
 
 
 def test_one_line_in_one_line_out_and_the_safe_setpoint_last(run):
-    text = HEADER + b"0,0\n# comment\n\n0.5,1.25\r\n1.0,2.5\n"
+    text = b"\xef\xbb\xbf# log\n" + HEADER + b"0,0\n# comment\n\n0.5,1.25\r\n1.0,2.5\n"
     number, out = run(text)
     assert number == 0
     assert out[0] == "time_s,offset_x_um,offset_y_um"
-    assert [line.split(",")[0] for line in out[1:]] == ["0.0", "0.5", "1.0", "1.0"]
-    assert out[-1] == "1.0,0.0,0.0"
+    assert [line.split(",")[0] for line in out[1:]] == ["0.0", "0.5", "1.0", "1.5"]
+    assert out[-1] == "1.5,0.0,0.0"
     assert float(out[-2].split(",")[2]) < 0
 
 
@@ -134,7 +134,7 @@ def test_messages_name_line_and_channel(run):
 def test_a_last_line_without_its_end_is_not_used(run):
     """27.35 cut to 2 looks like a reading."""
     _, out = run(HEADER + b"0,0\n0.5,2")
-    assert [line.split(",")[0] for line in out[1:]] == ["0.0", "0.0"]
+    assert [line.split(",")[0] for line in out[1:]] == ["0.0", "0.5"]
     assert run.said == ["<stdin>:3: the last line has no end, it may be cut: not used"]
 
 
@@ -178,7 +178,7 @@ def test_a_signal_ends_in_the_safe_setpoint(run, number):
         read_lines(outlet, 3)
         signal.pthread_kill(threading.main_thread().ident, number)
         # The source stays open: only the signal ends the stream.
-        assert read_lines(outlet, 1) == ["60.0,0.0,0.0"]
+        assert read_lines(outlet, 1) == ["60.5,0.0,0.0"]
         os.close(inlet)
 
     handler = signal.getsignal(number)
@@ -357,4 +357,4 @@ def test_a_checkpoint_that_cannot_be_written_does_not_stop_the_stream(run, tmp_p
     with pytest.raises(OutputError, match="folder"):
         run(b"", feed, checkpoint=str(path), checkpoint_every=1.0)
     assert any("checkpoint not written" in message for message in run.said)
-    assert run.out == ["39.0,0.0,0.0"]
+    assert run.out == ["39.5,0.0,0.0"]

@@ -54,11 +54,11 @@ def command(
     from thermaltool.logs import read_log
     from thermaltool.report.noise import (
         draw_figure,
-        figure_format,
         noise_document,
         noise_table,
         to_json,
     )
+    from thermaltool.report.style import figure_format, render
     from thermaltool.signals.noise import NoiseEstimate, estimate_noise
 
     kind = figure_format(plot) if plot is not None else None
@@ -85,9 +85,9 @@ def command(
         with atomic_output(output) as stream:
             stream.write(document)
     if plot is not None and kind is not None:
-        figure = draw_figure(table.name, units, results)
+        picture = render(lambda: draw_figure(table.name, units, results), kind)
         with atomic_output(plot) as stream:
-            figure.savefig(stream, format=kind, dpi=120)
+            stream.write(picture)
     if as_json:
         with atomic_output("-") as stream:
             stream.write(document)

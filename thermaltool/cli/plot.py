@@ -43,6 +43,7 @@ def command(
     """
     from thermaltool.errors import LogError
     from thermaltool.files import atomic_output
+    from thermaltool.logs import Log
     from thermaltool.report.content import Content, is_document, read_document, read_table
     from thermaltool.report.figure import draw
     from thermaltool.report.style import figure_format, render
@@ -61,8 +62,8 @@ def command(
     contents += [read_table(n, options, need) for n in sources if n not in documents]
     if against is not None:
         reference = read_table(against, options)
-        if reference.kind != "log":
-            raise LogError(f"--against takes a log, this is a {reference.kind}", reference.name)
+        if not isinstance(reference.data, Log):
+            raise LogError(f"--against takes a log (taken as: {reference.kind})", reference.name)
         contents.append(Content("reference", reference.name, reference.data))
     figure = render(lambda: draw(contents, channels), kind)
     with atomic_output(output) as stream:

@@ -115,6 +115,7 @@ def command(
     chosen = min(best, key=lambda name: best[name].objective)
     report: dict[str, Any] = {
         "chosen": chosen,
+        "outputs": list(machine.outputs),
         "sample_period_s": machine.dt,
         "forms": {
             name: {

@@ -32,7 +32,7 @@ class Limits:
             raise ValueError(f"no value lies between {self.low:g} and {self.high:g}")
 
     def clip(self, value: float) -> float:
-        return min(max(value, self.low), self.high)
+        return self.low if value < self.low else self.high if value > self.high else value
 
     def on_grid(self, step: float) -> Limits:
         """The outermost multiples of `step` inside the limits; the same limits for step 0.
@@ -56,7 +56,8 @@ class Limits:
 
 def slewed(value: float, target: float, reach: float) -> float:
     """`value` moved towards `target` by at most `reach` (≥ 0)."""
-    return value + min(max(target - value, -reach), reach) if reach < math.inf else target
+    way = target - value
+    return target if abs(way) <= reach else value + math.copysign(reach, way)
 
 
 def quantized(level: float, wanted: float, step: float) -> float:
@@ -109,7 +110,8 @@ class Setpoint:
     def move(self, wanted: float, dt: float) -> float:
         """The setpoint `dt` [s] after the last move, on its way to `wanted`."""
         if math.isfinite(wanted):
-            self.ramp = slewed(self.ramp, self.limits.clip(wanted), self.rate * dt)
+            reach = self.rate * dt if self.rate < math.inf else math.inf
+            self.ramp = slewed(self.ramp, self.limits.clip(wanted), reach)
             self.value = quantized(self.value, self.ramp, self.step)
         return self.value
 

@@ -79,8 +79,8 @@ class KalmanEstimator:
 
     def __post_init__(self) -> None:
         # A cache of the instance: it goes when the estimator goes.
-        object.__setattr__(self, "_recursion", lru_cache(maxsize=512)(self._build))
-        object.__setattr__(self, "_gain", lru_cache(maxsize=128)(self._solve_gain))
+        object.__setattr__(self, "_recursion", lru_cache(maxsize=64)(self._build))
+        object.__setattr__(self, "_gain", lru_cache(maxsize=64)(self._solve_gain))
 
     def recursion(self, dt: float) -> Recursion:
         """x ← (I − L Cs) F x + L y, for a sample of `dt` [s]."""
@@ -172,15 +172,16 @@ def predicted_covariance(F: Float, H: Float, Q: Float, R: Float) -> Float:
     for _ in range(64):
         W = np.linalg.solve(eye + G @ P, np.hstack([A, G]))
         WA, WG = W[:, : len(F)], W[:, len(F) :]
-        step = A.T @ P @ WA
-        G = G + A @ WG @ A.T
-        A = A @ WA
-        P = P + step
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = A.T @ P @ WA
+            G = G + A @ WG @ A.T
+            A = A @ WA
+            P = P + step
         P = (P + P.T) / 2
-        if np.max(np.abs(step)) <= 1e-13 * np.max(np.abs(P)):
-            return P
         if not np.all(np.isfinite(P)):
             break
+        if np.max(np.abs(step)) <= 1e-13 * np.max(np.abs(P)):
+            return P
     raise FitError("the estimator's Riccati equation has no steady solution")
 
 
@@ -219,7 +220,7 @@ class KernelEstimator:
         return (self.drive, *self.outputs)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_recursion", lru_cache(maxsize=512)(self._build))
+        object.__setattr__(self, "_recursion", lru_cache(maxsize=64)(self._build))
 
     def recursion(self, dt: float) -> Recursion:
         """For a sample of `dt` [s]; the temperature is a straight line between samples."""

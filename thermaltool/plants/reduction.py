@@ -16,7 +16,7 @@ from thermaltool.plants.thermoelastic import symmetric_factor
 
 Array = NDArray[np.float64]
 
-# Expansion points [1/s]; with 25 the intermediate model is within 1e-9 of the full one (tested).
+# Expansion points [1/s]; with 25 the intermediate model is within 1e-8 of the full one (tested).
 SHIFTS = np.geomspace(1e-4, 30.0, 25)
 _FREQUENCIES = np.geomspace(1e-6, 10.0, 400)  # [rad/s]
 

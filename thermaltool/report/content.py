@@ -133,6 +133,8 @@ def read_table(source: str, options: Mapping[str, Any], need: Sequence[str] = ()
         data = {"time_s": log.time, "weight": columns["weight_1"],
                 "A0": float(columns["A0_1"][0]), "A1_s": float(columns["A1_s"][0])}  # fmt: skip
         return Content("kernel", log.name, data)
+    if need:  # beside a model
+        return Content("log", log.name, log)
     if {"value_1", "error_1"} <= columns.keys():
         return Content("inversion", log.name, {"time_s": log.time, **columns})
     if any(RESIDUAL + name in columns for name in columns):

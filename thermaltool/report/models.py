@@ -73,8 +73,8 @@ def _draw_term(ax: Axes, term: Term, time: Array, per: float) -> None:
     )
     if term.covariance is not None:
         half = NINETY_FIVE * step_sigma(term, time)
-        thin = half.max() < THIN * np.ptp(step)
-        told = f"95 % of the fit, ± {half.max():.2g} {unit}\nat most{', within the line' * thin}"
+        hidden = ", within the line" if half.max() < THIN * np.ptp(step) else ""
+        told = f"95 % of the fit, ± {half.max():.2g} {unit}\nat most{hidden}"
         ax.fill_between(time / per, step - half, step + half, color=MEASURED, alpha=0.6, lw=0,
                         label=told)  # fmt: skip
     ax.plot(time / per, step, color=COMPUTED, label="unit step")

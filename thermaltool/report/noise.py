@@ -25,7 +25,6 @@ from thermaltool.report.style import (
     time_unit,
     trace,
 )
-from thermaltool.report.style import figure_format as figure_format
 from thermaltool.signals.drift import DriftFit, model_allan, model_density
 from thermaltool.signals.noise import NoiseEstimate
 from thermaltool.signals.spectrum import thin

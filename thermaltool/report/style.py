@@ -150,7 +150,7 @@ def time_unit(span: float) -> tuple[str, float]:
 
 
 def envelope(time: Array, values: Array, bins: int = _BINS) -> tuple[Array, Array]:
-    """The trace with the least and the largest value of every bin, so that no peak is lost.
+    """The least and the largest value of every bin, and both ends, so that no peak is lost.
 
     Parameters
     ----------
@@ -163,9 +163,11 @@ def envelope(time: Array, values: Array, bins: int = _BINS) -> tuple[Array, Arra
         return time, values
     whole = len(values) // size * size
     rows = values[:whole].reshape(-1, size)
-    extremes = np.sort(np.stack([rows.argmin(axis=1), rows.argmax(axis=1)], axis=1), axis=1)
-    keep = (extremes + size * np.arange(len(rows))[:, None]).ravel()
-    keep = np.append(keep, np.arange(whole, len(values)))
+    first = size * np.arange(len(rows))
+    ends = np.append(np.arange(whole, len(values)), [0, len(values) - 1])
+    keep = np.unique(
+        np.concatenate([first + rows.argmin(axis=1), first + rows.argmax(axis=1), ends])
+    )
     return time[keep], values[keep]
 
 

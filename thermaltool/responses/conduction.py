@@ -65,7 +65,8 @@ class Conduction:
         lam = np.sqrt(self.a + np.asarray(s, complex) / self.alpha)
         # Scaled Bessel functions, so that far from the origin nothing overflows.
         scale = np.exp(self.r0 * lam.real - self.r * lam)
-        return np.asarray(self.K * ive(0, self.r0 * lam) * kve(0, self.r * lam) * scale)
+        value = self.K * ive(0, self.r0 * lam) * kve(0, self.r * lam) * scale
+        return np.where(scale == 0, 0.0, value)
 
     def dc_gain(self) -> float:
         """H(0) = K·I0(r0 √a)·K0(r √a)."""

@@ -102,14 +102,12 @@ class CsvRecords(_Fields):
 
     def open(self, line: bytes) -> bool:
         try:
-            text = line.decode("utf-8-sig")
+            text = line.decode()
         except UnicodeDecodeError as error:
             raise LogError(f"not UTF-8: byte 0x{line[error.start]:02x}") from error
         if text.lstrip().startswith("{"):
             raise LogError("this is NDJSON, not CSV: use --from ndjson")
-        names = [
-            name.strip() for name in next(csv.reader([text], delimiter=self._separator.decode()))
-        ]
+        names = [name.strip() for name in self._unquoted(text)]
         self._width = len(names)
         self._lay_out({name: k for k, name in enumerate(names)}, self._parse)
         return False
@@ -117,16 +115,17 @@ class CsvRecords(_Fields):
     def record(self, line: bytes) -> Record:
         fields = line.split(self._separator)
         if b'"' in line:
-            text = line.decode("utf-8", "replace")
-            fields = [
-                f.encode() for f in next(csv.reader([text], delimiter=self._separator.decode()))
-            ]
+            fields = [field.encode() for field in self._unquoted(line.decode("utf-8", "replace"))]
         if len(fields) == self._width:
             return self._take(fields)
         # Of a line cut short, the last field may be cut too: no reading counts, and the time
         # only if something follows it.
         fault = f"{len(fields)} fields instead of {self._width}"
         return self._unusable(self._time(fields[:-1]), fault)
+
+    def _unquoted(self, text: str) -> list[str]:
+        # A return inside a line would end it for the csv module.
+        return next(csv.reader([text.replace("\r", " ")], delimiter=self._separator.decode()))
 
 
 class NdjsonRecords(_Fields):

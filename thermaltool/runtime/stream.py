@@ -19,6 +19,8 @@ from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
 from thermaltool.runtime.records import Records
 
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+
 
 class Writer:
     """Answers as CSV or NDJSON; a missing time is an empty field, or null."""
@@ -76,6 +78,7 @@ class Stream:
     now: Callable[[], float] = time.monotonic
     _heard_at: float = field(default=0.0, init=False)
     _due: float = field(default=math.inf, init=False)
+    _written_at: float | None = field(default=None, init=False)
     _saved_at: float | None = field(default=None, init=False)
     _kept: dict[str, Any] = field(default_factory=dict, init=False)
 
@@ -119,6 +122,8 @@ class Stream:
         """The setpoint line for a sensor line; nothing for names, comments and blank lines."""
         self.messages.line += 1
         line = line.rstrip(b"\r")
+        if self.messages.line == 1:
+            line = line.removeprefix(BYTE_ORDER_MARK)
         start = line.lstrip()
         if not start or start.startswith(b"#"):
             return b""
@@ -139,6 +144,7 @@ class Stream:
 
     def _state_line(self, time: float | None) -> bytes:
         values = self.compensator.values()
+        self._written_at = time
         return self.writer.line(
             time, values + self.compensator.estimates if self.estimates else values
         )
@@ -168,7 +174,9 @@ class Stream:
 
     def _finish(self) -> None:
         self.compensator.finish()
-        self.pipe.write(self._state_line(self.compensator.time))
+        # A line of its own moment, so that the output is a log with a clock that only goes on.
+        last = self._written_at
+        self.pipe.write(self._state_line(None if last is None else last + self.tick))
         self.messages.close()
         if self.checkpoint:
             self.checkpoint.close(self._state())

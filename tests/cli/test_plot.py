@@ -1,0 +1,88 @@
+"""``thermaltool plot`` from outside."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MAIN = [sys.executable, "-c", "from thermaltool.cli import main; main()"]
+LOG = "time_s,T_a_degC,d_x_um\n" + "".join(f"{2 * i},{20 + i / 7},{i}\n" for i in range(50))
+PNG = b"\x89PNG"
+
+
+def plot(*arguments: str | Path, stdin: str = "") -> subprocess.CompletedProcess[bytes]:
+    command = [*MAIN, "plot", *map(str, arguments)]
+    return subprocess.run(command, input=stdin.encode(), capture_output=True)
+
+
+def test_a_pipe_in_and_a_pipe_out() -> None:
+    result = plot(stdin=LOG)
+    assert result.returncode == 0
+    assert result.stdout.startswith(PNG)
+    assert result.stderr == b""
+
+
+def test_stdin_that_starts_with_a_brace_is_a_document() -> None:
+    text = '\n{"time_s": [1, 2], "value_1": [1, 2], "error_1": [0, 0], "tol": 1e-9}\n'
+    assert plot("-", stdin=text).stdout.startswith(PNG)
+    lines = '{"time_s": 0, "T_a_degC": 1}\n{"time_s": 1, "T_a_degC": 2}\n'
+    assert plot("-", "--from", "ndjson", stdin=lines).stdout.startswith(PNG)
+    refused = plot("-", stdin=lines)
+    assert refused.returncode == 1
+    assert b"--from ndjson" in refused.stderr
+
+
+def test_against_a_log(tmp_path: Path) -> None:
+    log, figure = tmp_path / "log.csv", tmp_path / "figure.svg"
+    log.write_text(LOG)
+    result = plot("-", "--against", log, "--channel", "d_x_um", "-o", figure, stdin=LOG)
+    assert (result.returncode, result.stdout, result.stderr) == (0, b"", b"")
+    assert figure.read_bytes().startswith(b"<?xml")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("-o", "a.bmp"), "a.bmp: a figure's name ends in .png, .svg or .pdf"),
+        (("--channel", "d_y_um"), "<stdin>: no channel d_y_um (near: d_x_um)"),
+        (("absent.csv",), "absent.csv: cannot be read: No such file or directory"),
+    ],
+)
+def test_errors_are_one_line(arguments: tuple[str, ...], message: str) -> None:
+    result = plot(*arguments, stdin=LOG)
+    assert result.returncode == 1
+    assert result.stdout == b""
+    assert result.stderr.decode() == f"thermaltool plot: {message}\n"
+
+
+def test_a_failed_figure_leaves_the_old_one(tmp_path: Path) -> None:
+    figure = tmp_path / "figure.png"
+    figure.write_bytes(b"old")
+    assert plot("-o", figure, stdin="time_s,T_a_degC\n").returncode == 1
+    assert figure.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [figure]
+
+
+def test_stdin_twice() -> None:
+    result = plot("-", "--against", "-", stdin=LOG)
+    assert result.returncode == 2
+    assert b"stdin can be only one of the files" in result.stderr
+
+
+def test_no_figure_onto_a_terminal(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text(LOG)
+    leader, follower = pty.openpty()
+    try:
+        command = [*MAIN, "plot", str(log)]
+        result = subprocess.run(command, stdout=follower, stderr=subprocess.PIPE)
+    finally:
+        os.close(leader)
+        os.close(follower)
+    assert result.returncode == 2
+    assert b"stdout is a terminal: name a figure with -o" in result.stderr

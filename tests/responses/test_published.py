@@ -1,0 +1,119 @@
+"""The closed forms against the source's integrals, and against its numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference import fraser1997 as fraser
+from reference.ring import ring_step, ring_transfer
+from scipy.linalg import expm
+
+from thermaltool.responses.conduction import Conduction
+from thermaltool.responses.deflection import Deflection, JointDeflection
+from thermaltool.responses.modes import Modes
+
+SOURCES = [fraser.PAIR, fraser.MAIN, *fraser.JOINT]
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_closed_form_is_the_printed_integral(source):
+    response = Conduction(**source)
+    slow, delay = response.slowest(), (source["r"] - source["r0"]) ** 2 / source["alpha"]
+    for size in (0.0, 0.1 / slow, 1 / slow, 1 / delay, 4 / delay):
+        for s in size * np.array([1, np.exp(1j), 1j, -1j, np.exp(2j)]):
+            expected = ring_transfer(s, **source)
+            got = response.transfer(np.array([s]))[0]
+            assert abs(got - expected) < 1e-12 * response.dc_gain()
+            assert abs(got - expected) < 1e-11 * abs(expected)
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_step_is_the_printed_integral(source):
+    response = Conduction(**source)
+    t = np.geomspace(0.05, 20, 60) * response.slowest()
+    np.testing.assert_allclose(
+        response.step(t), ring_step(t, **source), atol=1e-10 * response.dc_gain()
+    )
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_far_from_the_origin_nothing_overflows(source):
+    s = np.array([1e6, 1e9j, 1e12 + 1e12j, 1e15])
+    assert np.all(np.abs(Conduction(**source).transfer(s)) < 1e-3)
+
+
+def test_a_probe_on_the_ring():
+    response = Conduction(2.0, 0.02, 0.1, 0.12, 0.12)
+    t = 0.5 * np.arange(1, 400)
+    error = np.max(np.abs(response.modes(0.5).step(t) - response.step(t)))
+    assert error < 3e-5 * response.dc_gain()
+
+
+def test_printed_steady_deflections():
+    for axis, values in (("x", fraser.LINEAR_X), ("y", fraser.LINEAR_Y)):
+        assert Deflection(**values).dc_gain() == pytest.approx(fraser.LINEAR_STEADY[axis], abs=0.05)
+
+
+def realization(p):
+    """(6.20), (7.19) as state space, the critically damped pairs as chains of two."""
+    blocks = [np.array([[-p["a"]]]), np.array([[-p["b"]]])]
+    inputs, outputs = [[1.0], [1.0]], [[p["A"] * p["a"]], [p["B"] * p["b"]]]
+    for gain, rate in (("D", "d"), ("E", "e")):
+        if gain in p:
+            blocks.append(np.array([[-p[rate], 1.0], [0.0, -p[rate]]]))
+            inputs.append([0.0, 1.0])
+            outputs.append([-p[gain] * p[rate], p[gain]])
+    n = sum(map(len, blocks))
+    A, at = np.zeros((n, n)), 0
+    for block in blocks:
+        A[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    return A, np.concatenate(inputs), np.concatenate(outputs)
+
+
+DEFLECTIONS = [
+    fraser.LINEAR_X,
+    fraser.LINEAR_Y,
+    fraser.MAIN_X,
+    fraser.MAIN_Y,
+    fraser.JOINT_1X,
+    fraser.JOINT_1Y,
+    fraser.JOINT_2X,
+    fraser.JOINT_2Y,
+]
+
+
+@pytest.mark.parametrize("values", DEFLECTIONS)
+@pytest.mark.parametrize("dt", [0.5, 120.0])
+def test_recursion_is_the_matrix_exponential(values, dt):
+    response = (JointDeflection if "E" in values else Deflection)(**values)
+    A, b, c = realization(values)
+    n = len(A)
+    held = expm(dt * np.block([[A, b[:, None]], [np.zeros((1, n + 1))]]))
+    u = np.random.default_rng(2).uniform(-1, 2, 500)
+    x, expected = np.zeros(n), []
+    for value in u:
+        expected.append(c @ x)
+        x = held[:n, :n] @ x + held[:n, n] * value
+    got, _ = response.modes(dt).discretize(dt).run(u[:, None])
+    scale = np.max(np.abs(expected))
+    np.testing.assert_allclose(got[:, 0], expected, atol=1e-11 * scale)
+    t = dt * np.arange(200)
+    np.testing.assert_allclose(
+        response.modes(dt).step(t), response.step(t), atol=1e-12 * np.max(np.abs(response.step(t)))
+    )
+
+
+def test_complex_poles_against_the_matrix_exponential():
+    # 1/((s + 0.2)² + 1) has the residue 1/(2i) at −0.2 + i.
+    modes = Modes(np.array([-0.2 + 1j]), np.array([-0.5j]))
+    A, b, c = np.array([[0.0, 1.0], [-1.04, -0.4]]), np.array([0.0, 1.0]), np.array([1.0, 0.0])
+    dt = 0.7
+    held = expm(dt * np.block([[A, b[:, None]], [np.zeros((1, 3))]]))
+    x, expected = np.zeros(2), []
+    for _ in range(50):
+        expected.append(c @ x)
+        x = held[:2, :2] @ x + held[:2, 2]
+    np.testing.assert_allclose(modes.discretize(dt).run(np.ones((50, 1)))[0][:, 0], expected)
+    np.testing.assert_allclose(modes.step(dt * np.arange(50)), expected, atol=1e-15)
+    assert Modes.from_document(modes.document()).weights[0] == modes.weights[0]
