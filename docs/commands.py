@@ -36,8 +36,21 @@ def pages() -> dict[str, str]:
     return {"README.md": index(), **{f"{name}.md": page(name) for name in COMMANDS}}
 
 
-if __name__ == "__main__":
+def main() -> int:
+    """Write the pages; with ``--check`` only name those that differ, and exit 3."""
+    checking = sys.argv[1:] == ["--check"]
     PAGES.mkdir(exist_ok=True)
+    stale = []
     for name, text in pages().items():
-        (PAGES / name).write_text(text, encoding="utf-8")
-    print(f"{len(pages())} pages in {PAGES}", file=sys.stderr)
+        path = PAGES / name
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            stale.append(name)
+            if not checking:
+                path.write_text(text, encoding="utf-8")
+    verb = "differ from --help" if checking else "written"
+    print(f"pages {verb}: {', '.join(stale) or 'none'}", file=sys.stderr)
+    return 3 if checking and stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -7,7 +7,7 @@
 # IDLE         log of the machine at rest: the noise of its sensors
 # DRIVE        known input in the logs; SENSORS what estimates it; DEFLECTIONS what is computed
 # OUT          where everything goes (default: out)
-# COLUMNS      map of foreign column names, where they need one
+# MAP          map of foreign column names, where they need one
 # KERNEL_SENSOR  sensor of the kernel form (default: the first of SENSORS)
 # CALIBRATE_FLAGS, REGULARIZE_FLAGS  further options of these commands
 #
@@ -37,7 +37,7 @@ $(if $(NAMES),,$(error no logs in $(LOGS)/))
 $(if $(filter $(words $(FOUND)),$(words $(NAMES))),,$(error two logs in $(LOGS)/ share a name))
 
 made = $(NAMES:%=$(OUT)/%.$(1))
-MAP := $(COLUMNS:%=--columns %)
+MAPPING := $(MAP:%=--columns %)
 CHANNELS := $(DRIVE:%=--drive %) $(SENSORS:%=--sensor %) $(DEFLECTIONS:%=--deflection %)
 
 FIGURES := $(foreach figure,fit estimate kernel,$(call made,$(figure).png)) $(OUT)/noise.png
@@ -45,7 +45,7 @@ FIGURES := $(foreach figure,fit estimate kernel,$(call made,$(figure).png)) $(OU
 all: $(OUT)/summary.csv $(FIGURES)
 
 # The options are a source like the logs: with other ones everything is made again.
-export OPTIONS := $(strip $(CHANNELS) $(MAP) $(CALIBRATE_FLAGS) / $(KERNEL_SENSOR) $(REGULARIZE_FLAGS))
+export OPTIONS := $(strip $(CHANNELS) $(MAPPING) $(CALIBRATE_FLAGS) / $(KERNEL_SENSOR) $(REGULARIZE_FLAGS))
 ifneq ($(OPTIONS),$(strip $(file <$(OUT)/options.txt)))
 $(OUT)/options.txt: FORCE
 endif
@@ -55,24 +55,24 @@ $(OUT)/options.txt: | $(OUT)
 $(OUT):
 	mkdir -p $@
 
-$(OUT)/noise.json: $(IDLE) $(COLUMNS) | $(OUT)
-	$(THERMALTOOL) noise $< $(MAP) -o $@ > /dev/null
+$(OUT)/noise.json: $(IDLE) $(MAP) | $(OUT)
+	$(THERMALTOOL) noise $< $(MAPPING) -o $@ > /dev/null
 
 $(OUT)/noise.png: $(OUT)/noise.json
 	$(THERMALTOOL) plot $< -o $@
 
 define fit
-$(OUT)/%.model.json: $(LOGS)/%.$(1) $(COLUMNS) $(OUT)/options.txt
-	$(THERMALTOOL) calibrate $$< $(CHANNELS) $(MAP) $(CALIBRATE_FLAGS) -q -o $$@
+$(OUT)/%.model.json: $(LOGS)/%.$(1) $(MAP) $(OUT)/options.txt
+	$(THERMALTOOL) calibrate $$< $(CHANNELS) $(MAPPING) $(CALIBRATE_FLAGS) -q -o $$@
 
 $(OUT)/%.estimate.parquet: $(OUT)/%.kalman.json $(LOGS)/%.$(1)
-	$(THERMALTOOL) estimate $$^ $(MAP) -q -o $$@
+	$(THERMALTOOL) estimate $$^ $(MAPPING) -q -o $$@
 
 $(OUT)/%.fit.png: $(OUT)/%.model.json $(LOGS)/%.$(1)
-	$(THERMALTOOL) plot $$^ $(MAP) -o $$@
+	$(THERMALTOOL) plot $$^ $(MAPPING) -o $$@
 
 $(OUT)/%.estimate.png: $(OUT)/%.estimate.parquet $(LOGS)/%.$(1)
-	$(THERMALTOOL) plot $$< --against $$(lastword $$^) $(MAP) -o $$@
+	$(THERMALTOOL) plot $$< --against $$(lastword $$^) $(MAPPING) -o $$@
 endef
 $(foreach format,csv parquet ndjson,$(eval $(call fit,$(format))))
 

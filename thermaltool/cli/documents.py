@@ -58,17 +58,22 @@ def read_noise(path: str) -> dict[str, SensorNoise]:
 
     Where the log only bounds a drift, its rate enters, over an hour.
     """
-    from thermaltool.inverse.estimator import SensorNoise
-
     try:
         document = json.loads(read_text(path))
-        channels = document["channels"] if document["format"] == "thermaltool-noise" else None
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        if document["format"] != "thermaltool-noise":
+            raise ModelError(f"{path}: format {document['format']!r} is not thermaltool-noise")
+        if document.get("version", 1) > 1:
+            raise ModelError(
+                f"{path}: version {document['version']} is newer than this thermaltool"
+            )
+        return _sensor_noise(document["channels"])
+    except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
         raise ModelError(f"{path}: not what thermaltool noise -o writes") from error
-    if channels is None:
-        raise ModelError(f"{path}: format {document['format']!r} is not thermaltool-noise")
-    if document.get("version", 1) > 1:
-        raise ModelError(f"{path}: version {document['version']} is newer than this thermaltool")
+
+
+def _sensor_noise(channels: Mapping[str, Any]) -> dict[str, SensorNoise]:
+    from thermaltool.inverse.estimator import SensorNoise
+
     noise = {}
     for name, channel in channels.items():
         drift = channel.get("drift") or {}

@@ -1,0 +1,105 @@
+"""``thermaltool estimate`` from outside."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+forms = pytest.mark.parametrize("form", ["kalman", "kernel"])
+
+
+def table(text):
+    rows = list(csv.reader(text.splitlines()))
+    return rows[0], np.array(rows[1:], float).reshape(len(rows) - 1, len(rows[0]))
+
+
+@forms
+def test_heat_and_deflection(thermaltool, files, form):
+    result = thermaltool("estimate", getattr(files, form), files.log)
+    assert result.code == 0
+    names, values = table(result.out)
+    assert names == ["time_s", "Q_main_1", "d_x_um"]
+    assert np.mean(values[60:120, 1]) == pytest.approx(1.0, abs=0.05)
+    assert np.mean(values[-50:, 1]) == pytest.approx(0.5, abs=0.05)
+    lines = [line.split() for line in result.err.splitlines()]
+    assert lines[0] == ["estimate", "band", "steady", "rmse", "max", "rows"]
+    assert lines[2][0] == "d_x_um"
+    assert float(lines[2][1]) < 12  # µm of 60, heat that halves at once included
+
+
+def test_json_and_the_table_agree(thermaltool, files):
+    target = files.folder / "out.csv"
+    result = thermaltool("estimate", files.kalman, files.log, "--json", "-o", target)
+    assert set(result.json) == {"Q_main_1", "d_x_um"}
+    _, values = table(target.read_text())
+    _, log = table(files.log.read_text())
+    error = (log[:, 3] - log[0, 3]) - values[:, 2]
+    assert result.json["d_x_um"]["band"] == pytest.approx(np.ptp(error))
+    assert result.json["d_x_um"]["rows"] == 240
+
+
+@forms
+def test_temperatures_alone_through_a_pipe(thermaltool, files, form):
+    rows = list(csv.DictReader(files.log.read_text().splitlines()))
+    text = "time_s,dT_pair1_K\n" + "".join(f"{r['time_s']},{r['dT_pair1_K']}\n" for r in rows)
+    result = thermaltool("estimate", getattr(files, form), stdin=text)
+    assert result.err == ""
+    assert result.out == thermaltool("estimate", getattr(files, form), files.log, "-q").out
+
+
+def test_header_only_and_one_row(thermaltool, files):
+    for rows in (0, 1):
+        text = "time_s,dT_pair1_K\n" + "0,0.1\n" * rows
+        result = thermaltool("estimate", files.kalman, stdin=text)
+        assert result.code == 0
+        assert len(result.out.splitlines()) == 1 + rows
+    assert thermaltool("estimate", files.kalman, stdin="").code == 1
+
+
+def test_missing_columns_and_values(thermaltool, files):
+    text = files.log.read_text().replace("dT_pair1_K", "dT_pair2_K")
+    result = thermaltool("estimate", files.kalman, stdin=text)
+    assert result.code == 1
+    assert "<stdin>: no column dT_pair1_K (near: dT_pair2_K)" in result.err
+    lines = files.log.read_text().splitlines()
+    lines[20] = ",".join([*lines[20].split(",")[:2], "", *lines[20].split(",")[3:]])
+    text = "\n".join(lines) + "\n"
+    result = thermaltool("estimate", files.kalman, stdin=text)
+    assert "<stdin>:21: dT_pair1_K: missing value (1 in all)" in result.err
+    held = thermaltool("estimate", files.kalman, "--nan-policy", "hold", stdin=text)
+    left = thermaltool("estimate", files.kalman, "--nan-policy", "omit", stdin=text)
+    assert (len(held.out.splitlines()), len(left.out.splitlines())) == (241, 240)
+
+
+def test_outside_the_calibrated_range(thermaltool, files):
+    text = files.log.read_text() + "2400,0.5,40,30,21\n"
+    result = thermaltool("estimate", files.kalman, stdin=text)
+    assert result.code == 0
+    assert result.err.startswith("<stdin>:242: dT_pair1_K: ")
+    assert "outside the calibrated range" in result.err
+
+
+def test_without_or_with_a_foreign_design(thermaltool, files):
+    result = thermaltool("estimate", files.model, files.log)
+    assert result.code == 1
+    assert "the model has no estimator yet: run thermaltool regularize" in result.err
+    document = json.loads(files.kalman.read_text())
+    document["terms"][0]["parameters"]["K"] *= 1.01
+    files.kalman.write_text(json.dumps(document))
+    result = thermaltool("estimate", files.kalman, files.log)
+    assert "designed for other parameters: run thermaltool regularize again" in result.err
+
+
+@forms
+@pytest.mark.parametrize("key", ["sensors", "followed", "form", "outputs"])
+def test_a_design_that_is_not_whole(thermaltool, files, form, key):
+    path = getattr(files, form)
+    document = json.loads(path.read_text())
+    del document["design"][key]
+    path.write_text(json.dumps(document))
+    result = thermaltool("estimate", path, files.log)
+    assert (result.code, result.err.count("\n")) == (1, 1)
+    assert "run thermaltool regularize again" in result.err

@@ -1,0 +1,80 @@
+"""``thermaltool invert`` from outside."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+
+def test_the_table(thermaltool, files):
+    result = thermaltool("invert", files.kernel, "--window", 800)
+    assert result.code == 0
+    rows = list(csv.DictReader(result.out.splitlines()))
+    assert list(rows[0]) == ["time_s", "weight_1", "A0_1", "A1_s"]
+    assert len(rows) == 800
+    assert float(rows[1]["time_s"]) == 10
+    assert float(rows[0]["A1_s"]) == pytest.approx(1 / 0.01)
+    assert float(rows[0]["A0_1"]) == pytest.approx(2 * 0.02 / 0.01 - 2 * 1e-4 / 0.01**2)
+    assert result.err.startswith("A0 = 2, A1 = 100 s, error of a weight below ")
+    assert "a window of 800 keeps 100.0" in result.err
+
+
+def test_json_and_other_settings(thermaltool, files):
+    result = thermaltool("invert", files.model, "--regularization", 0.02, 1e-4, 0.02,
+                         "--dt", 5, "--window", 30, "--json")  # fmt: skip
+    assert set(result.json) == {
+        "A0", "A1_s", "error", "steady_state_kept", "time_s", "weight",
+    }  # fmt: skip
+    assert result.json["time_s"] == [5.0 * k for k in range(30)]
+    assert result.json["A1_s"] == pytest.approx(50)
+    assert 0 <= result.json["error"] < 1e-6
+
+
+def test_stdin_and_parquet(thermaltool, files):
+    target = files.folder / "kernel.parquet"
+    result = thermaltool("invert", "-", "-o", target, stdin=files.kernel.read_text())
+    assert (result.code, result.out) == (0, "")
+    assert target.read_bytes().startswith(b"PAR1")
+
+
+def test_the_kernel_gives_back_the_heat(thermaltool, files):
+    """Convolved with the log's own temperature, as the help text says."""
+    weights = thermaltool("invert", files.kernel, "--window", 300, "--json").json
+    rows = list(csv.DictReader(files.log.read_text().splitlines()))
+    heat, warm = (np.array([float(row[name]) for row in rows]) for name in
+                  ("Q_main_1", "dT_pair1_K"))  # fmt: skip
+    rise = np.diff(warm, prepend=warm[0]) / 10
+    estimate = np.convolve(weights["weight"], warm)[:240]
+    estimate = estimate + weights["A0"] * warm + weights["A1_s"] * rise
+    assert np.mean(estimate[60:120]) == pytest.approx(1.0, abs=0.05)
+    assert np.mean(estimate[-50:]) == pytest.approx(0.5, abs=0.05)
+    assert np.mean(np.abs(heat - estimate)) < 0.15
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ((), "no regularization: run thermaltool regularize --form kernel"),
+        (("--sensor", "d_x_um"), "d_x_um is not a sensor with one drive; there are dT_pair1_K"),
+        (("--sensor", "dT_b_K"), "dT_b_K is not a sensor"),
+        (("--regularization", -0.01, 1e-4, 0.02), "the regularized inverse is unstable"),
+        (("--regularization", 0, 1e-4, 0.02), "A other than 0"),
+    ],
+)
+def test_refusals(thermaltool, files, options, message):
+    result = thermaltool("invert", files.kalman, *options)
+    assert (result.code, result.out) == (1, "")
+    assert message in result.err
+    assert result.err.count("\n") == 1
+
+
+def test_a_design_for_other_parameters(thermaltool, files):
+    document = json.loads(files.kernel.read_text())
+    document["terms"][0]["parameters"]["r"] *= 1.01
+    files.kernel.write_text(json.dumps(document))
+    result = thermaltool("invert", files.kernel)
+    assert result.code == 1
+    assert "designed for other parameters" in result.err

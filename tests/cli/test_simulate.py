@@ -1,0 +1,167 @@
+"""``thermaltool simulate`` from outside, and the borders that its neighbours share with it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+COLUMNS = ["time_s", "dT_pair1_K", "residual_dT_pair1_K", "d_x_um", "residual_d_x_um"]
+
+
+def table(text):
+    rows = list(csv.reader(io.StringIO(text)))
+    return rows[0], np.array(rows[1:], float).reshape(len(rows) - 1, len(rows[0]))
+
+
+def test_outputs_and_residuals(thermaltool, files):
+    result = thermaltool("simulate", files.model, files.log)
+    assert result.code == 0
+    names, values = table(result.out)
+    assert names == COLUMNS
+    assert values.shape == (240, 5)
+    log_names, log = table(files.log.read_text())
+    measured = log[:, log_names.index("dT_pair1_K")]
+    np.testing.assert_allclose(values[:, 1] + values[:, 2], measured, atol=1e-9)
+    assert np.std(values[:, 2]) == pytest.approx(0.01, rel=0.2)
+    assert [line.split()[0] for line in result.err.splitlines()] == ["output", *COLUMNS[1::2]]
+
+
+def test_a_log_with_drives_alone(thermaltool, files):
+    text = "time_s,Q_main_1\n" + "".join(f"{10 * k},{min(k, 1)}\n" for k in range(50))
+    result = thermaltool("simulate", files.model, stdin=text)
+    assert table(result.out)[0] == ["time_s", "dT_pair1_K", "d_x_um"]
+    assert result.err == ""
+
+
+def test_json(thermaltool, files):
+    target = files.folder / "out.csv"
+    result = thermaltool("simulate", files.model, files.log, "--json", "-o", target)
+    assert set(result.json) == {"dT_pair1_K", "d_x_um"}
+    assert set(result.json["d_x_um"]) == {
+        "rmse", "max_error", "mean", "band", "steady", "fit_percent", "rows",
+    }  # fmt: skip
+    assert table(target.read_text())[0] == COLUMNS
+    assert thermaltool("simulate", files.model, files.log, "--json").json == result.json
+
+
+def test_judged_stretch_and_limit(thermaltool, files):
+    stretch = ("--start", 1000, "--stop", 1500)
+    result = thermaltool("simulate", files.model, files.log, "--json", *stretch)
+    assert result.json["d_x_um"]["rows"] == 51
+    assert thermaltool("simulate", files.model, files.log, "--max-rmse", 1).code == 0
+    result = thermaltool("simulate", files.model, files.log, "--max-rmse", 0.001)
+    assert result.code == 3
+    assert table(result.out)[1].shape == (240, 5)
+
+
+@pytest.mark.parametrize("form", ["ndjson", "parquet"])
+def test_formats(thermaltool, files, form):
+    target = files.folder / f"out.{form}"
+    assert thermaltool("simulate", files.model, files.log, "-o", target, "-q").code == 0
+    back = thermaltool("simulate", files.model, target, "-q")
+    assert back.code == 1
+    assert "no column Q_main_1 (" in back.err
+    if form == "ndjson":
+        assert list(json.loads(target.read_text().splitlines()[0])) == COLUMNS
+
+
+def test_outside_the_calibrated_range(thermaltool, files):
+    lines = files.log.read_text().splitlines()
+    cells = lines[60].split(",")
+    cells[1] = "1.4"
+    lines[60] = ",".join(cells)
+    result = thermaltool("simulate", files.model, stdin="\n".join(lines) + "\n")
+    assert result.code == 0
+    assert result.err.splitlines()[0] == (
+        "<stdin>:61: Q_main_1: 1.4 is outside the calibrated range 0 to 1 (1 rows): "
+        "the model extrapolates"
+    )
+
+
+def test_header_only(thermaltool, files):
+    header = files.log.read_text().splitlines()[0] + "\n"
+    result = thermaltool("simulate", files.model, stdin=header)
+    assert result.code == 0
+    assert result.out == ",".join(COLUMNS) + "\n"
+    result = thermaltool("simulate", files.model, "--json", stdin=header)
+    assert result.json["d_x_um"]["rmse"] is None
+    assert thermaltool("simulate", files.model, stdin="").code == 1
+
+
+@pytest.mark.parametrize("command", ["simulate", "estimate"])
+def test_models_that_cannot_be_read(thermaltool, files, command):
+    document = json.loads(files.kalman.read_text())
+    for text, message in (
+        (json.dumps({**document, "version": 9}), "version 9 is newer"),
+        (files.kalman.read_text()[:300], "not JSON"),
+        ("", "not JSON"),
+        ("{}", "not a thermaltool model"),
+        (json.dumps({**document, "terms": None}), "model.json: "),
+        (json.dumps({**document, "design": [1]}), "model.json: "),
+    ):
+        files.model.write_text(text)
+        result = thermaltool(command, files.model, files.log)
+        assert (result.code, result.out) == (1, "")
+        assert result.err.startswith(f"thermaltool {command}: {files.model}:")
+        assert message in result.err
+        assert result.err.count("\n") == 1
+    files.model.write_bytes(b"\xff\xfe\x00")
+    assert "not a text file" in thermaltool(command, files.model, files.log).err
+    absent = thermaltool(command, files.folder / "absent.json", files.log)
+    assert (absent.code, absent.err.count("\n")) == (1, 1)
+
+
+def test_model_from_stdin(thermaltool, files):
+    result = thermaltool("simulate", "-", files.log, "-q", stdin=files.model.read_text())
+    assert result.out == thermaltool("simulate", files.model, files.log, "-q").out
+    assert thermaltool("simulate", "-", "-", stdin=files.model.read_text()).code == 2
+
+
+def test_missing_values(thermaltool, files):
+    lines = files.log.read_text().splitlines()
+    lines[10] = lines[10].replace(",0,", ",,", 1)
+    text = "\n".join(lines) + "\n"
+    result = thermaltool("simulate", files.model, stdin=text)
+    assert result.code == 1
+    assert "<stdin>:11: Q_main_1: missing value" in result.err
+    held = thermaltool("simulate", files.model, "--nan-policy", "hold", "-q", stdin=text)
+    assert held.out == thermaltool("simulate", files.model, files.log, "-q").out
+    left = thermaltool("simulate", files.model, "--nan-policy", "omit", "-q", stdin=text)
+    assert len(left.out.splitlines()) == 240
+
+
+def outside(*arguments, before="", **options):
+    """In a process of its own, after the statements `before`."""
+    code = f"{before}\nfrom thermaltool.cli import main\nmain()"
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)], text=True, check=False, **options
+    )
+
+
+def test_a_full_disk_leaves_the_old_file(files):
+    target = files.folder / "old.csv"
+    target.write_text("old")
+    full = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))"
+    result = outside("simulate", files.model, files.log, "-o", target, before=full,
+                     capture_output=True)  # fmt: skip
+    assert result.returncode == 1
+    assert f"{target}: File too large" in result.stderr
+    assert target.read_text() == "old"
+    assert [path.name for path in files.folder.glob(".*")] == []
+
+
+def test_a_full_device(files):
+    with open("/dev/full", "w") as full:
+        result = outside("simulate", files.model, files.log, "-q", stdout=full,
+                         stderr=subprocess.PIPE)  # fmt: skip
+    assert result.returncode == 1
+    assert result.stderr == "thermaltool simulate: <stdout>: No space left on device\n"
+    result = outside("simulate", files.model, files.log, "-o", "/dev/full", capture_output=True)
+    assert result.returncode == 1
+    assert "/dev/full: No space left on device" in result.stderr
