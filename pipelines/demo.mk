@@ -61,17 +61,17 @@ $(OUT)/$(1).$(2).estimate.parquet: $(OUT)/$(2).json $(SAMPLES)/frame_$(1).parque
 $(OUT)/$(1).$(2).setpoints.csv: $(OUT)/$(2).json $(SAMPLES)/frame_$(1).parquet
 	$(THERMALTOOL) check $$(lastword $$^) -o - 2> $$(@:.csv=.check.txt) | \
 	    $(THERMALTOOL) compensate $$< --step 0.5 -q > $$@.part
-	mv $$@.part $$@
+	@mv $$@.part $$@
 endef
 $(foreach log,$(LOGS),$(foreach design,$(DESIGNS),$(eval $(call through,$(log),$(design)))))
 
 $(OUT)/bands.md: $(DESIGNS:%=$(OUT)/%.json) $(LOGS:%=$(SAMPLES)/frame_%.parquet)
 	$(PYTHON) benchmarks/deflection_bands.py $(SAMPLES) $(DESIGNS:%=$(OUT)/%.json) > $@.part
-	mv $@.part $@
+	@mv $@.part $@
 
 $(OUT)/setpoints.md: $(foreach each,$(BOTH),$(OUT)/$(each).estimate.parquet $(OUT)/$(each).setpoints.csv)
 	$(PYTHON) benchmarks/setpoints.py $(SAMPLES) $(OUT) $(BOTH) > $@.part
-	mv $@.part $@
+	@mv $@.part $@
 
 $(OUT)/figures/noise.png: $(OUT)/noise.json | $(OUT)/figures
 	$(THERMALTOOL) plot $< -o $@

@@ -53,7 +53,7 @@ $(OUT)/$(1).model.json: $($(1).TRAIN) | $(OUT)
 $(OUT)/$(1).held_out.json: $(OUT)/$(1).model.json $($(1).TEST)
 	$(THERMALTOOL) simulate $$^ --columns data_samples/maps/$(1).toml $($(1).JUDGED) \
 	    -o $(OUT)/$(1).simulated.parquet --json > $$@.part
-	mv $$@.part $$@
+	@mv $$@.part $$@
 
 $(OUT)/$(1).png: $(OUT)/$(1).model.json $($(1).TEST)
 	$(THERMALTOOL) plot $$^ --columns data_samples/maps/$(1).toml -o $$@
@@ -79,4 +79,4 @@ export TABLE
 
 $(OUT)/measured.md: $(SETS:%=$(OUT)/%.held_out.json)
 	$(PYTHON) -c "$$TABLE" $(OUT) $(SETS) > $@.part
-	mv $@.part $@
+	@mv $@.part $@
