@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -15,6 +15,9 @@ from thermaltool.cli.options import (
     output_option,
     quiet_option,
 )
+
+if TYPE_CHECKING:
+    from thermaltool.responses import Response
 
 
 @click.command(
@@ -179,7 +182,7 @@ def command(
                     f"{fit['fit_percent']:.2f}",
                     f"{fit['max_error']:.3g}",
                     str(fit["rows"]),
-                    "; ".join(map(str, terms)),
+                    "; ".join(map(_told, terms)),
                 ]
             )
         warn(table(rows))
@@ -189,6 +192,13 @@ def command(
                 warn(f"{out.channel}: {sentence}")
     if max_rmse is not None and any(out.fit["rmse"] > max_rmse for out in model.outputs):
         sys.exit(3)
+
+
+def _told(response: Response) -> str:
+    from thermaltool.responses import parameter_names
+
+    names = parameter_names(response.kind)
+    return " ".join([response.kind, *(f"{n}={getattr(response, n):.4g}" for n in names)])
 
 
 def _pair(item: str, option: str) -> tuple[str, str]:

@@ -26,7 +26,7 @@ class Source(click.Path):
 
 
 log_argument: Decorator = click.argument("log", type=Source(), default="-")
-logs_argument: Decorator = click.argument("logs", type=Source(), nargs=-1, required=True)
+logs_argument: Decorator = click.argument("logs", type=Source(), nargs=-1, default=("-",))
 model_argument: Decorator = click.argument("model", type=Source())
 output_option: Decorator = click.option(
     "-o", "--output", default="-", metavar="FILE", help="Where the result goes; - is stdout."

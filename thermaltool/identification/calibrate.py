@@ -255,7 +255,7 @@ def block_covariance(jacobian: Float, residual: Float, owner: np.ndarray, weight
     # A score that has stopped growing with the residual holds no curvature.
     curved = scaled[weights >= 1]
     bread = np.linalg.pinv(curved.T @ curved, rcond=1e-14, hermitian=True)
-    blocks = min(4 * p, len(residual))
+    blocks = min(max(4 * p, 30), len(residual))
     label = owner * (blocks + 1) + np.arange(len(residual)) * blocks // len(residual)
     starts = np.flatnonzero(np.diff(label, prepend=-1))
     scores = np.add.reduceat(scaled * (weights * residual)[:, None], starts, axis=0)
