@@ -1,4 +1,7 @@
-"""Write a page for each command from its --help: ``make docs`` (a test checks that they agree)."""
+"""Write a page for each command from its --help (a test checks that they agree).
+
+Run ``python docs/commands.py``, or with ``--check`` to only name the pages that differ.
+"""
 
 from __future__ import annotations
 

@@ -26,6 +26,8 @@ def atomic_output(target: str) -> Iterator[BinaryIO]:
         Folder missing or read-only, disk full. `BrokenPipeError` passes: the reader has left.
     """
     if target == "-":
+        if sys.stdout is None:
+            raise OutputError("<stdout>: closed")
         try:
             yield sys.stdout.buffer
             sys.stdout.buffer.flush()

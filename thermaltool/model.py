@@ -128,9 +128,12 @@ class Model:
             raise ModelError(
                 "the estimator was designed for other parameters: run thermaltool regularize again"
             )
-        known = {output.channel for output in self.outputs}
-        if not known.issuperset(self.design.get("sensors", ())):
-            raise ModelError("the estimator reads a sensor that the model does not have")
+        known, read = [o.channel for o in self.outputs], self.design.get("sensors")
+        if not isinstance(read, list) or any(sensor not in known for sensor in read):
+            raise ModelError(
+                "the estimator reads a sensor that the model does not have: "
+                "run thermaltool regularize again"
+            )
         return self.design
 
     def simulate(self, time: Float, drives: Mapping[str, Float]) -> dict[str, Float]:

@@ -32,6 +32,23 @@ def test_outputs_and_residuals(thermaltool, files):
     assert [line.split()[0] for line in result.err.splitlines()] == ["output", *COLUMNS[1::2]]
 
 
+@pytest.mark.parametrize("rows", ["0,1\n10,1\n", ""])
+def test_max_rmse_needs_something_to_judge(thermaltool, files, rows):
+    text = "time_s,Q_main_1\n" + rows
+    result = thermaltool("simulate", files.model, "--max-rmse", 1, stdin=text)
+    assert result.code == 1
+    assert "--max-rmse: no measured output to judge" in result.err
+
+
+@pytest.mark.parametrize("command", ["simulate", "estimate"])
+def test_a_pause_is_told(thermaltool, files, command):
+    lines = files.log.read_text().splitlines()
+    text = "\n".join(lines[:100] + lines[140:]) + "\n"
+    model = files.model if command == "simulate" else files.kalman
+    assert "<stdin>:101: a pause of 410 s" in thermaltool(command, model, stdin=text).err
+    assert "a pause" not in thermaltool(command, model, "--max-gap", 500, stdin=text).err
+
+
 def test_a_log_with_drives_alone(thermaltool, files):
     text = "time_s,Q_main_1\n" + "".join(f"{10 * k},{min(k, 1)}\n" for k in range(50))
     result = thermaltool("simulate", files.model, stdin=text)

@@ -352,3 +352,46 @@ def test_unsound_designs_are_told(estimators, form):
             load_estimator({**good, key: 7})
     with pytest.raises(ModelError, match="unknown form"):
         load_estimator({**good, "form": "particle"})
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"noise": []},
+        {"noise": [{"white_sigma": 0.0, "drift_sigma": 0.0, "drift_time_s": 1.0}] * 2},
+        {"noise": [{"white_sigma": 0.1, "drift_sigma": 0.0, "drift_time_s": 0.0}] * 2},
+        {"walk_per_sqrt_s": [float("inf")]},
+        {"outputs": []},
+    ],
+)
+def test_numbers_that_make_no_kalman_form_are_told(estimators, damage):
+    with pytest.raises(ModelError, match="run thermaltool regularize again"):
+        load_estimator({**estimators["kalman"].document(), **damage})
+
+
+@forms
+def test_terms_that_lead_nowhere_are_told(estimators, form):
+    good = estimators[form].document()
+    for damage in ({"to": 7}, {"to": -1}, {"drive": 1}):
+        with pytest.raises(ModelError, match="not there"):
+            load_estimator({**good, "followed": [{**good["followed"][0], **damage}]})
+
+
+@pytest.mark.parametrize("delay", [-5.0, float("nan"), "late"])
+def test_delays_that_are_none_are_told(estimators, delay):
+    with pytest.raises(ModelError, match="run thermaltool regularize again"):
+        load_estimator({**estimators["kernel"].document(), "delay_s": delay})
+
+
+def test_gains_are_solved_once_for_an_uneven_clock(estimators, monkeypatch):
+    calls = []
+    estimator = load_estimator(estimators["kalman"].document())
+    solve = KalmanEstimator._solve_gain
+    monkeypatch.setattr(
+        KalmanEstimator, "_solve_gain", lambda self, k: (calls.append(k), solve(self, k))[1]
+    )
+    estimator.__post_init__()
+    lengths = DT * np.geomspace(0.2, 5, 400)
+    for dt in (*lengths, *lengths):
+        estimator.recursion(dt)
+    assert len(calls) == len(set(calls)) > 300

@@ -169,3 +169,11 @@ def test_a_response_without_delay_has_other_singular_weights():
         kernel_table(deflection.transfer, SHAPE, 0.5, 10)
     with pytest.raises(FitError, match="simple real modes"):
         invert_modes(deflection.modes(0.5), SHAPE)
+
+
+def test_a_kernel_whose_first_singular_weight_is_zero():
+    shape = Regularization(2**-7, 2**-11, 2**-4)
+    assert shape.singular_weights()[0] == 0
+    kernel = kernel_table(PAIR.transfer, shape, 0.5, 50)
+    assert np.all(np.isfinite(kernel.weight))
+    assert kernel.error < 1e-6 * np.max(np.abs(kernel.weight))

@@ -91,24 +91,41 @@ def group(ctx: click.Context, debug: bool, config: str | None) -> None:
                 tables = tomllib.load(stream)
         except (OSError, tomllib.TOMLDecodeError) as error:
             raise click.UsageError(f"{config}: {error}") from error
-        for name in tables:
-            if name not in COMMANDS:
+        for name, table in tables.items():
+            if name not in COMMANDS or not isinstance(table, dict):
                 raise click.UsageError(f"{config}: [{name}] is no command")
-        ctx.default_map = {
-            name: {key.replace("-", "_"): value for key, value in table.items()}
-            for name, table in tables.items()
-        }
+        called = ctx.invoked_subcommand
+        if called in tables:
+            ctx.default_map = {called: _defaults(config, called, tables[called], ctx)}
+
+
+def _defaults(
+    config: str, name: str, table: dict[str, Any], ctx: click.Context
+) -> dict[str | None, Any]:
+    """Defaults of one command by parameter, from its options as they are written."""
+    command = group.get_command(ctx, name)
+    assert command is not None
+    known = {o.lstrip("-"): p.name for p in command.params for o in p.opts if o.startswith("--")}
+    for key in table:
+        if key.replace("_", "-") not in known:
+            from difflib import get_close_matches
+
+            near = get_close_matches(key, known, n=1)
+            hint = f" (did you mean {near[0]}?)" if near else ""
+            raise click.UsageError(f"{config}: [{name}] has no option {key!r}{hint}")
+    return {known[key.replace("_", "-")]: value for key, value in table.items()}
 
 
 def main() -> None:
     """Entry point: every way out has its exit code and at most one line on stderr."""
     debug = "--debug" in sys.argv[1:]
-    name = next((arg for arg in sys.argv[1:] if arg in COMMANDS), "")
+    name = " ".join(["thermaltool", *[arg for arg in sys.argv[1:] if arg in COMMANDS][:1]])
     try:
         code = group.main(
             prog_name="thermaltool", auto_envvar_prefix="THERMALTOOL", standalone_mode=False
         )
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except click.exceptions.Exit as stop:
         code = stop.exit_code
     except click.ClickException as error:
@@ -123,12 +140,12 @@ def main() -> None:
     except (ThermalToolError, MemoryError) as error:
         if debug:
             raise
-        click.echo(f"thermaltool {name}: {error}".replace("\n", " "), err=True)
+        click.echo(f"{name}: {error}".replace("\n", " "), err=True)
         code = 1
     except OSError as error:
         if debug:
             raise
         place = f"{error.filename}: " if error.filename else ""
-        click.echo(f"thermaltool {name}: {place}{error.strerror or error}", err=True)
+        click.echo(f"{name}: {place}{error.strerror or error}", err=True)
         code = 1
     sys.exit(code if isinstance(code, int) else 0)

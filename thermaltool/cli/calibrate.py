@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from thermaltool.cli.documents import one_stdin, table, terminal_progress, warn, write_json
+from thermaltool.cli.documents import (
+    one_stdin,
+    table,
+    terminal_progress,
+    warn,
+    warn_pauses,
+    write_json,
+)
 from thermaltool.cli.options import (
+    NUMBER,
     json_option,
     log_options,
     logs_argument,
@@ -73,8 +81,8 @@ if TYPE_CHECKING:
     default="rest",
     help="State at the first row: at rest, or coming from an unknown level.",
 )
-@click.option("--start", type=float, metavar="SECONDS", help="Fit from this time on [s].")
-@click.option("--stop", type=float, metavar="SECONDS", help="Fit up to this time [s].")
+@click.option("--start", type=NUMBER, metavar="SECONDS", help="Fit from this time on [s].")
+@click.option("--stop", type=NUMBER, metavar="SECONDS", help="Fit up to this time [s].")
 @click.option(
     "--loss",
     type=click.Choice(["huber", "linear"]),
@@ -86,7 +94,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--max-rmse",
-    type=float,
+    type=NUMBER,
     metavar="VALUE",
     help="Exit 3 when an output's RMSE is above this [unit of the output].",
 )
@@ -121,6 +129,7 @@ def command(
     Any input will do, not only a step; several logs are fitted together. The model goes to -o, a
     table of the fit to stderr (with --json to stdout).
     """
+    from thermaltool.errors import LogError
     from thermaltool.files import atomic_output
     from thermaltool.identification.records import Measurement, Plan, calibrate
     from thermaltool.logs import read_log
@@ -154,10 +163,9 @@ def command(
             need=need,
         )
         log = between(log, start, stop)
-        for pause in log.segments[1:]:
-            warn(
-                f"{log.name}:{log.lines[pause.start]}: a pause; the drive is taken as held over it"
-            )
+        if len(log) < 2:
+            raise LogError(f"{len(log)} rows say nothing of a response", log.name)
+        warn_pauses(log, "the drive is taken as held over it")
         measurements.append(
             Measurement(log.time, {channel: log.column(channel) for channel in need})
         )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from thermaltool.cli.options import (
+    POSITIVE,
     columns_option,
     from_option,
     gap_option,
@@ -43,7 +44,7 @@ DID_NOT_PASS = 3
 @to_option
 @click.option(
     "--resample",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     metavar="SECONDS",
     help="Put the log that -o writes on an even clock of this period [s]; gaps stay gaps.",
 )

@@ -8,11 +8,17 @@ from typing import Any
 
 import click
 
-from thermaltool.cli.options import columns_option, log_argument, model_argument, quiet_option
+from thermaltool.cli.options import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    columns_option,
+    log_argument,
+    model_argument,
+    quiet_option,
+)
 from thermaltool.errors import ThermalToolError
 
 FORMATS = click.Choice(["csv", "ndjson"])
-SECONDS = click.FloatRange(min=0, min_open=True)
 
 
 class Interval(click.ParamType):
@@ -50,7 +56,9 @@ class Safe(click.ParamType):
 @columns_option
 @click.option("--from", "from_format", type=FORMATS, default="csv", help="Format of the input.")
 @click.option("--to", "to_format", type=FORMATS, default="csv", help="Format of the output.")
-@click.option("--period", type=SECONDS, metavar="S", help="Period of an input without a clock [s].")
+@click.option(
+    "--period", type=POSITIVE, metavar="S", help="Period of an input without a clock [s]."
+)
 @click.option(
     "--clock",
     type=click.Choice(["column", "arrival"]),
@@ -66,16 +74,15 @@ class Safe(click.ParamType):
 )
 @click.option(
     "--hold",
-    type=SECONDS,
+    type=POSITIVE,
     metavar="S",
     help="Bad readings are replaced by the last good one for this long [s]; then comes "
-    "the safe setpoint.  [default: 10, at least 10 sample periods of the model]",
+    "the safe setpoint.  [default: 10, at least 10 sample periods of the design]",
 )
 @click.option(
     "--frozen-after",
-    type=SECONDS,
+    type=POSITIVE,
     metavar="S",
-    default=float("inf"),
     show_default="never",
     help="A reading identical for longer than this is bad [s].",
 )
@@ -88,13 +95,13 @@ class Safe(click.ParamType):
 )
 @click.option(
     "--max-gap",
-    type=SECONDS,
+    type=POSITIVE,
     metavar="S",
     help="A longer pause is told, and counts as this long for --slew [s].  [default: as --hold]",
 )
 @click.option(
     "--timeout",
-    type=click.FloatRange(min=0),
+    type=NOT_NEGATIVE,
     metavar="S",
     help="Without a usable line for this long [s] the safe setpoint is written; 0 never."
     "  [default: as --hold]",
@@ -104,14 +111,14 @@ class Safe(click.ParamType):
 )
 @click.option(
     "--slew",
-    type=SECONDS,
+    type=POSITIVE,
     metavar="UM_PER_S",
     default=10.0,
     help="Largest rate of the setpoints [um/s].",
 )
 @click.option(
     "--step",
-    type=click.FloatRange(min=0),
+    type=NOT_NEGATIVE,
     metavar="UM",
     default=0.5,
     help="Step of the setpoints, with a hysteresis of a quarter step [um]; 0 for none.",
@@ -130,7 +137,7 @@ class Safe(click.ParamType):
 )
 @click.option(
     "--checkpoint-every",
-    type=SECONDS,
+    type=POSITIVE,
     metavar="S",
     default=10.0,
     help="Time between two states kept [s].",
@@ -155,9 +162,11 @@ def command(model: str, log: str, **options: Any) -> None:
         raise click.UsageError("MODEL and LOG cannot both be stdin")
     quiet = options.pop("quiet")
     safe = options.pop("safe")
+    frozen_after = options.pop("frozen_after")
     settings = Settings(
         sign=float(options.pop("sign")),
         safe=None if safe == "hold" else safe,
+        frozen_after=float("inf") if frozen_after is None else frozen_after,
         ranges=dict(options.pop("ranges")),
         arrival=options.pop("clock") == "arrival",
         estimates=options.pop("also") == "estimates",

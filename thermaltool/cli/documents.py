@@ -113,6 +113,13 @@ def warn_excursions(model: Model, log: Log) -> None:
         )
 
 
+def warn_pauses(log: Log, meaning: str) -> None:
+    """Say where the log has pauses (above --max-gap), and what they mean here."""
+    for part in log.segments[1:]:
+        pause = log.time[part.start] - log.time[part.start - 1]
+        warn(f"{log.name}:{log.lines[part.start]}: a pause of {pause:g} s; {meaning}")
+
+
 def table(rows: list[list[str]]) -> str:
     """Columns aligned by blanks; the first row is the heading."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]

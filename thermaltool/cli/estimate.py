@@ -10,6 +10,7 @@ from thermaltool.cli.documents import (
     table,
     warn,
     warn_excursions,
+    warn_pauses,
     write_json,
 )
 from thermaltool.cli.options import (
@@ -64,6 +65,7 @@ def command(
     data = read_log(log, columns=columns, from_format=from_format, nan_policy=nan_policy,
                     max_gap=max_gap, need=estimator.sensors)  # fmt: skip
     warn_excursions(document, data)
+    warn_pauses(data, "the heat is taken to wander on over it")
     rests = {o.channel: o.offset for o in document.outputs}
     readings = np.column_stack(
         [relative(data.column(name), rests[name]) for name in estimator.sensors]

@@ -5,7 +5,14 @@ from __future__ import annotations
 import click
 
 from thermaltool.cli.documents import read_model, warn, write_json
-from thermaltool.cli.options import json_option, model_argument, output_option, to_option
+from thermaltool.cli.options import (
+    NUMBER,
+    POSITIVE,
+    json_option,
+    model_argument,
+    output_option,
+    to_option,
+)
 from thermaltool.errors import ModelError
 
 
@@ -13,7 +20,7 @@ from thermaltool.errors import ModelError
 @model_argument
 @click.option(
     "--dt",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     metavar="SECONDS",
     help="Sample period [s].  [default: that of the model]",
 )
@@ -24,7 +31,7 @@ from thermaltool.errors import ModelError
 @click.option(
     "--regularization",
     nargs=3,
-    type=float,
+    type=NUMBER,
     metavar="A B C",
     help="f_R = (At + Bt²)e^(−ct).  [default: that of the model's design]",
 )

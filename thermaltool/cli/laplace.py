@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from thermaltool.cli.options import Source, json_option, output_option, to_option
+from thermaltool.cli.options import NUMBER, POSITIVE, Source, json_option, output_option, to_option
 
 
 class TimeGrid(click.ParamType):
@@ -59,7 +59,7 @@ class Assignment(click.ParamType):
 @click.option(
     "--time",
     "single",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     metavar="SECONDS",
     multiple=True,
     help="One time [s]; repeatable.",
@@ -72,14 +72,14 @@ class Assignment(click.ParamType):
 )
 @click.option(
     "--tol",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     metavar="ERROR",
     default=1e-9,
     help="Absolute error wanted [unit of the result].",
 )
 @click.option(
     "--abscissa",
-    type=float,
+    type=NUMBER,
     metavar="RATE",
     default=0.0,
     help="Largest real part of the singularities [1/s].",

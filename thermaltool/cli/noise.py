@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from thermaltool.cli.options import (
+    NUMBER,
     columns_option,
     from_option,
     gap_option,
@@ -23,9 +24,9 @@ from thermaltool.cli.options import (
     "--channel", "names", multiple=True, metavar="NAME", help="Only this one; repeat for more."
 )
 @click.option(
-    "--start", type=float, metavar="SECONDS", help="Take the log from this time on as idle [s]."
+    "--start", type=NUMBER, metavar="SECONDS", help="Take the log from this time on as idle [s]."
 )
-@click.option("--stop", type=float, metavar="SECONDS", help="Take it as idle up to this time [s].")
+@click.option("--stop", type=NUMBER, metavar="SECONDS", help="Take it as idle up to this time [s].")
 @click.option("--plot", metavar="FILE", help="Figure, .png, .svg or .pdf.")
 @output_option
 @json_option

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -24,6 +25,29 @@ class Source(click.Path):
             self.fail("stdin is a terminal: name a file or pipe a log in", param, ctx)
         return super().convert(value, param, ctx)
 
+
+def _finite(number: Any, value: Any, kind: click.ParamType, *place: Any) -> Any:
+    if not math.isfinite(number):
+        kind.fail(f"{value!r} is not a finite number", *place)
+    return number
+
+
+class Number(click.types.FloatParamType):
+    """A number; NaN and infinity are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return _finite(super().convert(value, param, ctx), value, self, param, ctx)
+
+
+class NumberRange(click.FloatRange):
+    """A number within bounds; NaN, which no bound keeps out, and infinity are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return _finite(super().convert(value, param, ctx), value, self, param, ctx)
+
+
+NUMBER = Number()
+POSITIVE, NOT_NEGATIVE = NumberRange(min=0, min_open=True), NumberRange(min=0)
 
 log_argument: Decorator = click.argument("log", type=Source(), default="-")
 logs_argument: Decorator = click.argument("logs", type=Source(), nargs=-1, default=("-",))
@@ -60,12 +84,11 @@ nan_option: Decorator = click.option(
 )
 gap_option: Decorator = click.option(
     "--max-gap",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     metavar="SECONDS",
     help="A pause above this splits the log into segments [s].  [default: 10 median periods]",
 )
 quiet_option: Decorator = click.option("-q", "--quiet", count=True, help="Less on stderr.")
-verbose_option: Decorator = click.option("-v", "--verbose", count=True, help="More on stderr.")
 
 
 def log_options(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import os
 from typing import Any
 
 import click
 
-from thermaltool.cli.options import output_option, to_option
+from thermaltool.cli.options import NOT_NEGATIVE, NUMBER, POSITIVE, output_option, to_option
 from thermaltool.plants import PLANTS
 
 SHAPES = ("step", "idle", "triangle", "duty")
-
-
-class Finite(click.FloatRange):
-    """A range of numbers without NaN and infinity."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value!r} is not a finite number", param, ctx)
-        return number
-
-
-POSITIVE, NOT_NEGATIVE = Finite(min=0, min_open=True), Finite(min=0)
 
 
 @click.command(
@@ -42,7 +28,7 @@ POSITIVE, NOT_NEGATIVE = Finite(min=0, min_open=True), Finite(min=0)
 @click.option("--start", type=NOT_NEGATIVE, default=60.0, help="Idle time before the input [s].")
 @click.option("--duration", type=POSITIVE, default=9000.0, help="Length, idle time included [s].")
 @click.option("--dt", type=POSITIVE, default=0.5, help="Sample period [s].")
-@click.option("--ambient", type=Finite(), default=20.0, help="Air temperature [degC].")
+@click.option("--ambient", type=NUMBER, default=20.0, help="Air temperature [degC].")
 @click.option("--seed", type=click.IntRange(min=0), default=1, help="Seed of noise and of duty.")
 @click.option("--sigma", type=NOT_NEGATIVE, default=0.02, help="White noise of temperatures [K].")
 @click.option("--drift", type=NOT_NEGATIVE, default=0.008, help="Drift of temperatures [K].")

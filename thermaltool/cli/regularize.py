@@ -16,7 +16,16 @@ from thermaltool.cli.documents import (
     warn,
     write_json,
 )
-from thermaltool.cli.options import Source, json_option, model_argument, output_option, quiet_option
+from thermaltool.cli.options import (
+    NOT_NEGATIVE,
+    NUMBER,
+    POSITIVE,
+    Source,
+    json_option,
+    model_argument,
+    output_option,
+    quiet_option,
+)
 from thermaltool.errors import FitError
 
 
@@ -35,27 +44,25 @@ from thermaltool.errors import FitError
 @click.option("--sensor", "sensors", multiple=True, metavar="CHANNEL", help="Use only this sensor.")
 @click.option(
     "--dt",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     metavar="SECONDS",
     help="Sample period of the estimator [s].  [default: that of the calibration]",
 )
 @click.option(
     "--walk",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     help="Pin the Kalman form's random-walk rate [share of the level per √s].",
 )
-@click.option(
-    "--delay", type=click.FloatRange(min=0), help="Pin the kernel form's artificial delay [s]."
-)
+@click.option("--delay", type=NOT_NEGATIVE, help="Pin the kernel form's artificial delay [s].")
 @click.option(
     "--cutoff",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     help="Pin the kernel form's filter [Hz].",
 )
 @click.option(
     "--regularization",
     nargs=3,
-    type=float,
+    type=NUMBER,
     metavar="A B C",
     help="Pin f_R = (At + Bt²)e^(−ct) of the kernel form [unit/s, unit/s², 1/s].",
 )

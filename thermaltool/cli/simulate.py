@@ -12,9 +12,11 @@ from thermaltool.cli.documents import (
     table,
     warn,
     warn_excursions,
+    warn_pauses,
     write_json,
 )
 from thermaltool.cli.options import (
+    NUMBER,
     Source,
     json_option,
     log_options,
@@ -30,11 +32,11 @@ from thermaltool.cli.options import (
 )
 @model_argument
 @click.argument("log", type=Source(), default="-")
-@click.option("--start", type=float, metavar="SECONDS", help="Judge from this time on [s].")
-@click.option("--stop", type=float, metavar="SECONDS", help="Judge up to this time [s].")
+@click.option("--start", type=NUMBER, metavar="SECONDS", help="Judge from this time on [s].")
+@click.option("--stop", type=NUMBER, metavar="SECONDS", help="Judge up to this time [s].")
 @click.option(
     "--max-rmse",
-    type=float,
+    type=NUMBER,
     metavar="VALUE",
     help="Exit 3 when an output's RMSE is above this [unit of the output].",
 )
@@ -66,6 +68,7 @@ def command(
     """
     import numpy as np
 
+    from thermaltool.errors import LogError
     from thermaltool.logs import read_log, write_table
     from thermaltool.model import relative
     from thermaltool.signals.agreement import agreement
@@ -76,6 +79,7 @@ def command(
     data = read_log(log, columns=columns, from_format=from_format, nan_policy=nan_policy,
                     max_gap=max_gap, need=drives)  # fmt: skip
     warn_excursions(document, data)
+    warn_pauses(data, "the drive is taken as held over it")
     simulated = document.simulate(data.time, {name: data.column(name) for name in drives})
     result, report = {"time_s": data.time}, {}
     low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
@@ -97,5 +101,8 @@ def command(
             rows.append([name, f"{a.rmse:.4g}", f"{a.fit_percent:.2f}", f"{a.max_error:.4g}",
                          f"{a.mean:.3g}", str(a.rows)])  # fmt: skip
         warn(table(rows))
-    if max_rmse is not None and any(a.rmse > max_rmse for a in report.values()):
-        sys.exit(3)
+    if max_rmse is not None:
+        if not any(a.rows for a in report.values()):
+            raise LogError("--max-rmse: no measured output to judge", data.name)
+        if any(a.rmse > max_rmse for a in report.values()):
+            sys.exit(3)

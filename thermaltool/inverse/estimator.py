@@ -8,6 +8,7 @@ sample. This module needs numpy alone: it is what the stream runs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Protocol
@@ -19,6 +20,8 @@ from thermaltool.responses.modes import CLOCK_STEP, Float, Modes, Recursion, uni
 
 # The Kalman gain varies slowly with the sample length: it is solved for on this relative grid.
 GAIN_GRID = 0.01
+# Enough for every sample length from a clock step to 10⁷ s: a gain is solved for once.
+GAINS_KEPT = 4096
 
 
 class Estimator(Protocol):
@@ -80,7 +83,7 @@ class KalmanEstimator:
     def __post_init__(self) -> None:
         # A cache of the instance: it goes when the estimator goes.
         object.__setattr__(self, "_recursion", lru_cache(maxsize=64)(self._build))
-        object.__setattr__(self, "_gain", lru_cache(maxsize=64)(self._solve_gain))
+        object.__setattr__(self, "_gain", lru_cache(GAINS_KEPT)(self._solve_gain))
 
     def recursion(self, dt: float) -> Recursion:
         """x ← (I − L Cs) F x + L y, for a sample of `dt` [s]."""
@@ -265,8 +268,18 @@ def _terms_document(terms: tuple[tuple[int, int, Modes], ...]) -> list[dict[str,
     return [{"to": to, "drive": drive, "modes": modes.document()} for to, drive, modes in terms]
 
 
-def _terms(documents: list[dict[str, Any]]) -> tuple[tuple[int, int, Modes], ...]:
+def _terms(
+    documents: list[dict[str, Any]], targets: tuple[str, ...], drives: tuple[str, ...]
+) -> tuple[tuple[int, int, Modes], ...]:
+    for d in documents:
+        if d["to"] not in range(len(targets)) or d["drive"] not in range(len(drives)):
+            raise ModelError(f"a term from {d['drive']!r} to {d['to']!r}, which are not there")
     return tuple((d["to"], d["drive"], Modes.from_document(d["modes"])) for d in documents)
+
+
+def _above_zero(name: str, values: Sequence[float], owners: tuple[str, ...]) -> None:
+    if len(values) != len(owners) or not all(0 < value < np.inf for value in values):
+        raise ModelError(f"{name} must be a number above 0 for each of {', '.join(owners)}")
 
 
 def load_estimator(document: dict[str, Any]) -> Estimator:
@@ -275,7 +288,7 @@ def load_estimator(document: dict[str, Any]) -> Estimator:
     Raises
     ------
     ModelError
-        Unknown form, or a part missing.
+        Unknown form, or a part missing or not sound.
     """
     try:
         sensors, drives, outputs = (tuple(document[k]) for k in ("sensors", "drives", "outputs"))
@@ -284,23 +297,30 @@ def load_estimator(document: dict[str, Any]) -> Estimator:
                 SensorNoise(n["white_sigma"], n["drift_sigma"], n["drift_time_s"])
                 for n in document["noise"]
             )
+            walk = tuple(document["walk_per_sqrt_s"])
+            _above_zero("walk_per_sqrt_s", walk, drives)
+            _above_zero("white_sigma", [n.white for n in noise], sensors)
+            _above_zero("drift_time_s", [n.drift_time for n in noise], sensors)
             return KalmanEstimator(
                 sensors,
                 drives,
                 outputs,
-                _terms(document["sensed"]),
-                _terms(document["followed"]),
-                tuple(document["walk_per_sqrt_s"]),
+                _terms(document["sensed"], sensors, drives),
+                _terms(document["followed"], outputs, drives),
+                walk,
                 noise,
             )
         if document["form"] == "kernel":
+            delay = float(document["delay_s"])
+            if not 0 <= delay < np.inf:
+                raise ModelError(f"delay_s cannot be {delay:g}")
             return KernelEstimator(
                 sensors[0],
                 drives[0],
                 outputs,
                 Modes.from_document(document["inverse"]),
-                _terms(document["followed"]),
-                document["delay_s"],
+                _terms(document["followed"], outputs, drives),
+                delay,
             )
     except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
         raise ModelError(

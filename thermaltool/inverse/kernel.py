@@ -181,7 +181,7 @@ def kernel_table(
     window : int
         Number of weights.
     tol : float
-        Wanted error of a weight, relative to A0.
+        Wanted error of a weight, relative to the larger of A0 and 2c/A (A0 is zero for B = c A).
 
     Raises
     ------
@@ -201,7 +201,8 @@ def kernel_table(
         return np.asarray(1 / (transfer(s) + regularization.transfer(s)) - A0 - A1 * s)
 
     t = dt * np.arange(window + 1)
-    twice = invert(lambda s: regular(s) / s**2, t[1:], tol=tol * dt * abs(A0))
+    scale = max(abs(A0), abs(2 * regularization.c * A1))
+    twice = invert(lambda s: regular(s) / s**2, t[1:], tol=tol * dt * scale)
     ramp = np.concatenate([[0.0], twice.values])
     weight = np.empty(window)
     weight[0] = ramp[1] / dt

@@ -116,8 +116,9 @@ def _capped(findings: Iterator[Finding]) -> list[Finding]:
 def _gaps(log: Log, clock: Sampling) -> Iterator[Finding]:
     """Pauses between segments and, where the sampling is even, places where rows were lost."""
     steps = np.diff(log.time)
-    cuts = {part.start for part in log.segments}
-    for k in np.flatnonzero(steps > BURST_PERIODS * clock.period) + 1:
+    cuts = {part.start for part in log.segments[1:] if steps[part.start - 1] > 0}
+    long = set((np.flatnonzero(steps > BURST_PERIODS * clock.period) + 1).tolist())
+    for k in sorted(cuts | long):
         if k in cuts:
             message = f"a gap of {steps[k - 1]:g} s: a new segment"
         elif clock.burst_rows is None:

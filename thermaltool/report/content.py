@@ -147,7 +147,7 @@ def read_table(source: str, options: Mapping[str, Any], need: Sequence[str] = ()
 def _sound(log: Log) -> Log:
     """The log, unless it has a fault.
 
-    The safe setpoint that ends a stream bears the time of the line before it: in a table of
+    A line that the stream refused is answered under the time of the line before it: in a table of
     setpoints the clock may stand still.
     """
     faults = [p for p in log.problems if p.message != UNFINISHED]

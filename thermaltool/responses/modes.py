@@ -138,6 +138,11 @@ class Modes:
     def __post_init__(self) -> None:
         if not len(self.double):
             object.__setattr__(self, "double", np.zeros(len(self.poles)))
+        shapes = {self.poles.shape, self.weights.shape, self.double.shape}
+        if len(shapes) > 1 or not all(
+            np.isfinite(part).all() for part in (self.poles, self.weights, self.double)
+        ):
+            raise ModelError("modes need as many weights as poles, all of them finite")
         if np.any(self.poles.real > 0):
             raise ModelError("a response with a pole in the right half-plane is unstable")
 

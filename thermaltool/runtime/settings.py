@@ -24,7 +24,7 @@ from thermaltool.runtime.stream import Stream, Writer
 Format = Literal["csv", "ndjson"]
 
 # Where nothing is said, readings are held and pauses borne for this many sample periods of the
-# model, and not below `LEAST_HOLD` [s].
+# design, and not below `LEAST_HOLD` [s].
 HOLD_PERIODS, LEAST_HOLD = 10, 10.0
 # Arrival times are rounded to this [s].
 ARRIVAL_STEP = 1e-3
@@ -82,9 +82,9 @@ class Settings:
     checkpoint_every: float = 10.0
 
 
-def default_hold(model: Model) -> float:
+def default_hold(period: float) -> float:
     """How long the last good value stands in, where the user does not say [s]."""
-    return max(LEAST_HOLD, HOLD_PERIODS * model.sample_period)
+    return max(LEAST_HOLD, HOLD_PERIODS * period)
 
 
 def setpoint_name(channel: str) -> str:
@@ -125,9 +125,13 @@ def open_stream(
     """
     design = model.estimator_design()
     estimator = load_estimator(dict(design))
-    hold = default_hold(model) if settings.hold is None else settings.hold
-    max_gap = default_hold(model) if settings.max_gap is None else settings.max_gap
-    timeout = default_hold(model) if settings.timeout is None else settings.timeout
+    # That of regularize --dt, which may not be that of the calibration.
+    period = settings.period or float(design.get("sample_period_s", model.sample_period))
+    if not 0 < period < math.inf:
+        raise ModelError("sample_period_s of the design is not above 0")
+    hold = default_hold(period) if settings.hold is None else settings.hold
+    max_gap = default_hold(period) if settings.max_gap is None else settings.max_gap
+    timeout = default_hold(period) if settings.timeout is None else settings.timeout
     messages = Messages(emit, name)
     deflections = {output.channel for output in model.deflections}
     followed = [k for k, name in enumerate(estimator.estimates) if name in deflections]
@@ -140,7 +144,7 @@ def open_stream(
         Setpoint(limits, settings.slew, settings.step, settings.safe or 0.0) for _ in followed
     ]
     compensator = Compensator(
-        Stepper(estimator, model.sample_period),
+        Stepper(estimator, period),
         _sensors(model, estimator.sensors, hold, settings, messages),
         followed,
         setpoints,
@@ -167,7 +171,7 @@ def open_stream(
         messages=messages,
         estimates=settings.estimates,
         timeout=timeout or math.inf,
-        tick=model.sample_period,
+        tick=period,
         checkpoint=Checkpoint(settings.checkpoint, design_digest(design))
         if settings.checkpoint
         else None,
