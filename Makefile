@@ -2,12 +2,13 @@
 # make test     the tests; make lint: ruff, mypy, import direction
 # make bench    speed as ratios measured in one run
 # make study    error bands over fresh noise, and the measured logs; make measured: these alone
+# make docs     docs/commands/ again, from --help
 # make samples  data_samples/ again, from the simulated machine
 # Each sets up .venv from requirements.lock by itself.
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
-.PHONY: demo test lint bench study measured samples lock clean
+.PHONY: demo test lint bench study measured samples docs lock clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -48,6 +49,9 @@ measured: $(READY)
 
 samples: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/samples.mk $(TOOLS)
+
+docs: $(READY)
+	$(BIN)/python docs/commands.py
 
 lock:
 	uv pip compile --universal --generate-hashes --no-emit-index-url --group dev pyproject.toml -o requirements.lock

@@ -107,7 +107,7 @@ def command(
     pinned |= dict(zip("ABc", regularization or (None,) * 3, strict=True))
     designs = {}
     if form != "kernel":
-        designs["kalman"] = design_kalman(machine, walk)
+        designs["kalman"] = design_kalman(machine, walk, progress)
     single = len(machine.sensors) == 1 and len(machine.drives) == 1
     if form == "kernel" or (form == "auto" and single):
         held = {name: value for name, value in pinned.items() if value is not None}

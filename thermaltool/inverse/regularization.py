@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 from scipy.signal import lfilter
-from scipy.stats import qmc
 
 from thermaltool.errors import FitError
 from thermaltool.inverse.estimator import Estimator
@@ -106,7 +105,11 @@ class Choice:
     objective: float
 
 
-def design_kalman(machine: Machine, walk: float | None = None) -> list[Choice]:
+def design_kalman(
+    machine: Machine,
+    walk: float | None = None,
+    progress: Callable[[str], None] = lambda message: None,
+) -> list[Choice]:
     """Kalman designs over random-walk rates; the chosen one has the smallest objective.
 
     Rates run from 10⁻⁴ to 1 of the reference level per √s, the same share for every drive, and
@@ -119,6 +122,7 @@ def design_kalman(machine: Machine, walk: float | None = None) -> list[Choice]:
     """
 
     def at(share: float) -> Choice:
+        progress(f"kalman form, walk {share:.2g}")
         estimator = machine.kalman([share * abs(level) for level in machine.level])
         prediction = predict(estimator, machine)
         return Choice(
@@ -156,6 +160,9 @@ def design_kernel(
     FitError
         More than one sensor or drive, or no stable inverse without ringing.
     """
+    # Slow to import, and the Kalman form needs none of it.
+    from scipy.stats import qmc
+
     pinned = dict(pinned or {})
     (_, _, response), *others = machine.sensed
     if others or len(machine.drives) != 1:
