@@ -66,7 +66,8 @@ endef
 $(foreach log,$(LOGS),$(foreach design,$(DESIGNS),$(eval $(call through,$(log),$(design)))))
 
 $(OUT)/bands.md: $(DESIGNS:%=$(OUT)/%.json) $(LOGS:%=$(SAMPLES)/frame_%.parquet)
-	$(PYTHON) benchmarks/deflection_bands.py $(SAMPLES) $(DESIGNS:%=$(OUT)/%.json) > $@.part
+	$(PYTHON) benchmarks/deflection_bands.py $(SAMPLES) $(DESIGNS:%=$(OUT)/%.json) \
+	    --must far_kalman --must far_kernel > $@.part
 	@mv $@.part $@
 
 $(OUT)/setpoints.md: $(foreach each,$(BOTH),$(OUT)/$(each).estimate.parquet $(OUT)/$(each).setpoints.csv)

@@ -183,6 +183,16 @@ class Excursion:
     high: float
 
 
+# A first reading further from rest than this share of what the calibration has seen is no rest.
+REST_SHARE = 0.1
+NOT_AT_REST = "is not rest, which the estimates start from: see --initial settled"
+
+
+def away_from_rest(value: float, seen: tuple[float, float]) -> bool:
+    """Whether a first reading, relative to rest, contradicts a machine at rest."""
+    return abs(value) > REST_SHARE * max(abs(seen[0]), abs(seen[1]))
+
+
 def excursions(
     model: Model, columns: Mapping[str, Float], margin: float = 0.1
 ) -> tuple[Excursion, ...]:
@@ -195,16 +205,33 @@ def excursions(
     found = []
     rests = [(d.channel, d.reference, d.range) for d in model.drives]
     rests += [(o.channel, o.offset, o.range) for o in model.outputs]
-    for channel, rest, (low, high) in rests:
-        if channel not in columns:
-            continue
-        values = relative(columns[channel], rest)
-        slack = margin * (high - low)
-        outside = np.flatnonzero((values < low - slack) | (values > high + slack))
-        if len(outside):
-            first = int(outside[0])
-            found.append(Excursion(channel, len(outside), first, float(values[first]), low, high))
+    for channel, rest, seen in rests:
+        if channel in columns:
+            found += _excursion(channel, relative(columns[channel], rest), seen, margin)
     return tuple(found)
+
+
+def extrapolated(
+    model: Model, estimates: Mapping[str, Float], margin: float = 0.1
+) -> tuple[Excursion, ...]:
+    """Estimated deflections, relative to rest, beyond what the calibration has seen."""
+    found = []
+    for output in model.deflections:
+        if output.channel in estimates:
+            found += _excursion(output.channel, estimates[output.channel], output.range, margin)
+    return tuple(found)
+
+
+def _excursion(
+    channel: str, values: Float, seen: tuple[float, float], margin: float
+) -> list[Excursion]:
+    low, high = seen
+    slack = margin * (high - low)
+    outside = np.flatnonzero((values < low - slack) | (values > high + slack))
+    if not len(outside):
+        return []
+    first = int(outside[0])
+    return [Excursion(channel, len(outside), first, float(values[first]), low, high)]
 
 
 def only_sensors(model: Model, sensors: Sequence[str]) -> Model:

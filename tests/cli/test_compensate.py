@@ -250,3 +250,21 @@ def test_the_shell_pipe(model, tmp_path):
     assert len(lines) == 62
     assert lines[-1] == "59.5,0.0"
     assert json.loads((tmp_path / "state.json").read_text())["state"]["time_s"] == 59.0
+
+
+def test_a_warm_start_is_told_and_can_be_settled(model):
+    warm = HEADER + rows(100, 110)
+    _, cold, told = run(model, text=warm)
+    assert "<stdin>:2: " in told
+    assert "see --initial settled" in told
+    _, settled, silence = run(model, "--initial", "settled", "--slew", "1000", text=warm)
+    assert silence == ""
+    assert float(cold.splitlines()[1].split(",")[1]) == 0
+    assert float(settled.splitlines()[1].split(",")[1]) < -5
+
+
+def test_json_lines(model):
+    code, out, _ = run(model, "--json", text=HEADER + rows(0, 3))
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert code == 0
+    assert [line["time_s"] for line in lines] == [0.0, 1.0, 2.0, 2.5]

@@ -103,3 +103,30 @@ def test_a_design_that_is_not_whole(thermaltool, files, form, key):
     result = thermaltool("estimate", path, files.log)
     assert (result.code, result.err.count("\n")) == (1, 1)
     assert "run thermaltool regularize again" in result.err
+
+
+@forms
+def test_a_warm_start_is_told_and_can_be_settled(thermaltool, files, form):
+    header, *rows = files.log.read_text().splitlines()
+    warm = "\n".join([header, *rows[110:]]) + "\n"
+    design = getattr(files, form)
+    cold = thermaltool("estimate", design, "-", "--json", "-o", files.folder / "o.csv", stdin=warm)
+    assert "<stdin>:2: dT_pair1_K:" in cold.err
+    assert "see --initial settled" in cold.err
+    settled = thermaltool(
+        "estimate", design, "-", "--initial", "settled", "--json", "-o", files.folder / "o.csv",
+        stdin=warm,
+    )  # fmt: skip
+    assert "settled" not in settled.err
+    assert settled.json["d_x_um"]["band"] < 0.5 * cold.json["d_x_um"]["band"]
+
+
+def test_a_deflection_beyond_the_calibration_is_told(thermaltool, files):
+    header, *rows = files.log.read_text().splitlines()
+    hot = [header]
+    for row in rows:
+        cells = row.split(",")
+        hot.append(",".join([cells[0], cells[1], f"{2 * float(cells[2]):.4f}", *cells[3:]]))
+    result = thermaltool("estimate", files.kalman, "-", stdin="\n".join(hot) + "\n")
+    assert "d_x_um:" in result.err
+    assert "outside the calibrated range" in result.err

@@ -238,6 +238,17 @@ def test_a_short_record_says_so():
     assert "slowest time constant" in sentences
 
 
+def test_a_record_of_less_than_three_time_constants_never_passes_for_settled():
+    """600 s of 700 s: the fit may look certain of a steady state that it has not seen."""
+    time = 2.0 * np.arange(300)
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        values = 100 * -np.expm1(-time / 700) + 20 * -np.expm1(-time / 60)
+        record = Record(time, (np.ones(300),), values + 0.2 * rng.standard_normal(300))
+        got = fit_output([record], ["deflection"], ["zero"], starts=2)
+        assert "not settled" in " ".join(got.unidentified)
+
+
 def test_a_long_record_is_settled():
     time = 20.0 * np.arange(500)
     u = ((time >= 100) & (time < 6000)).astype(float)

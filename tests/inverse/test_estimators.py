@@ -126,6 +126,16 @@ def test_steady_state_is_unbiased(estimators, form):
 
 
 @forms
+def test_a_machine_that_has_settled_stays_where_it_is(estimators, form):
+    estimator = estimators[form]
+    gains = {"dT_near_K": NEAR.dc_gain(), "dT_far_K": FAR.dc_gain()}
+    reading = 0.7 * np.array([gains[name] for name in estimator.sensors])
+    estimates = run_estimator(estimator, DT * np.arange(500), np.tile(reading, (500, 1)), True)
+    expected = np.tile([0.7, 0.7 * BEND.dc_gain()], (500, 1))
+    np.testing.assert_allclose(estimates, expected, rtol=1e-5)
+
+
+@forms
 def test_a_step_is_followed(estimators, form):
     estimator = estimators[form]
     time = DT * np.arange(4000)
@@ -395,3 +405,13 @@ def test_gains_are_solved_once_for_an_uneven_clock(estimators, monkeypatch):
     for dt in (*lengths, *lengths):
         estimator.recursion(dt)
     assert len(calls) == len(set(calls)) > 300
+
+
+@forms
+def test_modes_that_are_cut_short_are_told(estimators, form):
+    good = estimators[form].document()
+    term = good["followed"][0]
+    for damage in ([1.0], [float("nan")] * len(term["modes"]["weight"])):
+        modes = {**term["modes"], "weight": damage}
+        with pytest.raises(ModelError, match="modes need"):
+            load_estimator({**good, "followed": [{**term, "modes": modes}]})

@@ -118,6 +118,8 @@ def _defaults(
 
 def main() -> None:
     """Entry point: every way out has its exit code and at most one line on stderr."""
+    # As an exception, so that a half-written file is taken away.
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(TERMINATED))
     debug = "--debug" in sys.argv[1:]
     name = " ".join(["thermaltool", *[arg for arg in sys.argv[1:] if arg in COMMANDS][:1]])
     try:

@@ -12,6 +12,8 @@ from thermaltool.cli.options import (
     NOT_NEGATIVE,
     POSITIVE,
     columns_option,
+    initial_option,
+    json_lines_option,
     log_argument,
     model_argument,
     quiet_option,
@@ -142,6 +144,8 @@ class Safe(click.ParamType):
     default=10.0,
     help="Time between two states kept [s].",
 )
+@initial_option
+@json_lines_option
 @quiet_option
 def command(model: str, log: str, **options: Any) -> None:
     """Setpoints from sensor lines: one line in, one line out, at once.
@@ -161,6 +165,8 @@ def command(model: str, log: str, **options: Any) -> None:
     if model == log == "-":
         raise click.UsageError("MODEL and LOG cannot both be stdin")
     quiet = options.pop("quiet")
+    if options.pop("as_json"):
+        options["to_format"] = "ndjson"
     safe = options.pop("safe")
     frozen_after = options.pop("frozen_after")
     settings = Settings(
@@ -170,6 +176,7 @@ def command(model: str, log: str, **options: Any) -> None:
         ranges=dict(options.pop("ranges")),
         arrival=options.pop("clock") == "arrival",
         estimates=options.pop("also") == "estimates",
+        settled=options.pop("initial") == "settled",
         **options,
     )
 

@@ -15,7 +15,7 @@ from thermaltool.files import atomic_output
 if TYPE_CHECKING:
     from thermaltool.inverse.estimator import SensorNoise
     from thermaltool.logs import Log
-    from thermaltool.model import Model
+    from thermaltool.model import Excursion, Model
 
 
 # Time constant given to a drift of which the log tells only the rate [s].
@@ -107,10 +107,15 @@ def warn_excursions(model: Model, log: Log) -> None:
 
     for e in excursions(model, log.columns):
         line = f":{log.lines[e.first]}" if len(log.lines) else ""
-        warn(
-            f"{log.name}{line}: {e.channel}: {e.value:.4g} is outside the calibrated range "
-            f"{e.low:.4g} to {e.high:.4g} ({e.rows} rows): the model extrapolates"
-        )
+        warn(f"{log.name}{line}: {told(e)}")
+
+
+def told(e: Excursion) -> str:
+    """An excursion in words."""
+    return (
+        f"{e.channel}: {e.value:.4g} is outside the calibrated range {e.low:.4g} to {e.high:.4g} "
+        f"({e.rows} rows): the model extrapolates"
+    )
 
 
 def warn_pauses(log: Log, meaning: str) -> None:

@@ -8,6 +8,7 @@ from thermaltool.cli.documents import (
     one_stdin,
     read_model,
     table,
+    told,
     warn,
     warn_excursions,
     warn_pauses,
@@ -15,6 +16,7 @@ from thermaltool.cli.documents import (
 )
 from thermaltool.cli.options import (
     Source,
+    initial_option,
     json_option,
     log_options,
     model_argument,
@@ -32,6 +34,7 @@ from thermaltool.cli.options import (
 @log_options
 @output_option
 @to_option
+@initial_option
 @json_option
 @quiet_option
 def command(
@@ -43,6 +46,7 @@ def command(
     max_gap: float | None,
     output: str,
     to_format: str | None,
+    initial: str,
     as_json: bool,
     quiet: int,
 ) -> None:
@@ -56,7 +60,7 @@ def command(
 
     from thermaltool.inverse.estimator import load_estimator, run_estimator
     from thermaltool.logs import read_log, write_table
-    from thermaltool.model import relative
+    from thermaltool.model import NOT_AT_REST, away_from_rest, extrapolated, relative
     from thermaltool.signals.agreement import agreement
 
     one_stdin(model, log)
@@ -70,12 +74,23 @@ def command(
     readings = np.column_stack(
         [relative(data.column(name), rests[name]) for name in estimator.sensors]
     )
-    estimates = run_estimator(estimator, data.time, readings)
+    settled = initial == "settled"
+    ranges = {o.channel: o.range for o in document.sensors}
+    for name, reading in zip(estimator.sensors, readings[:1].ravel(), strict=len(data) > 0):
+        if not settled and away_from_rest(reading, ranges[name]):
+            warn(f"{data.name}:{data.lines[0]}: {name}: {reading:.4g} at the start {NOT_AT_REST}")
+    estimates = run_estimator(estimator, data.time, readings, settled)
     result = {"time_s": data.time}
     result |= dict(zip(estimator.estimates, estimates.T, strict=True))
+    for e in extrapolated(document, result):
+        warn(f"{data.name}:{data.lines[e.first]}: {told(e)}")
     references = {d.channel: d.reference for d in document.drives} | rests
     report = {
-        name: agreement(relative(data.columns[name], references[name]), values)
+        # What counts from its first value is compared from the first row on.
+        name: agreement(
+            relative(data.columns[name], references[name]),
+            values - values[:1] if references[name] == "first" else values,
+        )
         for name, values in list(result.items())[1:]
         if name in data.columns
     }

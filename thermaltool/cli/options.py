@@ -58,6 +58,9 @@ output_option: Decorator = click.option(
 json_option: Decorator = click.option(
     "--json", "as_json", is_flag=True, help="Machine-readable JSON on stdout."
 )
+json_lines_option: Decorator = click.option(
+    "--json", "as_json", is_flag=True, help="Short for --to ndjson."
+)
 columns_option: Decorator = click.option(
     "--columns",
     type=click.Path(exists=True, dir_okay=False),
@@ -87,6 +90,12 @@ gap_option: Decorator = click.option(
     type=POSITIVE,
     metavar="SECONDS",
     help="A pause above this splits the log into segments [s].  [default: 10 median periods]",
+)
+initial_option: Decorator = click.option(
+    "--initial",
+    type=click.Choice(["rest", "settled"]),
+    default="rest",
+    help="The machine at the first row: cold, or settled at the first readings.",
 )
 quiet_option: Decorator = click.option("-q", "--quiet", count=True, help="Less on stderr.")
 

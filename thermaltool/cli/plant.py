@@ -7,7 +7,14 @@ from typing import Any
 
 import click
 
-from thermaltool.cli.options import NOT_NEGATIVE, NUMBER, POSITIVE, output_option, to_option
+from thermaltool.cli.options import (
+    NOT_NEGATIVE,
+    NUMBER,
+    POSITIVE,
+    json_lines_option,
+    output_option,
+    to_option,
+)
 from thermaltool.plants import PLANTS
 
 SHAPES = ("step", "idle", "triangle", "duty")
@@ -36,6 +43,7 @@ SHAPES = ("step", "idle", "triangle", "duty")
 @click.option("--sigma-d", type=NOT_NEGATIVE, default=0.2, help="Noise of displacements [um].")
 @click.option("--clean", is_flag=True, help="The truth: no noise, no rounding.")
 @to_option
+@json_lines_option
 @output_option
 def command(
     name: str,
@@ -52,6 +60,7 @@ def command(
     sigma_d: float,
     clean: bool,
     to_format: str | None,
+    as_json: bool,
     output: str,
 ) -> None:
     """Write a test log from the simulated machine NAME, from rest at the air's temperature.
@@ -84,7 +93,7 @@ def command(
         sensors = {"degC": temperature, "K": temperature, "um": Sensor(sigma_d, decimals=2)}
         columns = read_sensors(columns, sensors, dt, seed)
     table = {"time_s": time, "Q_main_1": heat, "T_ambient_degC": air, **columns}
-    write_table(table, output, to_format)
+    write_table(table, output, "ndjson" if as_json else to_format)
 
 
 def _read_input(source: str) -> Any:

@@ -6,7 +6,13 @@ import sys
 
 import click
 
-from thermaltool.cli.options import Source, log_options, output_option
+from thermaltool.cli.documents import write_json
+from thermaltool.cli.options import (
+    Source,
+    json_option,
+    log_options,
+    output_option,
+)
 
 
 @click.command(
@@ -22,6 +28,7 @@ from thermaltool.cli.options import Source, log_options, output_option
 )
 @log_options
 @output_option
+@json_option
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -33,6 +40,7 @@ def command(
     nan_policy: str,
     max_gap: float | None,
     output: str,
+    as_json: bool,
 ) -> None:
     """Figure of any log or result, PNG, SVG or PDF by the suffix of -o; stdout is PNG.
 
@@ -48,6 +56,8 @@ def command(
     from thermaltool.report.figure import draw
     from thermaltool.report.style import figure_format, render
 
+    if as_json and output == "-":
+        raise click.UsageError("--json reports on stdout: give the figure a file with -o")
     if output == "-" and sys.stdout.isatty():
         raise click.UsageError("stdout is a terminal: name a figure with -o FIG.png, .svg or .pdf")
     kind = "png" if output == "-" else figure_format(output)
@@ -68,3 +78,6 @@ def command(
     figure = render(lambda: draw(contents, channels), kind)
     with atomic_output(output) as stream:
         stream.write(figure)
+    if as_json:
+        drawn = [{"file": content.name, "kind": content.kind} for content in contents]
+        write_json({"figure": output, "drawn": drawn}, "-")

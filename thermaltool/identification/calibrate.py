@@ -20,6 +20,9 @@ Loss = Literal["linear", "huber"]
 # a steady state when its standard error is above `UNSETTLED`.
 UNIDENTIFIED = 0.5
 UNSETTLED = 0.1
+# A record shorter than this many of the slowest time constants does not show the steady state:
+# its covariance, linear around the fit, is then too narrow to be believed.
+SETTLED_PERIODS = 3
 # Residuals beyond this many robust standard deviations count linearly (Huber).
 HUBER = 2.5
 
@@ -291,7 +294,8 @@ def _unsettled(
             gradient.append((ahead - behind) / (2 * step))
         error = float(np.sqrt(max(0.0, gradient @ covariance[np.ix_(index, index)] @ gradient)))
         slowest = response.slowest()
-        if error > UNSETTLED * abs(response.dc_gain()) or slowest > duration:
+        short = duration < SETTLED_PERIODS * slowest
+        if error > UNSETTLED * abs(response.dc_gain()) or short:
             found.append(
                 f"the steady state ({response.dc_gain():.4g} ± {error:.2g}) is not settled: the "
                 f"record covers {duration / slowest:.2g} of the slowest time constant, "

@@ -329,13 +329,17 @@ def load_estimator(document: dict[str, Any]) -> Estimator:
     raise ModelError(f"unknown form of estimator: {document['form']!r}")
 
 
-def run_estimator(estimator: Estimator, time: Float, readings: Float) -> Float:
+def run_estimator(
+    estimator: Estimator, time: Float, readings: Float, settled: bool = False
+) -> Float:
     """Estimates for a whole record, equal to the stream's sample by sample.
 
     Parameters
     ----------
     time : ndarray, shape (n,) [s], increasing
     readings : ndarray, shape (n, n_sensors)
+    settled : bool
+        The machine has stood at the first readings for long; else it is at rest there.
 
     Returns
     -------
@@ -344,5 +348,7 @@ def run_estimator(estimator: Estimator, time: Float, readings: Float) -> Float:
     out = np.zeros((len(time), len(estimator.estimates)))
     x = None
     for rows, dt in uniform_spans(time):
+        if settled and x is None:
+            x = estimator.recursion(dt).settled(readings[0])
         out[rows], x = estimator.recursion(dt).run(readings[rows], x)
     return out

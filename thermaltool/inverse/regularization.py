@@ -40,7 +40,8 @@ class Prediction:
         Standard deviation of the deflection error in steady state.
     heat_sigma : tuple of float, one for each drive
     lag : float [s]
-        Mean delay of the heat estimate after a step: the area between the two.
+        Mean delay of the deflection estimate after a step: the area between it and the
+        deflection over the final value, for the output that is latest.
     """
 
     band: tuple[float, ...]
@@ -71,13 +72,13 @@ def predict(estimator: Estimator, machine: Machine) -> Prediction:
     high = SPREAD * sigma[heats:]
     low, lag = -high, 0.0
     worst = np.zeros(len(machine.outputs))
-    for drive, (readings, truth) in enumerate(machine.trials):
+    for readings, truth in machine.trials:
         estimates = recursion.run(readings)[0]
         bias = estimates[:, heats:] - truth
         high, low = np.maximum(high, bias.max(axis=0)), np.minimum(low, bias.min(axis=0))
         worst = np.maximum(worst, np.abs(bias).max(axis=0))
-        missing = 1 - estimates[:, drive] / machine.level[drive]
-        lag = max(lag, float(np.sum(missing) * dt))
+        late = -bias.sum(axis=0) * dt / np.where(truth[-1] == 0, np.inf, truth[-1])
+        lag = max(lag, float(np.max(late)))
     return Prediction(
         band=tuple((high - low).tolist()),
         lag_error=tuple(worst.tolist()),

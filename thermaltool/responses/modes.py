@@ -93,6 +93,20 @@ class Recursion:
             y[k + 1] = self.C @ x
         return y, x
 
+    def settled(self, u: Float) -> Float:
+        """The state in which an input that has stood at `u` for ever leaves the system.
+
+        Parameters
+        ----------
+        u : ndarray, shape (m,)
+
+        Returns
+        -------
+        x : ndarray, shape (n,)
+        """
+        still = np.eye(len(self.F)) - self.F
+        return np.asarray(np.linalg.solve(still, (self.G0 + self.G1) @ u))
+
     def _unroll(self, gain: Float, block: int) -> tuple[Float, Float, Float, Float]:
         """F^block, and what inputs and first state of a block do to its last state and outputs."""
         n, m, p = len(self.F), gain.shape[1], len(self.C)
@@ -230,6 +244,8 @@ class Modes:
     def from_document(lists: dict[str, Any]) -> Modes:
         zero = [0.0] * len(lists["pole"])
         imag, weight = lists.get("pole_imag", zero), lists.get("weight_imag", zero)
+        if any(len(each) != len(zero) for each in lists.values()):
+            raise ModelError("modes need lists of one length")
         return Modes(
             np.array(lists["pole"]) + 1j * np.array(imag),
             np.array(lists["weight"]) + 1j * np.array(weight),

@@ -36,6 +36,9 @@ class Checkpoint:
     path: str
     design: str
     _writer: threading.Thread | None = field(default=None, init=False)
+    _waiting: bytes | None = field(default=None, init=False)
+    _writing: bool = field(default=False, init=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
     _error: OutputError | None = field(default=None, init=False)
 
     def load(self) -> dict[str, Any] | None:
@@ -72,17 +75,20 @@ class Checkpoint:
     def save(self, state: dict[str, Any]) -> None:
         """Write `state` whole, in the background: a slow disk does not keep the stream waiting.
 
-        While the last one is still being written, this one is skipped.
+        While an earlier one is still being written, the newest waits; those between are left out.
 
         Raises
         ------
         OutputError
             An earlier save failed.
         """
-        if self._writer is not None and self._writer.is_alive():
-            return
         self._raise()
-        self._writer = threading.Thread(target=self._write, args=(self._text(state),))
+        with self._lock:
+            self._waiting = self._text(state)
+            if self._writing:
+                return
+            self._writing = True
+        self._writer = threading.Thread(target=self._write_waiting)
         self._writer.start()
 
     def close(self, state: dict[str, Any]) -> None:
@@ -101,6 +107,15 @@ class Checkpoint:
             "state": state,
         }
         return json.dumps(document, sort_keys=True, allow_nan=False).encode() + b"\n"
+
+    def _write_waiting(self) -> None:
+        while True:
+            with self._lock:
+                text, self._waiting = self._waiting, None
+                if text is None:
+                    self._writing = False
+                    return
+            self._write(text)
 
     def _write(self, text: bytes) -> None:
         try:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from thermaltool.control.setpoint import Setpoint
+from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.records import Record
 from thermaltool.runtime.sensors import Report, Sensor
@@ -31,12 +32,15 @@ class Policy:
         A clock that went back is refused for this long, then followed.
     max_gap : float [s]
         A longer pause is told, and counts as this long for the slew rate.
+    settled : bool
+        The machine has stood at the first readings for long; else it is at rest there.
     """
 
     sign: float = -1.0
     safe: float | None = 0.0
     hold: float = 10.0
     max_gap: float = math.inf
+    settled: bool = False
 
 
 class Compensator:
@@ -114,7 +118,13 @@ class Compensator:
                 return
             self.report("", "the estimates are not finite: started again from rest")
         self._started = all(map(math.isfinite, readings))
-        self.estimates = self.stepper.start(readings) if self._started else self.stepper.rest()
+        if not self._started:
+            self.estimates = self.stepper.rest()
+            return
+        self.estimates = self.stepper.start(readings, self.policy.settled)
+        for sensor, reading in zip(self.sensors, readings, strict=True):
+            if not self.policy.settled and away_from_rest(reading, sensor.calibrated):
+                self.report(sensor.channel, f"{sensor.value:g} at the start {NOT_AT_REST}")
 
     def _ticks(self, time: float) -> int:
         """Clock steps since the last record; 0 where the record has to be refused.

@@ -21,7 +21,7 @@ LAST_WORD = 1.0
 class LinePipe:
     """A source and a sink of lines, as file descriptors.
 
-    Inside ``with``, SIGINT and SIGTERM raise nothing: they set `signal` and wake whatever waits.
+    Inside ``with``, SIGINT, SIGTERM and SIGHUP raise nothing: they set `signal` and wake what waits.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class LinePipe:
             poll.register(self._woken, select.POLLIN)
         self._handlers = {
             number: signal.signal(number, note)
-            for number in (signal.SIGINT, signal.SIGTERM)
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
             if signal.getsignal(number) is not signal.SIG_IGN
         }
         self._old_wake = signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)

@@ -58,6 +58,8 @@ class Settings:
     from_format, to_format : "csv" or "ndjson"
     estimates : bool
         Whether heat and deflections are written too.
+    settled : bool
+        The machine has stood at the first readings for long; else it is at rest there.
     checkpoint : str or None
     checkpoint_every : float
     """
@@ -78,6 +80,7 @@ class Settings:
     from_format: Format = "csv"
     to_format: Format = "csv"
     estimates: bool = False
+    settled: bool = False
     checkpoint: str | None = None
     checkpoint_every: float = 10.0
 
@@ -148,7 +151,7 @@ def open_stream(
         _sensors(model, estimator.sensors, hold, settings, messages),
         followed,
         setpoints,
-        Policy(settings.sign, settings.safe, hold, max_gap),
+        Policy(settings.sign, settings.safe, hold, max_gap, settings.settled),
         messages,
     )
     mapping = None

@@ -28,6 +28,7 @@ class Stepper:
 
     def __init__(self, estimator: Estimator, sample_period: float) -> None:
         self._estimator = estimator
+        self._period = sample_period
         self._sensors = len(estimator.sensors)
         self._states = len(estimator.recursion(sample_period).F)
         self._z = np.zeros(self._states + 2 * self._sensors)
@@ -38,11 +39,16 @@ class Stepper:
         """Estimates before anything is known."""
         return [0.0] * len(self._estimator.estimates)
 
-    def start(self, readings: list[float]) -> list[float]:
-        """Rest, with the first readings: every estimate is zero."""
+    def start(self, readings: list[float], settled: bool = False) -> list[float]:
+        """Estimates at the first readings: the machine is at rest, or has settled at them."""
         self._z[:] = 0.0
         self._z[self._states : self._states + self._sensors] = readings
-        return self.rest()
+        if not settled:
+            return self.rest()
+        recursion = self._estimator.recursion(self._period)
+        self._z[: self._states] = recursion.settled(np.array(readings))
+        estimates: list[float] = (recursion.C @ self._z[: self._states]).tolist()
+        return estimates
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Estimates after a sample of `ticks` clock steps (1 µs), which ends with `readings`.
