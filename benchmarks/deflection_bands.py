@@ -8,8 +8,8 @@ Q = 1 step; on other inputs another rate may do better, so ratios below 1 occur.
 the design: the mean delay of the deflection estimate after a step.
 
 Prints a Markdown table. ``--repeat N`` adds N fresh draws of the sensors' noise for every input
-and gives medians and the ratio to the bound. Exits with 3 when a design named by ``--must`` leaves a published band (where
-the bound itself is inside) or is more than `SLACK` above the bound.
+and gives medians and the ratio to the bound. Exits with 3 when a design named by ``--must``
+leaves a published band (where the bound itself is inside) or is more than `SLACK` above the bound.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The main job: calibrated on the Q = 1 step of the frame alone, judged on inputs it has not seen."""
+"""The main job: calibrated on the Q = 1 step of the frame alone, judged on unseen inputs."""
 
 from __future__ import annotations
 
