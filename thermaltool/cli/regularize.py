@@ -147,7 +147,7 @@ def command(
     if as_json:
         write_json(report, "-")
     elif not quiet:
-        heading = ["form", "setting", "lag s"]
+        heading = ["form", "setting", "lag s", "settles s"]
         for name in machine.outputs:
             heading += [f"{name}: band", "lag error", "noise σ"]
         rows = [heading]
@@ -156,7 +156,12 @@ def command(
                 mark = " <" if c is best[chosen] else ""
                 p = c.prediction
                 key = "walk_per_sqrt_s" if name == "kalman" else "delay_s"
-                row = [name, f"{key} {c.settings[key]:.3g}{mark}", f"{p.lag:.1f}"]
+                row = [
+                    name,
+                    f"{key} {c.settings[key]:.3g}{mark}",
+                    f"{p.lag:.1f}",
+                    f"{p.settling:.0f}",
+                ]
                 for k in range(len(machine.outputs)):
                     row += [f"{p.band[k]:.2f}", f"{p.lag_error[k]:.2f}", f"{p.noise_sigma[k]:.3f}"]
                 rows.append(row)

@@ -40,8 +40,9 @@ class Prediction:
         Standard deviation of the deflection error in steady state.
     heat_sigma : tuple of float, one for each drive
     lag : float [s]
-        Mean delay of the deflection estimate after a step: the area between it and the
-        deflection over the final value, for the output that is latest.
+        Until the heat estimate passes half of a step.
+    settling : float [s]
+        From a step until the error of every deflection stays inside what noise leaves.
     """
 
     band: tuple[float, ...]
@@ -49,6 +50,7 @@ class Prediction:
     noise_sigma: tuple[float, ...]
     heat_sigma: tuple[float, ...]
     lag: float
+    settling: float
 
 
 def predict(estimator: Estimator, machine: Machine) -> Prediction:
@@ -70,21 +72,24 @@ def predict(estimator: Estimator, machine: Machine) -> Prediction:
         variance += noise.drift**2 * (1 - stays**2) * np.sum(drifted**2, axis=0)
     sigma = np.sqrt(variance)
     high = SPREAD * sigma[heats:]
-    low, lag = -high, 0.0
+    low, lag, settling = -high, 0.0, 0.0
     worst = np.zeros(len(machine.outputs))
-    for readings, truth in machine.trials:
+    for drive, (readings, truth) in enumerate(machine.trials):
         estimates = recursion.run(readings)[0]
         bias = estimates[:, heats:] - truth
         high, low = np.maximum(high, bias.max(axis=0)), np.minimum(low, bias.min(axis=0))
         worst = np.maximum(worst, np.abs(bias).max(axis=0))
-        late = -bias.sum(axis=0) * dt / np.where(truth[-1] == 0, np.inf, truth[-1])
-        lag = max(lag, float(np.max(late)))
+        below = estimates[:, drive] / machine.level[drive] < 0.5
+        lag = max(lag, float(np.argmin(below)) * dt)
+        outside = np.flatnonzero(np.any(np.abs(bias) > SPREAD * sigma[heats:], axis=1))
+        settling = max(settling, float(outside[-1]) * dt if len(outside) else 0.0)
     return Prediction(
         band=tuple((high - low).tolist()),
         lag_error=tuple(worst.tolist()),
         noise_sigma=tuple(sigma[heats:].tolist()),
         heat_sigma=tuple(sigma[:heats].tolist()),
         lag=lag,
+        settling=settling,
     )
 
 

@@ -181,7 +181,7 @@ def _delay(choice: Mapping[str, Any]) -> float:
 
 
 # form -> label and value of what its trade-off varies; the kernel's lag does not change.
-_LAG = ("mean lag of the heat estimate [s]", _lag)
+_LAG = ("lag of the heat estimate [s]", _lag)
 _ABSCISSAE = {"kalman": _LAG, "kernel": ("artificial delay θ [s]", _delay)}
 
 

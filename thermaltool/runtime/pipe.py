@@ -21,7 +21,7 @@ LAST_WORD = 1.0
 class LinePipe:
     """A source and a sink of lines, as file descriptors.
 
-    Inside ``with``, SIGINT, SIGTERM and SIGHUP raise nothing: they set `signal` and wake what waits.
+    Inside ``with``, SIGINT, SIGTERM and SIGHUP raise nothing: they set `signal` and wake the wait.
 
     Attributes
     ----------
