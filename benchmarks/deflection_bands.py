@@ -122,7 +122,7 @@ def main() -> int:
         "lag_s",
         "settled_s",
     ]
-    print("| " + " | ".join(heading).replace("_", " ") + " |")
+    print("| " + " | ".join(heading) + " |")
     print("|---" * len(heading) + "|")
     missed = []
     for name, log in logs.items():
