@@ -95,7 +95,6 @@ def test_kind_and_fixed_radius(thermaltool, files):
     [
         (("--fix", "r1=0.2"), "cannot fix r1 = 0.2: it must be above 0, and one of r0"),
         (("--fix", "r0=-1"), "cannot fix r0 = -1"),
-        (("--fix", "r0=nan"), "cannot fix r0 = nan"),
         (("--response", "dT_pair1_K=radiation"), "unknown response 'radiation'; known: conduction"),
         (("--response", "d_y_um=deflection"), "d_y_um, which is no output of the fit"),
         (("--deflection", "Q_main_1"), "Q_main_1 is named twice: a channel has one role"),
@@ -178,3 +177,19 @@ def test_a_missing_folder(thermaltool, files):
     result = thermaltool("calibrate", files.log, *SENSOR, *QUICK, "-o", target)
     assert result.code == 1
     assert result.err.splitlines()[-1].endswith(f"{target}: No such file or directory")
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "abc"])
+def test_numbers_that_are_none_are_usage_errors(thermaltool, files, value):
+    for option in (("--reference", value), ("--fix", f"r0={value}")):
+        result = thermaltool("calibrate", files.log, *SENSOR, *QUICK, *option)
+        assert result.code == 2
+        assert f"not a {'number' if value == 'abc' else 'finite number'}: '{value}'" in result.err
+
+
+def test_the_log_is_not_replaced_by_what_is_made_of_it(thermaltool, files):
+    before = files.log.read_text()
+    result = thermaltool("calibrate", files.log, *SENSOR, *QUICK, "-o", files.log)
+    assert result.code == 2
+    assert "would replace the input" in result.err
+    assert files.log.read_text() == before

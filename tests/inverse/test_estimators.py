@@ -316,11 +316,11 @@ def test_kernel_form_takes_one_sensor():
 
 
 def test_a_machine_needs_sensor_deflection_and_noise():
-    with pytest.raises(ModelError, match="role sensor"):
+    with pytest.raises(ModelError, match="no sensor to estimate its drive from"):
         Machine.of(document(()), NOISE, DT)
     bare = document()
     bare = Model(bare.drives, bare.sensors, bare.terms[:2], DT)
-    with pytest.raises(ModelError, match="role deflection"):
+    with pytest.raises(ModelError, match="no deflection to estimate"):
         Machine.of(bare, NOISE, DT)
     with pytest.raises(ModelError, match="no noise for the sensor dT_far_K"):
         Machine.of(document(), {"dT_near_K": NOISE["dT_near_K"]}, DT)

@@ -220,3 +220,40 @@ def test_a_range_for_no_sensor_and_a_design_without_deflection(compensator, mode
     alone = replace(model, outputs=model.outputs[:1])
     with pytest.raises(ModelError, match="no deflection"):
         compensator(alone)
+
+
+def test_one_stamp_far_ahead_is_refused_and_forgotten(compensator):
+    """A day ahead for one line: the next line is where the stream was."""
+    said = []
+    each, twin = compensator(messages=said), compensator()
+    for t in 0.5 * np.arange(100):
+        take(each, float(t))
+        expected = take(twin, float(t))
+    refused = take(each, 86450.0)
+    assert refused == expected
+    assert take(each, 50.0) == take(twin, 50.0)
+    assert len(said) == 1
+    assert "line ignored" in said[0]
+
+
+def test_a_long_pause_is_followed_once_it_is_confirmed(compensator):
+    said = []
+    each = compensator(messages=said, hold=10.0)
+    take(each, 0.0)
+    take(each, 1.0)
+    for t in 0.5 * np.arange(30):
+        take(each, 90000.0 + float(t))
+    assert [message.split(": ", 1)[1] for message in said] == [
+        "time 90000 s after 1 s: line ignored",
+        "a pause of 90009.5 s",
+    ]
+
+
+def test_a_pause_saves_up_no_way(compensator):
+    """By default the slew rate counts two sample periods, whatever the pause."""
+    each = compensator(slew=1.0)
+    take(each, 0.0)
+    before = take(each, 1.0)
+    after = take(each, 3001.0)
+    assert abs(after[1] - before[1]) <= each.policy.slew_gap + 1e-9
+    assert each.policy.slew_gap <= 2.0

@@ -142,12 +142,18 @@ def main() -> None:
     except (ThermalToolError, MemoryError) as error:
         if debug:
             raise
-        click.echo(f"{name}: {error}".replace("\n", " "), err=True)
+        click.echo(f"{name}: {error or 'out of memory'}".replace("\n", " "), err=True)
         code = 1
     except OSError as error:
         if debug:
             raise
         place = f"{error.filename}: " if error.filename else ""
         click.echo(f"{name}: {place}{error.strerror or error}", err=True)
+        code = 1
+    except Exception as error:
+        if debug:
+            raise
+        message = f"{type(error).__name__}: {error}".replace("\n", " ")
+        click.echo(f"{name}: unexpected {message} (thermaltool --debug shows where)", err=True)
         code = 1
     sys.exit(code if isinstance(code, int) else 0)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from typing import TYPE_CHECKING, Literal
 
 import click
 
 from thermaltool.cli.documents import (
+    keep_inputs,
     one_stdin,
     table,
     terminal_progress,
@@ -152,6 +154,7 @@ def command(
     )
     need = (*drives, *sensors, *deflections)
     one_stdin(*logs)
+    keep_inputs(output, *logs)
     measurements, sources = [], []
     for name in logs:
         log = read_log(
@@ -218,9 +221,12 @@ def _pair(item: str, option: str) -> tuple[str, str]:
 
 def _number(text: str, option: str) -> float:
     try:
-        return float(text)
+        value = float(text)
     except ValueError as error:
         raise click.UsageError(f"{option}: not a number: {text!r}") from error
+    if not math.isfinite(value):
+        raise click.UsageError(f"{option}: not a finite number: {text!r}")
+    return value
 
 
 def _reference(text: str | None) -> float | Literal["first"] | None:

@@ -99,7 +99,8 @@ class Safe(click.ParamType):
     "--max-gap",
     type=POSITIVE,
     metavar="S",
-    help="A longer pause is told, and counts as this long for --slew [s].  [default: as --hold]",
+    help="A longer pause is told, and counts as this long for --slew [s].  [default: as --hold, "
+    "and 2 sample periods for --slew]",
 )
 @click.option(
     "--timeout",

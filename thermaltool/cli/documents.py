@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -37,6 +38,14 @@ def one_stdin(*paths: str) -> None:
     """Refuse a second ``-``: there is one stdin."""
     if paths.count("-") > 1:
         raise click.UsageError("only one input can be -: name a file for the others")
+
+
+def keep_inputs(output: str, *inputs: str) -> None:
+    """Refuse an output that would replace what the command reads."""
+    for name in inputs:
+        both = "-" not in (output, name) and os.path.exists(output) and os.path.exists(name)
+        if both and os.path.samefile(output, name):
+            raise click.UsageError(f"-o {output} would replace the input")
 
 
 def read_model(path: str) -> Model:

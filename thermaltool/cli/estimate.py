@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from thermaltool.cli.documents import (
+    keep_inputs,
     one_stdin,
     read_model,
     table,
@@ -64,6 +65,7 @@ def command(
     from thermaltool.signals.agreement import agreement
 
     one_stdin(model, log)
+    keep_inputs(output, model, log)
     document = read_model(model)
     estimator = load_estimator(dict(document.estimator_design()))
     data = read_log(log, columns=columns, from_format=from_format, nan_policy=nan_policy,
@@ -92,7 +94,7 @@ def command(
             values - values[:1] if references[name] == "first" else values,
         )
         for name, values in list(result.items())[1:]
-        if name in data.columns
+        if name in data.columns and len(data)
     }
     if output != "-" or not as_json:
         write_table(result, output, to_format)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from thermaltool.cli.documents import read_model, warn, write_json
+from thermaltool.cli.documents import keep_inputs, read_model, warn, write_json
 from thermaltool.cli.options import (
     NUMBER,
     POSITIVE,
@@ -60,6 +60,7 @@ def command(
     from thermaltool.logs import write_table
 
     document = read_model(model)
+    keep_inputs(output, model)
     names = [o.channel for o in document.sensors]
     if sensor is None and len(names) != 1:
         raise ModelError(f"the model has the sensors {', '.join(names)}: choose one with --sensor")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from thermaltool.cli.documents import keep_inputs
 from thermaltool.cli.options import (
     NUMBER,
     columns_option,
@@ -63,6 +64,7 @@ def command(
     from thermaltool.signals.noise import NoiseEstimate, estimate_noise
 
     kind = figure_format(plot) if plot is not None else None
+    keep_inputs(output, log)
     table = read_log(log, columns=columns, from_format=from_format, max_gap=max_gap)
     low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
     chosen = (table.time >= low) & (table.time <= high)

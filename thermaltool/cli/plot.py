@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from thermaltool.cli.documents import write_json
+from thermaltool.cli.documents import keep_inputs, write_json
 from thermaltool.cli.options import (
     Source,
     json_option,
@@ -61,6 +61,7 @@ def command(
     if output == "-" and sys.stdout.isatty():
         raise click.UsageError("stdout is a terminal: name a figure with -o FIG.png, .svg or .pdf")
     kind = "png" if output == "-" else figure_format(output)
+    keep_inputs(output, *files)
     sources = files or (Source().convert("-", None, ctx),)
     if [*sources, against].count("-") > 1:
         raise click.UsageError("stdin can be only one of the files")
@@ -69,7 +70,9 @@ def command(
     need = [d.channel for c in contents if c.kind == "model" for d in c.data.drives]
     options = {"columns": columns, "from_format": from_format, "max_gap": max_gap}
     options["nan_policy"] = nan_policy
-    contents += [read_table(n, options, need) for n in sources if n not in documents]
+    # With --against the map is that log's: what is judged was written under mapped names.
+    own = options if against is None else {**options, "columns": None}
+    contents += [read_table(n, own, need) for n in sources if n not in documents]
     if against is not None:
         reference = read_table(against, options)
         if not isinstance(reference.data, Log):

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from thermaltool.cli.documents import (
+    keep_inputs,
     one_stdin,
     read_model,
     read_noise,
@@ -97,6 +98,7 @@ def command(
     if as_json and output == "-":
         raise click.UsageError("--json reports on stdout: give the model a file with -o")
     one_stdin(model, noise)
+    keep_inputs(output, noise)
     document = read_model(model)
     if sensors:
         document = only_sensors(document, sensors)

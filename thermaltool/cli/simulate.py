@@ -7,6 +7,7 @@ import sys
 import click
 
 from thermaltool.cli.documents import (
+    keep_inputs,
     one_stdin,
     read_model,
     table,
@@ -74,6 +75,7 @@ def command(
     from thermaltool.signals.agreement import agreement
 
     one_stdin(model, log)
+    keep_inputs(output, model, log)
     document = read_model(model)
     drives = [d.channel for d in document.drives]
     data = read_log(log, columns=columns, from_format=from_format, nan_policy=nan_policy,

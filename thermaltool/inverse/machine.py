@@ -70,8 +70,12 @@ class Machine:
         sensors = tuple(o.channel for o in model.sensors)
         outputs = tuple(o.channel for o in model.deflections)
         if not sensors or not outputs:
-            missing = "deflection" if sensors else "sensor"
-            raise ModelError(f"the model has no output with the role {missing}")
+            raise ModelError(
+                "the model has no deflection to estimate"
+                if sensors
+                else "the model has no sensor to estimate its drive from; where the drive itself "
+                "is measured, thermaltool simulate gives the deflection"
+            )
         for sensor in sensors:
             if sensor not in noise:
                 raise ModelError(f"no noise for the sensor {sensor}; there is {', '.join(noise)}")

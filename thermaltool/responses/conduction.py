@@ -110,7 +110,7 @@ class Conduction:
         return {
             "a": (1e-8 / r0**2, 30 / r0**2),
             "alpha": (1e-4 * r0**2 / duration, 1e3 * r0**2 / period),
-            "r": (r0 * (1 + 1e-6), 300 * r0),
+            "r": (r0 * 1.001, 300 * r0),
         }
 
     @classmethod

@@ -51,6 +51,8 @@ class Checkpoint:
         OutputError
             The folder is missing: no state could be kept there.
         """
+        if Path(self.path).exists() and not Path(self.path).is_file():
+            raise OutputError(f"{self.path}: not a file that could hold a state")
         try:
             document = json.loads(Path(self.path).read_bytes())
         except FileNotFoundError:

@@ -14,7 +14,9 @@ from thermaltool.runtime.records import Record
 from thermaltool.runtime.sensors import Report, Sensor
 from thermaltool.runtime.stepper import Stepper
 
-# A clock that jumps ahead by more than this [s] is wrong, as one that goes back.
+# A clock that jumps ahead by more than this [s] is doubted, as one that goes back.
+DOUBTED_PAUSE = 7200.0
+# A pause beyond this [s] is none: the clock was set.
 LONGEST_PAUSE = 1e7
 
 
@@ -31,7 +33,9 @@ class Policy:
     hold : float [s]
         A clock that went back is refused for this long, then followed.
     max_gap : float [s]
-        A longer pause is told, and counts as this long for the slew rate.
+        A longer pause is told.
+    slew_gap : float [s]
+        A longer pause counts as this long for the slew rate.
     settled : bool
         The machine has stood at the first readings for long; else it is at rest there.
     """
@@ -40,6 +44,7 @@ class Policy:
     safe: float | None = 0.0
     hold: float = 10.0
     max_gap: float = math.inf
+    slew_gap: float = math.inf
     settled: bool = False
 
 
@@ -133,7 +138,7 @@ class Compensator:
         """
         assert self.time is not None
         pause = time - self.time
-        if CLOCK_STEP / 2 < pause < LONGEST_PAUSE:
+        if CLOCK_STEP / 2 < pause < DOUBTED_PAUSE:
             self._refused_from = None
             if pause > self.policy.max_gap:
                 self.report("", f"a pause of {pause:g} s")
@@ -142,8 +147,12 @@ class Compensator:
             self._refused_from = time
             self.report("", f"time {time:.15g} s after {self.time:.15g} s: line ignored")
         elapsed = time - self._refused_from
-        if not self.policy.hold < elapsed < LONGEST_PAUSE:
+        if not self.policy.hold < elapsed < DOUBTED_PAUSE:
             return 0
+        if 0 < pause < LONGEST_PAUSE:
+            self.report("", f"a pause of {pause:g} s")
+            self._refused_from = None
+            return round(pause / CLOCK_STEP)
         self.report("", f"the clock was set from {self.time:.15g} s to {time:.15g} s: followed")
         for sensor in self.sensors:
             sensor.shift(self._refused_from - self.time)
@@ -152,7 +161,7 @@ class Compensator:
         return round(elapsed / CLOCK_STEP)
 
     def _move(self, time: float, safe: bool) -> None:
-        dt = min(max(time - self._moved_at, 0.0), self.policy.max_gap)
+        dt = min(max(time - self._moved_at, 0.0), self.policy.slew_gap)
         self._moved_at = time
         for at, setpoint in self._targets:
             target = self._safe(setpoint) if safe else self.policy.sign * self.estimates[at]

@@ -26,6 +26,8 @@ Format = Literal["csv", "ndjson"]
 # Where nothing is said, readings are held and pauses borne for this many sample periods of the
 # design, and not below `LEAST_HOLD` [s].
 HOLD_PERIODS, LEAST_HOLD = 10, 10.0
+# For the slew rate a pause counts as this many sample periods at the most.
+SLEW_PERIODS = 2
 # Arrival times are rounded to this [s].
 ARRIVAL_STEP = 1e-3
 
@@ -134,6 +136,8 @@ def open_stream(
         raise ModelError("sample_period_s of the design is not above 0")
     hold = default_hold(period) if settings.hold is None else settings.hold
     max_gap = default_hold(period) if settings.max_gap is None else settings.max_gap
+    # A stall must not save up way for one large step.
+    slew_gap = SLEW_PERIODS * period if settings.max_gap is None else settings.max_gap
     timeout = default_hold(period) if settings.timeout is None else settings.timeout
     messages = Messages(emit, name)
     deflections = {output.channel for output in model.deflections}
@@ -151,7 +155,7 @@ def open_stream(
         _sensors(model, estimator.sensors, hold, settings, messages),
         followed,
         setpoints,
-        Policy(settings.sign, settings.safe, hold, max_gap, settings.settled),
+        Policy(settings.sign, settings.safe, hold, max_gap, slew_gap, settings.settled),
         messages,
     )
     mapping = None

@@ -158,7 +158,7 @@ class Stream:
         """One line towards the safe setpoint; more follow until it is reached."""
         elapsed = self.now() - self._heard_at
         if elapsed < self.timeout + self.tick:
-            self.messages("", f"no usable line for {elapsed:.3g} s: safe setpoint")
+            self.messages("", f"no usable line for {self.timeout:.3g} s: safe setpoint")
         self.pipe.write(self._state_line(self.compensator.silence(elapsed)))
         self._due = math.inf if self.compensator.at_safe else self.now() + self.tick
 
