@@ -183,6 +183,8 @@ class Excursion:
     high: float
 
 
+# Beyond the calibrated range by more than this part of its width, a model extrapolates.
+MARGIN = 0.1
 # A first reading further from rest than this share of what the calibration has seen is no rest.
 REST_SHARE = 0.1
 NOT_AT_REST = "is not rest, which the estimates start from: see --initial settled"
@@ -194,7 +196,7 @@ def away_from_rest(value: float, seen: tuple[float, float]) -> bool:
 
 
 def excursions(
-    model: Model, columns: Mapping[str, Float], margin: float = 0.1
+    model: Model, columns: Mapping[str, Float], margin: float = MARGIN
 ) -> tuple[Excursion, ...]:
     """Channels that leave their calibrated range by more than `margin` of its width.
 
@@ -212,7 +214,7 @@ def excursions(
 
 
 def extrapolated(
-    model: Model, estimates: Mapping[str, Float], margin: float = 0.1
+    model: Model, estimates: Mapping[str, Float], margin: float = MARGIN
 ) -> tuple[Excursion, ...]:
     """Estimated deflections, relative to rest, beyond what the calibration has seen."""
     found = []

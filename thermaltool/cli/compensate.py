@@ -160,11 +160,10 @@ def command(model: str, log: str, **options: Any) -> None:
     """
     # One small product per line: threads would only cost memory. Read when numpy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from thermaltool.cli.documents import read_model
+    from thermaltool.cli.documents import one_stdin, read_model
     from thermaltool.runtime.settings import Settings, open_stream
 
-    if model == log == "-":
-        raise click.UsageError("MODEL and LOG cannot both be stdin")
+    one_stdin(model, log)
     quiet = options.pop("quiet")
     if options.pop("as_json"):
         options["to_format"] = "ndjson"

@@ -103,6 +103,11 @@ def warn(message: str) -> None:
     click.echo(message, err=True)
 
 
+def warn_row(log: Log, row: int, message: str) -> None:
+    """One line on stderr, with the file and the line of a row."""
+    warn(f"{log.name}:{log.lines[row]}: {message}")
+
+
 def terminal_progress(label: str) -> Callable[[str], None]:
     """A line that is overwritten, on a terminal only."""
     if not sys.stderr.isatty():
@@ -115,15 +120,16 @@ def warn_excursions(model: Model, log: Log) -> None:
     from thermaltool.model import excursions
 
     for e in excursions(model, log.columns):
-        line = f":{log.lines[e.first]}" if len(log.lines) else ""
-        warn(f"{log.name}{line}: {told(e)}")
+        warn_excursion(log, e)
 
 
-def told(e: Excursion) -> str:
-    """An excursion in words."""
-    return (
+def warn_excursion(log: Log, e: Excursion) -> None:
+    """Say where one channel leaves it."""
+    warn_row(
+        log,
+        e.first,
         f"{e.channel}: {e.value:.4g} is outside the calibrated range {e.low:.4g} to {e.high:.4g} "
-        f"({e.rows} rows): the model extrapolates"
+        f"({e.rows} rows): the model extrapolates",
     )
 
 
@@ -131,7 +137,7 @@ def warn_pauses(log: Log, meaning: str) -> None:
     """Say where the log has pauses (above --max-gap), and what they mean here."""
     for part in log.segments[1:]:
         pause = log.time[part.start] - log.time[part.start - 1]
-        warn(f"{log.name}:{log.lines[part.start]}: a pause of {pause:g} s; {meaning}")
+        warn_row(log, part.start, f"a pause of {pause:g} s; {meaning}")
 
 
 def table(rows: list[list[str]]) -> str:

@@ -9,10 +9,11 @@ from thermaltool.cli.documents import (
     one_stdin,
     read_model,
     table,
-    told,
     warn,
+    warn_excursion,
     warn_excursions,
     warn_pauses,
+    warn_row,
     write_json,
 )
 from thermaltool.cli.options import (
@@ -80,12 +81,12 @@ def command(
     ranges = {o.channel: o.range for o in document.sensors}
     for name, reading in zip(estimator.sensors, readings[:1].ravel(), strict=len(data) > 0):
         if not settled and away_from_rest(reading, ranges[name]):
-            warn(f"{data.name}:{data.lines[0]}: {name}: {reading:.4g} at the start {NOT_AT_REST}")
+            warn_row(data, 0, f"{name}: {reading:.4g} at the start {NOT_AT_REST}")
     estimates = run_estimator(estimator, data.time, readings, settled)
     result = {"time_s": data.time}
     result |= dict(zip(estimator.estimates, estimates.T, strict=True))
     for e in extrapolated(document, result):
-        warn(f"{data.name}:{data.lines[e.first]}: {told(e)}")
+        warn_excursion(data, e)
     references = {d.channel: d.reference for d in document.drives} | rests
     report = {
         # What counts from its first value is compared from the first row on.

@@ -49,11 +49,11 @@ def command(
     --stop name a stretch without signal instead. Where there is none, the drift is an upper bound.
     Missing readings are left out. -o takes the JSON for the next stage, stdout a table.
     """
-    import numpy as np
 
     from thermaltool.errors import LogError
     from thermaltool.files import atomic_output
     from thermaltool.logs import read_log
+    from thermaltool.logs.selection import between
     from thermaltool.report.noise import (
         draw_figure,
         noise_document,
@@ -65,17 +65,14 @@ def command(
 
     kind = figure_format(plot) if plot is not None else None
     keep_inputs(output, log)
-    table = read_log(log, columns=columns, from_format=from_format, max_gap=max_gap)
-    low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
-    chosen = (table.time >= low) & (table.time <= high)
+    whole = read_log(log, columns=columns, from_format=from_format, max_gap=max_gap)
+    table = between(whole, start, stop)
     idle = start is not None or stop is not None
-    if idle and not chosen.any():
-        raise LogError(f"no row between {low:g} s and {high:g} s", table.name)
     results: dict[str, NoiseEstimate | str] = {}
     for name in names or table.columns:
-        values = table.column(name)[chosen]
+        values = table.column(name)
         try:
-            results[name] = estimate_noise(table.time[chosen], values, idle=idle, max_gap=max_gap)
+            results[name] = estimate_noise(table.time, values, idle=idle, max_gap=max_gap)
         except ValueError as error:
             results[name] = str(error)
             click.echo(f"{table.name}: {name}: {error}", err=True)
@@ -83,7 +80,7 @@ def command(
         raise LogError("no channel has a usable record", table.name)
 
     units = {name: table.channels[name].unit for name in results}
-    document = to_json(noise_document(table.name, table.period, units, results))
+    document = to_json(noise_document(whole.name, whole.period, units, results))
     if output != "-":
         with atomic_output(output) as stream:
             stream.write(document)

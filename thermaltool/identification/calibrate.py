@@ -151,7 +151,7 @@ def fit_output(
             weights, compressed = new, problem.compress(new)
             theta = refine(theta, compressed)[1]
     rmses = tuple(size * scale / np.sqrt(len(problem.measured)) for size, _ in reached)
-    return _describe(problem, candidate, theta, weights, duration, rmses)
+    return _describe(problem, candidate, theta, compressed, weights, duration, rmses)
 
 
 def _joint_starts(
@@ -182,11 +182,12 @@ def _describe(
     problem: Problem,
     candidate: Candidate,
     theta: Float,
+    compressed: Compressed,
     weights: Float,
     duration: float,
     starts: tuple[float, ...],
 ) -> Fit:
-    residual, linear = _residual(problem, candidate, theta, problem.compress(weights))
+    residual, linear = _residual(problem, candidate, theta, compressed)
     gains = sum(len(c.gains) for c in candidate.classes)
     responses = candidate.responses(theta, linear[:gains])
     several = len(responses) > 1

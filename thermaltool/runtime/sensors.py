@@ -7,13 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from thermaltool.model import MARGIN
+
 Report = Callable[[str, str], None]  # (channel, message)
 Interval = tuple[float, float]
 ANYTHING: Interval = (-math.inf, math.inf)
-
-
-# Beyond the calibrated range by more than this part of its width, a model extrapolates.
-MARGIN = 0.1
 
 
 def widened(span: Interval, part: float) -> Interval:
