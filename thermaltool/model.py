@@ -1,8 +1,9 @@
-"""The model document: drives → terms → outputs, one JSON file.
+"""The model document: drives → terms → outputs, and the effects on them; one JSON file.
 
 A drive is a channel that is known (in the log) or to be estimated; a term takes one drive through
 one response; an output is a channel, the sum of its terms. An output with the role "sensor" is one
-from which unknown drives are estimated. `design` holds the estimator that ``regularize`` made.
+from which unknown drives are estimated. An effect is a physical cause that changes a drive, the loss of
+heat or an output (`thermaltool.effects`). `design` holds the estimator that ``regularize`` made.
 """
 
 from __future__ import annotations
@@ -11,13 +12,16 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any, Literal, get_args
 
 import numpy as np
 
+from thermaltool.effects import load_effect
+from thermaltool.effects.effect import SIDES, Effect, Signals
 from thermaltool.errors import ModelError
 from thermaltool.responses import Response, parameter_names, response_class
-from thermaltool.responses.modes import Float, Hold, uniform_spans
+from thermaltool.responses.modes import Float, Hold, Modes
 
 FORMAT, VERSION = "thermaltool-model", 1
 Role = Literal["sensor", "deflection"]
@@ -97,6 +101,7 @@ class Model:
     sample_period: float
     provenance: Mapping[str, Any] = field(default_factory=dict)
     design: Mapping[str, Any] | None = None
+    effects: tuple[Effect, ...] = ()
 
     @property
     def sensors(self) -> tuple[Output, ...]:
@@ -111,9 +116,10 @@ class Model:
         return replace(self, design={**design, "parameters_sha256": self.parameters_digest()})
 
     def parameters_digest(self) -> str:
-        """Identifies the terms: a design belongs to one set of parameters."""
-        terms = json.dumps([_term_document(t) for t in self.terms], sort_keys=True)
-        return hashlib.sha256(terms.encode()).hexdigest()
+        """Identifies terms and effects: a design belongs to one set of parameters."""
+        parts = [_term_document(t) for t in self.terms]
+        parts += [effect.document() for effect in self.effects]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
     def estimator_design(self) -> Mapping[str, Any]:
         """The design, when it is there and belongs to these parameters.
@@ -136,13 +142,18 @@ class Model:
             )
         return self.design
 
-    def simulate(self, time: Float, drives: Mapping[str, Float]) -> dict[str, Float]:
+    def simulate(
+        self, time: Float, columns: Mapping[str, Float], log: str = ""
+    ) -> dict[str, Float]:
         """Outputs of every channel, relative to rest.
 
         Parameters
         ----------
         time : ndarray, shape (n,) [s], increasing
-        drives : mapping of channel to ndarray, shape (n,), no NaN
+        columns : mapping of channel to ndarray, shape (n,)
+            The drives, without NaN, and what the effects need.
+        log : str
+            Digest of the log: effects that belong to one log act in that one alone.
 
         Returns
         -------
@@ -151,16 +162,77 @@ class Model:
         Raises
         ------
         ModelError
-            A drive is missing.
+            A drive, or a channel that an effect needs, is missing.
         """
-        result = {output.channel: np.zeros(len(time)) for output in self.outputs}
-        for term in self.terms:
-            if term.drive not in drives:
-                raise ModelError(f"the model's drive {term.drive} is not in the log")
-            drive = next(d for d in self.drives if d.channel == term.drive)
-            u = relative(drives[term.drive], drive.reference)
-            result[term.output] += simulate_response(term.response, time, u, drive.hold)
-        return result
+        signals = Signals(time, columns, log)
+        acting = [e for e in self.effects if e.log in (None, log)]
+        return read_outputs(acting, respond(self, acting, signals), signals)
+
+    def needs(self) -> tuple[str, ...]:
+        """Channels that a simulation reads: drives, and what the effects need."""
+        own = [*(d.channel for d in self.drives), *(c for e in self.effects for c in e.needs())]
+        return tuple(dict.fromkeys(own))
+
+
+# The loss of heat may depend on the outputs: repeated until it changes by less than this share of
+# a rate over the record, and at most so often.
+LOSS_STEPS, LOSS_CHANGE = 12, 1e-6
+
+
+def driven(model: Model, effects: Sequence[Effect], signals: Signals) -> dict[str, Float]:
+    """What acts in place of every drive, relative to its reference.
+
+    Raises
+    ------
+    ModelError
+        A drive is missing.
+    """
+    result = {}
+    for drive in model.drives:
+        if drive.channel not in signals.columns:
+            raise ModelError(f"the model's drive {drive.channel} is not in the log")
+        u = relative(signals.columns[drive.channel], drive.reference)
+        for effect in effects:
+            if effect.side == "drive" and effect.channel == drive.channel:
+                u = effect.drive(signals, u)
+        result[drive.channel] = u
+    return result
+
+
+def respond(model: Model, effects: Sequence[Effect], signals: Signals) -> dict[str, Float]:
+    """Sums of the terms of every output: what the machine does, before sources and sensors."""
+    inputs = driven(model, effects, signals)
+    holds = {d.channel: d.hold for d in model.drives}
+    lossy = [e for e in effects if e.side == "state"]
+
+    def sums(cooling: Float | None) -> dict[str, Float]:
+        outputs = {output.channel: np.zeros(len(signals.time)) for output in model.outputs}
+        for term in model.terms:
+            outputs[term.output] += simulate_response(
+                term.response, signals.time, inputs[term.drive], holds[term.drive], cooling
+            )
+        return outputs
+
+    outputs, cooling = sums(None), np.zeros(len(signals.time))
+    for _ in range(LOSS_STEPS if lossy else 0):
+        rates = [r for e in lossy if (r := e.loss(signals, outputs)) is not None]
+        total = np.sum(rates, axis=0) if rates else np.zeros(len(signals.time))
+        exponent = np.append(0.0, np.cumsum(total[:-1] * np.diff(signals.time)))
+        change, cooling = float(np.max(np.abs(exponent - cooling))), exponent
+        if change < LOSS_CHANGE:
+            break
+        outputs = sums(cooling)
+    return outputs
+
+
+def read_outputs(
+    effects: Sequence[Effect], outputs: Mapping[str, Float], signals: Signals
+) -> dict[str, Float]:
+    """What is read of `outputs`: sources, structure, sensors, wiring, in this order."""
+    result = dict(outputs)
+    for effect in sorted(effects, key=lambda e: SIDES.index(e.side)):
+        result = {name: effect.output(name, result, signals) for name in result}
+    return result
 
 
 def relative(values: Float, rest: float | Literal["first"]) -> Float:
@@ -256,26 +328,47 @@ def only_sensors(model: Model, sensors: Sequence[str]) -> Model:
     )
 
 
-def simulate_response(response: Response, time: Float, u: Float, hold: Hold) -> Float:
+# Beyond this the weights of a varying loss overflow.
+MOST_COOLING = 300.0
+
+
+def simulate_response(
+    response: Response, time: Float, u: Float, hold: Hold, cooling: Float | None = None
+) -> Float:
     """One response to any input at any (increasing) times; at rest at the first.
 
     Parameters
     ----------
     time, u : ndarray, shape (n,)
+    cooling : ndarray, shape (n,), optional
+        Γ, the integral of a rate by which every mode decays faster. Each mode z' = −(λ + Γ')z + u
+        is that of e^Γ u without Γ, times e^(−Γ).
 
     Returns
     -------
     y : ndarray, shape (n,)
+
+    Raises
+    ------
+    ModelError
+        Γ spans more than can be followed.
     """
-    y = np.zeros(len(time))
     if len(time) < 2:
-        return y
-    modes = response.modes(float(np.min(np.diff(time))))
-    x = None
-    for rows, dt in uniform_spans(time):
-        part, x = modes.discretize(dt, hold).run(u[rows, None], x)
-        y[rows] = part[:, 0]
-    return y
+        return np.zeros(len(time))
+    if cooling is not None:
+        if not np.ptp(cooling) < MOST_COOLING:
+            raise ModelError("the loss of heat changes too much over this log to be followed")
+        centred = cooling - (cooling.max() + cooling.min()) / 2
+        # A held drive acts, on the mean, half a sample later than its first moment.
+        inside = np.append((centred[1:] + centred[:-1]) / 2, centred[-1])
+        u = u * np.exp(inside if hold == "zero" else centred)
+    y = _modes(response, float(np.min(np.diff(time)))).run(time, u, hold)
+    return y if cooling is None else y * np.exp(-centred)
+
+
+@lru_cache(maxsize=64)
+def _modes(response: Response, shortest: float) -> Modes:
+    return response.modes(shortest)
 
 
 # ---------------------------------------------------------------- the file
@@ -309,6 +402,8 @@ def to_document(model: Model) -> dict[str, Any]:
         "terms": [_term_document(t) for t in model.terms],
         "provenance": dict(model.provenance),
     }
+    if model.effects:
+        document["effects"] = [effect.document() for effect in model.effects]
     if model.design is not None:
         document["design"] = dict(model.design)
     return document
@@ -378,6 +473,7 @@ def loads(text: str, name: str = "<model>") -> Model:
             sample_period=_finite(document["sample_period_s"]),
             provenance=dict(document.get("provenance", {})),
             design=None if document.get("design") is None else dict(document["design"]),
+            effects=tuple(load_effect(e) for e in document.get("effects", ())),
         )
         _check_ends(model)
         return model

@@ -24,6 +24,7 @@ COMMANDS: dict[str, str] = {
     "estimate": "Heat and deflection from measured temperatures.",
     "compensate": "Stream: sensor lines in, setpoint lines out.",
     "laplace": "Invert an expression of s numerically, with an error estimate.",
+    "diagnose": "What a model gets wrong, why, and what knowing it is worth.",
     "plot": "Figure of any log or result.",
     "plant": "Write a test log from a simulated machine.",
 }

@@ -77,12 +77,13 @@ def command(
     one_stdin(model, log)
     keep_inputs(output, model, log)
     document = read_model(model)
-    drives = [d.channel for d in document.drives]
+    need = document.needs()
     data = read_log(log, columns=columns, from_format=from_format, nan_policy=nan_policy,
-                    max_gap=max_gap, need=drives)  # fmt: skip
+                    max_gap=max_gap, need=need)  # fmt: skip
     warn_excursions(document, data)
     warn_pauses(data, "the drive is taken as held over it")
-    simulated = document.simulate(data.time, {name: data.column(name) for name in drives})
+    inputs = {name: data.column(name) for name in need}
+    simulated = document.simulate(data.time, inputs, data.digest)
     result, report = {"time_s": data.time}, {}
     low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
     judged = (data.time >= low) & (data.time <= high)

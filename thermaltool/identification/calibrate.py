@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from thermaltool.errors import FitError
+from thermaltool.identification.discrepancy import Discrepancy, discrepancy
 from thermaltool.identification.projection import Candidate, Compressed, Problem, Record
 from thermaltool.responses import Response, response_class
 from thermaltool.responses.modes import Float, Hold
@@ -23,6 +24,8 @@ UNSETTLED = 0.1
 # A record shorter than this many of the slowest time constants does not show the steady state:
 # its covariance, linear around the fit, is then too narrow to be believed.
 SETTLED_PERIODS = 3
+# Of the grid's rates every so many-th is a lag of the discrepancy: two a decade.
+LAG_STEP = 4
 # Residuals beyond this many robust standard deviations count linearly (Huber).
 HUBER = 2.5
 
@@ -46,6 +49,13 @@ class Fit:
         What these records do not settle, each a sentence.
     starts : tuple of float
         RMSE that each refined start reached, the best first [unit of the output].
+    covered : float
+        Slowest time constants that the longest record covers.
+    discrepancy : Discrepancy
+        Of the searched parameters (by logarithm) and gains, in the order of `names`, then of
+        `lags` for every drive.
+    lags : tuple of float
+        Time constants [s].
     """
 
     responses: tuple[Response, ...]
@@ -57,6 +67,9 @@ class Fit:
     fit_percent: float
     unidentified: tuple[str, ...]
     starts: tuple[float, ...]
+    covered: float
+    discrepancy: Discrepancy
+    lags: tuple[float, ...]
 
 
 def fit_output(
@@ -204,6 +217,10 @@ def _describe(
     covariance = covariance * np.outer(factor, factor)
     keep = [*range(len(theta) + gains), *range(-problem.records, 0)]
     covariance = covariance[np.ix_(keep, keep)]
+    own, free = np.arange(len(theta) + gains), np.arange(len(theta) + gains, jacobian.shape[1])
+    n = len(problem.grid.rates)
+    lags = np.arange(0, n, LAG_STEP)
+    bank = problem.design[:, np.concatenate([d * n + lags for d in range(problem.drives)])]
     spread = problem.measured - np.mean(problem.measured)
     variation = float(np.linalg.norm(spread))
     share = float(np.linalg.norm(residual)) / variation if variation else 1.0
@@ -221,6 +238,11 @@ def _describe(
             + _unsettled(responses, candidate, covariance, duration)
         ),
         starts=starts,
+        discrepancy=discrepancy(
+            problem.time, problem.record, residual, jacobian[:, own], jacobian[:, free], bank
+        ),
+        lags=tuple((1 / problem.grid.rates[lags]).tolist()),
+        covered=duration / max(response.slowest() for response in responses),
     )
 
 

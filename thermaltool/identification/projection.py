@@ -100,7 +100,7 @@ class Problem:
     ----------
     grid : RelaxationGrid
     design : ndarray, shape (rows, drives · n + decays + records)
-    measured : ndarray, shape (rows,)
+    measured, time : ndarray, shape (rows,)
     record : ndarray of int, shape (rows,)
         Which record a row belongs to.
     records, drives : int
@@ -110,6 +110,7 @@ class Problem:
     grid: RelaxationGrid
     design: Float
     measured: Float
+    time: Float
     record: NDArray[np.int64]
     records: int
     drives: int
@@ -123,7 +124,7 @@ class Problem:
         grid = RelaxationGrid.between(0.05 / duration, 4 / period)
         n, drives = len(grid.rates), len(holds)
         decays = n * len(records) if free_start else 0
-        blocks, measured, owner = [], [], []
+        blocks, measured, owner, times = [], [], [], []
         for k, record in enumerate(records):
             there = np.isfinite(record.values)
             block = np.zeros((int(there.sum()), n * drives + decays + len(records)))
@@ -137,6 +138,7 @@ class Problem:
             block[:, n * drives + decays + k] = 1.0
             blocks.append(block)
             measured.append(record.values[there])
+            times.append(record.time[there])
             owner.append(np.full(len(block), k))
         if not sum(map(len, measured)):
             raise FitError("the output has no value in any log")
@@ -144,6 +146,7 @@ class Problem:
             grid,
             np.vstack(blocks),
             np.concatenate(measured),
+            np.concatenate(times),
             np.concatenate(owner),
             len(records),
             drives,

@@ -138,7 +138,7 @@ def calibrate(
     )
     return Model(
         drives=drives,
-        outputs=tuple(_output(*each) for each in fitted),
+        outputs=tuple(_output(*each, plan.drives) for each in fitted),
         terms=tuple(
             Term(drive, channel, fit.responses[k], *_own_covariance(fit, k))
             for channel, _, fit, _ in fitted
@@ -149,7 +149,9 @@ def calibrate(
     )
 
 
-def _output(channel: str, role: Role, fit: Fit, records: Sequence[Record]) -> Output:
+def _output(
+    channel: str, role: Role, fit: Fit, records: Sequence[Record], drives: Sequence[str]
+) -> Output:
     levels = [r.values - offset for r, offset in zip(records, fit.offsets, strict=True)]
     # A displacement has no zero of its own; any other reading at rest is a property of the sensor.
     arbitrary = parse_channel(channel).dimension in ("length", "angle")
@@ -162,12 +164,31 @@ def _output(channel: str, role: Role, fit: Fit, records: Sequence[Record]) -> Ou
             "rmse": fit.rmse,
             "max_error": fit.max_error,
             "fit_percent": fit.fit_percent,
+            "covered": fit.covered,
             "rows": sum(int(np.isfinite(r.values).sum()) for r in records),
             "offsets": list(fit.offsets),
             "starts_rmse": list(fit.starts),
             "unidentified": list(fit.unidentified),
+            "discrepancy": _discrepancy(fit, drives),
         },
     )
+
+
+def _discrepancy(fit: Fit, drives: Sequence[str]) -> dict[str, Any]:
+    """What the calibration knows beyond its kind of response, as JSON."""
+    own = []
+    for name in fit.names[: -len(fit.offsets)]:
+        base, _, k = name.partition("[")
+        own.append([drives[int(k.removesuffix("]") or 0)], base])
+    return {
+        "parameters": own,
+        "lags": [[drive, tau] for drive in drives for tau in fit.lags],
+        "mean": fit.discrepancy.mean.tolist(),
+        "covariance": fit.discrepancy.covariance.tolist(),
+        "white_sigma": fit.discrepancy.white,
+        "drift_sigma": fit.discrepancy.drift,
+        "lag_sigma": fit.discrepancy.size,
+    }
 
 
 def _say(progress: Callable[[str], None], channel: str, message: str) -> None:

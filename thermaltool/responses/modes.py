@@ -27,6 +27,8 @@ Range = tuple[float, float]
 
 # Two samples whose lengths differ by less than this count as equal [s].
 CLOCK_STEP = 1e-6
+# Stretches of one sample length up to which a recursion is stepped through [samples].
+SHORT_SPAN = 32
 
 
 @dataclass(frozen=True)
@@ -229,6 +231,33 @@ class Modes:
                 C[to] = self.weights[k].real, self.double[k]
             at += 2
         return Recursion(F, G0[:, None], G1[:, None], C[None, :])
+
+    def run(self, time: Float, u: Float, hold: Hold) -> Float:
+        """Response to any input at any increasing times, from rest at the first.
+
+        Parameters
+        ----------
+        time, u : ndarray, shape (n,)
+
+        Returns
+        -------
+        y : ndarray, shape (n,)
+        """
+        y, x = np.zeros(len(time)), np.zeros(self.states)
+        recursions: dict[float, Recursion] = {}
+        for rows, dt in uniform_spans(time):
+            one = recursions.get(dt)
+            if one is None:
+                one = recursions[dt] = self.discretize(dt, hold)
+            if rows.stop - rows.start > SHORT_SPAN:
+                part, x = one.run(u[rows, None], x)
+                y[rows] = part[:, 0]
+                continue
+            # Where the clock jitters, what prepares a long stretch costs more than the steps.
+            for k in range(rows.start, rows.stop - 1):
+                x = one.F @ x + one.G0[:, 0] * u[k] + one.G1[:, 0] * u[k + 1]
+                y[k + 1] = one.C[0] @ x
+        return y
 
     def document(self) -> dict[str, list[float]]:
         """As JSON: parallel lists, the imaginary and double parts only where there are any."""

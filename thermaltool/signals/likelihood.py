@@ -11,11 +11,92 @@ J. Am. Stat. Assoc. 72 (1977) 320 (restricted likelihood).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpttrf, dpttrs
 
 Array = NDArray[np.float64]
+
+
+class ColouredNoise:
+    """White noise plus Ornstein-Uhlenbeck drift at given sample times: products with its inverse.
+
+    Parameters
+    ----------
+    time : ndarray (n,)
+        Sample times [s], increasing within each block.
+    starts : ndarray (b,) of int
+        First sample of each block; blocks are independent.
+    weight : ndarray (n,), optional
+        White variance of a sample relative to that of a single reading (1/m for a mean of m).
+    period : float, optional
+        Sample period [s]; the median step by default.
+    """
+
+    def __init__(
+        self,
+        time: Array,
+        starts: NDArray[np.int64],
+        weight: Array | None = None,
+        period: float | None = None,
+    ) -> None:
+        self.size = time.size
+        self.weight = np.ones(self.size) if weight is None else weight
+        first, last = time[starts], time[np.append(starts[1:], self.size) - 1]
+        self.span = float(np.max(last - first))
+        steps = np.diff(time)
+        joint = np.ones(max(self.size - 1, 0), dtype=bool)
+        joint[starts[1:] - 1] = False
+        self.period = float(np.median(steps[joint])) if period is None else period
+        # Few distinct steps make few exponentials: times printed in decimals repeat theirs.
+        rounded = np.round(np.where(joint, steps, self.period) / self.period, 7)
+        self.steps, self.which = np.unique(rounded * self.period, return_inverse=True)
+        self.counts = np.bincount(self.which[joint], minlength=self.steps.size)
+        self.which[~joint] = self.steps.size  # a table's last entry: no coupling
+
+    def factor(self, ratio: float, tau: float) -> Factor:
+        """For a drift of variance `ratio` (in units of the white variance) and constant `tau`."""
+        logdet = float(np.log(self.weight).sum())
+        if ratio <= 0.0:
+            return Factor(self.weight, None, logdet)
+        decay = np.exp(-self.steps / tau)
+        loss = -np.expm1(-2.0 * self.steps / tau)
+        coupling = np.append(decay / (loss * ratio), 0.0)[self.which]
+        diagonal = 1.0 / self.weight + 1.0 / ratio
+        forward = np.append(decay**2 / (loss * ratio), 0.0)[self.which]
+        diagonal[:-1] += forward
+        diagonal[1:] += forward
+        d, e, _ = dpttrf(diagonal, -coupling, overwrite_d=True, overwrite_e=True)
+        log_loss = float(np.dot(self.counts, np.log(loss)))
+        logdet += float(np.log(d).sum() + self.size * np.log(ratio) + log_loss)
+        return Factor(self.weight, (d, e), logdet)
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A factored covariance, in units of the white variance.
+
+    Attributes
+    ----------
+    weight : ndarray (n,)
+    triangle : (ndarray, ndarray) or None
+        Factors of the tridiagonal inverse; None for white noise alone.
+    logdet : float
+    """
+
+    weight: Array
+    triangle: tuple[Array, Array] | None
+    logdet: float
+
+    def solve(self, columns: Array) -> Array:
+        """Inverse covariance times `columns`, ndarray (n, c)."""
+        scaled = np.asfortranarray(columns / self.weight[:, None])
+        if self.triangle is None:
+            return scaled
+        solved, _ = dpttrs(*self.triangle, scaled)
+        return np.asarray(scaled - solved / self.weight[:, None])
 
 
 class RestrictedLikelihood:
@@ -44,28 +125,17 @@ class RestrictedLikelihood:
         weight: Array | None = None,
         period: float | None = None,
     ) -> None:
-        self.starts, self.size = starts, values.size
-        self.weight = np.ones(self.size) if weight is None else weight
+        self.noise = ColouredNoise(time, starts, weight, period)
+        self.starts, self.size, self.period = starts, values.size, self.noise.period
+        self.span = self.noise.span
         self.dof = self.size - starts.size * (degree + 1)
         lengths = np.diff(np.append(starts, self.size))
         block = np.repeat(np.arange(starts.size), lengths)
         first, last = time[starts], time[np.append(starts[1:], self.size) - 1]
-        self.span = float(np.max(last - first))
         u = 2.0 * (time - first[block]) / np.maximum(last - first, np.finfo(float).tiny)[block] - 1
         centre = np.add.reduceat(values, starts) / lengths
         columns = [values - centre[block], *(u**k for k in range(degree + 1))]
         self.columns = np.asfortranarray(np.stack(columns, axis=1))
-        self.scaled = np.asfortranarray(self.columns / self.weight[:, None])
-        self.plain = self._products(self.scaled)
-        steps = np.diff(time)
-        self.joint = np.ones(self.size - 1, dtype=bool)
-        self.joint[starts[1:] - 1] = False
-        self.period = float(np.median(steps[self.joint])) if period is None else period
-        # Few distinct steps make few exponentials: times printed in decimals repeat theirs.
-        rounded = np.round(np.where(self.joint, steps, self.period) / self.period, 7)
-        self.steps, self.which = np.unique(rounded * self.period, return_inverse=True)
-        self.counts = np.bincount(self.which[self.joint], minlength=self.steps.size)
-        self.which[~self.joint] = self.steps.size  # a table's last entry: no coupling
 
     def _products(self, right: Array) -> Array:
         """Sums over each block of column_j · right_k, ndarray (b, c, c)."""
@@ -79,25 +149,13 @@ class RestrictedLikelihood:
 
     def terms(self, walk: float, tau: float) -> tuple[float, float]:
         """Log determinant, and sum of squares in units of σ_w², of the restricted likelihood."""
-        products, logdet = self.plain, float(np.log(self.weight).sum())
-        ratio = walk * tau / (2.0 * self.period)  # σ_d² / σ_w²
-        if ratio > 0.0:
-            decay = np.exp(-self.steps / tau)
-            loss = -np.expm1(-2.0 * self.steps / tau)
-            coupling = np.append(decay / (loss * ratio), 0.0)[self.which]
-            diagonal = 1.0 / self.weight + 1.0 / ratio
-            forward = np.append(decay**2 / (loss * ratio), 0.0)[self.which]
-            diagonal[:-1] += forward
-            diagonal[1:] += forward
-            d, e, _ = dpttrf(diagonal, -coupling, overwrite_d=True, overwrite_e=True)
-            solved, _ = dpttrs(d, e, self.scaled)
-            products = products - self._products(solved / self.weight[:, None])
-            log_loss = float(np.dot(self.counts, np.log(loss)))
-            logdet += float(np.log(d).sum() + self.size * np.log(ratio) + log_loss)
+        # The ratio of the variances, σ_d² / σ_w².
+        factor = self.noise.factor(walk * tau / (2.0 * self.period), tau)
+        products = self._products(factor.solve(self.columns))
         gram, cross = products[:, 1:, 1:], products[:, 1:, :1]
         fitted = np.einsum("bij,bij->b", cross, np.linalg.solve(gram, cross))
         square = float(np.sum(products[:, 0, 0] - fitted))
-        return logdet + float(np.linalg.slogdet(gram)[1].sum()), square
+        return factor.logdet + float(np.linalg.slogdet(gram)[1].sum()), square
 
     def negative_log(self, walk: float, tau: float) -> float:
         """Negative logarithm, maximized over σ_w, up to a constant."""

@@ -1,0 +1,435 @@
+"""What causes do, against formulas and integrators of other origin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effects.machine import (
+    AIR,
+    BEARING,
+    COLUMN,
+    COOLANT,
+    FAR,
+    FROZEN,
+    HEAT,
+    NEAR,
+    PART,
+    PERIOD,
+    RESPONSES,
+    X,
+    Y,
+    columns,
+    first_order,
+    model,
+    scene,
+)
+from scipy.integrate import solve_ivp
+
+from thermaltool.effects import effect_class
+from thermaltool.effects.channels import is_air, is_part
+from thermaltool.effects.dynamics import play
+from thermaltool.effects.effect import Signals
+from thermaltool.errors import ModelError
+from thermaltool.model import only_sensors
+
+TIME = PERIOD * np.arange(800)
+
+
+def make(name, channel, /, log=None, partner=None, **parameters):
+    return effect_class(name)(channel, parameters, log, None, partner)
+
+
+def run(effects, drive, **beside):
+    given = {HEAT: np.broadcast_to(np.asarray(drive, float), TIME.shape), **beside}
+    return model(*effects).simulate(TIME, given, "p")
+
+
+def stood(plays, u, width):
+    """The play operator, row by row."""
+    p, result = 0.0, []
+    for now in u:
+        p = min(max(p, now - width / 2), now + width / 2)
+        result.append(p)
+    np.testing.assert_allclose(plays, result, rtol=0, atol=1e-15)
+
+
+# ---------------------------------------------------------------- drive
+
+
+def test_a_delayed_step_comes_later():
+    y = run([make("transport_delay", HEAT, delay=12 * PERIOD)], np.where(TIME >= 100, 0.7, 0.0))
+    for output, response in RESPONSES.items():
+        expected = 0.7 * response.step(TIME - 100 - 12 * PERIOD)
+        np.testing.assert_allclose(y[output], expected, rtol=0, atol=1e-9)
+
+
+def test_heat_goes_with_the_square():
+    y = run([make("drive_nonlinearity", HEAT, exponent=2.0, level=2.0)], 0.5)
+    np.testing.assert_allclose(y[X], 2.0 * 0.0625 * RESPONSES[X].step(TIME), atol=1e-9)
+
+
+def test_a_saturated_step_is_the_limit_in_both_directions():
+    limited = make("actuator_saturation", HEAT, limit=0.8, level=1.5)
+    for sign in (1, -1):
+        y = run([limited], sign * np.where(TIME < 2000, 1.5, 0.5))
+        plain = run([], sign * np.where(TIME < 2000, 0.8, 0.5))
+        for output in y:
+            np.testing.assert_array_equal(y[output], plain[output])
+
+
+def test_a_limit_at_the_largest_level_is_none():
+    limit = make("actuator_saturation", HEAT, limit=0.8, level=1.5).parameter("limit")
+    assert (limit.neutral, limit.high) == (1.5, 1.5)
+
+
+def test_play_is_its_definition_row_by_row():
+    rng = np.random.default_rng(8)
+    for rows in (1, 2, 3, 65, 1000):
+        u = np.cumsum(rng.normal(size=rows))
+        widths = np.array([0.0, 0.3, 2.0, 50.0])
+        for plays, width in zip(play(u, widths), widths, strict=True):
+            stood(plays, u, width)
+    np.testing.assert_array_equal(play(u, np.zeros(1))[0], u)
+
+
+def triangle(rows, size=1.0):
+    return size * np.interp(np.arange(rows) % 200, [0, 50, 150, 200], [0, 1, -1, 0])
+
+
+def area(u, v):
+    """Of a closed loop (one period of the triangle)."""
+    return 0.5 * abs(np.sum(u * np.roll(v, -1) - np.roll(u, -1) * v))
+
+
+def test_backlash_draws_a_parallelogram():
+    u = triangle(800)
+    signals = Signals(TIME, {})
+    for width in (0.1, 0.4, 1.0):
+        acts = make("backlash", HEAT, width=width).drive(signals, u)
+        assert acts.max() == pytest.approx(1 - width / 2)
+        assert area(u[400:600], acts[400:600]) == pytest.approx(2 * width * (1 - width / 2))
+
+
+def test_hysteresis_is_a_loop_at_any_speed_and_its_area_that_of_its_plays():
+    signals = Signals(TIME, {})
+    effect = make("hysteresis", HEAT, width=0.6, share=0.5)
+    u = triangle(800)
+    acts = effect.drive(signals, u)
+    expected = 0.5 * np.mean([2 * w * (1 - w / 2) for w in (0.2, 0.4, 0.6)])
+    assert area(u[400:600], acts[400:600]) == pytest.approx(expected)
+    assert acts[200:400].max() == pytest.approx(1 - 0.5 * np.mean([0.1, 0.2, 0.3]))
+    whole = make("hysteresis", HEAT, width=0.6).drive(signals, u)
+    np.testing.assert_allclose(acts, (u + whole) / 2, atol=1e-14)
+    slow = effect.drive(signals, np.repeat(u[:400], 2))
+    np.testing.assert_allclose(slow[::2], acts[:400], atol=1e-14)
+    # Where the drive is zero: on the way up, and on the way down.
+    assert acts[400] < 0 < acts[500]
+
+
+# ---------------------------------------------------------------- state
+
+
+def test_convection_decays_at_the_sum_of_the_rates_while_it_lasts():
+    on = (TIME >= 2500) & (TIME < 3000)
+    drive = np.where(TIME < 2000, 1.0, 0.0)
+    effect = make("convection_state", COOLANT, rate=1 / 300, level=1.0, idle=0.0)
+    y = run([effect], drive, **{COOLANT: on.astype(float)})
+    since = np.clip(TIME - 2500, 0, 500)
+    plain = run([], drive)
+    for output in y:
+        expected = plain[output] * np.exp(-since / 300)
+        at = TIME >= 2500
+        np.testing.assert_allclose(y[output][at], expected[at], rtol=1e-9)
+        np.testing.assert_allclose(y[output][~at], plain[output][~at], rtol=1e-9)
+
+
+def radiating(rate, a, gain, rest):
+    """One body: its own loss at rest, the radiative part of it by Stefan and Boltzmann."""
+    cold = rest + 273.15
+
+    def slope(t, y):
+        radiated = rate * ((cold + y) ** 4 - cold**4) / (4 * cold**3)
+        return a * gain * (t < 2000) - (a - rate) * y - radiated
+
+    return solve_ivp(slope, (0, TIME[-1]), [0.0], t_eval=TIME, rtol=1e-9, max_step=20).y[0]
+
+
+@pytest.mark.parametrize("logged", [False, True])
+def test_radiation_is_that_of_stefan_and_boltzmann(logged):
+    a, gain, rate, rest = 1 / 600, 200.0, 1 / 1500, 21.5
+    expected = radiating(rate, a, gain, rest)
+    plain = run([], np.where(TIME < 2000, 5.0, 0.0))[COLUMN]
+    if logged:
+        effect = make("radiation", "T_core_degC", rate=rate)
+        beside = {"T_core_degC": rest + expected}
+        assert effect.needs() == ("T_core_degC",)
+    else:
+        effect, beside = make("radiation", COLUMN, rate=rate, rest=rest), {}
+        assert effect.needs() == ()
+    y = run([effect], np.where(TIME < 2000, 5.0, 0.0), **beside)[COLUMN]
+    # Held over a sample, the loss is late by half of one.
+    np.testing.assert_allclose(y, expected, rtol=0, atol=2e-3 * expected.max())
+    assert np.ptp(plain - expected) > 0.1 * expected.max()
+
+
+def test_radiation_looks_at_the_hottest_absolute_temperature_from_its_rest():
+    effect = next(effect_class("radiation").probes(scene(columns())))
+    assert effect.channel == COLUMN
+    assert effect.parameters["rest"] == pytest.approx(21.5)
+    pairs = replace(scene(columns()), outputs=(FAR, NEAR, X))
+    effect = next(effect_class("radiation").probes(pairs))
+    assert (effect.channel, effect.parameters["rest"]) == (NEAR, 20.0)
+    cores = {"T_bed_degC": 20 + TIME / 400, "T_core_degC": 20 + TIME / 40, AIR: 20 + TIME}
+    logged = replace(
+        pairs, extra=tuple(cores), logs=(Signals(TIME, {**pairs.logs[0].columns, **cores}, "p"),)
+    )
+    effect = next(effect_class("radiation").probes(logged))
+    assert effect.channel == "T_core_degC"
+    assert "rest" not in effect.parameters
+    effect = make("radiation", COLUMN, rate=1e-3, rest=20.0)
+    with pytest.raises(ModelError, match=COLUMN):
+        effect.loss(Signals(TIME, {}), {NEAR: TIME})
+
+
+# ---------------------------------------------------------------- sources
+
+
+def test_a_second_source_is_another_first_order_response():
+    bearing = np.where(TIME >= 500, 0.6, 0.0)
+    logged = make(
+        "second_source", BEARING, time_constant=350.0, **{f"gain[{X}]": 4.0, f"gain[{FAR}]": -1.0}
+    )
+    y = run([logged], 0.0, **{BEARING: bearing})
+    expected = 0.6 * first_order(4.0, 1 / 350).step(TIME - 500)
+    np.testing.assert_allclose(y[X], expected, atol=1e-9)
+    np.testing.assert_allclose(y[FAR], -expected / 4, atol=1e-9)
+    latent = make(
+        "second_source",
+        "",
+        "p",
+        start=500.0,
+        time_constant=350.0,
+        **{f"gain[{X}]": 0.6 * 4.0, f"gain[{FAR}]": -0.6},
+    )
+    hidden = run([latent], 0.0)
+    for output in y:
+        np.testing.assert_allclose(hidden[output], y[output], atol=1e-9)
+    assert (logged.unit(f"gain[{X}]"), latent.unit(f"gain[{X}]")) == ("um/1", "um")
+
+
+def test_the_structure_follows_a_daily_swing_of_the_air_smaller_and_later():
+    tau, omega, gain = 400.0, 2 * np.pi / 1200, 3.0
+    air = 20 + 2 * np.sin(omega * TIME)
+    y = run([make("ambient_drift", AIR, time_constant=tau, **{f"gain[{Y}]": gain})], 0.0,
+            **{AIR: air})[Y]  # fmt: skip
+    late = np.arctan(omega * tau)
+    expected = 2 * gain * np.cos(late) * np.sin(omega * TIME - late)
+    settled = 8 * tau < TIME
+    # The air runs on in straight lines between samples.
+    np.testing.assert_allclose(y[settled], expected[settled], atol=2e-3)
+
+
+def test_without_a_logged_air_all_outputs_swing_together_from_rest():
+    swing = make("ambient_drift", "", "p", period=8000.0, phase=0.5,
+                 **{f"swing[{X}]": 3.0, f"swing[{COLUMN}]": -0.5})  # fmt: skip
+    y = run([swing], 0.0)
+    np.testing.assert_allclose(y[X], -6 * y[COLUMN], atol=1e-12)
+    assert y[X][0] == 0
+    # Two derivatives bring a sine back.
+    middle = y[X][1:-1] + 3 * np.sin(0.5)
+    bend = np.diff(y[X], 2) / PERIOD**2
+    np.testing.assert_allclose(bend, -((2 * np.pi / 8000) ** 2) * middle, atol=1e-9)
+
+
+def test_a_swing_is_tried_only_where_no_log_holds_the_air():
+    with_air = effect_class("ambient_drift").probes(scene(columns()))
+    assert {e.channel for e in with_air} == {AIR}
+    without = list(effect_class("ambient_drift").probes(scene(columns(extra=(BEARING,)))))
+    assert without
+    assert {e.channel for e in without} == {""}
+
+
+def test_a_part_grows_by_its_expansion():
+    # 300 mm of steel, 11.5e-6 per kelvin
+    part = 22 + TIME / 1000
+    y = run([make("part_temperature", PART, **{f"coefficient[{X}]": 0.3e6 * 11.5e-6})], 0.0,
+            **{PART: part})  # fmt: skip
+    np.testing.assert_allclose(y[X], 3.45 * (part - 22), atol=1e-12)
+    assert not np.any(y[Y])
+
+
+def test_channels_go_to_the_cause_that_their_name_says():
+    air = ["T_ambient_degC", "T_room2_degC", "T_lab_air_degC", "dT_Hall_K"]
+    other = ["dT_pair1_K", "T_chamber_degC", "T_label_degC", "n_air_rpm", "T_bed_degC", "T_degC"]
+    assert all(map(is_air, air))
+    assert not any(map(is_air, [*other, "T_part_degC"]))
+    assert is_part("T_workpiece_degC")
+    assert is_part("T_part1_degC")
+    assert not any(map(is_part, [*other, *air, "Q_part_W", "T_apart_degC"]))
+    seen = scene(columns())
+    for name, channel in {
+        "ambient_drift": {AIR},
+        "part_temperature": {PART},
+        "second_source": {BEARING, COOLANT, ""},
+    }.items():
+        assert {e.channel for e in effect_class(name).probes(seen)} == channel
+
+
+# ---------------------------------------------------------------- structure and sensors
+
+
+def test_a_joint_has_another_slope_each_way_and_bends():
+    y = np.array([-20.0, -10.0, 0.0, 10.0, 20.0])
+    signals = Signals(np.arange(5.0), {})
+    slopes = make("joint_contact", X, asymmetry=0.2)
+    np.testing.assert_allclose(slopes.output(X, {X: y}, signals), [-16, -8, 0, 12, 24])
+    bent = make("joint_contact", X, curvature=0.01).output(X, {X: y}, signals)
+    np.testing.assert_allclose(bent, [-24, -11, 0, 11, 24])
+
+
+def test_a_joint_that_is_moved_one_way_alone_has_no_asymmetry_to_try():
+    both = {tuple(e.parameters) for e in effect_class("joint_contact").probes(scene(columns()))}
+    one = {
+        tuple(e.parameters)
+        for e in effect_class("joint_contact").probes(scene(columns(bipolar=False)))
+    }
+    assert both == {("curvature",), ("asymmetry",), ("curvature", "asymmetry")}
+    assert one == {("curvature",)}
+
+
+def test_displacements_jump_together_at_one_time():
+    step = make("geometry_step", X, "p", time=1000.0, **{f"step[{X}]": 12.0, f"step[{Y}]": -7.0})
+    y, plain = run([step], 1.0), run([], 1.0)
+    for output, size in {X: 12.0, Y: -7.0, NEAR: 0.0}.items():
+        np.testing.assert_allclose(y[output] - plain[output], size * (TIME >= 1000), atol=1e-12)
+
+
+@pytest.mark.parametrize("at", [97, 402, 640])
+def test_a_jump_is_tried_at_its_own_sample(at):
+    rng = np.random.default_rng(at)
+    time, given = columns()
+    wander = np.cumsum(rng.normal(size=len(time))) * 0.01
+    for output, size in {X: 0.25, Y: -0.2}.items():
+        given[output] = given[output] + wander + size * (np.arange(len(time)) >= at)
+        given[output][[5, at - 3, at + 2, 700]] = np.nan
+    tried = list(effect_class("geometry_step").probes(scene((time, given))))
+    assert time[at] in [e.parameters["time"] for e in tried]
+    assert np.max(np.diff(sorted(e.parameters["time"] for e in tried))) < 0.05 * time[-1]
+
+
+def test_a_jump_is_not_looked_for_where_nothing_is_measured():
+    time, given = columns()
+    given[X][:] = np.nan
+    given[Y][3:] = np.nan
+    for effect in effect_class("geometry_step").probes(scene((time, given))):
+        assert time[0] < effect.parameters["time"] < time[-1]
+
+
+def test_a_lag_makes_two_poles():
+    drive = np.ones(800)
+    y = run([make("sensor_lag", NEAR, time_constant=80.0)], drive)[NEAR]
+    a, b, gain = 1 / 200, 1 / 80, 20.0
+    expected = gain * (1 - (b * np.exp(-a * TIME) - a * np.exp(-b * TIME)) / (b - a))
+    # Straight lines between samples.
+    np.testing.assert_allclose(y, expected, atol=gain * (a * PERIOD) ** 2 / 8)
+
+
+def test_a_sensor_drifts_by_its_rate_in_an_hour():
+    late = TIME + 500
+    y = effect_class("sensor_drift")(NEAR, {"rate": 0.9}).output(
+        NEAR, {NEAR: np.zeros(800)}, Signals(late, {})
+    )
+    assert y[0] == 0
+    assert y[np.searchsorted(late, 500 + 3600)] == pytest.approx(0.9)
+
+
+def test_a_thermistor_read_with_another_ones_constants_is_gain_and_curvature():
+    """β law: R = R25 exp(β(1/T − 1/298.15)), read with a β that is 4 % too small."""
+    truth = np.linspace(0, 30, 61)
+    rest, beta, wrong = 293.15, 3950.0, 3800.0
+    log_r = beta * (1 / (rest + truth) - 1 / 298.15)
+    reading = 1 / (log_r / wrong + 1 / 298.15)
+    reading = reading - reading[0]
+    fit = np.linalg.lstsq(np.column_stack([truth, truth**2]), reading, rcond=None)[0]
+    effect = make("sensor_conversion", NEAR, gain=float(fit[0]), curvature=float(fit[1]))
+    got = effect.output(NEAR, {NEAR: truth}, Signals(truth, {}))
+    error = np.max(np.abs(reading - truth))
+    assert error > 0.5
+    assert np.max(np.abs(got - reading)) < 0.005 * error
+
+
+def test_a_frozen_sensor_repeats_the_reading_at_its_start():
+    y, plain = run([make("sensor_frozen", FAR, "p", start=300.0, stop=900.0)], 1.0), run([], 1.0)
+    still = (TIME >= 300) & (TIME < 900)
+    np.testing.assert_array_equal(y[FAR][still], plain[FAR][60])
+    np.testing.assert_array_equal(y[FAR][~still], plain[FAR][~still])
+    never = run([make("sensor_frozen", FAR, "p", start=1e6)], 1.0)
+    np.testing.assert_array_equal(never[FAR], plain[FAR])
+
+
+def test_a_frozen_sensor_is_looked_for_where_a_reading_repeats_itself_and_nowhere_else():
+    time, given = columns()
+    found = list(effect_class("sensor_frozen").probes(scene((time, given))))
+    place = {"start": time[FROZEN.start], "stop": time[FROZEN.stop]}
+    assert [(e.channel, e.log, e.parameters) for e in found] == [(FAR, "p", place)]
+    # To the end, with gaps.
+    given[FAR][FROZEN.start :] = given[FAR][FROZEN.start]
+    given[FAR][::7] = np.nan
+    (found,) = effect_class("sensor_frozen").probes(scene((time, given)))
+    assert found.parameters == {"start": time[FROZEN.start]}
+
+
+@pytest.mark.parametrize("what", ["coarse", "settled"])
+def test_equal_readings_are_not_always_a_fault(what):
+    time, given = columns()
+    given[FAR] = 4 + model().simulate(time, given)[FAR]
+    if what == "coarse":  # a step of 0.5 K repeats itself everywhere
+        given[FAR] = np.round(given[FAR] * 2) / 2
+    else:  # idle, at rest, and read to 0.1 K
+        given[HEAT][:100] = 0
+        given[FAR] = 4 + model().simulate(time, given)[FAR]
+        given[FAR][:100] = 4.0
+    assert not list(effect_class("sensor_frozen").probes(scene((time, given))))
+
+
+def test_swapped_sensors_read_each_other():
+    swap = make("sensors_swapped", NEAR, partner=FAR)
+    y, plain = run([swap], 1.0), run([], 1.0)
+    np.testing.assert_array_equal(y[NEAR], plain[FAR])
+    np.testing.assert_array_equal(y[FAR], plain[NEAR])
+    pairs = {(e.channel, e.partner) for e in effect_class("sensors_swapped").probes(
+        scene(columns()))}  # fmt: skip
+    assert pairs == {(NEAR, FAR), (X, Y)}
+    alone = only_sensors(model(swap), [NEAR])
+    with pytest.raises(ModelError, match=FAR):
+        alone.simulate(TIME, {HEAT: np.ones(800)})
+
+
+@pytest.mark.parametrize("period", [23.7, 61.0, 310.0, 640.0, 1500.0])
+def test_a_line_in_the_residual_is_found_between_the_slow_misfit(period):
+    rng = np.random.default_rng(4)
+    time, given = columns(frozen=False)
+    slow = np.cumsum(rng.normal(size=len(time))) * 0.004
+    given[NEAR] = given[NEAR] + 0.08 * np.sin(2 * np.pi * time / period + 1) + slow
+    given[NEAR][[0, 1, 200, 201, 600]] = np.nan
+    found = list(effect_class("periodic").probes(scene((time, given))))
+    duration = time[-1]
+    misses = [abs(1 / e.parameters["period"] - 1 / period) * duration for e in found]
+    nearest = found[int(np.argmin(misses))]
+    # Less than half a cycle in the record: one search goes on from there.
+    assert min(misses) < 0.45
+    assert nearest.channel == NEAR
+    values = {n: nearest.parameters[n] for n in (f"sine[{NEAR}]", f"cosine[{NEAR}]")}
+    assert values == {f"sine[{NEAR}]": 1.0, f"cosine[{NEAR}]": 1.0}
+
+
+def test_a_sine_has_its_period_and_counts_from_zero():
+    effect = make("periodic", NEAR, "p", period=600.0, **{f"sine[{NEAR}]": 3.0,
+                                                          f"cosine[{NEAR}]": 4.0})  # fmt: skip
+    y = run([effect], 0.0)[NEAR]
+    assert y[0] == pytest.approx(4.0)
+    assert y[30] == pytest.approx(3.0)
+    np.testing.assert_allclose(y[120:], y[:-120], atol=1e-12)
+    assert np.max(np.abs(y)) == pytest.approx(5.0, rel=1e-3)

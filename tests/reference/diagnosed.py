@@ -1,0 +1,72 @@
+"""A diagnosis whose answer is known: a lamp's heat, and a bed that the model does not know."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from thermaltool.diagnosis.residual import residual_report
+from thermaltool.diagnosis.result import Alternative, Cause, Curves, Diagnosis, Gain, Tried
+from thermaltool.effects.effect import Signals
+from thermaltool.effects.second_source import SecondSource
+from thermaltool.model import Drive, Model, Output, Term
+from thermaltool.responses.deflection import Deflection
+
+OUTPUT, DRIVE, BED = "d_z_um", "Q_main_1", "T_bed_degC"
+WHITE, FLOOR = 0.5, 1.0
+MODEL = Model(
+    drives=(Drive(DRIVE, "zero", 0.0, (0.0, 1.0)),),
+    outputs=(Output(OUTPUT, "deflection", "first", (0.0, 90.0), {"rmse": 1.1}),),
+    terms=(Term(DRIVE, OUTPUT, Deflection(A=50.0, a=0.002, B=20.0, b=5e-4, D=-0.01, d=0.001)),),
+    sample_period=10.0,
+)
+SOURCE = SecondSource(BED, {f"gain[{OUTPUT}]": 0.6, "time_constant": 840.0})
+
+
+def measured(seed: int = 4, bed: float = 60.0) -> Signals:
+    """Six hours: the lamp for three, the bed (to `bed` degC) from the fourth on."""
+    time = 10.0 * np.arange(2160)
+    columns = {
+        DRIVE: np.where(time < 10800, 1.0, 0.0),
+        BED: 20.0 + (bed - 20.0) * -np.expm1(-np.maximum(time - 10800, 0) / 300),
+    }
+    clean = Signals(time, columns)
+    bent = SOURCE.output(OUTPUT, MODEL.simulate(time, columns), clean)
+    noise = WHITE * np.random.default_rng(seed).standard_normal(len(time))
+    return Signals(time, {**columns, OUTPUT: bent + noise}, f"digest-{seed}")
+
+
+def diagnosed(logs: Sequence[Signals], causes: int = 1, adequate: bool = False) -> Diagnosis:
+    """What a diagnosis of `logs` should say."""
+    log = logs[0]
+    y = log.columns[OUTPUT] - log.columns[OUTPUT][0]
+    plain = MODEL.simulate(log.time, log.columns)
+    extended = SOURCE.output(OUTPUT, plain, log)
+    report = residual_report(
+        log.time, y - plain[OUTPUT], y, {DRIVE: log.columns[DRIVE]}, {BED: log.columns[BED]},
+        WHITE, FLOOR,
+    )  # fmt: skip
+    gain = Gain(16.4, 6.1, 40.0, 12.0, 71.0, 91.0, (9.1, 11.3))
+    intervals = {f"gain[{OUTPUT}]": (0.59, 0.63), "time_constant": (800.0, 880.0)}
+    cause = Cause(SOURCE, 552.0, intervals, {OUTPUT: gain}, 0.9)
+    other = Alternative(
+        ("second_source", "ambient_drift"), (BED, ""), 4.0, "the bed alone, lamp off, for 2 h", 60.0
+    )
+    tried = (
+        Tried("second_source", BED, 552.0, 0.3, "accepted", OUTPUT),
+        Tried("ambient_drift", "", 119.0, 0.4, "explained by another", OUTPUT),
+        Tried("transport_delay", DRIVE, -7.1, None, "cannot be seen"),
+    )
+    found = Diagnosis(
+        adequate=adequate,
+        noise_share=0.9 if adequate else 0.12,
+        residuals={OUTPUT: report},
+        causes=(cause,) * causes,
+        alternatives=(other,) if causes else (),
+        tried=tried,
+        notes=(),
+        model=MODEL,
+        curves=(Curves(log.log, OUTPUT, log.time, y, plain[OUTPUT], extended),),
+    )
+    return found

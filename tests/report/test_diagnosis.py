@@ -1,0 +1,212 @@
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from reference.diagnosed import BED, OUTPUT, diagnosed, measured
+
+from thermaltool.report.diagnosis import DECISIVE, main_output, summary, to_markdown
+from thermaltool.report.diagnosis_figures import Traces, draw_evidence, draw_traces, pictures
+from thermaltool.report.diagnosis_tables import duration, number, percent, printed, sections
+
+
+def document(causes=1, adequate=False, validated=(), **changed):
+    log = measured()
+    found = diagnosed([log], causes, adequate).document()
+    files = {"model": "model.json", "logs": [{"name": "in/run.csv", "sha256": log.log}]}
+    files["validated_on"] = [{"name": name, "sha256": name} for name in validated]
+    # As a reader of the JSON has it.
+    return json.loads(json.dumps({**found, **files, **changed}, allow_nan=False))
+
+
+def traces(name="in/run.csv", extended=True):
+    log = measured()
+    curves = diagnosed([log]).curves[0]
+    return Traces(name, OUTPUT, curves.time, curves.measured, curves.simulated,
+                  curves.extended if extended else None, (slice(0, len(log.time)),))  # fmt: skip
+
+
+def test_contract_of_the_issue():
+    found = document()
+    assert found["adequate"] is False
+    assert found["noise_share"] == 0.12
+    cause = found["causes"][0]
+    assert (cause["name"], cause["channel"], cause["evidence"]) == ("second_source", BED, 552.0)
+    assert cause["parameters"]["time_constant"] == {
+        "value": 840.0, "interval": [800.0, 880.0], "unit": "s",
+    }  # fmt: skip
+    gain = cause["gain"][OUTPUT]
+    assert (gain["rms_before"], gain["rms_after"], gain["interval"]) == (16.4, 6.1, [9.1, 11.3])
+    alternative = found["alternatives"][0]
+    assert alternative["names"] == ["second_source", "ambient_drift"]
+    assert alternative["separating_experiment"].startswith("the bed alone")
+
+
+def test_five_lines_for_a_new_user():
+    verdict, where, cause, worth, unknown = summary(document())
+    assert verdict.startswith(
+        "The model is not adequate for run.csv: only 12 % of the residual's power in d_z_um is "
+        "sensor noise or what the calibration itself left (residual "
+    )
+    assert "noise 0.5 µm, calibration 1 µm" in verdict
+    # The bed comes on when the lamp goes off, at 3 h, and stays.
+    assert re.match(r"It is wrong mostly while Q_main_1 is at 0 \(.* of the misfit in 50 %", where)
+    assert re.search(r"slower than .*; worst from 3\.\d+ to 6 h \(\d+(\.\d)? µm RMS\)\.$", where)
+    assert cause == (
+        "Cause: second_source (T_bed_degC), heat enters from somewhere that the model does not "
+        "know: gain[d_z_um] 0.6 (0.59 to 0.63) µm/°C, time_constant 840 (800 to 880) s; "
+        "evidence 552 (decisive)."
+    )
+    assert worth == (
+        "On stretches that were held out, knowing it takes the residual of d_z_um from 16.4 to "
+        "6.1 µm RMS (gain 9.1 to 11.3 µm, 95 %)."
+    )
+    assert unknown == (
+        "Not known: second_source (T_bed_degC) cannot be told from ambient_drift in this log; "
+        "to tell them apart: the bed alone, lamp off, for 2 h."
+    )
+
+
+def test_held_out_logs_are_named():
+    worth = summary(document(validated=["in/evening.csv"]))[3]
+    assert worth.startswith("On evening.csv, knowing it takes ")
+
+
+def test_several_causes():
+    found = document()
+    second = json.loads(json.dumps(found["causes"][0]))
+    second.update(name="sensor_gain", channel=OUTPUT, log=found["logs"][0]["sha256"])
+    second["gain"][OUTPUT].update(rms_before=5.0, rms_after=2.0, interval=[2.0, 4.0])
+    lines = summary({**found, "causes": [found["causes"][0], second]})
+    assert [line.split(":")[0] for line in lines[2:4]] == ["Cause 1 of 2", "Cause 2 of 2"]
+    assert ", in run.csv alone: " in lines[3]
+    # Each by itself: what was refitted between them is no gain of theirs.
+    assert "(T_bed_degC) takes the residual of d_z_um from 16.4 to 6.1 µm RMS" in lines[4]
+    assert "sensor_gain (d_z_um) takes the residual of d_z_um from 5 to 2 µm RMS" in lines[4]
+    second["gain"][OUTPUT]["claimed"] = False
+    assert "sensor_gain" not in summary({**found, "causes": [found["causes"][0], second]})[4]
+    many = summary({**found, "causes": [found["causes"][0]] * 5})
+    assert "Further causes: second_source (T_bed_degC), second_source (T_bed_degC)." in many
+
+
+def test_a_gain_that_is_not_sure_is_not_claimed():
+    found = document()
+    gain = found["causes"][0]["gain"][OUTPUT]
+    gain.update(interval=[-0.2, 0.4], claimed=False)
+    assert summary(found)[3] == (
+        "On held-out data no gain is sure: its interval includes zero on every output."
+    )
+    rows = next(s.rows for s in sections(found) if s.title.startswith("What knowing"))
+    assert rows[1][5] == "-0.2 to 0.4, not claimed"
+
+
+def test_the_output_that_gains_most_is_told():
+    found = document()
+    gain = found["causes"][0]["gain"]
+    gain["d_x_um"] = {**gain[OUTPUT], "rms_after": 1.0}
+    gain["d_y_um"] = {**gain[OUTPUT], "rms_after": 0.5, "claimed": False}
+    worth = summary(found)[3]
+    assert "of d_x_um from 16.4 to 1 µm" in worth
+    assert worth.endswith("; no sure gain on d_y_um.")
+
+
+def test_misfit_without_a_cause():
+    lines = summary(document(causes=0))
+    assert lines[2].startswith("Cause: none in the catalogue explains it; the nearest is second_")
+    assert lines[3] == "Not known: this log cannot show transport_delay."
+
+
+def test_adequate():
+    verdict, nothing, blind = summary(document(causes=0, adequate=True))
+    assert verdict.startswith("The model is adequate for run.csv: 90 % of the residual's power")
+    assert nothing == "No effect found: 3 causes were tried and none adds anything."
+    assert blind == "Not known: this log cannot show transport_delay."
+
+
+def test_notes_are_told():
+    assert summary(document(notes=["calibrate again"]))[-1] == "Note: calibrate again."
+
+
+def test_numbers():
+    assert [number(x) for x in (None, 0.01234, 1234.5, -1234.5, 3e7)] == [
+        "–", "0.0123", "1234", "-1234", "3e+07",
+    ]  # fmt: skip
+    assert [percent(x) for x in (0.0, 1e-9, 0.125, 0.9999, 1.0)] == [
+        "0 %", "< 1 %", "12 %", "> 99 %", "100 %",
+    ]  # fmt: skip
+    assert [printed(u) for u in ("um/degC", "um/1", "1", "1/K", "s")] == [
+        "µm/°C", "µm", "", "1/K", "s",
+    ]  # fmt: skip
+    assert [duration(s) for s in (0.5, 90, 1800, 9000)] == ["0.5 s", "90 s", "30 min", "2.5 h"]
+
+
+def test_every_row_of_a_table_has_its_cells():
+    for causes in (0, 1):
+        for section in sections(document(causes)):
+            assert {len(row) for row in section.rows} == {len(section.rows[0])}
+    assert "Causes" not in [section.title for section in sections(document(causes=0))]
+
+
+def test_markdown():
+    text = to_markdown(document(), [("why d_z_um.png", "curves")])
+    assert text.startswith("# model.json on run.csv\n\nThe model is not adequate for run.csv")
+    assert "![curves](<why d_z_um.png>)" in text
+    assert "| second\\_source | T\\_bed\\_degC | 552 | 90 % | gain[d\\_z\\_um] | 0.6 |" in text
+    assert "- judged: `in/run.csv`, SHA-256 `digest-4`" in text
+    for line in text.splitlines():
+        if line.startswith("|"):
+            assert line.endswith(" |")
+
+
+def test_curves_before_and_after():
+    top, bottom = draw_traces(traces(), document()).axes
+    assert [line.get_label() for line in top.lines] == [
+        "measured", "model as it is", "model with\nsecond_source",
+    ]  # fmt: skip
+    before, after = bottom.lines[:2]
+    assert np.std(before.get_ydata()) > 10
+    assert np.std(after.get_ydata()) == pytest.approx(0.5, rel=0.1)
+    assert re.search(r"before 11\.\d µm, after 0\.\d+ µm$", bottom.get_title())
+    assert bottom.get_xlabel() == "time [h]"
+
+
+def test_curves_without_a_cause():
+    top, bottom = draw_traces(traces(extended=False), document(causes=0)).axes
+    assert len(top.lines) == 2
+    assert "after" not in bottom.get_title()
+
+
+def test_a_shift_of_zero_is_drawn_as_none():
+    shifted = traces()
+    moved = Traces("run.csv", OUTPUT, shifted.time, shifted.measured + 50.0, shifted.simulated,
+                   shifted.extended)  # fmt: skip
+    after = draw_traces(moved, document()).axes[1].lines[1].get_ydata()
+    assert abs(np.mean(after)) < 0.1
+
+
+def test_evidence_chart():
+    ax = draw_evidence(document(), DECISIVE).axes[0]
+    assert [label.get_text() for label in ax.get_yticklabels()] == [
+        "second_source (T_bed_degC)", "ambient_drift", "transport_delay (Q_main_1)",
+    ]  # fmt: skip
+    assert [bar.get_width() for bars in ax.containers for bar in bars] == [552, 119, -7.1]
+    assert ax.get_legend_handles_labels()[1] == ["decisive from 10", "accepted", "not accepted"]
+
+
+def test_pictures_are_few_and_named_apart():
+    several = [traces(f"in/run{k}.csv") for k in range(8)]
+    made = list(pictures(several, document(), DECISIVE))
+    assert len(made) == 7
+    assert len({picture.name for picture in made}) == 7
+    assert made[0].name == "d_z_um_run0"
+    assert all(picture.png.startswith(b"\x89PNG") for picture in made)
+    single = list(pictures([traces()], document(tried=[]), DECISIVE))
+    assert [picture.name for picture in single] == ["d_z_um"]
+
+
+def test_the_worst_output_is_told_first():
+    found = document()
+    other = {**found["residuals"][OUTPUT], "above_floor": 0.1}
+    assert main_output({**found, "residuals": {"d_a_um": other, **found["residuals"]}}) == OUTPUT

@@ -1,0 +1,215 @@
+"""Tests of a coloured residual: whether it follows a channel or its past, and what is left over.
+
+Thermal residuals are coloured: a textbook p-value on them finds everything significant. The
+residual is described as white noise plus an Ornstein-Uhlenbeck discrepancy, both estimated, and
+every test is made on what that description leaves: inner products under its covariance, which are
+those of the prewhitened residual with the prewhitened input, and its innovations.
+
+Sources: Ljung, System identification (1999), 16.6 (residual tests); Box, Jenkins & Reinsel, Time
+series analysis (2008), 12.1 (prewhitening); Ljung & Box, Biometrika 65 (1978) 297.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import chdtrc, erfc, ndtri
+
+from thermaltool.diagnosis.observed import Observed
+from thermaltool.effects.effect import Float, Signals
+
+# A test below this rejects.
+LEVEL = 0.01
+# Lags of the innovations that are tested together.
+_LAGS = 20
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """Whether the residual still follows a channel or its past.
+
+    Attributes
+    ----------
+    channel : str
+    lag : (float, float) [s]
+        The lags at which it follows most.
+    correlation : float
+        Of the prewhitened residual with the prewhitened channel over these lags.
+    bound : float
+        What independence stays within, at 1 % over all lags.
+    p_value : float
+        Corrected for the lags that were tried, not for the channels.
+    """
+
+    channel: str
+    lag: tuple[float, float]
+    correlation: float
+    bound: float
+    p_value: float
+
+
+class ColouredTests:
+    """Tests under white noise plus a discrepancy whose size and time constant are estimated.
+
+    Parameters
+    ----------
+    time, about : ndarray, shape (n,)
+        The residual about the mean of each record.
+    records : sequence of slice
+    """
+
+    def __init__(self, time: Float, about: Float, records: Sequence[slice]) -> None:
+        self.records = records
+        logs = [Signals(time[r], {}) for r in records]
+        seen = Observed.of("", logs, [np.ones(len(log.time), bool) for log in logs])
+        assert seen is not None
+        self.seen, self.period, self.size = seen, seen.noise.period, len(time)
+        self.clock = self._gather(time)
+        means = np.zeros((seen.size, len(records)))
+        means[np.arange(seen.size), seen.owner] = 1.0
+        self.columns = np.column_stack([self._gather(about), means])
+        self.dof = seen.size - len(records)
+        if not np.any(about):
+            self.ratio, self.tau = 0.0, 1.0
+        else:
+            self.ratio, self.tau = self._fit()
+        self.factor = seen.noise.factor(self.ratio, self.tau)
+        gram = self.columns.T @ self.factor.solve(self.columns)
+        inner = np.linalg.inv(gram[1:, 1:])
+        square = float(gram[0, 0] - gram[0, 1:] @ inner @ gram[1:, 0])
+        self.white = float(np.sqrt(max(square, 0.0) / self.dof))
+        self.clean = self.columns[:, 0] - means @ inner @ gram[1:, 0]
+        self.solved = self.factor.solve(self.columns[:, 1:]) @ inner
+        self.discrepancy = self.white * float(np.sqrt(self.ratio))
+
+    def _gather(self, values: Float) -> Float:
+        return self.seen.gather([values[r] for r in self.records])
+
+    def _fit(self) -> tuple[float, float]:
+        noise = self.seen.noise
+        low, high = 3 * self.period, max(noise.span / 2, 6 * self.period)
+
+        def negative_log(log_ratio: float, log_tau: float) -> float:
+            factor = noise.factor(float(np.exp(log_ratio)), float(np.exp(log_tau)))
+            gram = self.columns.T @ factor.solve(self.columns)
+            fitted = np.linalg.solve(gram[1:, 1:], gram[1:, :1])
+            square = max(float(gram[0, 0] - gram[0, 1:] @ fitted[:, 0]), 1e-300)
+            logdet = factor.logdet + float(np.linalg.slogdet(gram[1:, 1:])[1])
+            return 0.5 * (self.dof * np.log(square / self.dof) + logdet)
+
+        grid = [
+            (r, t)
+            for r in np.log(10.0) * np.arange(-3, 7)
+            for t in np.log(np.geomspace(low, high, 5))
+        ]
+        best = min(grid, key=lambda point: negative_log(*point))
+        bounds = np.log([[1e-4, 1e9], [low, high]])
+
+        def objective(point: Any) -> float:
+            inside = np.clip(point, bounds[:, 0], bounds[:, 1])
+            return negative_log(*inside.tolist()) + float(np.sum((point - inside) ** 2))
+
+        found = minimize(
+            objective,
+            np.array(best),
+            method="Nelder-Mead",
+            options={
+                "initial_simplex": np.array(best) + np.array([[0, 0], [1.0, 0], [0, 0.5]]),
+                "xatol": 0.02,
+                "fatol": 0.01,
+                "maxfev": 80,
+            },
+        )
+        # Two parameters more than white noise have to earn their keep (BIC).
+        if 2 * (negative_log(-40.0, np.log(low)) - found.fun) < 2 * np.log(self.dof):
+            return 0.0, 1.0
+        ratio, tau = np.exp(np.clip(found.x, bounds[:, 0], bounds[:, 1])).tolist()
+        return ratio, tau
+
+    def effective_rows(self) -> float:
+        """n over the sum of the autocorrelation."""
+        decay = float(np.exp(-self.period / self.tau))
+        slow = self.ratio / (1.0 + self.ratio)
+        return max(1.0, self.size / (1.0 + 2.0 * slow * decay / (1.0 - decay)))
+
+    def white_p(self) -> float:
+        """Ljung-Box on the innovations of the fitted description."""
+        innovations = self._innovations()
+        n, lags = len(innovations), min(_LAGS, len(innovations) // 4)
+        power = float(innovations @ innovations)
+        if power == 0.0:
+            return 1.0
+        r = [float(innovations[k:] @ innovations[:-k]) / power for k in range(1, lags + 1)]
+        q = n * (n + 2) * sum(x**2 / (n - k) for k, x in enumerate(r, 1))
+        return float(chdtrc(lags - 2 if self.ratio else lags, q))
+
+    def _innovations(self) -> Float:
+        """One-step prediction errors in units of their standard deviation."""
+        ratio = self.ratio
+        decays = np.exp(-np.diff(self.clock, prepend=self.clock[0]) / self.tau)
+        fresh = np.diff(self.seen.owner, prepend=-1) != 0
+        state, spread, result = 0.0, ratio, []
+        for value, decay, new, weight in zip(
+            self.clean.tolist(),
+            decays.tolist(),
+            fresh.tolist(),
+            self.seen.share.tolist(),
+            strict=True,
+        ):
+            if new:
+                state, spread = 0.0, ratio
+            else:
+                state *= decay
+                spread = ratio + decay * decay * (spread - ratio)
+            total = spread + weight
+            error = value - state
+            result.append(error / total**0.5)
+            state += spread / total * error
+            spread *= weight / total
+        return np.array(result)
+
+    def dependence(self, channel: str, values: Float) -> Dependence | None:
+        """Whether the residual follows a channel at any lag; None where it does not change."""
+        gathered = self._gather(values)
+        windows, features = [(0, 1)], []
+        while 4 * windows[-1][1] < self.seen.size:
+            windows.append((windows[-1][1], 2 * windows[-1][1]))
+        for first, end in windows:
+            feature = np.zeros(self.seen.size)
+            for k in range(len(self.records)):
+                own = self.seen.owner == k
+                feature[own] = _past(gathered[own], first, end)
+            features.append(feature)
+        block = np.column_stack(features)
+        solved = self.factor.solve(block)
+        cross = self.columns[:, 1:].T @ solved
+        norm = np.einsum("ij,ij->j", block, solved) - np.einsum(
+            "ij,ij->j", cross, (self.solved.T @ block)
+        )
+        there = norm > 1e-9 * np.maximum(np.einsum("ij,ij->j", block, solved), 1e-300)
+        if not there.any() or self.white == 0.0:
+            return None
+        z = np.zeros(len(windows))
+        z[there] = (self.clean @ solved)[there] / (self.white * np.sqrt(norm[there]))
+        best, tried, root = int(np.argmax(np.abs(z))), int(there.sum()), float(np.sqrt(self.dof))
+        one = float(erfc(abs(z[best]) / np.sqrt(2.0)))
+        group = self.period * self.size / self.seen.size
+        first, end = windows[best]
+        return Dependence(
+            channel,
+            (first * group, (end - 1) * group),
+            float(z[best]) / root,
+            float(ndtri(0.5 + 0.5 * (1.0 - LEVEL) ** (1.0 / tried))) / root,
+            float(-np.expm1(tried * np.log1p(-one))) if one < 1.0 else 1.0,
+        )
+
+
+def _past(values: Float, first: int, end: int) -> Float:
+    """Mean over the lags first to end - 1 of what a channel has risen since its first value."""
+    total = np.append(0.0, np.cumsum(values - values[0]))
+    rows = np.arange(1, len(values) + 1)
+    return (total[np.maximum(rows - first, 0)] - total[np.maximum(rows - end, 0)]) / (end - first)

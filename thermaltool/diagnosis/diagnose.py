@@ -1,0 +1,416 @@
+"""What a model gets wrong on measured logs, why, and what knowing it is worth.
+
+Forward selection: at each step the whole catalogue is scored against what is left over, the best
+few are refitted, and the strongest is accepted if its evidence is decisive after correction for the
+number of causes tried, if it helps on data that its fit has not seen, and if what it explains is
+not smaller than the error that the model had on its clean calibration. Backward check: what later
+causes made idle is taken out again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import os
+import numpy as np
+
+from thermaltool.diagnosis import geometry, heldout
+from thermaltool.diagnosis.evidence import State
+from thermaltool.diagnosis.residual import ResidualReport, residual_report
+from thermaltool.diagnosis.result import Alternative, Cause, Curves, Diagnosis, Gain, Tried
+from thermaltool.diagnosis.scan import Candidate, refine, scan
+from thermaltool.diagnosis.special import find_outliers_in, too_short
+from thermaltool.diagnosis.workbench import Mask, Progress, Workbench
+from thermaltool.effects.effect import Effect, Signals
+from thermaltool.errors import FitError, ModelError
+from thermaltool.model import Model
+
+# Evidence (fall of BIC, corrected for the causes tried) from which a cause counts: odds of 150.
+DECISIVE = 10.0
+# A cause has to explain this many times the slow discrepancy of a clean log.
+PRACTICAL = 1.0
+# ... or, where that is large, this share of what is wrong now.
+MOST = 0.7
+# Less of the RMS than this is of no practical use.
+LEAST_GAIN = 0.05
+# Causes that are held out at each step before the search is given up.
+HELD_OUT = 4
+# Causes that are refitted at each step, of one name at most two.
+REFINED, OF_A_NAME = 8, 2
+MOST_CAUSES = 6
+# Share of the residual's power that noise and floor must account for in an adequate model.
+ADEQUATE = 0.5
+
+TIGHT: State = frozenset({"offset", "accepted", "tight"})
+RELEASED: State = frozenset({"offset", "accepted", "released"})
+
+
+@dataclass(frozen=True)
+class Step:
+    """The model after some causes, and what the next one is judged by."""
+
+    model: Model
+    state: State
+    causes: tuple[Cause, ...]
+
+
+def diagnose(
+    model: Model,
+    logs: Sequence[Signals],
+    validate: Sequence[Signals] = (),
+    progress: Progress = lambda message: None,
+) -> Diagnosis:
+    """Compare a model with measured logs and name what it gets wrong.
+
+    Parameters
+    ----------
+    model : Model
+        As calibrated. Where one of `logs` was used for that, its own parameters are free; else
+        they stay within the covariance of the calibration.
+    logs : sequence of Signals
+        Each with the model's drives, and with at least one output in one of them.
+    validate : sequence of Signals
+        Logs on which gains are measured; without them, blocks of `logs` are held out in turn.
+
+    Raises
+    ------
+    ModelError, FitError
+        No output of the model in any log, a channel without values, a drive that never moves.
+    """
+    _check(model, logs)
+    return _Diagnosing(model, tuple(logs), tuple(validate), progress).run()
+
+
+def _check(model: Model, logs: Sequence[Signals]) -> None:
+    for log in logs:
+        if len(log.time) < 20:
+            raise FitError(f"{len(log.time)} rows are too few to judge a model by")
+        for drive in model.drives:
+            if drive.channel not in log.columns:
+                raise ModelError(f"the model's drive {drive.channel} is not in the log")
+            if not np.isfinite(log.columns[drive.channel]).all():
+                raise ModelError(f"the model's drive {drive.channel} has missing values")
+    outputs = [o.channel for o in model.outputs]
+    if not any(o in log.columns for o in outputs for log in logs):
+        raise ModelError(f"no output of the model in the logs: {', '.join(outputs)}")
+    for o in outputs:
+        there = [log.columns[o] for log in logs if o in log.columns]
+        if there and not any(np.isfinite(values).sum() >= 20 for values in there):
+            raise ModelError(f"{o} has fewer than 20 values")
+    if not any(np.ptp(log.columns[d.channel]) > 0 for d in model.drives for log in logs):
+        names = ", ".join(d.channel for d in model.drives)
+        raise FitError(f"{names} never moves: nothing to compare a response with")
+
+
+class _Diagnosing:
+    def __init__(
+        self,
+        model: Model,
+        logs: tuple[Signals, ...],
+        validate: tuple[Signals, ...],
+        progress: Progress,
+    ) -> None:
+        self.calibrated, self.logs, self.validate, self.progress = model, logs, validate, progress
+        sources = {each.get("sha256") for each in model.provenance.get("logs", ())}
+        self.own = any(log.log in sources for log in logs)
+        self.state: State = RELEASED if self.own else TIGHT
+        self.masked: Mask = {}
+        self.notes: list[str] = []
+        self.tried: tuple[Tried, ...] = ()
+        self.rivals: list[tuple[Candidate, list[Candidate], Workbench]] = []
+
+    def bench(self, model: Model, logs: Sequence[Signals] | None = None) -> Workbench:
+        bench = Workbench(
+            model, logs or self.logs, self.calibrated, self.masked, self.state
+        )
+        return bench
+
+    def ready(self, model: Model) -> Workbench:
+        bench = self.bench(model)
+        bench.weigh()
+        return bench
+
+    def run(self) -> Diagnosis:
+        self.progress("noise")
+        bench = self.ready(self.calibrated)
+        first = bench
+        causes: list[Cause] = []
+        spikes = find_outliers_in(bench)
+        if spikes is not None:
+            self.masked = spikes.masked
+            causes.append(spikes.cause)
+            bench = self.ready(self.calibrated)
+        for _ in range(MOST_CAUSES):
+            found = self._next(bench, first_step=not self.tried)
+            if found is None:
+                break
+            cause, bench = found
+            causes.append(cause)
+        causes, bench = self._backward(causes, bench)
+        return self._result(first, bench, causes)
+
+    # ------------------------------------------------------------ forward
+
+    def _states(self) -> list[State]:
+        states = [self.state]
+        if "initial" not in self.state:
+            states.append(self.state | {"initial"})
+        if "tight" in self.state:
+            states.append((self.state - {"tight"}) | {"released"})
+        return states
+
+    def _switch(self, bench: Workbench, state: State) -> float:
+        """Evidence for letting the model say more for itself."""
+        return 2 * sum(
+            e.base(self.state).best - e.base(state).best for e in bench.evidence.values()
+        )
+
+    def _next(self, bench: Workbench, first_step: bool) -> tuple[Cause, Workbench] | None:
+        while True:
+            states = self._states()
+            candidates = scan(bench, states, self.progress)
+            places = {c.place for c in candidates}
+            correction = 2 * float(np.log(max(len(places), 1)))
+            short = _shortlist(candidates)
+            refined = []
+            for k, candidate in enumerate(short):
+                self.progress(f"fitting {candidate.effect.name} ({k + 1} of {len(short)})")
+                refined.append(refine(bench, candidate))
+            refined = [replace(c, evidence=c.evidence - correction) for c in refined]
+            refined.sort(key=lambda c: -c.evidence)
+            alone = {s: self._switch(bench, s) for s in states}
+            if os.environ.get("DBG"):
+                for st in states: print("   STATE",sorted(st-{"offset","accepted","shape"}),round(alone[st],1))
+                for c in refined: print("   REF",c.effect.name,c.effect.channel,sorted(c.state-{"offset","accepted","shape"}),round(c.evidence,1),{k:float('%.3g'%v) for k,v in c.effect.parameters.items()})
+            if first_step:
+                self.tried = _tried(candidates, refined, correction, alone)
+                first_step = False
+            best_switch = max(states, key=lambda s: alone[s])
+            top = refined[0].evidence if refined else -np.inf
+            own_share = top - alone[refined[0].state] if refined else -np.inf
+            if alone[best_switch] > DECISIVE and alone[best_switch] > own_share:
+                found = self._switched(bench, best_switch)
+                if found is not None:
+                    return found
+                bench = self.ready(bench.model)
+                continue
+            decisive = [c for c in refined if c.evidence - alone[c.state] > DECISIVE]
+            for candidate in decisive[:HELD_OUT]:
+                found = self._accepted(bench, candidate, refined)
+                if found is not None:
+                    return found
+            return None
+
+    def _switched(self, bench: Workbench, state: State) -> tuple[Cause, Workbench] | None:
+        """Let the model say more for itself; where a short calibration is why, that is a cause."""
+        before, self.state = self.state, state
+        if "released" in before or "released" not in state:
+            self.notes.append("a log does not begin at rest: its start decays are fitted apart")
+            return None
+        model = self._settled(bench.model)
+        after = self.ready(model)
+        cause = too_short(self.calibrated, bench, after, before, state)
+        if cause is None:
+            self.notes.append(
+                "the model's own parameters have changed since the calibration, beyond its "
+                "uncertainty: calibrate again"
+            )
+            return None
+        return cause, after
+
+    def _settled(self, model: Model) -> Model:
+        """The model's own parameters where these logs want them, if they are free at all."""
+        for _ in range(4 if "released" in self.state else 0):
+            bench = self.ready(model)
+            moved = 0.0
+            for output, evidence in bench.evidence.items():
+                base = evidence.base(self.state)
+                names = np.array(evidence.names)[base.active]
+                group = "released" if "released" in self.state else "tight"
+                root, _ = bench.prior(output, group == "released")
+                steps = root @ base.fitted[base.level][names == group]
+                own = bench.own(output)
+                logs = [abs(s) for s, each in zip(steps, own, strict=True) if each.log]
+                steps *= min(1.0, 0.7 / max([*logs, 1e-12]))
+                try:
+                    bench.model = bench.moved(own, steps)
+                except ValueError:
+                    continue
+                moved = max([moved, *logs])
+            model = bench.model
+            if moved < 0.02:
+                break
+        return model
+
+    def _accepted(
+        self, bench: Workbench, candidate: Candidate, refined: Sequence[Candidate]
+    ) -> tuple[Cause, Workbench] | None:
+        """The cause and the workbench after it, unless it is worth nothing on unseen data."""
+        self.progress(f"held-out gain of {candidate.effect.name}")
+        model = replace(bench.model, effects=(*bench.model.effects, candidate.effect))
+        after = self.ready(self._settled(model))
+        before = self.ready(self._settled(bench.model))
+        if not self._practical(bench, heldout.gains(before, after, self.state)):
+            return None
+        gain = self._gain(before, after)
+        self.rivals.append((candidate, list(refined), bench))
+        return Cause(
+            candidate.effect, candidate.evidence, _intervals(candidate), gain, _explained(bench, gain)
+        ), after
+
+    def _gain(self, before: Workbench, after: Workbench) -> dict[str, Gain]:
+        if self.validate:
+            old, new = self.bench(before.model, self.validate), self.bench(after.model, self.validate)
+            return heldout.transferred(old, new)
+        return heldout.gains(before, after, self.state, as_simulated=True)
+
+    def _practical(self, bench: Workbench, gain: Mapping[str, Gain]) -> bool:
+        for output, g in gain.items():
+            white = bench.evidence[output].base(self.state).white
+            removed = max(g.rms_before**2 - g.rms_after**2, 0.0)
+            misfit = max(g.rms_before**2 - white**2, 0.0)
+            floor = bench.floor(output) if "tight" in self.state else white
+            enough = min(PRACTICAL * floor, MOST * np.sqrt(misfit))
+            helps = g.rms_after < (1 - LEAST_GAIN) * g.rms_before
+            if g.claimed and helps and removed >= enough**2:
+                return True
+        return False
+
+    # ------------------------------------------------------------ backward, and the answer
+
+    def _backward(
+        self, causes: list[Cause], bench: Workbench
+    ) -> tuple[list[Cause], Workbench]:
+        for cause in list(causes):
+            acting = [e for e in bench.model.effects if e == cause.effect]
+            if len(bench.model.effects) < 2 or not acting:
+                continue
+            rest = tuple(e for e in bench.model.effects if e != cause.effect)
+            without = self.ready(replace(bench.model, effects=rest))
+            again = refine(without, _as_candidate(cause.effect, self.state))
+            if again.evidence < DECISIVE:
+                causes.remove(cause)
+                bench = without
+        return causes, bench
+
+    def _result(self, first: Workbench, last: Workbench, causes: list[Cause]) -> Diagnosis:
+        reports: dict[str, ResidualReport] = {}
+        share = 1.0
+        for output, seen in first.observed.items():
+            white = last.evidence[output].base(self.state).white
+            residual = first.residual(output)
+            rms = float(np.sqrt(np.mean(_centred(seen.whole(residual)) ** 2)))
+            floor = first.floor(output) if "tight" in first.state else 0.0
+            wrong = rms**2
+            if "tight" in first.state:
+                wrong = float(np.mean(seen.whole(first.corrected(output)) ** 2))
+            accounted = 1 - max(wrong - white**2 - floor**2, 0.0) / rms**2 if rms else 1.0
+            share = min(share, accounted)
+            k = int(np.argmax([len(rows) for rows in seen.rows]))
+            log = first.logs[k]
+            known = {d.channel for d in first.model.drives}
+            reports[output] = residual_report(
+                log.time,
+                residual[k],
+                first.measured[k][output],
+                {d: log.columns[d] for d in known},
+                {c: v for c, v in log.columns.items() if c in first.scene().extra},
+                white,
+                floor,
+            )
+        adequate = not causes and share >= ADEQUATE
+        if not causes and not adequate:
+            self.notes.append("misfit found, no cause in the catalogue explains it")
+        alternatives: list[Alternative] = []
+        for candidate, refined, bench in self.rivals:
+            self.progress(f"what else could be {candidate.effect.name}")
+            alternatives += geometry.alternatives(bench, candidate, refined)
+        curves = tuple(
+            Curves(
+                log.log,
+                output,
+                log.time,
+                first.measured[k][output],
+                first.outputs[k][output],
+                last.outputs[k][output],
+            )
+            for k, log in enumerate(first.logs)
+            for output in first.observed
+            if output in first.measured[k]
+        )
+        return Diagnosis(
+            adequate,
+            float(min(share, 1.0)),
+            reports,
+            tuple(causes),
+            tuple(alternatives),
+            self.tried,
+            tuple(dict.fromkeys(self.notes)),
+            last.model,
+            curves,
+        )
+
+
+def _centred(values: np.ndarray) -> np.ndarray:
+    return values - np.mean(values)
+
+
+def _shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The best trial of every place, the strongest places first, few of one name."""
+    chosen: list[Candidate] = []
+    for c in candidates:
+        same = [x for x in chosen if x.effect.name == c.effect.name]
+        if len(same) < OF_A_NAME and c.place not in [x.place for x in chosen]:
+            chosen.append(c)
+        if len(chosen) == REFINED:
+            break
+    return chosen
+
+
+def _tried(
+    candidates: Sequence[Candidate],
+    refined: Sequence[Candidate],
+    correction: float,
+    alone: Mapping[State, float],
+) -> tuple[Tried, ...]:
+    best: dict[tuple[str, str], Candidate] = {}
+    for c in candidates:
+        best.setdefault((c.effect.name, c.effect.channel), replace(c, evidence=c.evidence - correction))
+    for c in reversed(refined):
+        best[c.effect.name, c.effect.channel] = c
+    ranked = sorted(best.values(), key=lambda c: -(c.evidence - alone[c.state]))
+    return tuple(
+        Tried(
+            c.effect.name,
+            c.effect.channel,
+            c.evidence - alone[c.state],
+            c.detectable,
+            "evidence" if c.evidence - alone[c.state] > DECISIVE else "no evidence",
+        )
+        for c in ranked
+    )
+
+
+def _as_candidate(effect: Effect, state: State) -> Candidate:
+    return Candidate(effect, 0.0, 0.0, 0, state, {})
+
+
+def _intervals(candidate: Candidate) -> dict[str, tuple[float, float]]:
+    result = {}
+    deviations = np.sqrt(np.maximum(np.diag(candidate.covariance), 0.0))
+    named = dict(zip(candidate.amplitudes, deviations.tolist(), strict=False))
+    for name, value in candidate.effect.parameters.items():
+        if name in named:
+            result[name] = (value - 1.96 * named[name], value + 1.96 * named[name])
+    return result
+
+
+def _explained(bench: Workbench, gain: Mapping[str, Gain]) -> float:
+    """Share of the misfit above noise that is gone, the channels weighed by their noise."""
+    before = after = 0.0
+    for output, g in gain.items():
+        white = bench.evidence[output].base(bench.state).white
+        before += max((g.rms_before / white) ** 2 - 1, 0.0)
+        after += max((g.rms_after / white) ** 2 - 1, 0.0)
+    return float(np.clip(1 - after / before, 0.0, 1.0)) if before else 0.0

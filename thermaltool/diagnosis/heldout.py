@@ -1,0 +1,182 @@
+"""What a cause is worth on data that its fit has not seen.
+
+Each log is cut into blocks of time; every block is predicted, free running, by a fit to all other
+rows: the model's own parameters within their prior and the parameters of its effects, around the
+full fit. Places that were found by scanning (the instant of a step) stay where they are. The
+interval of the gain is that of a bootstrap over shorter blocks, so that slow errors count in full.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from thermaltool.diagnosis.evidence import State
+from thermaltool.diagnosis.result import Gain
+from thermaltool.diagnosis.workbench import Series, Workbench
+from thermaltool.effects.effect import Float, is_displacement
+from thermaltool.signals.agreement import agreement
+from thermaltool.signals.likelihood import ColouredNoise
+
+FOLDS = 6
+# Blocks of the bootstrap, and draws.
+BLOCKS, DRAWS = 36, 2000
+
+
+def gains(
+    before: Workbench, after: Workbench, state: State, as_simulated: bool = False, seed: int = 0
+) -> dict[str, Gain]:
+    """Gain of every output by blocked cross-validation.
+
+    Parameters
+    ----------
+    before, after : Workbench
+        On the same logs; `after` has one cause more.
+    state : frozenset of str
+        Nuisance of both.
+    as_simulated : bool
+        What the calibration knows of a response beyond its kind is left out of the prediction, as
+        a simulation of the model leaves it out.
+    seed : int
+        Of the bootstrap.
+    """
+    result = {}
+    for output, seen in before.observed.items():
+        measured = seen.whole([m.get(output, np.zeros(0)) for m in before.measured])
+        old = _predicted(before, output, state, as_simulated)
+        new = _predicted(after, output, state, as_simulated)
+        result[output] = compare(measured, old, new, seed)
+    return result
+
+
+def transferred(
+    before: Workbench, after: Workbench, seed: int = 0
+) -> dict[str, Gain]:
+    """Gain of every output on logs that no fit has seen: both models as they stand."""
+    result = {}
+    for output, seen in before.observed.items():
+        measured = seen.whole([m.get(output, np.zeros(0)) for m in before.measured])
+        old, new = (seen.whole(_levelled(bench.residual(output), output)) for bench in (before, after))
+        result[output] = compare(measured, old, new, seed)
+    return result
+
+
+def _levelled(residual: Series, output: str) -> Series:
+    """The zero of a displacement is arbitrary in every log."""
+    if not is_displacement(output):
+        return residual
+    return [r - np.nanmean(r) if np.isfinite(r).any() else r for r in residual]
+
+
+def compare(measured: Float, before: Float, after: Float, seed: int) -> Gain:
+    """Gain of errors `after` over errors `before`, shape (n,), with its bootstrap interval."""
+    blocks = min(BLOCKS, len(measured))
+    edges = np.arange(blocks) * len(measured) // blocks
+    counts = np.diff(np.append(edges, len(measured)))
+    squares = np.add.reduceat(np.column_stack([before**2, after**2]), edges)
+    draws = np.random.default_rng(seed).integers(0, blocks, (DRAWS, blocks))
+    means = np.sqrt(squares[draws].sum(1) / counts[draws].sum(1)[:, None])
+    low, high = np.quantile(means[:, 0] - means[:, 1], [0.025, 0.975])
+    a, b = agreement(measured, measured - before), agreement(measured, measured - after)
+    return Gain(
+        a.rmse,
+        b.rmse,
+        a.max_error,
+        b.max_error,
+        a.fit_percent,
+        b.fit_percent,
+        (float(low), float(high)),
+    )
+
+
+def _predicted(bench: Workbench, output: str, state: State, as_simulated: bool) -> Float:
+    """Error of every row, predicted from the other blocks; shape (rows,)."""
+    seen, evidence = bench.observed[output], bench.evidence[output]
+    columns, prior, centre = _columns(bench, output, state)
+    own = _own_part(bench, output, state) if as_simulated else None
+    residual = bench.residual(output)
+    base = evidence.base(state)
+    level = evidence.levels[base.level]
+    prior = prior * base.white**2
+    coarse = np.column_stack([seen.gather(residual), *(seen.gather(c) for c in columns)])
+    fine = np.column_stack([seen.whole(residual), *(seen.whole(c) for c in columns)])
+    error = np.empty(len(fine))
+    where = np.append(seen.first, len(fine))
+    for k in range(len(bench.logs)):
+        mine = np.flatnonzero(seen.owner == k)
+        for fold in np.array_split(mine, FOLDS) if len(mine) else ():
+            if not len(fold):
+                continue
+            kept = np.setdiff1d(np.arange(seen.size), fold)
+            shift = _fit(bench, output, coarse, kept, (level.ratio, level.tau), prior, centre)
+            rows = slice(where[fold[0]], where[fold[-1] + 1])
+            if own is not None:
+                shift = own(shift)
+            error[rows] = fine[rows, 0] - fine[rows, 1:] @ shift
+    return error
+
+
+def _fit(
+    bench: Workbench,
+    output: str,
+    table: Float,
+    kept: np.ndarray,
+    noise: tuple[float, float],
+    prior: Float,
+    centre: Float,
+) -> Float:
+    """Generalized least squares on some rows."""
+    seen = bench.observed[output]
+    owners = seen.owner[kept]
+    starts = np.flatnonzero(np.diff(owners, prepend=-1))
+    coloured = ColouredNoise(seen.time[kept], starts, seen.share[kept], seen.noise.period)
+    rows = table[kept]
+    gram = rows.T @ coloured.factor(*noise).solve(rows)
+    A = gram[1:, 1:] + np.diag(prior)
+    size = np.sqrt(np.diag(A))
+    size[size == 0] = 1.0
+    inner = np.linalg.pinv(A / np.outer(size, size), rcond=1e-12, hermitian=True)
+    return np.asarray((inner @ ((gram[0, 1:] - prior * centre) / size)) / size)
+
+
+def _columns(bench: Workbench, output: str, state: State) -> tuple[list[Series], Float, Float]:
+    """Sensitivities that a fold may use, with the precision and centre of their priors."""
+    seen = bench.observed[output]
+    present = [k for k, rows in enumerate(seen.rows) if len(rows)]
+    offsets = bench.offsets()
+    columns = [offsets[k] for k in present] + bench.accepted(output)
+    flat = len(columns)
+    root, centre = bench.prior(output, "released" in state)
+    own = [*bench.sensitivities(output), *bench.lags(output)]
+    mixed: list[Series] = [
+        [
+            sum((root[j, k] * own[j][log] for j in range(len(own))), np.zeros(()))
+            for log in range(len(bench.logs))
+        ]
+        for k in range(root.shape[1])
+    ]
+    columns += mixed
+    extra = bench.decays(output) if "initial" in state else []
+    columns += extra
+    prior = np.concatenate([np.zeros(flat), np.ones(len(mixed) + len(extra))])
+    return columns, prior, np.concatenate([np.zeros(flat), centre, np.zeros(len(extra))])
+
+
+def _own_part(bench: Workbench, output: str, state: State) -> Callable[[Float], Float]:
+    """Takes out of a fit what the extended model does not hold."""
+    present = sum(1 for rows in bench.observed[output].rows if len(rows))
+    flat = present + len(bench.accepted(output))
+    root, _ = bench.prior(output, "released" in state)
+    p = len(bench.own(output))
+
+    def kept(shift: Float) -> Float:
+        result = shift.copy()
+        mixed = slice(flat, flat + len(root))
+        moves = root @ shift[mixed]
+        # Where they are free, the parameters of the model move; the lags beside them never do.
+        moves[p if "released" in state else 0 :] = 0.0
+        result[mixed] = np.linalg.solve(root, moves)
+        return result
+
+    return kept

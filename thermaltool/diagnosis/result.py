@@ -1,0 +1,222 @@
+"""What a diagnosis finds, as data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.diagnosis.residual import ResidualReport
+from thermaltool.effects.effect import Effect
+from thermaltool.model import Model
+
+Float = NDArray[np.float64]
+Interval = tuple[float, float]
+
+FORMAT, VERSION = "thermaltool-diagnosis", 1
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What a cause is worth for one channel on data that its fit has not seen.
+
+    Attributes
+    ----------
+    rms_before, rms_after, max_before, max_after : float [unit of the channel]
+    fit_before, fit_after : float [%]
+    interval : (float, float)
+        95 % interval of ``rms_before - rms_after`` by block bootstrap.
+    """
+
+    rms_before: float
+    rms_after: float
+    max_before: float
+    max_after: float
+    fit_before: float
+    fit_after: float
+    interval: Interval
+
+    @property
+    def claimed(self) -> bool:
+        """Whether the interval excludes no gain."""
+        return self.interval[0] > 0
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An accepted cause.
+
+    Attributes
+    ----------
+    effect : Effect
+    evidence : float
+        Fall of BIC under white noise and a slow discrepancy, corrected for the number of causes
+        that were tried; above 10 is decisive.
+    intervals : mapping of parameter to (low, high)
+        95 %.
+    gain : mapping of channel to Gain
+    explained : float
+        Share of the misfit (residual power above noise) that it removes, all channels.
+    """
+
+    effect: Effect
+    evidence: float
+    intervals: Mapping[str, Interval]
+    gain: Mapping[str, Gain]
+    explained: float
+
+    def document(self) -> dict[str, Any]:
+        """As JSON; an effect confined to one log says to which."""
+        effect = self.effect
+        return {
+            "name": effect.name,
+            "channel": effect.channel,
+            "log": effect.log,
+            "explanation": effect.explanation,
+            "source": effect.source,
+            "evidence": self.evidence,
+            "explained": self.explained,
+            "parameters": {
+                name: {
+                    "value": value,
+                    "interval": self.intervals.get(name),
+                    "unit": effect.unit(name),
+                }
+                for name, value in effect.parameters.items()
+            },
+            "gain": {
+                channel: {**asdict(gain), "claimed": gain.claimed}
+                for channel, gain in self.gain.items()
+            },
+        }
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Causes that this log cannot tell apart.
+
+    Attributes
+    ----------
+    names, channels : tuple of str
+        The accepted cause first.
+    angle : float [deg]
+        Between their signatures, the model's own parameters projected out.
+    separating_experiment : str
+        The input that opens the angle most, in words.
+    opened : float [deg]
+        The angle that it is predicted to open.
+    """
+
+    names: tuple[str, ...]
+    channels: tuple[str, ...]
+    angle: float
+    separating_experiment: str
+    opened: float
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A cause of the catalogue and how it fared at the first step.
+
+    Attributes
+    ----------
+    name, channel : str
+    evidence : float
+    detectable : float or None
+        RMS change of an output that this log would show (evidence 10), before looking at the
+        residual; None where the log cannot show it at all.
+    verdict : str
+        accepted, explained by another, approximation error, no evidence, cannot be seen.
+    output : str or None
+        Whose change `detectable` is.
+    """
+
+    name: str
+    channel: str
+    evidence: float
+    detectable: float | None
+    verdict: str
+    output: str | None = None
+
+
+@dataclass(frozen=True)
+class Curves:
+    """One output in one log, for the figure; relative to rest."""
+
+    log: str
+    output: str
+    time: Float
+    measured: Float
+    simulated: Float
+    extended: Float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer.
+
+    Attributes
+    ----------
+    adequate : bool
+    noise_share : float
+        Share of the residual's power that measured noise and the calibration's floor account for,
+        at the worst output (1: nothing but noise).
+    residuals : mapping of output to ResidualReport
+    causes : tuple of Cause, in the order of acceptance
+    alternatives : tuple of Alternative
+    tried : tuple of Tried, the strongest first
+    notes : tuple of str
+    model : Model
+        With the accepted effects.
+    curves : tuple of Curves
+    """
+
+    adequate: bool
+    noise_share: float
+    residuals: Mapping[str, ResidualReport]
+    causes: tuple[Cause, ...]
+    alternatives: tuple[Alternative, ...]
+    tried: tuple[Tried, ...]
+    notes: tuple[str, ...]
+    model: Model
+    curves: tuple[Curves, ...] = field(default=(), compare=False)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON: without the curves and the model, null for what is not finite."""
+        document: dict[str, Any] = {
+            "format": FORMAT,
+            "version": VERSION,
+            "adequate": self.adequate,
+            "noise_share": self.noise_share,
+            "residuals": {name: report.document() for name, report in self.residuals.items()},
+            "causes": [cause.document() for cause in self.causes],
+            "alternatives": [
+                {
+                    "names": each.names,
+                    "channels": each.channels,
+                    "angle_deg": each.angle,
+                    "separating_experiment": each.separating_experiment,
+                    "opened_deg": each.opened,
+                }
+                for each in self.alternatives
+            ],
+            "tried": [asdict(each) for each in self.tried],
+            "notes": self.notes,
+        }
+        return {key: _plain(value) for key, value in document.items()}
+
+
+def _plain(value: Any) -> Any:
+    """What JSON can say: no tuples, no NaN, no types of NumPy."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(each) for each in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

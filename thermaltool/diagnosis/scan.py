@@ -1,0 +1,287 @@
+"""The whole catalogue against one residual in one linear-algebra pass, and the best ones refined.
+
+At a trial size every cause has a signature; its inner products with the residual and with itself,
+prewhitened and with the model's own parameters projected out, give the evidence that a fit of its
+amplitude would have (score test). Only what survives is refitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from thermaltool.diagnosis.evidence import Part, Profile, State, profile
+from thermaltool.diagnosis.workbench import Progress, Series, Workbench
+from thermaltool.effects import CATALOGUE, effect_class
+from thermaltool.effects.effect import Effect, Float, reference_of
+
+# Outputs that a cause moves by less than this share of its reach are left out of its fit.
+_NOTHING = 1e-9
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A cause at one place, with amplitudes fitted by the score.
+
+    Attributes
+    ----------
+    effect : Effect
+    evidence : float
+        Fall of BIC.
+    gain : float
+        Rise of the log likelihood.
+    parameters : int
+        Fitted ones.
+    state : frozenset of str
+        Nuisance that was in use.
+    covariance : ndarray
+        Of the linear amplitudes.
+    norm : float
+        Size of the signature in units of its standard error, before looking at the residual, per
+        RMS of one of the most affected output.
+    signature : mapping of output to Series
+        Change of every output at the fitted amplitudes.
+    """
+
+    effect: Effect
+    evidence: float
+    gain: float
+    parameters: int
+    state: State
+    amplitudes: Mapping[str, float]
+    covariance: Float = field(compare=False, default_factory=lambda: np.zeros((0, 0)))
+    detectable: float | None = None
+
+    @property
+    def place(self) -> tuple[str, str, str | None]:
+        return self.effect.name, self.effect.channel, self.effect.log
+
+
+def every_probe(bench: Workbench, names: Iterable[str] = CATALOGUE) -> Iterator[Effect]:
+    """All trials of the catalogue on this workbench."""
+    scene = bench.scene()
+    present = {(e.name, e.channel, e.log) for e in bench.model.effects if not e.event}
+    for name in names:
+        for probe in effect_class(name).probes(scene):
+            if (probe.name, probe.channel, probe.log) not in present:
+                yield probe
+
+
+@dataclass(frozen=True)
+class Signature:
+    """A trial with its signatures, by amplitude and output."""
+
+    probe: Effect
+    found: Mapping[str, Mapping[str, Series]]
+
+
+def scan(
+    bench: Workbench, states: Sequence[State], progress: Progress = lambda message: None
+) -> list[Candidate]:
+    """Evidence of every trial of the catalogue, each at its best state, the strongest first."""
+    signatures = []
+    for probe in every_probe(bench):
+        progress(f"signatures, {probe.name}")
+        found = bench.signatures(probe)
+        found = {name: outputs for name, outputs in found.items() if outputs}
+        if found:
+            signatures.append(Signature(probe, found))
+    progress("scores")
+    prepared = _Prepared(bench, signatures, states)
+    candidates = []
+    for k in range(len(signatures)):
+        trials = [prepared.candidate(k, state) for state in states]
+        candidates.append(max(trials, key=lambda c: c.evidence))
+    return sorted(candidates, key=lambda c: -c.evidence)
+
+
+class _Prepared:
+    """Products of all signatures with all outputs, computed at once for each output."""
+
+    def __init__(
+        self, bench: Workbench, signatures: Sequence[Signature], states: Sequence[State]
+    ) -> None:
+        self.bench, self.signatures = bench, signatures
+        self.index: list[dict[str, list[int]]] = [{} for _ in signatures]
+        self.names: list[dict[str, list[str]]] = [{} for _ in signatures]
+        self.reduced = {}
+        for output, evidence in bench.evidence.items():
+            columns, groups = [], []
+            for k, signature in enumerate(signatures):
+                here = [n for n, reached in signature.found.items() if output in reached]
+                if not here:
+                    continue
+                self.index[k][output] = list(range(len(columns), len(columns) + len(here)))
+                self.names[k][output] = here
+                groups.append(self.index[k][output])
+                columns += [evidence.observed.gather(signature.found[n][output]) for n in here]
+            if columns:
+                products = evidence.products(np.column_stack(columns), groups)
+                for state in states:
+                    self.reduced[output, state] = evidence.reduced(state, products)
+
+    def candidate(self, k: int, state: State) -> Candidate:
+        probe = self.signatures[k].probe
+        amplitudes = list(self.signatures[k].found)
+        parts = {
+            output: self.reduced[output, state].part(
+                index, [amplitudes.index(n) for n in self.names[k][output]]
+            )
+            for output, index in self.index[k].items()
+        }
+        return judge(self.bench, probe, amplitudes, parts, state)
+
+
+def judge(
+    bench: Workbench,
+    probe: Effect,
+    amplitudes: list[str],
+    parts: Mapping[str, Part],
+    state: State,
+    fixed: bool = False,
+) -> Candidate:
+    """Evidence of a cause from its parts; outputs that it does not reach are left out.
+
+    `fixed`: a displacement counts as it stands, not by an amplitude of its own.
+    """
+    parts = dict(parts)
+    while True:
+        outputs = list(parts)
+        given = np.ones(len(amplitudes)) if fixed and amplitudes == [""] else None
+        result = profile(list(parts.values()), len(amplitudes), given)
+        separate = [reference_of(name)[1] for name in amplitudes]
+        rows = {o: len(p.amplitudes) for o, p in parts.items()}
+        # An output with amplitudes of its own has to pay for them.
+        idle = [
+            o
+            for o, gain in zip(outputs, result.gains, strict=True)
+            if o in separate and len(parts) > 1 and 2 * gain < rows[o] * np.log(_size(bench, o))
+        ]
+        if not idle:
+            break
+        worst = min(idle, key=lambda o: result.gains[outputs.index(o)])
+        gone = [n for n in amplitudes if reference_of(n)[1] == worst]
+        probe, kept = probe.without(tuple(gone)), [n for n in amplitudes if n not in gone]
+        parts = {
+            o: Part(p.b, p.C, np.array([kept.index(amplitudes[a]) for a in p.amplitudes]), p.base)
+            for o, p in parts.items()
+            if o != worst
+        }
+        amplitudes = kept
+    return _candidate(bench, probe, amplitudes, list(parts), result, state, parts)
+
+
+def _size(bench: Workbench, output: str) -> int:
+    return sum(len(rows) for rows in bench.observed[output].rows)
+
+
+def _candidate(
+    bench: Workbench,
+    probe: Effect,
+    amplitudes: list[str],
+    outputs: list[str],
+    result: Profile,
+    state: State,
+    parts: Mapping[str, Part],
+) -> Candidate:
+    count = len(probe.linear()) + len(probe.searched())
+    rows = sum(_size(bench, o) for o in outputs)
+    # States differ in what the model may say for itself: they are compared with the best of them.
+    better = sum(
+        bench.evidence[o].base(state).best - bench.evidence[o].base(bench.state).best
+        for o in outputs
+    )
+    gain = result.gain - better
+    found = {n: float(v) for n, v in zip(amplitudes, result.amplitudes, strict=True)}
+    named = {n: probe.parameter(n).neutral + v for n, v in found.items() if n}
+    return Candidate(
+        probe.changed(named),
+        2 * gain - count * float(np.log(rows)),
+        gain,
+        count,
+        state,
+        found,
+        result.covariance,
+    )
+
+
+def refine(bench: Workbench, candidate: Candidate, step: float = 0.3) -> Candidate:
+    """Search what is not linear in a cause from where the score left it."""
+    effect, state = candidate.effect, candidate.state
+    names = effect.searched()
+
+    def at(point: Float) -> Effect:
+        values = {}
+        for name, x in zip(names, point.tolist(), strict=True):
+            known = effect.parameter(name)
+            value = float(np.exp(x)) if known.log else x
+            values[name] = float(np.clip(value, known.low, known.high))
+        return effect.changed(values)
+
+    def evaluate(trial: Effect) -> Candidate:
+        found = {n: r for n, r in bench.signatures(trial).items() if r}
+        parts, amplitudes, outputs = bench.reduce(found, state)
+        if not parts:
+            return replace(candidate, effect=trial, gain=-np.inf, evidence=-np.inf)
+        by_output = dict(zip(outputs, parts, strict=True))
+        return judge(bench, trial, amplitudes, by_output, state, fixed=True)
+
+    if not names:
+        return evaluate(effect)
+    start = effect
+    if "" in candidate.amplitudes:
+        # A displacement at a trial size, scaled by its amplitude: that much of the way.
+        start = _scaled(effect, candidate.amplitudes[""])
+    x0, sizes = [], []
+    for name in names:
+        known, value = effect.parameter(name), start.parameters[name]
+        value = float(np.clip(value, known.low, known.high))
+        x0.append(np.log(value) if known.log else value)
+        sizes.append(step if known.log else _span(bench, effect, name))
+    simplex = np.vstack([x0, np.array(x0) + np.diag(sizes)])
+    seen: dict[tuple[float, ...], Candidate] = {}
+
+    def objective(point: Float) -> float:
+        trial = at(point)
+        key = tuple(trial.parameters[n] for n in names)
+        if key not in seen:
+            seen[key] = evaluate(trial)
+        return -seen[key].gain
+
+    minimize(
+        objective,
+        np.array(x0),
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": simplex,
+            "xatol": 1e-3 * min(abs(s) for s in sizes),
+            "fatol": 0.05,
+            "maxfev": 30 * len(names),
+        },
+    )
+    return max(seen.values(), key=lambda c: c.gain)
+
+
+def _scaled(effect: Effect, amplitude: float) -> Effect:
+    """A purely searched effect moved from neutral by `amplitude` of its trial size."""
+    values = {}
+    share = float(np.clip(amplitude, 0.1, 5.0))
+    for name in effect.searched():
+        known = effect.parameter(name)
+        value = effect.parameters[name]
+        if known.log and known.neutral > 0:
+            values[name] = float(known.neutral * (value / known.neutral) ** share)
+        else:
+            values[name] = known.neutral + share * (value - known.neutral)
+    return effect.changed(values)
+
+
+def _span(bench: Workbench, effect: Effect, name: str) -> float:
+    """First step of a search: of a time, what lies between two trials; else a fifth."""
+    known, value = effect.parameter(name), effect.parameters[name]
+    if known.unit == "s" and effect.log is not None:
+        return max(log.duration for log in bench.logs) / 96
+    return 0.2 * (abs(value - known.neutral) or 1.0)

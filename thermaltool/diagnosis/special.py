@@ -1,0 +1,142 @@
+"""Causes without a signature: outliers, and a calibration that was too short."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import ndtri
+
+from thermaltool.diagnosis import heldout
+from thermaltool.diagnosis.evidence import State
+from thermaltool.diagnosis.result import Cause
+from thermaltool.diagnosis.workbench import Mask, Workbench
+from thermaltool.effects import effect_class
+from thermaltool.effects.effect import Float
+from thermaltool.model import Model
+
+# Neighbours on either side with which a reading is compared, and the chance to call one of a clean
+# log an outlier.
+NEIGHBOURS, FALSE = 3, 0.01
+DECISIVE = 10.0
+
+
+@dataclass(frozen=True)
+class Spikes:
+    """Outliers of all logs."""
+
+    masked: Mask
+    cause: Cause
+
+
+def find_outliers_in(bench: Workbench) -> Spikes | None:
+    """Readings that stand out of their neighbours, where heavy tails are decisive.
+
+    Evidence is that of a Gaussian with a wider one mixed in against a Gaussian alone, for the
+    deviations from the running median of the residual.
+    """
+    masked, evidence, worst, share, amplitude = {}, 0.0, "", 0.0, 0.0
+    total = 0.0
+    for output in bench.observed:
+        for log, residual in zip(bench.logs, bench.corrected(output), strict=True):
+            rows = np.flatnonzero(np.isfinite(residual))
+            if len(rows) < 50:
+                continue
+            deviation = _from_neighbours(residual[rows])
+            spread = 1.4826 * float(np.median(np.abs(deviation)))
+            if spread == 0:
+                continue
+            limit = -float(ndtri(FALSE / 2 / len(rows)))
+            out = np.abs(_from_both_sides(residual[rows])) > limit * spread
+            # A step or a ramp stands out of its neighbours too, on one side: it is left alone.
+            moved = ~out & (np.abs(deviation) > limit * spread)
+            found = _heavy_tails(deviation[~moved] / spread) - 2 * np.log(len(bench.observed))
+            if not out.any() or found < DECISIVE:
+                continue
+            mask = np.zeros(len(residual), bool)
+            mask[rows[out]] = True
+            masked[log.log, output] = mask
+            total += found
+            if found > evidence:
+                evidence, worst = found, output
+                share = float(np.mean(out))
+                amplitude = float(np.median(np.abs(deviation[out])))
+    if not masked:
+        return None
+    effect = effect_class("outliers")(worst, {"share": share, "amplitude": amplitude})
+    return Spikes(masked, Cause(effect, total, {}, _masked_gain(bench, masked), 0.0))
+
+
+def _masked_gain(bench: Workbench, masked: Mask) -> dict[str, heldout.Gain]:
+    """Residual of all rows, and of those that stay."""
+    result = {}
+    for output in {o for _, o in masked}:
+        kept, measured = [], []
+        for log, residual, m in zip(
+            bench.logs, bench.residual(output), bench.measured, strict=True
+        ):
+            gone = masked.get((log.log, output), np.zeros(len(residual), bool))
+            kept.append(np.where(gone, 0.0, residual))
+            measured.append(m.get(output, np.full(len(residual), np.nan)))
+        seen = bench.observed[output]
+        before, after = seen.whole(bench.residual(output)), seen.whole(kept)
+        result[output] = heldout.compare(seen.whole(measured), before, after, 0)
+    return result
+
+
+def _from_neighbours(values: Float) -> Float:
+    """Deviation of every value from the median of its neighbours, itself left out."""
+    padded = np.pad(values, NEIGHBOURS, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
+    others = np.delete(windows, NEIGHBOURS, axis=1)
+    return values - np.median(others, axis=1)
+
+
+def _from_both_sides(values: Float) -> Float:
+    """Deviation from the medians before and after, the smaller one; 0 where they disagree."""
+    padded = np.pad(values, NEIGHBOURS, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
+    before = values - np.median(windows[:, :NEIGHBOURS], axis=1)
+    after = values - np.median(windows[:, NEIGHBOURS + 1 :], axis=1)
+    smaller = np.minimum(np.abs(before), np.abs(after))
+    return np.where(np.sign(before) == np.sign(after), np.sign(before) * smaller, 0.0)
+
+
+def _heavy_tails(z: Float) -> float:
+    """Fall of BIC from a Gaussian to one with a wider one mixed in."""
+
+    def negative(point: Float) -> float:
+        share = 0.3 / (1 + np.exp(-point[0]))
+        wide, narrow = np.exp(point[1]), np.exp(point[2])
+        density = (1 - share) / narrow * np.exp(-0.5 * (z / narrow) ** 2)
+        density += share / (narrow * (1 + wide)) * np.exp(-0.5 * (z / (narrow * (1 + wide))) ** 2)
+        return -float(np.sum(np.log(np.maximum(density, 1e-300))))
+
+    plain = 0.5 * len(z) * (1 + np.log(np.mean(z**2)))
+    best = minimize(
+        negative, np.array([-3.0, 1.0, 0.0]), method="Nelder-Mead", options={"maxfev": 200}
+    )
+    return float(2 * (plain - best.fun) - 2 * np.log(len(z)))
+
+
+def too_short(
+    calibrated: Model, before: Workbench, after: Workbench, old: State, new: State
+) -> Cause | None:
+    """The cause, where the calibration had not seen the steady state of an output that moved."""
+    moved: Mapping[str, float] = {
+        o: 2 * (e.base(old).best - e.base(new).best) for o, e in before.evidence.items()
+    }
+    short = {
+        o.channel: float(o.fit["covered"])
+        for o in calibrated.outputs
+        if o.fit.get("covered") is not None and o.fit["covered"] < 3
+    }
+    affected = [o for o, evidence in moved.items() if evidence > DECISIVE and o in short]
+    if not affected:
+        return None
+    output = max(affected, key=lambda o: moved[o])
+    effect = effect_class("record_too_short")(output, {"covered": short[output]})
+    gain = heldout.gains(before, after, new)
+    return Cause(effect, sum(moved.values()), {}, gain, 0.0)

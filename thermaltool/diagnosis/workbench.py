@@ -1,0 +1,429 @@
+"""The workbench of a diagnosis: a model on its logs, what is left over, what may explain it.
+
+One workbench stands for one set of accepted causes; the next cause gets a new one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.diagnosis.evidence import OutputEvidence, Part, Reduced, State
+from thermaltool.diagnosis.observed import Observed, measured_rows
+from thermaltool.effects.dynamics import lagged
+from thermaltool.effects.effect import Effect, Float, Scene, Signals, reference_of
+from thermaltool.model import Model, driven, read_outputs, relative, respond
+from thermaltool.responses import response_class
+from thermaltool.signals.detrend import difference_sigma
+
+Series = list[Float]  # one array for each log
+Mask = Mapping[tuple[str, str], NDArray[np.bool_]]
+
+# A wide prior: what a parameter may be where nothing was calibrated before. Of a logarithm, and
+# of a gain relative to the response's largest one.
+WIDE_LOG, WIDE_GAIN = 1.0, 1.0
+# The discrepancy of a clean log, of other inputs than the calibration's, is taken to be no larger
+# than this many times its floor.
+LIMIT = 3.0
+LEAST_FLOOR = 0.5
+
+
+@dataclass(frozen=True)
+class Own:
+    """A parameter of the model itself.
+
+    Attributes
+    ----------
+    term : int
+    name : str
+    log : bool
+        Counted by its logarithm.
+    """
+
+    term: int
+    name: str
+    log: bool
+
+
+class Workbench:
+    """A model with its accepted causes, simulated on every log.
+
+    Parameters
+    ----------
+    model : Model
+        Effects included.
+    logs : sequence of Signals
+    calibrated : Model
+        The model as calibrated: the centre of the priors.
+    masked : mapping of (log, output) to ndarray of bool
+        Rows that are left out (outliers).
+    state : frozenset of str
+        Groups of nuisance in use.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        logs: Sequence[Signals],
+        calibrated: Model,
+        masked: Mask,
+        state: State,
+    ) -> None:
+        self.model, self.logs = model, tuple(logs)
+        self.calibrated, self.masked, self.state = calibrated, masked, state
+        self.plain = [respond(model, self.acting(log), log) for log in self.logs]
+        self.outputs = [
+            read_outputs(self.acting(log), plain, log)
+            for log, plain in zip(self.logs, self.plain, strict=True)
+        ]
+        self.measured = [
+            {
+                o.channel: relative(log.columns[o.channel], o.offset)
+                for o in model.outputs
+                if o.channel in log.columns
+            }
+            for log in self.logs
+        ]
+        self.observed: dict[str, Observed] = {}
+        for o in model.outputs:
+            seen = Observed.of(o.channel, self.logs, measured_rows(self.logs, o.channel, masked))
+            if seen is not None:
+                self.observed[o.channel] = seen
+        self.evidence: dict[str, OutputEvidence] = {}
+        self.inputs = [driven(model, self.acting(log), log) for log in self.logs]
+
+    def floor(self, output: str) -> float:
+        """Slow discrepancy of the calibration; at least a share of the white noise."""
+        known = self.discrepancy(output)
+        return max(float(known.get("drift_sigma", 0.0)), LEAST_FLOOR * self.white(output))
+
+    def acting(self, log: Signals) -> list[Effect]:
+        return [e for e in self.model.effects if e.log in (None, log.log)]
+
+    def residual(self, output: str) -> Series:
+        """Measured minus simulated; NaN where not measured."""
+        return [
+            m[output] - y[output] if output in m else np.full(len(y[output]), np.nan)
+            for m, y in zip(self.measured, self.outputs, strict=True)
+        ]
+
+    def with_effects(self, *more: Effect, model: Model | None = None) -> list[dict[str, Float]]:
+        """Outputs of every log with more effects, or with another model."""
+        model = model or self.model
+        result = []
+        inside = any(e.side in ("drive", "state") for e in more)
+        for k, log in enumerate(self.logs):
+            effects = [*self.acting(log), *(e for e in more if e.log in (None, log.log))]
+            again = inside or model is not self.model
+            plain = respond(model, effects, log) if again else self.plain[k]
+            result.append(read_outputs(effects, plain, log))
+        return result
+
+    def signatures(self, effect: Effect) -> dict[str, dict[str, Series]]:
+        """How each amplitude of an effect changes each output, per unit of the amplitude.
+
+        Returns
+        -------
+        dict of amplitude to dict of output to list of ndarray
+            Linear parameters; the amplitude ``""`` where there is none: the whole displacement.
+            Outputs that do not change are left out.
+        """
+        linear = effect.linear()
+        if not linear:
+            return {"": self._changes(self.with_effects(effect), 1.0)}
+        result: dict[str, dict[str, Series]] = {}
+        for base in dict.fromkeys(reference_of(name)[0] for name in linear):
+            neutral = effect.known[base].neutral
+            others = {
+                n: effect.parameter(n).neutral for n in linear if reference_of(n)[0] != base
+            }
+            trial = {n: neutral + 1.0 for n in linear if reference_of(n)[0] == base}
+            changes = self._changes(self.with_effects(effect.changed({**others, **trial})), 1.0)
+            for name in trial:
+                own = reference_of(name)[1]
+                reached = {o: s for o, s in changes.items() if own in (None, o)}
+                if reached:
+                    result[name] = reached
+        return result
+
+    def _changes(self, changed: list[dict[str, Float]], size: float) -> dict[str, Series]:
+        result = {}
+        for output in self.observed:
+            series = [
+                (new[output] - old[output]) / size
+                for new, old in zip(changed, self.outputs, strict=True)
+            ]
+            if any(np.any(s) for s in series):
+                result[output] = series
+        return result
+
+    # ------------------------------------------------------------ what the model says for itself
+
+    def own(self, output: str) -> list[Own]:
+        """The parameters of the model that an output depends on."""
+        found = []
+        for k, term in enumerate(self.model.terms):
+            if term.output == output:
+                cls = response_class(term.response.kind)
+                found += [Own(k, name, True) for name in cls.searched]
+                found += [Own(k, name, False) for name in cls.gains]
+        return found
+
+    def moved(self, own: Sequence[Own], steps: Float) -> Model:
+        """The model with parameters moved, logarithms by their steps."""
+        terms = list(self.model.terms)
+        for each, step in zip(own, steps.tolist(), strict=True):
+            term = terms[each.term]
+            value = getattr(term.response, each.name)
+            value = value * np.exp(step) if each.log else value + step
+            terms[each.term] = replace(term, response=replace(term.response, **{each.name: value}))  # type: ignore[type-var]
+        return replace(self.model, terms=tuple(terms))
+
+    def sensitivities(self, output: str) -> list[Series]:
+        """Change of an output per unit of each of its `own` parameters."""
+        own, result = self.own(output), []
+        only = replace(
+            self.model,
+            terms=tuple(t for t in self.model.terms if t.output == output),
+            outputs=tuple(o for o in self.model.outputs if o.channel == output),
+        )
+        lossy = any(e.side == "state" for e in self.model.effects)
+        for k, each in enumerate(own):
+            scale = 1.0 if each.log else self._gain_scale(each)
+            steps = np.zeros(len(own))
+            steps[k] = 1e-3 * scale
+            try:
+                model = self.moved(own, steps)
+            except ValueError:  # at the end of its range: the other way
+                steps[k] = -steps[k]
+                model = self.moved(own, steps)
+            if lossy or any(e.side == "wiring" for e in self.model.effects):
+                changed = self.with_effects(model=model)
+            else:
+                kept = tuple(t for t in model.terms if t.output == output)
+                changed = self.with_effects(model=replace(only, terms=kept))
+            result.append(
+                [
+                    (new[output] - old[output]) / steps[k]
+                    for new, old in zip(changed, self.outputs, strict=True)
+                ]
+            )
+        return result
+
+    def _gain_scale(self, own: Own) -> float:
+        response = self.model.terms[own.term].response
+        gains = [abs(getattr(response, name)) for name in response_class(response.kind).gains]
+        return max(gains) or 1.0
+
+    def prior(self, output: str, wide: bool) -> tuple[Float, Float]:
+        """Root of the prior covariance of the `own` parameters and the `lags`.
+
+        Returns
+        -------
+        root : ndarray, shape (p + q, p + q)
+        centre : ndarray, shape (p + q,)
+            Where the model stands in it.
+        """
+        own, known = self.own(output), self.discrepancy(output)
+        names = [(self.model.terms[e.term].drive, e.name) for e in own]
+        p, q = len(own), len(known.get("lags", ()))
+        at = np.zeros(p + q)
+        for k, each in enumerate(own):
+            now = getattr(self.model.terms[each.term].response, each.name)
+            was = getattr(self.calibrated.terms[each.term].response, each.name)
+            at[k] = np.log(now / was) if each.log else now - was
+        size = np.array([WIDE_LOG if e.log else WIDE_GAIN * self._gain_scale(e) for e in own])
+        if wide or [tuple(n) for n in known.get("parameters", ())] != names:
+            size = np.append(size, np.full(q, self.white(output)))
+            return np.diag(size), at / size
+        covariance = np.array(known["covariance"])
+        at -= np.array(known["mean"])
+        size = np.append(size, np.full(q, known["lag_sigma"]))
+        scaled = covariance / np.outer(size, size)
+        values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+        # Never wider than the wide prior, never exactly known.
+        root = size[:, None] * vectors * np.sqrt(np.clip(values, 1e-12, 1.0))
+        return root, np.linalg.solve(root, at)
+
+    def lags(self, output: str) -> list[Series]:
+        """Lags of the drives, of unit height: what a response's kind leaves out of its shape."""
+        holds = {d.channel: d.hold for d in self.model.drives}
+        return [
+            [
+                lagged(log.time, each[drive], tau, holds[drive])
+                for log, each in zip(self.logs, self.inputs, strict=True)
+            ]
+            for drive, tau in self.discrepancy(output).get("lags", ())
+        ]
+
+    def discrepancy(self, output: str) -> Mapping[str, Any]:
+        """What the calibration knows of an output beyond its kind of response."""
+        found = next(o for o in self.calibrated.outputs if o.channel == output)
+        kept: Mapping[str, Any] = found.fit.get("discrepancy") or {}
+        return kept
+
+    def decays(self, output: str) -> list[Series]:
+        """What a machine that was not at rest at the first row adds, per log."""
+        slowest = max(t.response.slowest() for t in self.model.terms if t.output == output)
+        reach = max(float(np.max(np.abs(y[output]))) for y in self.outputs)
+        result = []
+        for k, _ in enumerate(self.logs):
+            for share in (1.0, 0.25, 0.06):
+                result.append(
+                    [
+                        reach * np.exp(-(log.time - log.time[0]) / (share * slowest)) * (j == k)
+                        for j, log in enumerate(self.logs)
+                    ]
+                )
+        return result
+
+    def offsets(self) -> list[Series]:
+        return [
+            [np.full(len(log.time), float(j == k)) for j, log in enumerate(self.logs)]
+            for k, _ in enumerate(self.logs)
+        ]
+
+    def accepted(self, output: str) -> list[Series]:
+        """Sensitivities to the parameters of the effects that the model holds already."""
+        result = []
+        for at, effect in enumerate(self.model.effects):
+            # The instant of an accident is found by scanning: it has no slope.
+            searched = () if effect.event else effect.searched()
+            for name in (*effect.linear(), *searched):
+                changed = self.with_effects(model=self._nudged(at, name))
+                change = self._changes(changed, self._nudge(effect, name)).get(output)
+                if change is not None:
+                    result.append(change)
+        return result
+
+    def _nudge(self, effect: Effect, name: str) -> float:
+        value = effect.parameters[name]
+        if effect.parameter(name).linear:
+            return max(1e-3 * abs(value), 1e-6)
+        return max(1e-2 * abs(value), 1e-6)
+
+    def _nudged(self, at: int, name: str) -> Model:
+        effects = list(self.model.effects)
+        effect = effects[at]
+        step = self._nudge(effect, name)
+        effects[at] = effect.changed({name: effect.parameters[name] + step})
+        return replace(self.model, effects=tuple(effects))
+
+    def corrected(self, output: str) -> Series:
+        """Residual without what the calibration allows for: moves of parameters, shape, offset."""
+        evidence = self.evidence[output]
+        base = evidence.base(self.state)
+        names = np.array(evidence.names)[base.active]
+        fitted = base.fitted[base.level]
+        group = "released" if "released" in self.state else "tight"
+        root, _ = self.prior(output, group == "released")
+        moves = root @ fitted[names == group]
+        present = [k for k, rows in enumerate(self.observed[output].rows) if len(rows)]
+        columns = [*self.sensitivities(output), *self.lags(output)]
+        weights = moves.tolist()
+        if "initial" in self.state:
+            columns += self.decays(output)
+            weights += fitted[names == "initial"].tolist()
+        offsets = dict(zip(present, fitted[names == "offset"].tolist(), strict=True))
+        result = []
+        for k, residual in enumerate(self.residual(output)):
+            known = sum((w * c[k] for w, c in zip(weights, columns, strict=True)), np.zeros(()))
+            result.append(residual - known - offsets.get(k, 0.0))
+        return result
+
+    def weigh(self, outputs: Sequence[str] | None = None) -> None:
+        """Prepare the evidence of every output."""
+        for output in outputs or self.observed:
+            self.evidence[output] = self._weigh(output)
+
+    def _weigh(self, output: str) -> OutputEvidence:
+        seen = self.observed[output]
+
+        def matrix(columns: list[Series]) -> Float:
+            if not columns:
+                return np.zeros((seen.size, 0))
+            return np.column_stack([seen.gather(series) for series in columns])
+
+        own = matrix([*self.sensitivities(output), *self.lags(output)])
+        tight, tight_centre = self.prior(output, False)
+        wide, wide_centre = self.prior(output, True)
+        present = [k for k, rows in enumerate(seen.rows) if len(rows)]
+        offsets = self.offsets()
+        residual = seen.gather(self.residual(output))
+        return OutputEvidence(
+            seen,
+            residual,
+            {
+                "offset": matrix([offsets[k] for k in present]),
+                "accepted": matrix(self.accepted(output)),
+                "tight": own @ tight,
+                "released": own @ wide,
+                "initial": matrix(self.decays(output)),
+            },
+            {"tight": tight_centre, "released": wide_centre},
+            self.white(output),
+            self.state,
+            LIMIT * self.floor(output) if "tight" in self.state else None,
+        )
+
+    def white(self, output: str) -> float:
+        """White noise of a reading, from the differences of neighbours."""
+        residual = self.observed[output].whole(self.residual(output))
+        return max(difference_sigma(residual), 1e-3 * float(np.std(residual)), 1e-12)
+
+    def reduce(
+        self, found: Mapping[str, Mapping[str, Series]], state: State
+    ) -> tuple[list[Part], list[str], list[str]]:
+        """One candidate's parts, its amplitudes, and the outputs of the parts."""
+        amplitudes = list(found)
+        parts, outputs = [], []
+        for output, evidence in self.evidence.items():
+            here = [name for name in amplitudes if output in found[name]]
+            if not here:
+                continue
+            block = np.column_stack(
+                [evidence.observed.gather(found[name][output]) for name in here]
+            )
+            index = list(range(len(here)))
+            reduced: Reduced = evidence.reduced(state, evidence.products(block, [index]))
+            parts.append(reduced.part(index, [amplitudes.index(n) for n in here]))
+            outputs.append(output)
+        return parts, amplitudes, outputs
+
+    def scene(self) -> Scene:
+        """What the catalogue sees."""
+        known = {d.channel for d in self.model.drives} | {o.channel for o in self.model.outputs}
+        used = {c for e in self.model.effects for c in e.needs()}
+        extra = [c for c in self.logs[0].columns if c not in known | used]
+        extra = [c for c in extra if all(_moves(log, c) for log in self.logs)]
+        return Scene(
+            logs=self.logs,
+            drives=tuple(d.channel for d in self.model.drives),
+            outputs=tuple(self.observed),
+            extra=tuple(extra),
+            driven=tuple(self.inputs),
+            simulated=tuple(self.outputs),
+            residual=tuple(
+                {o: self.residual(o)[k] for o in self.observed} for k in range(len(self.logs))
+            ),
+            noise={o: e.base(self.state).white for o, e in self.evidence.items()},
+            slowest={
+                o: max(t.response.slowest() for t in self.model.terms if t.output == o)
+                for o in self.observed
+            },
+        )
+
+
+def _moves(log: Signals, channel: str) -> bool:
+    values = log.columns.get(channel)
+    if values is None:
+        return False
+    values = values[np.isfinite(values)]
+    return len(values) > 0.5 * len(log.time) and float(np.ptp(values)) > 0
+
+
+Progress = Callable[[str], None]

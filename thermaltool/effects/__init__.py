@@ -1,0 +1,82 @@
+"""The catalogue of physical causes, one file each.
+
+A new cause is one file with a subclass of `Effect` and a line in `CATALOGUE`; ``tests/effects``
+runs the shared checks on every cause listed here.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from thermaltool.effects.effect import Effect
+from thermaltool.errors import ModelError
+
+# name -> class in thermaltool.effects.<name>; imported on use.
+CATALOGUE: dict[str, str] = {
+    "ambient_drift": "AmbientDrift",
+    "second_source": "SecondSource",
+    "drive_nonlinearity": "DriveNonlinearity",
+    "transport_delay": "TransportDelay",
+    "sensor_lag": "SensorLag",
+    "sensor_gain": "SensorGain",
+    "sensor_offset_step": "SensorOffsetStep",
+    "sensor_drift": "SensorDrift",
+    "sensor_conversion": "SensorConversion",
+    "sensor_frozen": "SensorFrozen",
+    "sensors_swapped": "SensorsSwapped",
+    "convection_state": "ConvectionState",
+    "radiation": "Radiation",
+    "joint_contact": "JointContact",
+    "hysteresis": "Hysteresis",
+    "backlash": "Backlash",
+    "actuator_saturation": "ActuatorSaturation",
+    "periodic": "Periodic",
+    "geometry_step": "GeometryStep",
+    "part_temperature": "PartTemperature",
+    "record_too_short": "RecordTooShort",
+    "outliers": "Outliers",
+}
+
+
+def effect_class(name: str) -> type[Effect]:
+    """The class of a cause by name.
+
+    Raises
+    ------
+    ModelError
+        Unknown cause; the message lists the known ones.
+    """
+    if name not in CATALOGUE:
+        raise ModelError(f"unknown effect {name!r}; known: {', '.join(CATALOGUE)}")
+    cls: type[Effect] = getattr(
+        importlib.import_module(f"thermaltool.effects.{name}"), CATALOGUE[name]
+    )
+    return cls
+
+
+def load_effect(document: Mapping[str, Any]) -> Effect:
+    """An effect from a model file.
+
+    Raises
+    ------
+    ModelError
+        Unknown cause, or a parameter missing, unknown or not a finite number.
+    """
+    cls = effect_class(document["name"])
+    given = document["parameters"]
+    parameters = {name: float(given[name]) for name in document.get("covariance_names", given)}
+    for name, value in parameters.items():
+        if name.partition("[")[0] not in cls.known or not np.isfinite(value):
+            raise ModelError(f"{cls.name}: no parameter {name} = {value:g}")
+    covariance = document.get("covariance")
+    return cls(
+        document["channel"],
+        parameters,
+        document.get("log"),
+        None if covariance is None else np.array(covariance, float),
+        document.get("partner"),
+    )

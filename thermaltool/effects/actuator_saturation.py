@@ -1,0 +1,46 @@
+"""Actuator saturation: more is commanded than the actuator can give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+
+class ActuatorSaturation(Effect):
+    """The drive acts up to `limit`, both ways; `level` is the largest that was commanded."""
+
+    name: ClassVar[str] = "actuator_saturation"
+    side: ClassVar[Side] = "drive"
+    explanation: ClassVar[str] = (
+        "the actuator gives all it has: a heater at full power, an amplifier at its rail"
+    )
+    signature: ClassVar[str] = (
+        "above one level of the drive nothing more follows; below it everything is right"
+    )
+    source: ClassVar[str] = "Fraser 1997 (heater control: a step of 1.5 saturates)"
+    known: ClassVar = {
+        "limit": Parameter("{channel}", low=0.0, log=True),
+        "level": Parameter("{channel}", fixed=True),
+    }
+
+    def parameter(self, name: str) -> Parameter:
+        known = super().parameter(name)
+        if name != "limit":
+            return known
+        # At the largest level, a limit is none.
+        return replace(known, neutral=self.parameters["level"], high=self.parameters["level"])
+
+    def drive(self, signals: Signals, u: Float) -> Float:
+        return np.clip(u, -self.parameters["limit"], self.parameters["limit"])
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        for drive in scene.drives:
+            if level := scene.level(drive):
+                for share in (0.2, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9, 0.96):
+                    yield cls(drive, {"limit": share * level, "level": level})

@@ -1,0 +1,67 @@
+"""Ambient drift: the air around the machine changes and the structure follows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from thermaltool.effects.channels import air_channels, air_is_logged
+from thermaltool.effects.dynamics import time_constants, warmed
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+
+class AmbientDrift(Effect):
+    """Outputs follow the air through a lag; where nobody logged it, one slow swing moves them.
+
+    The swing has one course for all outputs, since there is one air, and a size for each. It is
+    zero at the first row, as a machine at rest is.
+    """
+
+    name: ClassVar[str] = "ambient_drift"
+    side: ClassVar[Side] = "source"
+    explanation: ClassVar[str] = (
+        "the air around the machine warms or cools, and frame, column and sensors follow it"
+    )
+    signature: ClassVar[str] = (
+        "absolute temperatures and deflections follow the air through a lag, or swing slowly "
+        "together where it is not logged; differences of temperature hardly move"
+    )
+    source: ClassVar[str] = "ISO 230-3 (environmental temperature variation); Bryan 1990"
+    known: ClassVar = {
+        "gain": Parameter("{output}/{channel}", linear=True),
+        "time_constant": Parameter("s", low=0.0, high=1e6, log=True),
+        "swing": Parameter("{output}", linear=True),
+        "period": Parameter("s", low=0.0, high=1e6, log=True),
+        "phase": Parameter("rad"),
+    }
+
+    def needs(self) -> tuple[str, ...]:
+        return (self.channel,) if self.channel else ()
+
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+        if (gain := self.parameters.get(f"gain[{name}]")) is not None:
+            air = warmed(signals, self.channel, self.parameters["time_constant"])
+            return outputs[name] + gain * air
+        if (swing := self.parameters.get(f"swing[{name}]")) is not None:
+            phase = self.parameters["phase"]
+            since = (signals.time - signals.time[0]) / self.parameters["period"]
+            return outputs[name] + swing * (np.sin(2 * np.pi * since + phase) - np.sin(phase))
+        return outputs[name]
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        gains = {f"gain[{output}]": 1.0 for output in scene.outputs}
+        for channel in air_channels(scene):
+            for tau in time_constants(scene.period, scene.duration):
+                yield cls(channel, {**gains, "time_constant": tau})
+        # One slow swing in a single output would be a sensor's.
+        if air_is_logged(scene) or len(scene.outputs) < 2:
+            return
+        swings = {f"swing[{output}]": 1.0 for output in scene.outputs}
+        for log in scene.logs:
+            for periods in (1.0, 2.0, 4.0):
+                for phase in (np.pi / 6 * np.arange(6)).tolist():
+                    shape = {"period": periods * log.duration, "phase": phase}
+                    yield cls("", {**swings, **shape}, log.log)

@@ -1,0 +1,36 @@
+"""Backlash: a reversal has to take up play before anything follows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+
+from thermaltool.effects.dynamics import play
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+
+class Backlash(Effect):
+    """The drive acts through a play of `width`, from flank to flank."""
+
+    name: ClassVar[str] = "backlash"
+    side: ClassVar[Side] = "drive"
+    explanation: ClassVar[str] = (
+        "play between command and actuator: a gear, a spindle nut, a valve stem"
+    )
+    signature: ClassVar[str] = (
+        "after every reversal of the drive the outputs stand still until the play is taken up"
+    )
+    source: ClassVar[str] = "Tao & Kokotović 1996, ch. 2 (backlash)"
+    known: ClassVar = {"width": Parameter("{channel}", low=0.0)}
+
+    def drive(self, signals: Signals, u: Float) -> Float:
+        return play(u, np.array([self.parameters["width"]]))[0]
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        for drive in scene.drives:
+            if level := scene.level(drive):
+                for share in (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8):
+                    yield cls(drive, {"width": share * level})

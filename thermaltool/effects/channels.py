@@ -1,0 +1,56 @@
+"""Which cause a channel beside the model speaks for, by its name."""
+
+from __future__ import annotations
+
+from thermaltool.effects.effect import Scene
+from thermaltool.units import parse_channel
+
+_AIR = {
+    "air",
+    "amb",
+    "ambient",
+    "env",
+    "environment",
+    "hall",
+    "lab",
+    "outside",
+    "room",
+    "shop",
+    "workshop",
+}
+_PART = {"part", "work", "workpiece"}
+
+
+def _speaks_of(channel: str, words: set[str]) -> bool:
+    """Whether a channel is a temperature with one of `words` in its name ("room2" counts)."""
+    parsed = parse_channel(channel)
+    said = {word.rstrip("0123456789").lower() for word in parsed.place.split("_")}
+    return parsed.dimension.startswith("temperature") and bool(said & words)
+
+
+def is_air(channel: str) -> bool:
+    """Whether it is the temperature of the air around the machine."""
+    return _speaks_of(channel, _AIR)
+
+
+def is_part(channel: str) -> bool:
+    """Whether it is the temperature of the workpiece."""
+    return _speaks_of(channel, _PART)
+
+
+def air_channels(scene: Scene) -> list[str]:
+    return [c for c in scene.extra if is_air(c)]
+
+
+def part_channels(scene: Scene) -> list[str]:
+    return [c for c in scene.extra if is_part(c)]
+
+
+def source_channels(scene: Scene) -> list[str]:
+    """Every other channel: heat may go with it."""
+    return [c for c in scene.extra if not is_air(c) and not is_part(c)]
+
+
+def air_is_logged(scene: Scene) -> bool:
+    """Whether any log holds the air, be it steady or already in the model."""
+    return any(is_air(channel) for log in scene.logs for channel in log.columns)

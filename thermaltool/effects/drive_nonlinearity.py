@@ -1,0 +1,52 @@
+"""Static nonlinearity of the drive: power law, or dead band."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+
+class DriveNonlinearity(Effect):
+    """What acts is sign(u)·|u|^exponent beyond a dead band, scaled to agree at the largest level.
+
+    Heat by a voltage or a current goes with its square, friction with a power of the speed.
+    """
+
+    name: ClassVar[str] = "drive_nonlinearity"
+    side: ClassVar[Side] = "drive"
+    explanation: ClassVar[str] = (
+        "heat is not proportional to what is logged: power goes with voltage squared, friction "
+        "with a power of the speed, a regulator has a dead band"
+    )
+    signature: ClassVar[str] = (
+        "every output of the drive is too large at some levels of it and too small at others, "
+        "with the same dynamics"
+    )
+    source: ClassVar[str] = "Mareš et al. (voltage regulator); DaISy heating system (lamp power)"
+    known: ClassVar = {
+        "exponent": Parameter("1", neutral=1.0, low=0.2, high=5.0, log=True),
+        "dead_band": Parameter("{channel}", low=0.0),
+        "level": Parameter("{channel}", fixed=True),
+    }
+
+    def drive(self, signals: Signals, u: Float) -> Float:
+        level = self.parameters["level"]
+        beyond = self.parameters.get("dead_band", 0.0)
+        exponent = self.parameters.get("exponent", 1.0)
+        size = np.maximum(np.abs(u) - beyond, 0.0) / max(level - beyond, 1e-12 * level)
+        return np.sign(u) * level * size**exponent
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        for drive in scene.drives:
+            level = scene.level(drive)
+            if not level:
+                continue
+            for exponent in (0.5, 0.7, 0.9, 1.1, 1.5, 2.0, 3.0):
+                yield cls(drive, {"exponent": exponent, "level": level})
+            for share in (0.02, 0.05, 0.1, 0.2, 0.4):
+                yield cls(drive, {"dead_band": share * level, "level": level})

@@ -1,0 +1,125 @@
+"""Lags, plays, jumps and clocks that several causes share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from thermaltool.effects.effect import Float, Scene, Signals
+from thermaltool.responses.modes import CLOCK_STEP, Hold
+from thermaltool.units import parse_channel
+
+HOUR = 3600.0
+# A jump is looked for between the means of so many readings before and after it, and at so many
+# places for each.
+_SIDES, _PLACES = (2, 8, 32), 3
+# Between samples a temperature or a displacement runs on; heat, voltage, speed are commanded.
+CONTINUOUS = ("temperature", "temperature difference", "length", "angle")
+
+
+def hold_of(channel: str) -> Hold:
+    """How a channel goes on between samples."""
+    return "first" if parse_channel(channel).dimension in CONTINUOUS else "zero"
+
+
+def lagged(time: Float, u: Float, time_constant: float, hold: Hold, start: float = 0.0) -> Float:
+    """``τ y' + y = u`` from `start` at the first sample.
+
+    Parameters
+    ----------
+    time, u : ndarray, shape (n,)
+    time_constant : float [s]
+    """
+    steps = np.diff(time)
+    x = steps / time_constant
+    decay, whole = np.exp(-x), -np.expm1(-x)
+    # Of a straight line between samples: φ = (1 − (1 − e^(−x))/x) is the weight of its end.
+    now = 1.0 - whole / np.maximum(x, 1e-12) if hold == "first" else np.zeros_like(x)
+    now = np.where(x < 1e-6, x / 2, now) if hold == "first" else now
+    before = whole - now
+    y = np.empty(len(time))
+    y[:1] = start
+    if len(steps) and np.ptp(steps) < CLOCK_STEP:
+        # Imported on use: the stream reads effects and needs no filter.
+        from scipy.signal import lfilter
+
+        first = [decay[0] * start + before[0] * u[0]]
+        y[1:] = lfilter([now[0], before[0]], [1.0, -decay[0]], u[1:], zi=first)[0]
+        return y
+    level, driven = start, before * u[:-1] + now * u[1:]
+    for k, (kept, added) in enumerate(zip(decay.tolist(), driven.tolist(), strict=True)):
+        level = kept * level + added
+        y[k + 1] = level
+    return y
+
+
+def from_rest(signals: Signals, channel: str) -> Float:
+    """A channel relative to its first value; a missing reading keeps the one before."""
+    values = signals.column(channel)
+    there = np.isfinite(values)
+    if not there.any():
+        return np.zeros(len(values))
+    rows = np.maximum.accumulate(np.where(there, np.arange(len(values)), 0))
+    return np.nan_to_num(values[rows] - values[there][0])
+
+
+def warmed(signals: Signals, channel: str, time_constant: float) -> Float:
+    """A channel relative to its first value, through a structure that follows it with a lag."""
+    return lagged(signals.time, from_rest(signals, channel), time_constant, hold_of(channel))
+
+
+def play(u: Float, widths: Float) -> Float:
+    """What follows `u` with so much play, from the middle of the play at rest.
+
+    Parameters
+    ----------
+    u : ndarray, shape (n,)
+    widths : ndarray, shape (k,) [unit of u]
+        Distance between the two flanks.
+
+    Returns
+    -------
+    p : ndarray, shape (k, n)
+
+    Notes
+    -----
+    Each sample confines what was before, p ← min(max(p, u − w/2), u + w/2). One such step after
+    another is again one, so that all rows follow from log2(n) doublings.
+    """
+    low, high = u - widths[:, None] / 2, u + widths[:, None] / 2
+    reach = 1
+    while reach < len(u):
+        now = low[:, reach:], high[:, reach:]
+        low, high = (
+            np.hstack([edge[:, :reach], np.clip(edge[:, :-reach], *now)]) for edge in (low, high)
+        )
+        reach *= 2
+    return np.clip(0.0, low, high)
+
+
+def time_constants(period: float, duration: float, count: int = 7) -> list[float]:
+    """Lags worth a trial, from a sample to a third of the record [s]."""
+    return np.geomspace(period, max(duration / 3, 2 * period), count).tolist()
+
+
+def jump_times(scene: Scene, k: int, outputs: Sequence[str]) -> list[float]:
+    """Where the residuals of one log jump most, and a coarse grid [s].
+
+    Under a slow discrepancy a jump is only seen where it is: a trial one sample beside it explains
+    nothing. Each time is that of the first reading after the jump.
+    """
+    log = scene.logs[k]
+    times = scene.instants(log, 24)
+    for output in outputs:
+        there = np.flatnonzero(np.isfinite(scene.residual[k][output]))
+        total = np.append(0.0, np.cumsum(scene.residual[k][output][there]))
+        for side in _SIDES:
+            # Means of `side` readings from each reading on; those before it lie `side` earlier.
+            means = (total[side:] - total[:-side]) / side
+            contrast = np.abs(means[side:] - means[:-side])
+            for _ in range(_PLACES if len(contrast) else 0):
+                at = int(np.argmax(contrast))
+                times.append(float(log.time[there[at + side]]))
+                contrast[max(at - side, 0) : at + side + 1] = 0.0
+    return list(dict.fromkeys(times))

@@ -1,0 +1,271 @@
+"""What every physical cause has in common: parameters, the physics, and trial sizes.
+
+An effect acts at one place of the model: on a drive before its terms (`Effect.drive`), on the
+rate at which heat is lost (`Effect.loss`), or on an output (`Effect.output`). All three are the
+identity unless a cause says otherwise, so a cause is one file that overrides what it changes, lists
+its parameters, and says in `probes` at which places and sizes it is worth a trial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import ModelError
+from thermaltool.units import parse_channel
+
+Float = NDArray[np.float64]
+Side = Literal["drive", "state", "source", "structure", "sensor", "wiring"]
+
+# The order in which outputs pass: physics first, then what reads it, then who it is called.
+SIDES: tuple[Side, ...] = ("drive", "state", "source", "structure", "sensor", "wiring")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Attributes
+    ----------
+    unit : str
+        A unit, in which ``{channel}`` and ``{output}`` stand for those of the channels.
+    neutral : float
+        The value at which the effect is not there (of a place or a time: any).
+    low, high : float
+        Plausible values.
+    linear : bool
+        Outputs are linear in it while the others stand still.
+    log : bool
+        Positive, and searched by its logarithm.
+    fixed : bool
+        Taken from the situation, not fitted.
+    """
+
+    unit: str
+    neutral: float = 0.0
+    low: float = -np.inf
+    high: float = np.inf
+    linear: bool = False
+    log: bool = False
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class Signals:
+    """A log as an effect reads it.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,) [s]
+    columns : mapping of channel to ndarray, shape (n,), as logged
+    log : str
+        Identifies the log (its digest).
+    """
+
+    time: Float
+    columns: Mapping[str, Float]
+    log: str = ""
+
+    def column(self, channel: str) -> Float:
+        """A channel.
+
+        Raises
+        ------
+        ModelError
+            It is not there.
+        """
+        if channel not in self.columns:
+            raise ModelError(f"an effect of the model needs {channel}, which is not in the log")
+        return self.columns[channel]
+
+    @property
+    def period(self) -> float:
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def duration(self) -> float:
+        return float(self.time[-1] - self.time[0])
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a model and its logs offer to a cause that looks for a place to act.
+
+    Attributes
+    ----------
+    logs : tuple of Signals
+    drives, outputs, extra : tuple of str
+        Channels that drive the model, that it computes, and that are in every log beside it.
+    driven : tuple of mapping, one for each log
+        Each drive relative to its reference, ndarray (n,).
+    simulated, residual : tuple of mapping, one for each log
+        Each output relative to rest, and measured minus simulated (NaN where not measured).
+    noise : mapping of output to float
+        White noise of a reading.
+    slowest : mapping of output to float
+        Slowest time constant [s].
+    """
+
+    logs: tuple[Signals, ...]
+    drives: tuple[str, ...]
+    outputs: tuple[str, ...]
+    extra: tuple[str, ...]
+    driven: tuple[Mapping[str, Float], ...]
+    simulated: tuple[Mapping[str, Float], ...]
+    residual: tuple[Mapping[str, Float], ...]
+    noise: Mapping[str, float]
+    slowest: Mapping[str, float]
+
+    @property
+    def period(self) -> float:
+        return min(log.period for log in self.logs)
+
+    @property
+    def duration(self) -> float:
+        return max(log.duration for log in self.logs)
+
+    def sensors(self) -> tuple[str, ...]:
+        """Outputs that are no displacement."""
+        return tuple(o for o in self.outputs if not is_displacement(o))
+
+    def displacements(self) -> tuple[str, ...]:
+        return tuple(o for o in self.outputs if is_displacement(o))
+
+    def level(self, drive: str) -> float:
+        """Largest absolute value of a drive in any log."""
+        return max(float(np.max(np.abs(driven[drive]))) for driven in self.driven)
+
+    def reach(self, output: str) -> float:
+        """Largest absolute simulated value of an output in any log."""
+        return max(float(np.max(np.abs(each[output]))) for each in self.simulated)
+
+    def within_one(self) -> tuple[str | None, ...]:
+        """Logs that a fault may be confined to; None alone where there is one log."""
+        return (None,) if len(self.logs) == 1 else (None, *(log.log for log in self.logs))
+
+    def instants(self, log: Signals, count: int = 48) -> list[float]:
+        """Times at which something may have happened, none within 2 % of the ends [s]."""
+        margin = 0.02 * log.duration
+        return np.linspace(log.time[0] + margin, log.time[-1] - margin, count).tolist()
+
+
+def is_displacement(channel: str) -> bool:
+    """Whether a channel is a length or an angle."""
+    return parse_channel(channel).dimension in ("length", "angle")
+
+
+def reference_of(name: str) -> tuple[str, str | None]:
+    """``gain[d_x_um]`` is the parameter ``gain`` of the output ``d_x_um``."""
+    base, bracket, rest = name.partition("[")
+    return base, rest.removesuffix("]") if bracket else None
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One cause at one place, with its parameters.
+
+    Attributes
+    ----------
+    channel : str
+        The drive, output or extra channel at which it acts; what a user is told.
+    parameters : mapping of str to float
+        ``name`` or, for one value per output, ``name[output]``.
+    log : str or None
+        The only log in which it acts (an accident of that day); None for every log.
+    covariance : ndarray or None
+        Of the parameters, in their order.
+    partner : str or None
+        A second channel that it takes to say what happened (the other one of a pair).
+    """
+
+    channel: str
+    parameters: Mapping[str, float]
+    log: str | None = None
+    covariance: Float | None = field(default=None, compare=False)
+    partner: str | None = None
+
+    name: ClassVar[str]
+    side: ClassVar[Side]
+    explanation: ClassVar[str]
+    signature: ClassVar[str]
+    source: ClassVar[str]
+    known: ClassVar[Mapping[str, Parameter]]
+    # Whether it belongs to the log in which it was seen and says nothing of the next one.
+    event: ClassVar[bool] = False
+
+    def drive(self, signals: Signals, u: Float) -> Float:
+        """What acts in place of the drive `u`, both relative to its reference."""
+        return u
+
+    def loss(self, signals: Signals, outputs: Mapping[str, Float]) -> Float | None:
+        """By how much every rate of decay rises at each sample [1/s]; None for not at all."""
+        return None
+
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+        """What is read in place of ``outputs[name]``, relative to rest."""
+        return outputs[name]
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        """The effect at every place and, for what is searched, at every size worth a trial."""
+        yield from ()
+
+    def needs(self) -> tuple[str, ...]:
+        """Channels that a log must hold beside the drives."""
+        return ()
+
+    def parameter(self, name: str) -> Parameter:
+        return self.known[reference_of(name)[0]]
+
+    def linear(self) -> tuple[str, ...]:
+        """Names of the parameters that enter linearly."""
+        return tuple(n for n in self.parameters if self.parameter(n).linear)
+
+    def searched(self) -> tuple[str, ...]:
+        """Names of those that do not, and are fitted."""
+        known = ((n, self.parameter(n)) for n in self.parameters)
+        return tuple(n for n, p in known if not p.linear and not p.fixed)
+
+    def unit(self, name: str) -> str:
+        """Unit of a parameter."""
+        base, output = reference_of(name)
+        own = parse_channel(self.channel).unit if self.channel else "1"
+        other = parse_channel(output).unit if output else own
+        return self.known[base].unit.format(channel=own, output=other)
+
+    def at(self, **values: float) -> Effect:
+        """The same effect with other values of some parameters."""
+        return self.changed(values)
+
+    def changed(self, values: Mapping[str, float]) -> Effect:
+        return replace(self, parameters={**self.parameters, **values}, covariance=None)
+
+    def without(self, names: tuple[str, ...]) -> Effect:
+        """The effect with fewer parameters (of outputs that it does not reach).
+
+        Where it was told by such an output, it is told by one that stays.
+        """
+        kept = {k: v for k, v in self.parameters.items() if k not in names}
+        stay = [output for k in kept if (output := reference_of(k)[1])]
+        gone = self.channel in {reference_of(k)[1] for k in names} - set(stay)
+        channel = stay[0] if gone and stay else self.channel
+        return replace(self, channel=channel, parameters=kept, covariance=None)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON."""
+        covariance = None if self.covariance is None else np.asarray(self.covariance).tolist()
+        partner = {} if self.partner is None else {"partner": self.partner}
+        return {
+            "name": self.name,
+            "channel": self.channel,
+            "parameters": dict(self.parameters),
+            "units": {name: self.unit(name) for name in self.parameters},
+            "covariance": covariance,
+            "covariance_names": list(self.parameters),
+            "log": self.log,
+            **partner,
+        }

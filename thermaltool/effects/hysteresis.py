@@ -1,0 +1,49 @@
+"""Hysteresis: what acts depends on where the drive came from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+
+from thermaltool.effects.dynamics import play
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+# The loop is made of plays of these parts of its width.
+_PARTS = np.array([1 / 3, 2 / 3, 1.0])
+
+
+class Hysteresis(Effect):
+    """The drive goes through a Prandtl-Ishlinskii loop of `width`, the mean of three plays.
+
+    With `share`, that part of it does and the rest acts as it is.
+    """
+
+    name: ClassVar[str] = "hysteresis"
+    side: ClassVar[Side] = "drive"
+    explanation: ClassVar[str] = (
+        "an actuator follows a rising command otherwise than a falling one: a piezo, a magnetic "
+        "valve, a mechanical regulator"
+    )
+    signature: ClassVar[str] = (
+        "every output of the drive is too small on the way up and too large on the way down, "
+        "with rounded corners, at any speed"
+    )
+    source: ClassVar[str] = "Brokate & Sprekels 1996 (play operators); Gao 2000 (piezo actuator)"
+    known: ClassVar = {
+        "width": Parameter("{channel}", low=0.0),
+        "share": Parameter("1", linear=True),
+    }
+
+    def drive(self, signals: Signals, u: Float) -> Float:
+        loop = play(u, self.parameters["width"] * _PARTS).mean(axis=0)
+        return u + self.parameters.get("share", 1.0) * (loop - u)
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        for drive in scene.drives:
+            if level := scene.level(drive):
+                for part in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5):
+                    yield cls(drive, {"width": part * level})
+                    yield cls(drive, {"width": part * level, "share": 1.0})

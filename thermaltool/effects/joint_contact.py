@@ -1,0 +1,57 @@
+"""Joint contact: a joint passes on more or less of a displacement, by its level and sign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+# A displacement that goes less far the other way shows nothing of the other sign.
+_OTHER_WAY = 0.1
+
+
+class JointContact(Effect):
+    """A displacement y becomes y + curvature·y|y| + asymmetry·|y|.
+
+    Curvature: contact closes or opens with load, so that large displacements are not in
+    proportion. Asymmetry: slopes 1 + asymmetry above rest and 1 − asymmetry below it, since a
+    joint carries pressure but no tension.
+    """
+
+    name: ClassVar[str] = "joint_contact"
+    side: ClassVar[Side] = "structure"
+    explanation: ClassVar[str] = (
+        "a joint closes or opens as the parts expand, and passes on heat and displacement "
+        "otherwise than at rest"
+    )
+    signature: ClassVar[str] = (
+        "a displacement departs from proportion to the drive by its level and sign, while the "
+        "temperatures stay in proportion"
+    )
+    source: ClassVar[str] = "Fraser 1997, ch. 7 (joints of a nonlinear structure)"
+    known: ClassVar = {
+        "curvature": Parameter("1/{channel}", linear=True),
+        "asymmetry": Parameter("1", linear=True),
+    }
+
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+        y = outputs[name]
+        if name != self.channel:
+            return y
+        size = np.abs(y)
+        curvature = self.parameters.get("curvature", 0.0)
+        return y + curvature * y * size + self.parameters.get("asymmetry", 0.0) * size
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        for output in scene.displacements():
+            yield cls(output, {"curvature": 1.0})
+            lowest = min(float(np.min(each[output])) for each in scene.simulated)
+            highest = max(float(np.max(each[output])) for each in scene.simulated)
+            # Of one sign alone, asymmetry would be another gain.
+            if min(-lowest, highest) > _OTHER_WAY * max(-lowest, highest):
+                yield cls(output, {"asymmetry": 1.0})
+                yield cls(output, {"curvature": 1.0, "asymmetry": 1.0})

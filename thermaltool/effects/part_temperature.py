@@ -1,0 +1,42 @@
+"""Part temperature: the workpiece grows and nobody allowed for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from thermaltool.effects.channels import part_channels
+from thermaltool.effects.dynamics import from_rest
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+
+class PartTemperature(Effect):
+    """Displacements rise by `coefficient` per kelvin of the workpiece, at once."""
+
+    name: ClassVar[str] = "part_temperature"
+    side: ClassVar[Side] = "source"
+    explanation: ClassVar[str] = (
+        "the workpiece is warmer or colder than the model takes it to be and expands by itself"
+    )
+    signature: ClassVar[str] = (
+        "displacements follow the part's temperature without a lag; the machine's own "
+        "temperatures do not"
+    )
+    source: ClassVar[str] = "Mize 1998 (part between 23 and 27 °C, not compensated)"
+    known: ClassVar = {"coefficient": Parameter("{output}/K", linear=True)}
+
+    def needs(self) -> tuple[str, ...]:
+        return (self.channel,)
+
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+        coefficient = self.parameters.get(f"coefficient[{name}]")
+        if coefficient is None:
+            return outputs[name]
+        return outputs[name] + coefficient * from_rest(signals, self.channel)
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        coefficients = {f"coefficient[{output}]": 1.0 for output in scene.displacements()}
+        if coefficients:
+            for channel in part_channels(scene):
+                yield cls(channel, coefficients)

@@ -1,0 +1,105 @@
+"""Radiation: heat is lost faster than in proportion when the machine is hot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from thermaltool.effects.channels import is_air, is_part
+from thermaltool.effects.dynamics import from_rest
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.errors import ModelError
+from thermaltool.units import parse_channel
+
+KELVIN = 273.15
+# Taken for rest where no absolute temperature is known [degC].
+_ROOM = 20.0
+
+
+class Radiation(Effect):
+    """The radiative part of the loss rises from `rate` at rest with the temperature T.
+
+    Between T and surroundings at the temperature of rest T0, the heat radiated is
+    h·(T − T0) with h ∝ (T² + T0²)(T + T0). The model's own loss holds h at rest; what is added is
+    rate·[(T² + T0²)(T + T0)/(4 T0³) − 1] in kelvin.
+
+    T is an output (from `rest`) or, without `rest`, a channel of the log.
+    """
+
+    name: ClassVar[str] = "radiation"
+    side: ClassVar[Side] = "state"
+    explanation: ClassVar[str] = (
+        "a hot machine radiates: it loses heat faster than in proportion to its temperature"
+    )
+    signature: ClassVar[str] = (
+        "every output falls short at the highest level and decays fast from there, and is right "
+        "at low ones"
+    )
+    source: ClassVar[str] = "Incropera & DeWitt, ch. 1 (radiation heat transfer coefficient)"
+    known: ClassVar = {
+        "rate": Parameter("1/s", low=0.0, high=0.1),
+        "rest": Parameter("degC", fixed=True),
+    }
+
+    def needs(self) -> tuple[str, ...]:
+        return () if "rest" in self.parameters else (self.channel,)
+
+    def loss(self, signals: Signals, outputs: Mapping[str, Float]) -> Float | None:
+        cold, rise = self._temperature(signals, outputs)
+        hot = np.maximum(cold + rise, 0.0)
+        steeper = (hot**2 + cold**2) * (hot + cold) / (4 * cold**3) - 1
+        return self.parameters["rate"] * steeper
+
+    def _temperature(self, signals: Signals, outputs: Mapping[str, Float]) -> tuple[float, Float]:
+        """Temperature at rest [K], and the rise above it."""
+        rest = self.parameters.get("rest")
+        if rest is None:
+            values = signals.column(self.channel)
+            there = values[np.isfinite(values)]
+            rest = float(there[0]) if len(there) else _ROOM
+            return rest + KELVIN, from_rest(signals, self.channel)
+        if self.channel not in outputs:
+            raise ModelError(f"{self.name}: needs the output {self.channel}, which is not there")
+        return rest + KELVIN, outputs[self.channel]
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        slowest = max(scene.slowest.values())
+        place = _hottest(scene)
+        if place:
+            channel, fixed = place
+            for share in (0.1, 0.3, 1.0):
+                yield cls(channel, {"rate": share / slowest, **fixed})
+
+
+def _hottest(scene: Scene) -> tuple[str, dict[str, float]] | None:
+    """The temperature that says how hot the machine is, and its rest where that is known."""
+
+    def of(channels: tuple[str, ...], dimension: str) -> list[str]:
+        return [c for c in channels if parse_channel(c).dimension == dimension]
+
+    if absolute := of(scene.outputs, "temperature"):
+        channel = max(absolute, key=scene.reach)
+        return channel, {"rest": _rest(scene, channel)}
+    logged = of(scene.extra, "temperature")
+    if machine := [c for c in logged if not is_air(c) and not is_part(c)]:
+        return max(machine, key=lambda c: _span(scene, c)), {}
+    if pairs := of(scene.outputs, "temperature difference"):
+        return max(pairs, key=scene.reach), {"rest": _ROOM}
+    return None
+
+
+def _rest(scene: Scene, output: str) -> float:
+    """What an output reads at rest [degC]."""
+    for log, simulated, residual in zip(scene.logs, scene.simulated, scene.residual, strict=True):
+        there = np.isfinite(residual[output])
+        if there.any():
+            measured = log.columns[output] - residual[output] - simulated[output]
+            return float(np.median(measured[there]))
+    return _ROOM
+
+
+def _span(scene: Scene, channel: str) -> float:
+    return max(float(np.nanmax(v) - np.nanmin(v)) for v in (g.columns[channel] for g in scene.logs))

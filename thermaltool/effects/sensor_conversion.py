@@ -1,0 +1,45 @@
+"""Sensor conversion: the curve from signal to reading is that of another sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+
+class SensorConversion(Effect):
+    """The reading, relative to rest, is gain·y + curvature·y².
+
+    That is the difference of two smooth conversion curves that agree at rest, to second order. A
+    curve that was matched in slope too needs no gain.
+    """
+
+    name: ClassVar[str] = "sensor_conversion"
+    side: ClassVar[Side] = "sensor"
+    explanation: ClassVar[str] = (
+        "a signal is converted by the wrong curve: another thermistor's constants, another type "
+        "of thermocouple, a straight line for a bent characteristic"
+    )
+    signature: ClassVar[str] = (
+        "the residual of one output is a bent function of the output itself, alike at every time "
+        "and rate"
+    )
+    source: ClassVar[str] = "Steinhart & Hart 1968 (thermistors); IEC 60584-1 (thermocouples)"
+    known: ClassVar = {
+        "gain": Parameter("1", neutral=1.0, linear=True),
+        "curvature": Parameter("1/{channel}", linear=True),
+    }
+
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+        y = outputs[name]
+        if name != self.channel:
+            return y
+        return y * self.parameters.get("gain", 1.0) + self.parameters["curvature"] * y**2
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        for log in scene.within_one():
+            for output in scene.sensors():
+                yield cls(output, {"curvature": 1.0}, log)
+                yield cls(output, {"gain": 2.0, "curvature": 1.0}, log)

@@ -1,0 +1,34 @@
+"""Sensor drift: a reading creeps away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from thermaltool.effects.dynamics import HOUR
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+
+class SensorDrift(Effect):
+    """`rate` times the hours since the first row is added to one reading."""
+
+    name: ClassVar[str] = "sensor_drift"
+    side: ClassVar[Side] = "sensor"
+    explanation: ClassVar[str] = (
+        "one sensor's zero creeps: an ageing probe, a warming amplifier, a mount that yields"
+    )
+    signature: ClassVar[str] = "a straight line in time in one channel, whatever the machine does"
+    source: ClassVar[str] = "JCGM 200 (VIM), 4.21 (instrumental drift)"
+    known: ClassVar = {"rate": Parameter("{channel}/h", linear=True)}
+
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+        if name != self.channel:
+            return outputs[name]
+        hours = (signals.time - signals.time[0]) / HOUR
+        return outputs[name] + self.parameters["rate"] * hours
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        for log in scene.within_one():
+            for output in scene.outputs:
+                yield cls(output, {"rate": 1.0}, log)

@@ -1,0 +1,31 @@
+"""Sensor gain: a scale factor is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+
+class SensorGain(Effect):
+    """The reading, relative to rest, is `gain` times the truth."""
+
+    name: ClassVar[str] = "sensor_gain"
+    side: ClassVar[Side] = "sensor"
+    explanation: ClassVar[str] = (
+        "a scale factor is wrong: amplifier range, step size, calibration sheet of another probe"
+    )
+    signature: ClassVar[str] = "the residual is the simulated output itself, in one channel alone"
+    source: ClassVar[str] = "JCGM 106; the step size in a header of the gantry logs"
+    known: ClassVar = {"gain": Parameter("1", neutral=1.0, linear=True)}
+
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+        y = outputs[name]
+        return y * self.parameters["gain"] if name == self.channel else y
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        for log in scene.within_one():
+            for output in scene.outputs:
+                yield cls(output, {"gain": 2.0}, log)

@@ -1,0 +1,35 @@
+"""Sensor lag: the reading follows the truth late."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from thermaltool.effects.dynamics import lagged, time_constants
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+
+class SensorLag(Effect):
+    """The reading approaches the truth with a time constant; both agree at the first row."""
+
+    name: ClassVar[str] = "sensor_lag"
+    side: ClassVar[Side] = "sensor"
+    explanation: ClassVar[str] = (
+        "one sensor answers late: a poorly seated thermometer, a heavy housing, a filter in the "
+        "amplifier"
+    )
+    signature: ClassVar[str] = "the residual of one output is minus its own slope, smoothed"
+    source: ClassVar[str] = "Doebelin, Measurement Systems, ch. 3 (first-order instrument)"
+    known: ClassVar = {"time_constant": Parameter("s", low=0.0, high=1e6, log=True)}
+
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+        y, tau = outputs[name], self.parameters["time_constant"]
+        if name != self.channel or tau <= 0:
+            return y
+        return lagged(signals.time, y, tau, "first", float(y[0]))
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        for output in scene.outputs:
+            for tau in time_constants(scene.period / 2, scene.duration, 8):
+                yield cls(output, {"time_constant": tau})

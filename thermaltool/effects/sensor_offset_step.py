@@ -1,0 +1,35 @@
+"""Sensor offset step: a reading jumps and stays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from thermaltool.effects.dynamics import jump_times
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+
+
+class SensorOffsetStep(Effect):
+    """`step` is added to one reading from `time` on."""
+
+    name: ClassVar[str] = "sensor_offset_step"
+    side: ClassVar[Side] = "sensor"
+    event: ClassVar[bool] = True
+    explanation: ClassVar[str] = (
+        "one sensor's zero jumped: a connector, a slipped probe, a range switch"
+    )
+    signature: ClassVar[str] = "one channel jumps between two samples and stays; no other does"
+    source: ClassVar[str] = "Basseville & Nikiforov 1993, ch. 2 (additive change)"
+    known: ClassVar = {"step": Parameter("{channel}", linear=True), "time": Parameter("s")}
+
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+        if name != self.channel:
+            return outputs[name]
+        return outputs[name] + self.parameters["step"] * (signals.time >= self.parameters["time"])
+
+    @classmethod
+    def probes(cls, scene: Scene) -> Iterator[Effect]:
+        for k, log in enumerate(scene.logs):
+            for output in scene.outputs:
+                for instant in jump_times(scene, k, [output]):
+                    yield cls(output, {"step": 1.0, "time": instant}, log.log)

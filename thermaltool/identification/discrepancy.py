@@ -1,0 +1,131 @@
+"""What a calibration knows of a response beyond its kind, and how surely.
+
+No kind of response is exact. What is left of a calibration is explained by lags of the drives
+(whose weights have a prior of one size), by small moves of the fitted parameters, and by white
+noise with a slow drift; sizes by marginal likelihood. Mean and covariance of moves and weights are
+what later data have to contradict before a model counts as wrong (Kennedy & O'Hagan 2001).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.responses.modes import Float
+from thermaltool.signals.detrend import difference_sigma
+from thermaltool.signals.likelihood import ColouredNoise
+
+# The likelihood works on so many rows at most: more are averaged in groups.
+MOST_ROWS = 3000
+# Prior size of a lag's weight, in units of the white noise; drift over white, in variance.
+_SIZES = (0.3, 1.0, 3.0, 10.0, 30.0)
+_RATIOS = (0.0, 0.03, 0.2, 1.0, 5.0)
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """Posterior of parameter moves and lag weights.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (p + q,)
+        Moves of the parameters (of logarithms, gains), then weights of the lags.
+    covariance : ndarray, shape (p + q, p + q)
+    white, drift : float
+        Standard deviations of noise and slow discrepancy [unit of the output].
+    size : float
+        Prior standard deviation of a lag's weight [unit of the output per lag at unit height].
+    """
+
+    mean: Float
+    covariance: Float
+    white: float
+    drift: float
+    size: float
+
+
+def discrepancy(
+    time: Float,
+    record: NDArray[np.int64],
+    residual: Float,
+    own: Float,
+    free: Float,
+    lags: Float,
+) -> Discrepancy:
+    """Posterior from the residual of a calibration.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,) [s]
+    record : ndarray of int, shape (n,)
+    residual : ndarray, shape (n,)
+    own, free, lags : ndarray, shape (n, ·)
+        Sensitivities to the parameters, columns without a prior (offsets), and lags whose largest
+        value is one.
+    """
+    group = -(-len(time) // MOST_ROWS)
+    first = np.concatenate(
+        [np.flatnonzero(record == k)[::group] for k in np.unique(record)]
+    )
+    counts = np.diff(np.append(first, len(time)))
+    table = np.column_stack([time, residual, own, lags, free])
+    means = np.add.reduceat(table, first, axis=0) / counts[:, None]
+    starts = np.flatnonzero(np.diff(record[first], prepend=-1))
+    period = float(np.median(np.abs(np.diff(time))))
+    noise = ColouredNoise(means[:, 0], starts, 1.0 / counts, period)
+    rows = means[:, 1:]
+    p, q = own.shape[1], lags.shape[1]
+    sigma = max(difference_sigma(residual), 1e-3 * float(np.std(residual)), 1e-12)
+    scale = np.linalg.norm(rows[:, 1 : 1 + p], axis=0) / sigma
+    best = (np.inf, (0.0, 1.0), _SIZES[0], sigma)
+    taus = np.geomspace(5 * period, max(noise.span / 2, 10 * period), 5)
+    for ratio in _RATIOS:
+        for tau in taus if ratio else taus[:1]:
+            factor = noise.factor(ratio, float(tau))
+            gram = rows.T @ factor.solve(rows)
+            for size in _SIZES:
+                value, white = _marginal(gram, factor.logdet, len(rows), p, q, size)
+                if value < best[0]:
+                    best = (value, (ratio, float(tau)), size, white)
+    _, (ratio, tau), size, white = best
+    gram = rows.T @ noise.factor(ratio, tau).solve(rows)
+    prior = np.zeros(gram.shape[0] - 1)
+    prior[p : p + q] = 1 / size**2
+    # A direction of the parameters that the data do not show at all stays at the fit.
+    prior[:p] = 1e-10 * scale**2 * sigma**2
+    A = gram[1:, 1:] + np.diag(prior)
+    height = np.sqrt(np.diag(A))
+    height[height == 0] = 1.0
+    inverse = np.linalg.pinv(A / np.outer(height, height), rcond=1e-13, hermitian=True)
+    inverse = inverse / np.outer(height, height)
+    keep = slice(0, p + q)
+    mean = inverse @ gram[1:, 0]
+    return Discrepancy(
+        mean[keep],
+        white**2 * inverse[keep, keep],
+        white,
+        white * float(np.sqrt(ratio)),
+        white * size,
+    )
+
+
+def _marginal(
+    gram: Float, logdet: float, n: int, p: int, q: int, size: float
+) -> tuple[float, float]:
+    """Negative log marginal likelihood, and white noise, for one prior size of the lags."""
+    prior = np.zeros(len(gram) - 1)
+    prior[p : p + q] = 1 / size**2
+    A = gram[1:, 1:] + np.diag(prior)
+    height = np.sqrt(np.diag(A))
+    height[height == 0] = 1.0
+    scaled = A / np.outer(height, height)
+    inner = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True)
+    pull = gram[1:, 0] / height
+    square = max(float(gram[0, 0] - pull @ inner @ pull), 1e-300)
+    dof = max(n - (len(prior) - q), 1)
+    values = np.maximum(np.linalg.eigvalsh(scaled), 1e-13)
+    occam = float(np.sum(np.log(values))) + 2 * float(np.sum(np.log(height)))
+    occam -= float(np.sum(np.log(prior[p : p + q])))
+    return 0.5 * (dof * np.log(square / dof) + logdet + occam), float(np.sqrt(square / dof))

@@ -1,0 +1,257 @@
+"""What a diagnosis says, for people: its first lines, its tables, and the whole in Markdown.
+
+All of it is read off the JSON document of a diagnosis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from thermaltool.report.diagnosis_tables import (
+    Document,
+    band_name,
+    called,
+    condition_name,
+    held_out,
+    number,
+    percent,
+    sections,
+    with_unit,
+)
+from thermaltool.report.style import channel_unit, time_unit
+
+# Fall of BIC from which a cause is accepted.
+DECISIVE = 10.0
+# A condition or a band is told where it holds so much more of the misfit than of the time, or
+# this share of the misfit.
+_TELLING, _MOST = 0.1, 0.5
+GLOSSARY = """\
+- *Noise* is the white noise of a reading, estimated on the same log. *Slow discrepancy* is what
+  the model gets wrong without having a name: its size and how fast it changes.
+- *Rest is white*: whether what noise and slow discrepancy leave is unpredictable.
+  *Independent rows* say as much about a mean as all rows, whose errors follow each other.
+- *Heating* and *cooling*: the output moves away from rest, or back to it.
+- *Evidence* is the fall of BIC when the cause is added, under white noise plus a slow
+  discrepancy, after a correction for the number of causes tried. Above 10 is decisive.
+- *Gain* is what the cause takes off the residual on data that its fit has not seen, with its
+  95 % interval; one that includes zero is not claimed.
+- *Detectable* is the RMS change of an output that this log would have shown.
+"""
+
+
+def main_output(document: Document) -> str | None:
+    """The output with most of its residual above noise and the calibration's own error."""
+    residuals = document["residuals"]
+    return max(residuals, key=lambda name: residuals[name]["above_floor"], default=None)
+
+
+# ---------------------------------------------------------------- the first lines
+
+
+def summary(document: Document) -> list[str]:
+    """At most six sentences that need no explanation, the verdict first."""
+    lines = [_verdict(document)]
+    output = main_output(document)
+    if output is not None and not document["adequate"]:
+        lines += _where(document["residuals"][output], output)
+    causes = document["causes"]
+    if causes:
+        lines += [_cause(document, cause, len(causes)) for cause in causes[:3]]
+        if len(causes) > 3:
+            more = ", ".join(called(cause["name"], cause["channel"]) for cause in causes[3:])
+            lines.append(f"Further causes: {more}.")
+        lines += _worth(document)
+    else:
+        lines += _no_cause(document)
+    return [*lines, *_unknown(document)]
+
+
+def _logs(document: Document) -> str:
+    names = [Path(log["name"]).name for log in document["logs"]]
+    return " and ".join(names) if len(names) < 3 else f"{len(names)} logs"
+
+
+def _verdict(document: Document) -> str:
+    share, adequate = document["noise_share"], document["adequate"]
+    verdict = "adequate" if adequate else "not adequate"
+    line = f"The model is {verdict} for {_logs(document)}"
+    output = main_output(document)
+    if output is None:
+        return f"{line}."
+    report = document["residuals"][output]
+    unit = channel_unit(output)
+    how = "only " if not adequate and share < 0.5 else ""
+    though = ", although" if not adequate and share >= 0.5 else ":"
+    return (
+        f"{line}{though} {how}{percent(share)} of the residual's power in {output} is sensor "
+        f"noise or what the calibration itself left (residual {number(report['spread'])} {unit} "
+        f"RMS, noise {number(report['noise']['white'])} {unit}, calibration "
+        f"{number(report['floor'])} {unit})."
+    )
+
+
+def _where(report: Document, output: str) -> Iterator[str]:
+    """When it is wrong, and how slowly."""
+    line, stretch = "It is wrong in every condition alike", report["worst"]
+    if report["conditions"]:
+        # What the machine does says more to a reader than the level of a channel.
+        worst = max(
+            report["conditions"],
+            key=lambda c: c["power"] - c["time"] + (_TELLING / 2 if c["channel"] is None else 0.0),
+        )
+        if worst["power"] - worst["time"] > _TELLING:
+            told = (
+                f"{percent(worst['power'])} of the misfit in {percent(worst['time'])} of the time"
+            )
+            line = f"It is wrong mostly while {condition_name(worst)} ({told})"
+    bands = [band for band in report["bands"] if band["power"] > _MOST]
+    if bands:
+        line += f", {percent(bands[0]['power'])} of it {band_name(bands[0])}"
+    if stretch is not None and stretch["time"] < 1 - _TELLING:
+        unit, length = time_unit(stretch["stop"])
+        start, stop = (f"{stretch[end] / length:.3g}" for end in ("start", "stop"))
+        rms = f"{number(stretch['rms'])} {channel_unit(output)}"
+        line += f"; worst from {start} to {stop} {unit} ({rms} RMS)"
+    yield f"{line}."
+
+
+def _cause(document: Document, cause: Document, count: int) -> str:
+    number_of = f" {document['causes'].index(cause) + 1} of {count}" if count > 1 else ""
+    told = [_parameter(name, each) for name, each in cause["parameters"].items()]
+    where = f", in {_log_name(document, cause['log'])} alone" if cause["log"] else ""
+    parameters = f": {', '.join(told)}" if told else ""
+    return (
+        f"Cause{number_of}: {called(cause['name'], cause['channel'])}, "
+        f"{cause['explanation'].partition(':')[0]}{where}{parameters}; "
+        f"evidence {number(cause['evidence'])}{_weight(cause['evidence'])}."
+    )
+
+
+def _weight(evidence: float) -> str:
+    return " (decisive)" if evidence >= DECISIVE else ""
+
+
+def _log_name(document: Document, digest: str) -> str:
+    return next((Path(log["name"]).name for log in document["logs"] if log["sha256"] == digest),
+                digest[:8])  # fmt: skip
+
+
+def _parameter(name: str, each: Document) -> str:
+    value, unit = number(each["value"]), each["unit"]
+    if each["interval"] is None:
+        return f"{name} {with_unit(value, unit)}"
+    low, high = (number(end) for end in each["interval"])
+    return f"{name} {with_unit(f'{value} ({low} to {high})', unit)}"
+
+
+def _worth(document: Document) -> Iterator[str]:
+    """What each cause gains, on the output where causes gain most.
+
+    Gains of several causes are not added up: between two of them the model's own parameters may
+    have been fitted again.
+    """
+    causes = document["causes"]
+    channels = list(dict.fromkeys(channel for cause in causes for channel in cause["gain"]))
+    sure = {
+        channel: [c for c in causes if c["gain"].get(channel, {}).get("claimed")]
+        for channel in channels
+    }
+    if not channels:
+        return
+    if not any(sure.values()):
+        yield "On held-out data no gain is sure: its interval includes zero on every output."
+        return
+
+    def left(channel: str) -> float:
+        shares = (c["gain"][channel]["rms_after"] / (c["gain"][channel]["rms_before"] or 1.0)
+                  for c in sure[channel])  # fmt: skip
+        return float(math.prod(shares))
+
+    best = min((c for c in channels if sure[c]), key=left)
+    unit = channel_unit(best)
+    told = []
+    for cause in sure[best]:
+        gain = cause["gain"][best]
+        low, high = (number(end) for end in gain["interval"])
+        name = "it" if len(causes) == 1 else called(cause["name"], cause["channel"])
+        told.append(
+            f"{name} takes the residual of {best} from {number(gain['rms_before'])} to "
+            f"{number(gain['rms_after'])} {unit} RMS (gain {low} to {high} {unit}, 95 %)"
+        )
+    others = [c for c in channels if not sure[c]]
+    nothing = f"; no sure gain on {', '.join(others)}" if others else ""
+    yield f"On {held_out(document)}, knowing {'; knowing '.join(told)}{nothing}."
+
+
+def _no_cause(document: Document) -> Iterator[str]:
+    tried = document["tried"]
+    if not document["adequate"]:
+        line = "Cause: none in the catalogue explains it"
+        if tried:
+            best = tried[0]
+            weight = f"{number(best['evidence'])}; {DECISIVE:g} is decisive; {best['verdict']}"
+            line += f"; the nearest is {called(best['name'], best['channel'])} (evidence {weight})"
+        yield f"{line}."
+    elif tried:
+        names = {each["name"] for each in tried}
+        yield f"No effect found: {len(names)} causes were tried and none adds anything."
+
+
+def _unknown(document: Document) -> Iterator[str]:
+    for each in document["alternatives"][:1]:
+        first, *rest = [
+            called(name, channel)
+            for name, channel in zip(each["names"], each["channels"], strict=True)
+        ]
+        line = f"Not known: {first} cannot be told from {' or '.join(rest)} in this log"
+        if each["separating_experiment"]:
+            line += f"; to tell them apart: {each['separating_experiment']}"
+        yield f"{line}."
+    blind = dict.fromkeys(t["name"] for t in document["tried"] if t["verdict"] == "cannot be seen")
+    if blind and not document["causes"]:
+        yield f"Not known: this log cannot show {', '.join(blind)}."
+    for note in document["notes"]:
+        yield f"Note: {note}."
+
+
+# ---------------------------------------------------------------- Markdown
+
+
+def to_markdown(document: Document, figures: Sequence[tuple[str, str]]) -> str:
+    """The whole report.
+
+    Parameters
+    ----------
+    figures : sequence of (str, str)
+        File relative to the report, and what it shows.
+    """
+    lines = [f"# {document['model']} on {_logs(document)}", ""]
+    for sentence in summary(document):
+        lines += [_escaped(sentence), ""]
+    for file, what in figures:
+        lines += [f"![{what}](<{file}>)", ""]
+    for section in sections(document):
+        lines += [f"## {section.title}", "", *_markdown_table(section.rows), ""]
+    lines += ["## Words", "", GLOSSARY.rstrip(), ""]
+    lines += ["## Inputs", ""]
+    for role, key in (("judged", "logs"), ("held out", "validated_on")):
+        lines += [f"- {role}: `{log['name']}`, SHA-256 `{log['sha256']}`" for log in document[key]]
+    return "\n".join(lines) + "\n"
+
+
+def _markdown_table(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    heading, *body = rows
+    yield _row(heading)
+    yield _row(["---"] * len(heading))
+    yield from map(_row, body)
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(_escaped(cell).replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def _escaped(text: str) -> str:
+    """Underscores and stars of channel names as they stand."""
+    return text.replace("_", "\\_").replace("*", "\\*").replace("<", "&lt;")

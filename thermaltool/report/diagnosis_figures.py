@@ -1,0 +1,168 @@
+"""Figures of a diagnosis: measured against both models, residual before and after, evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from thermaltool.report.diagnosis_tables import Document, called, number
+from thermaltool.report.style import (
+    COMPUTED,
+    ERROR,
+    MARK,
+    MEASURED,
+    Array,
+    channel_unit,
+    legend_beside,
+    new_figure,
+    plain,
+    quantity_label,
+    render,
+    span_of,
+    time_unit,
+    trace,
+    with_unit,
+)
+from thermaltool.units import parse_channel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Figures of curves in a report, those of the largest residuals, and bars of the evidence chart.
+MOST_FIGURES, BARS = 6, 12
+
+
+@dataclass(frozen=True)
+class Traces:
+    """One output in one log, relative to rest; shape (n,) each.
+
+    Attributes
+    ----------
+    log : str
+        Its file.
+    segments : tuple of slice
+        Stretches between pauses.
+    extended : ndarray or None
+        By the model with the causes; None where there are none.
+    """
+
+    log: str
+    output: str
+    time: Array
+    measured: Array
+    simulated: Array
+    extended: Array | None
+    segments: tuple[slice, ...] = ()
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure as PNG: what its file's name ends in, and what it shows."""
+
+    name: str
+    what: str
+    png: bytes
+
+
+def pictures(traces: Sequence[Traces], document: Document, decisive: float) -> Iterator[Picture]:
+    """The figures of a report, as many as a reader looks at.
+
+    Parameters
+    ----------
+    traces : sequence of Traces
+        Every output in every log.
+    decisive : float
+        Evidence from which a cause is accepted.
+    """
+    several = len({each.log for each in traces}) > 1
+    kept = sorted(range(len(traces)), key=lambda k: -_misfit(traces[k]))[:MOST_FIGURES]
+    for k in sorted(kept):
+        each = traces[k]
+        place = f"_{Path(each.log).stem}" if several else ""
+        what = f"{each.output} in {Path(each.log).name}: measured, computed, residual"
+        png = render(lambda each=each: draw_traces(each, document), "png")  # type: ignore[misc]
+        yield Picture(f"{each.output}{place}", what, png)
+    if document["tried"]:
+        png = render(lambda: draw_evidence(document, decisive), "png")
+        yield Picture("evidence", "Evidence of every cause that was tried", png)
+
+
+def _misfit(traces: Traces) -> float:
+    """Residual relative to what was measured."""
+    return _rms(traces.measured - traces.simulated) / (_rms(traces.measured) or 1.0)
+
+
+def draw_traces(traces: Traces, document: Document) -> Figure:
+    """Measured, simulated and extended above; the residual before and after below.
+
+    The zero of a log is free: each model is shifted by the median of its residual.
+    """
+    unit, (label, per) = channel_unit(traces.output), time_unit(span_of(traces.time))
+    figure = new_figure(f"{traces.output} in {Path(traces.log).name}", 11.0, 6.5)
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    top.set(title="Measured and computed, the zero fitted",
+            ylabel=quantity_label(parse_channel(traces.output).unit))  # fmt: skip
+    trace(top, traces.time, traces.measured, traces.segments, per=per, color=MEASURED, lw=3.0,
+          label="measured")  # fmt: skip
+    models = [("before", "model as it is", traces.simulated, ERROR)]
+    if traces.extended is not None:
+        names = "\n".join(dict.fromkeys(cause["name"] for cause in document["causes"]))
+        models.append(("after", f"model with\n{names}", traces.extended, COMPUTED))
+    told = []
+    for when, name, values, color in models:
+        residual = traces.measured - values
+        shift = float(np.nanmedian(residual))
+        told.append(f"{when} {with_unit(float(np.nanstd(residual)), unit)}")
+        for ax, curve, what, width in ((top, values + shift, name, 1.2),
+                                       (bottom, residual - shift, when, 0.9)):  # fmt: skip
+            trace(ax, traces.time, curve, traces.segments, per=per, color=color, lw=width,
+                  label=what)  # fmt: skip
+    legend_beside(top)
+    bottom.set(title=f"Residual, measured − computed.  RMS about the mean: {', '.join(told)}",
+               ylabel=f"residual [{unit}]", xlabel=f"time [{label}]")  # fmt: skip
+    report = document["residuals"].get(traces.output)
+    if report is not None:
+        noise = 2 * report["noise"]["white"]
+        bottom.axhspan(-noise, noise, color="0.8", lw=0, zorder=0,
+                       label=f"noise, ±2 σ\n= ±{with_unit(noise, unit)}")  # fmt: skip
+    bottom.axhline(0.0, color=MARK, lw=0.6)
+    legend_beside(bottom)
+    return figure
+
+
+def _rms(error: Array) -> float:
+    there = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(there**2))) if len(there) else float("nan")
+
+
+def draw_evidence(document: Document, decisive: float) -> Figure:
+    """Evidence of every cause that was tried, alone, the strongest on top."""
+    tried = document["tried"][:BARS]
+    accepted = {(cause["name"], cause["channel"]) for cause in document["causes"]}
+    figure = new_figure("Evidence of each cause, tried alone", 9.0, 1.6 + 0.34 * len(tried))
+    ax = figure.subplots()
+    values = np.array([each["evidence"] for each in tried], float)
+    rows = np.arange(len(tried))[::-1]
+    inside = np.array([(each["name"], each["channel"]) in accepted for each in tried], bool)
+    for chosen, color, label in ((inside, COMPUTED, "accepted"), (~inside, "0.65", "not accepted")):
+        if chosen.any():
+            ax.barh(rows[chosen], values[chosen], color=color, height=0.65, label=label)
+    for row, value in zip(rows.tolist(), values.tolist(), strict=True):
+        ax.annotate(number(value), (value, row), (4 if value >= 0 else -4, 0), fontsize=9,
+                    textcoords="offset points", va="center",
+                    ha="left" if value >= 0 else "right")  # fmt: skip
+    ax.axvline(decisive, color=MARK, lw=0.9, ls="--", label=f"decisive from {decisive:g}")
+    ax.axvline(0.0, color=MARK, lw=0.6)
+    ax.set_xscale("symlog", linthresh=decisive)
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.margins(x=0.12)
+    ax.set_yticks(rows, [plain(called(each["name"], each["channel"])) for each in tried])
+    ax.tick_params(axis="y", length=0)
+    ax.grid(visible=False, axis="y")
+    ax.set(xlabel="evidence (fall of BIC), linear below the dashed line, logarithmic above")
+    legend_beside(ax)
+    return figure

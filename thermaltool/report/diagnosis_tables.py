@@ -1,0 +1,237 @@
+"""The tables of a diagnosis, read off its JSON document, and how its numbers are printed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from thermaltool.report.style import channel_unit, symbol
+
+Document = Mapping[str, Any]
+
+# Causes listed as tried.
+LISTED = 12
+
+
+@dataclass(frozen=True)
+class Section:
+    """A table of a report: the first row is the heading.
+
+    Attributes
+    ----------
+    brief : bool
+        Belongs into the short form.
+    """
+
+    title: str
+    rows: list[list[str]]
+    brief: bool = True
+
+
+def number(value: float | None) -> str:
+    """Three digits, all before the point; a dash for what is not there."""
+    if value is None:
+        return "–"
+    return f"{value:.0f}" if 1000 <= abs(value) < 1e6 else f"{value:.3g}"
+
+
+def duration(seconds: float) -> str:
+    """A time in the unit that suits it: ``30 min``."""
+    for unit, length in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+def percent(share: float) -> str:
+    """A share; never "100 %" or "0 %" for what is not whole or nothing."""
+    if 0.0 < share < 0.01:
+        return "< 1 %"
+    return "> 99 %" if 0.99 < share < 1.0 else f"{100 * share:.0f} %"
+
+
+def printed(unit: str) -> str:
+    """A unit, composed or not, as it is printed: ``um/degC`` is µm/°C, ``um/1`` is µm."""
+    first, *rest = [symbol(part) for part in unit.split("/")]
+    told = "/".join([first, *(part for part in rest if part != "1")])
+    return "" if told == "1" else told
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A text and its printed unit, if it has one."""
+    return f"{text} {printed(unit)}".rstrip()
+
+
+def condition_name(condition: Document) -> str:
+    """``heating``, or ``U_V is at 9``."""
+    if condition["channel"] is None:
+        return str(condition["name"])
+    return f"{condition['channel']} is {condition['name']}"
+
+
+def band_name(band: Document) -> str:
+    """``slower than 30 min``."""
+    low, high = band["shortest"], band["longest"]
+    if high is None:
+        return f"slower than {duration(low)}" if low else "of any period"
+    return f"{duration(low)} to {duration(high)}" if low else f"faster than {duration(high)}"
+
+
+def called(name: str, channel: str) -> str:
+    """A cause and where it acts."""
+    return f"{name} ({channel})" if channel else name
+
+
+def held_out(document: Document) -> str:
+    """On what the gains were measured."""
+    names = [Path(log["name"]).name for log in document["validated_on"]]
+    return " and ".join(names) if names else "stretches that were held out"
+
+
+def sections(document: Document) -> list[Section]:
+    """Every table that has rows."""
+    found = [
+        _outputs(document),
+        _causes(document),
+        _gains(document),
+        _alternatives(document),
+        _tried(document),
+        _conditions(document),
+        _bands(document),
+        _dependences(document),
+    ]
+    return [section for section in found if len(section.rows) > 1]
+
+
+def _outputs(document: Document) -> Section:
+    rows = [["output", "unit", "residual RMS", "zero off by", "noise", "slow discrepancy",
+             "above noise", "independent rows", "rest is white"]]  # fmt: skip
+    for name, report in document["residuals"].items():
+        noise = report["noise"]
+        slow = number(noise["discrepancy"])
+        if noise["time_constant"] is not None:
+            slow += f" over {duration(noise['time_constant'])}"
+        rows.append(
+            [
+                name,
+                channel_unit(name),
+                number(report["spread"]),
+                number(report["mean"]),
+                number(noise["white"]),
+                slow,
+                percent(report["above_noise"]),
+                f"{report['effective_rows']:.0f} of {report['rows']}",
+                f"{'yes' if report['white_p'] >= 0.01 else 'no'} (p {report['white_p']:.2g})",
+            ]
+        )
+    return Section("What the model gets wrong", rows)
+
+
+def _causes(document: Document) -> Section:
+    rows = [["cause", "channel", "evidence", "explains", "parameter", "value", "95 %", "unit"]]
+    for cause in document["causes"]:
+        head = [
+            cause["name"],
+            cause["channel"],
+            number(cause["evidence"]),
+            percent(cause["explained"]),
+        ]
+        for name, each in cause["parameters"].items() or [("–", None)]:
+            if each is None:
+                rows.append([*head, name, "", "", ""])
+                continue
+            interval = each["interval"]
+            told = "given" if interval is None else " to ".join(number(end) for end in interval)
+            rows.append([*head, name, number(each["value"]), told, printed(each["unit"])])
+            head = ["", "", "", ""]
+    return Section("Causes", rows)
+
+
+def _gains(document: Document) -> Section:
+    rows = [["cause", "output", "unit", "RMS before", "after", "gain (95 %)", "largest before",
+             "after", "fit % before", "after"]]  # fmt: skip
+    for cause in document["causes"]:
+        for channel, gain in cause["gain"].items():
+            low, high = (number(end) for end in gain["interval"])
+            rows.append(
+                [
+                    called(cause["name"], cause["channel"]),
+                    channel,
+                    channel_unit(channel),
+                    number(gain["rms_before"]),
+                    number(gain["rms_after"]),
+                    f"{low} to {high}{'' if gain['claimed'] else ', not claimed'}",
+                    number(gain["max_before"]),
+                    number(gain["max_after"]),
+                    number(gain["fit_before"]),
+                    number(gain["fit_after"]),
+                ]
+            )
+    return Section(f"What knowing them is worth, on {held_out(document)}", rows)
+
+
+def _alternatives(document: Document) -> Section:
+    rows = [["this log cannot tell apart", "angle", "what would", "opens to"]]
+    for each in document["alternatives"]:
+        pairs = zip(each["names"], each["channels"], strict=True)
+        rows.append(
+            [
+                " / ".join(called(*pair) for pair in pairs),
+                f"{number(each['angle_deg'])}°",
+                each["separating_experiment"] or "–",
+                f"{number(each['opened_deg'])}°",
+            ]
+        )
+    return Section("What else it could be", rows)
+
+
+def _tried(document: Document) -> Section:
+    rows = [["cause", "channel", "evidence", "detectable", "verdict"]]
+    for each in document["tried"][:LISTED]:
+        detectable = number(each["detectable"])
+        if each["output"] and each["detectable"] is not None:
+            detectable += f" {channel_unit(each['output'])} of {each['output']}"
+        rows.append(
+            [each["name"], each["channel"], number(each["evidence"]), detectable, each["verdict"]]
+        )
+    hidden = len(document["tried"]) - LISTED
+    more = f" ({hidden} weaker ones not shown)" if hidden > 0 else ""
+    return Section(f"Causes tried, each alone{more}", rows)
+
+
+def _conditions(document: Document) -> Section:
+    rows = [["output", "while", "RMS", "mean", "of the misfit", "of the time"]]
+    for name, report in document["residuals"].items():
+        rows += [
+            [name, condition_name(c), number(c["rms"]), number(c["mean"]), percent(c["power"]),
+             percent(c["time"])]
+            for c in report["conditions"]
+        ]  # fmt: skip
+    return Section("In which condition", rows, brief=False)
+
+
+def _bands(document: Document) -> Section:
+    rows = [["output", "period", "of the misfit"]]
+    for name, report in document["residuals"].items():
+        rows += [[name, band_name(band), percent(band["power"])] for band in report["bands"]]
+    return Section("How slowly", rows, brief=False)
+
+
+def _dependences(document: Document) -> Section:
+    rows = [["output", "follows", "most at a lag of", "correlation", "bound (1 %)", "p"]]
+    for name, report in document["residuals"].items():
+        for d in report["dependences"]:
+            first, last = (duration(lag) for lag in d["lag"])
+            rows.append(
+                [
+                    name,
+                    f"{d['channel']}: {'yes' if abs(d['correlation']) > d['bound'] else 'no'}",
+                    first if first == last else f"{first} to {last}",
+                    number(d["correlation"]),
+                    number(d["bound"]),
+                    f"{d['p_value']:.2g}",
+                ]
+            )
+    return Section("Does the residual follow an input or its past", rows, brief=False)
