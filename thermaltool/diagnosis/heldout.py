@@ -12,7 +12,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from thermaltool.diagnosis.evidence import State
 from thermaltool.diagnosis.result import Gain
 from thermaltool.diagnosis.workbench import Series, Workbench
 from thermaltool.effects.effect import Float, is_displacement
@@ -25,7 +24,10 @@ BLOCKS, DRAWS = 36, 2000
 
 
 def gains(
-    before: Workbench, after: Workbench, state: State, as_simulated: bool = False, seed: int = 0
+    before: Workbench,
+    after: Workbench,
+    simulated: tuple[Workbench, Workbench] | None = None,
+    seed: int = 0,
 ) -> dict[str, Gain]:
     """Gain of every output by blocked cross-validation.
 
@@ -33,21 +35,32 @@ def gains(
     ----------
     before, after : Workbench
         On the same logs; `after` has one cause more.
-    state : frozenset of str
-        Nuisance of both.
-    as_simulated : bool
-        What the calibration knows of a response beyond its kind is left out of the prediction, as
-        a simulation of the model leaves it out.
+    simulated : (Workbench, Workbench), optional
+        The same with the models as a user simulates them, without what the calibration knows of a
+        response beyond its kind: gains of these are told.
     seed : int
         Of the bootstrap.
     """
     result = {}
     for output, seen in before.observed.items():
         measured = seen.whole([m.get(output, np.zeros(0)) for m in before.measured])
-        old = _predicted(before, output, state, as_simulated)
-        new = _predicted(after, output, state, as_simulated)
-        result[output] = compare(measured, old, new, seed)
+        errors = []
+        for k, bench in enumerate((before, after)):
+            error = _predicted(bench, output)
+            if simulated is not None:
+                known = seen.whole([y[output] for y in bench.outputs])
+                plain = seen.whole([y[output] for y in simulated[k].outputs])
+                error = _centred(bench, output, error + known - plain)
+            errors.append(error)
+        result[output] = compare(measured, errors[0], errors[1], seed)
     return result
+
+
+def _centred(bench: Workbench, output: str, error: Float) -> Float:
+    """Without its mean in every log, as an offset is free in every log."""
+    lengths = [len(rows) for rows in bench.observed[output].rows]
+    parts = np.split(error, np.cumsum(lengths)[:-1])
+    return np.concatenate([part - part.mean() if len(part) else part for part in parts])
 
 
 def transferred(
@@ -90,13 +103,13 @@ def compare(measured: Float, before: Float, after: Float, seed: int) -> Gain:
     )
 
 
-def _predicted(bench: Workbench, output: str, state: State, as_simulated: bool) -> Float:
+def _predicted(bench: Workbench, output: str) -> Float:
     """Error of every row, predicted from the other blocks; shape (rows,)."""
     seen, evidence = bench.observed[output], bench.evidence[output]
-    columns, prior, centre = _columns(bench, output, state)
-    own = _own_part(bench, output, state) if as_simulated else None
+    columns, prior, centre = _columns(bench, output)
+    kept = _kept(bench, output)
     residual = bench.residual(output)
-    base = evidence.base(state)
+    base = evidence.base(bench.state)
     level = evidence.levels[base.level]
     prior = prior * base.white**2
     coarse = np.column_stack([seen.gather(residual), *(seen.gather(c) for c in columns)])
@@ -108,11 +121,10 @@ def _predicted(bench: Workbench, output: str, state: State, as_simulated: bool) 
         for fold in np.array_split(mine, FOLDS) if len(mine) else ():
             if not len(fold):
                 continue
-            kept = np.setdiff1d(np.arange(seen.size), fold)
-            shift = _fit(bench, output, coarse, kept, (level.ratio, level.tau), prior, centre)
+            rest = np.setdiff1d(np.arange(seen.size), fold)
+            shift = _fit(bench, output, coarse, rest, (level.ratio, level.tau), prior, centre)
             rows = slice(where[fold[0]], where[fold[-1] + 1])
-            if own is not None:
-                shift = own(shift)
+            shift = kept(shift)
             error[rows] = fine[rows, 0] - fine[rows, 1:] @ shift
     return error
 
@@ -140,14 +152,14 @@ def _fit(
     return np.asarray((inner @ ((gram[0, 1:] - prior * centre) / size)) / size)
 
 
-def _columns(bench: Workbench, output: str, state: State) -> tuple[list[Series], Float, Float]:
+def _columns(bench: Workbench, output: str) -> tuple[list[Series], Float, Float]:
     """Sensitivities that a fold may use, with the precision and centre of their priors."""
     seen = bench.observed[output]
     present = [k for k, rows in enumerate(seen.rows) if len(rows)]
     offsets = bench.offsets()
     columns = [offsets[k] for k in present] + bench.accepted(output)
     flat = len(columns)
-    root, centre = bench.prior(output, "released" in state)
+    root, centre = bench.prior(output, "released" in bench.state)
     own = [*bench.sensitivities(output), *bench.lags(output)]
     mixed: list[Series] = [
         [
@@ -157,26 +169,26 @@ def _columns(bench: Workbench, output: str, state: State) -> tuple[list[Series],
         for k in range(root.shape[1])
     ]
     columns += mixed
-    extra = bench.decays(output) if "initial" in state else []
+    extra = bench.decays(output) if "initial" in bench.state else []
     columns += extra
     prior = np.concatenate([np.zeros(flat), np.ones(len(mixed) + len(extra))])
     return columns, prior, np.concatenate([np.zeros(flat), centre, np.zeros(len(extra))])
 
 
-def _own_part(bench: Workbench, output: str, state: State) -> Callable[[Float], Float]:
+def _kept(bench: Workbench, output: str) -> Callable[[Float], Float]:
     """Takes out of a fit what the extended model does not hold."""
     present = sum(1 for rows in bench.observed[output].rows if len(rows))
     flat = present + len(bench.accepted(output))
-    root, _ = bench.prior(output, "released" in state)
+    root, _ = bench.prior(output, "released" in bench.state)
     p = len(bench.own(output))
 
-    def kept(shift: Float) -> Float:
+    def only(shift: Float) -> Float:
         result = shift.copy()
         mixed = slice(flat, flat + len(root))
         moves = root @ shift[mixed]
         # Where they are free, the parameters of the model move; the lags beside them never do.
-        moves[p if "released" in state else 0 :] = 0.0
+        moves[p if "released" in bench.state else 0 :] = 0.0
         result[mixed] = np.linalg.solve(root, moves)
         return result
 
-    return kept
+    return only

@@ -60,8 +60,8 @@ class Observed:
             if not len(there):
                 continue
             steps = np.diff(log.time[there])
-            cuts = np.flatnonzero(steps > PAUSE * np.median(steps)) + 1 if len(steps) else []
-            edges = [0, *np.asarray(cuts, int).tolist(), len(there)]
+            pauses = steps > PAUSE * np.median(steps) if len(steps) else np.zeros(0, bool)
+            edges = [0, *(np.flatnonzero(pauses) + 1).tolist(), len(there)]
             groups = np.concatenate(
                 [np.arange(a, b, size) for a, b in zip(edges[:-1], edges[1:], strict=True)]
             )

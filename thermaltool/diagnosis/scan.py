@@ -18,8 +18,8 @@ from thermaltool.diagnosis.workbench import Progress, Series, Workbench
 from thermaltool.effects import CATALOGUE, effect_class
 from thermaltool.effects.effect import Effect, Float, reference_of
 
-# Outputs that a cause moves by less than this share of its reach are left out of its fit.
-_NOTHING = 1e-9
+# Trials that promise less evidence than this are not fitted.
+LEAST = -10.0
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,9 @@ def scan(
     prepared = _Prepared(bench, signatures, states)
     candidates = []
     for k in range(len(signatures)):
-        trials = [prepared.candidate(k, state) for state in states]
-        candidates.append(max(trials, key=lambda c: c.evidence))
+        trials = [prepared.candidate(k, s) for s in states if prepared.promises(k, s)]
+        if trials:
+            candidates.append(max(trials, key=lambda c: c.evidence))
     return sorted(candidates, key=lambda c: -c.evidence)
 
 
@@ -109,7 +110,8 @@ class _Prepared:
         self.names: list[dict[str, list[str]]] = [{} for _ in signatures]
         self.reduced = {}
         for output, evidence in bench.evidence.items():
-            columns, groups = [], []
+            columns: list[Float] = []
+            groups: list[list[int]] = []
             for k, signature in enumerate(signatures):
                 here = [n for n, reached in signature.found.items() if output in reached]
                 if not here:
@@ -122,6 +124,19 @@ class _Prepared:
                 products = evidence.products(np.column_stack(columns), groups)
                 for state in states:
                     self.reduced[output, state] = evidence.reduced(state, products)
+
+    def promises(self, k: int, state: State) -> bool:
+        """Whether a trial could have evidence at all, every output explained on its own."""
+        probe, gain = self.signatures[k].probe, 0.0
+        for output, index in self.index[k].items():
+            if len(index) > 1:
+                return True
+            evidence = self.bench.evidence[output]
+            gain += max(float(self.reduced[output, state].most[index[0]]), 0.0)
+            gain -= evidence.base(state).best - evidence.base(self.bench.state).best
+        rows = min((_size(self.bench, o) for o in self.index[k]), default=1)
+        price = (len(probe.searched()) + 1) * float(np.log(rows))
+        return 2 * gain - price > LEAST
 
     def candidate(self, k: int, state: State) -> Candidate:
         probe = self.signatures[k].probe
@@ -171,7 +186,11 @@ def judge(
             if o != worst
         }
         amplitudes = kept
-    return _candidate(bench, probe, amplitudes, list(parts), result, state, parts)
+    found = _candidate(bench, probe, amplitudes, list(parts), result, state)
+    # Heat and air reach more than one place: what moves one output alone is that output's.
+    if probe.everywhere and len(parts) < min(2, len(bench.observed)):
+        return replace(found, evidence=-np.inf, gain=-np.inf)
+    return found
 
 
 def _size(bench: Workbench, output: str) -> int:
@@ -185,7 +204,6 @@ def _candidate(
     outputs: list[str],
     result: Profile,
     state: State,
-    parts: Mapping[str, Part],
 ) -> Candidate:
     count = len(probe.linear()) + len(probe.searched())
     rows = sum(_size(bench, o) for o in outputs)

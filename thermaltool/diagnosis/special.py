@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,6 @@ from scipy.optimize import minimize
 from scipy.special import ndtri
 
 from thermaltool.diagnosis import heldout
-from thermaltool.diagnosis.evidence import State
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.workbench import Mask, Workbench
 from thermaltool.effects import effect_class
@@ -21,6 +19,8 @@ from thermaltool.model import Model
 # log an outlier.
 NEIGHBOURS, FALSE = 3, 0.01
 DECISIVE = 10.0
+# A calibration that covers fewer of the slowest time constants has not seen the steady state.
+SHORT = 2.0
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,7 @@ def find_outliers_in(bench: Workbench) -> Spikes | None:
             if len(rows) < 50:
                 continue
             deviation = _from_neighbours(residual[rows])
-            spread = 1.4826 * float(np.median(np.abs(deviation)))
-            if spread == 0:
-                continue
+            spread = max(1.4826 * float(np.median(np.abs(deviation))), bench.white(output))
             limit = -float(ndtri(FALSE / 2 / len(rows)))
             out = np.abs(_from_both_sides(residual[rows])) > limit * spread
             # A step or a ramp stands out of its neighbours too, on one side: it is left alone.
@@ -121,22 +119,25 @@ def _heavy_tails(z: Float) -> float:
     return float(2 * (plain - best.fun) - 2 * np.log(len(z)))
 
 
-def too_short(
-    calibrated: Model, before: Workbench, after: Workbench, old: State, new: State
-) -> Cause | None:
-    """The cause, where the calibration had not seen the steady state of an output that moved."""
-    moved: Mapping[str, float] = {
-        o: 2 * (e.base(old).best - e.base(new).best) for o, e in before.evidence.items()
-    }
-    short = {
+def short_outputs(calibrated: Model) -> dict[str, float]:
+    """Outputs whose calibration covers too few of the slowest time constants, and how many."""
+    return {
         o.channel: float(o.fit["covered"])
         for o in calibrated.outputs
-        if o.fit.get("covered") is not None and o.fit["covered"] < 3
+        if o.fit.get("covered") is not None and o.fit["covered"] < SHORT
     }
-    affected = [o for o, evidence in moved.items() if evidence > DECISIVE and o in short]
+
+
+def too_short(calibrated: Model, before: Workbench, after: Workbench) -> Cause | None:
+    """The cause, where the calibration had not seen the steady state of an output that moved."""
+    moved = {
+        o: 2 * (e.base(before.state).best - after.evidence[o].base(after.state).best)
+        for o, e in before.evidence.items()
+    }
+    short = short_outputs(calibrated)
+    affected = [o for o in short if moved.get(o, 0.0) > DECISIVE]
     if not affected:
         return None
     output = max(affected, key=lambda o: moved[o])
     effect = effect_class("record_too_short")(output, {"covered": short[output]})
-    gain = heldout.gains(before, after, new)
-    return Cause(effect, sum(moved.values()), {}, gain, 0.0)
+    return Cause(effect, sum(moved.values()), {}, heldout.gains(before, after), 0.0)

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.evidence import OutputEvidence, Part, Reduced, State
 from thermaltool.diagnosis.observed import Observed, measured_rows
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Effect, Float, Scene, Signals, reference_of
 from thermaltool.model import Model, driven, read_outputs, relative, respond
-from thermaltool.responses import response_class
 from thermaltool.signals.detrend import difference_sigma
 
 Series = list[Float]  # one array for each log
@@ -28,8 +28,11 @@ Mask = Mapping[tuple[str, str], NDArray[np.bool_]]
 WIDE_LOG, WIDE_GAIN = 1.0, 1.0
 # The discrepancy of a clean log, of other inputs than the calibration's, is taken to be no larger
 # than this many times its floor.
-LIMIT = 3.0
+LIMIT = 2.0
 LEAST_FLOOR = 0.5
+SLOWER = 2.0
+# A sensor's noise may be smaller by this factor than at the calibration.
+QUIETER = 0.7
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Workbench:
         Effects included.
     logs : sequence of Signals
     calibrated : Model
-        The model as calibrated: the centre of the priors.
+        The model as its calibration knows it: the centre of the priors.
     masked : mapping of (log, output) to ndarray of bool
         Rows that are left out (outliers).
     state : frozenset of str
@@ -96,10 +99,23 @@ class Workbench:
         self.evidence: dict[str, OutputEvidence] = {}
         self.inputs = [driven(model, self.acting(log), log) for log in self.logs]
 
-    def floor(self, output: str) -> float:
-        """Slow discrepancy of the calibration; at least a share of the white noise."""
-        known = self.discrepancy(output)
-        return max(float(known.get("drift_sigma", 0.0)), LEAST_FLOOR * self.white(output))
+    def floor(self, output: str, tau: float = np.inf) -> float:
+        """Discrepancy of the calibration, of time constant `tau` or faster.
+
+        A slower one than the calibration has shown is at most a share of the white noise.
+        """
+        known = known_discrepancy(self.calibrated, output)
+        least = LEAST_FLOOR * self.white(output)
+        if not known or tau > SLOWER * known["drift_time_s"]:
+            return least
+        return max(float(known["drift_sigma"]), least)
+
+    def limit(self, output: str) -> Callable[[float], float]:
+        """Largest discrepancy of a clean log by its time constant."""
+        slow, fast = LIMIT * self.floor(output), LIMIT * self.floor(output, 0.0)
+        known = known_discrepancy(self.calibrated, output)
+        shown = SLOWER * known["drift_time_s"] if known else 0.0
+        return lambda tau: fast if tau <= shown else slow
 
     def acting(self, log: Signals) -> list[Effect]:
         return [e for e in self.model.effects if e.log in (None, log.log)]
@@ -168,7 +184,7 @@ class Workbench:
         found = []
         for k, term in enumerate(self.model.terms):
             if term.output == output:
-                cls = response_class(term.response.kind)
+                cls = type(term.response)
                 found += [Own(k, name, True) for name in cls.searched]
                 found += [Own(k, name, False) for name in cls.gains]
         return found
@@ -216,7 +232,7 @@ class Workbench:
 
     def _gain_scale(self, own: Own) -> float:
         response = self.model.terms[own.term].response
-        gains = [abs(getattr(response, name)) for name in response_class(response.kind).gains]
+        gains = [abs(getattr(response, name)) for name in response.gains]
         return max(gains) or 1.0
 
     def prior(self, output: str, wide: bool) -> tuple[Float, Float]:
@@ -228,7 +244,7 @@ class Workbench:
         centre : ndarray, shape (p + q,)
             Where the model stands in it.
         """
-        own, known = self.own(output), self.discrepancy(output)
+        own, known = self.own(output), known_discrepancy(self.calibrated, output)
         names = [(self.model.terms[e.term].drive, e.name) for e in own]
         p, q = len(own), len(known.get("lags", ()))
         at = np.zeros(p + q)
@@ -241,7 +257,6 @@ class Workbench:
             size = np.append(size, np.full(q, self.white(output)))
             return np.diag(size), at / size
         covariance = np.array(known["covariance"])
-        at -= np.array(known["mean"])
         size = np.append(size, np.full(q, known["lag_sigma"]))
         scaled = covariance / np.outer(size, size)
         values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
@@ -257,14 +272,8 @@ class Workbench:
                 lagged(log.time, each[drive], tau, holds[drive])
                 for log, each in zip(self.logs, self.inputs, strict=True)
             ]
-            for drive, tau in self.discrepancy(output).get("lags", ())
+            for drive, tau in known_discrepancy(self.calibrated, output).get("lags", ())
         ]
-
-    def discrepancy(self, output: str) -> Mapping[str, Any]:
-        """What the calibration knows of an output beyond its kind of response."""
-        found = next(o for o in self.calibrated.outputs if o.channel == output)
-        kept: Mapping[str, Any] = found.fit.get("discrepancy") or {}
-        return kept
 
     def decays(self, output: str) -> list[Series]:
         """What a machine that was not at rest at the first row adds, per log."""
@@ -367,13 +376,18 @@ class Workbench:
             {"tight": tight_centre, "released": wide_centre},
             self.white(output),
             self.state,
-            LIMIT * self.floor(output) if "tight" in self.state else None,
+            self.limit(output) if "tight" in self.state else None,
         )
 
     def white(self, output: str) -> float:
-        """White noise of a reading, from the differences of neighbours."""
+        """White noise of a reading, from the differences of neighbours.
+
+        Not far below that of the calibration: a sensor that stands still is no quiet sensor.
+        """
         residual = self.observed[output].whole(self.residual(output))
-        return max(difference_sigma(residual), 1e-3 * float(np.std(residual)), 1e-12)
+        known = known_discrepancy(self.calibrated, output).get("white_sigma", 0.0)
+        least = QUIETER * float(known) if "tight" in self.state else 1e-3 * float(np.std(residual))
+        return max(difference_sigma(residual), least, 1e-12)
 
     def reduce(
         self, found: Mapping[str, Mapping[str, Series]], state: State

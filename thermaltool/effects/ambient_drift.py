@@ -37,6 +37,10 @@ class AmbientDrift(Effect):
         "phase": Parameter("rad"),
     }
 
+    @property
+    def everywhere(self) -> bool:
+        return not self.channel
+
     def needs(self) -> tuple[str, ...]:
         return (self.channel,) if self.channel else ()
 

@@ -214,6 +214,11 @@ class Effect:
         """The effect at every place and, for what is searched, at every size worth a trial."""
         yield from ()
 
+    @property
+    def everywhere(self) -> bool:
+        """Whether it is no cause unless it reaches more than one output."""
+        return False
+
     def needs(self) -> tuple[str, ...]:
         """Channels that a log must hold beside the drives."""
         return ()

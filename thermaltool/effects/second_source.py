@@ -45,6 +45,10 @@ class SecondSource(Effect):
         "start": Parameter("s", low=0.0),
     }
 
+    @property
+    def everywhere(self) -> bool:
+        return not self.channel
+
     def needs(self) -> tuple[str, ...]:
         return (self.channel,) if self.channel else ()
 

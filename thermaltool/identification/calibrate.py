@@ -219,7 +219,8 @@ def _describe(
     covariance = covariance[np.ix_(keep, keep)]
     own, free = np.arange(len(theta) + gains), np.arange(len(theta) + gains, jacobian.shape[1])
     n = len(problem.grid.rates)
-    lags = np.arange(0, n, LAG_STEP)
+    # Slower than the record is no shape: it would pass for any drift.
+    lags = np.flatnonzero(problem.grid.rates >= 1 / duration)[::LAG_STEP]
     bank = problem.design[:, np.concatenate([d * n + lags for d in range(problem.drives)])]
     spread = problem.measured - np.mean(problem.measured)
     variation = float(np.linalg.norm(spread))
@@ -239,7 +240,13 @@ def _describe(
         ),
         starts=starts,
         discrepancy=discrepancy(
-            problem.time, problem.record, residual, jacobian[:, own], jacobian[:, free], bank
+            problem.time,
+            problem.record,
+            residual,
+            jacobian[:, own],
+            jacobian[:, free],
+            bank,
+            np.append(np.ones(len(theta)), np.full(gains, np.max(np.abs(linear[:gains])))),
         ),
         lags=tuple((1 / problem.grid.rates[lags]).tolist()),
         covered=duration / max(response.slowest() for response in responses),

@@ -21,7 +21,9 @@ from thermaltool.signals.likelihood import ColouredNoise
 MOST_ROWS = 3000
 # Prior size of a lag's weight, in units of the white noise; drift over white, in variance.
 _SIZES = (0.3, 1.0, 3.0, 10.0, 30.0)
-_RATIOS = (0.0, 0.03, 0.2, 1.0, 5.0)
+# Prior standard deviation of a parameter's move, over its size.
+MOVE = 0.1
+_RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,9 @@ class Discrepancy:
         Moves of the parameters (of logarithms, gains), then weights of the lags.
     covariance : ndarray, shape (p + q, p + q)
     white, drift : float
-        Standard deviations of noise and slow discrepancy [unit of the output].
+        Standard deviations of noise and of a discrepancy beside it [unit of the output].
+    drift_time : float
+        Time constant of the discrepancy [s].
     size : float
         Prior standard deviation of a lag's weight [unit of the output per lag at unit height].
     """
@@ -43,6 +47,7 @@ class Discrepancy:
     covariance: Float
     white: float
     drift: float
+    drift_time: float
     size: float
 
 
@@ -53,6 +58,7 @@ def discrepancy(
     own: Float,
     free: Float,
     lags: Float,
+    span: Float,
 ) -> Discrepancy:
     """Posterior from the residual of a calibration.
 
@@ -64,6 +70,8 @@ def discrepancy(
     own, free, lags : ndarray, shape (n, ·)
         Sensitivities to the parameters, columns without a prior (offsets), and lags whose largest
         value is one.
+    span : ndarray, shape (p,)
+        Size of each parameter (1 for a logarithm).
     """
     group = -(-len(time) // MOST_ROWS)
     first = np.concatenate(
@@ -78,7 +86,6 @@ def discrepancy(
     rows = means[:, 1:]
     p, q = own.shape[1], lags.shape[1]
     sigma = max(difference_sigma(residual), 1e-3 * float(np.std(residual)), 1e-12)
-    scale = np.linalg.norm(rows[:, 1 : 1 + p], axis=0) / sigma
     best = (np.inf, (0.0, 1.0), _SIZES[0], sigma)
     taus = np.geomspace(5 * period, max(noise.span / 2, 10 * period), 5)
     for ratio in _RATIOS:
@@ -93,8 +100,8 @@ def discrepancy(
     gram = rows.T @ noise.factor(ratio, tau).solve(rows)
     prior = np.zeros(gram.shape[0] - 1)
     prior[p : p + q] = 1 / size**2
-    # A direction of the parameters that the data do not show at all stays at the fit.
-    prior[:p] = 1e-10 * scale**2 * sigma**2
+    # Moves stay within what is linear: the lags say the rest.
+    prior[:p] = (white / MOVE) ** 2 / np.maximum(span, 1e-300) ** 2
     A = gram[1:, 1:] + np.diag(prior)
     height = np.sqrt(np.diag(A))
     height[height == 0] = 1.0
@@ -107,6 +114,7 @@ def discrepancy(
         white**2 * inverse[keep, keep],
         white,
         white * float(np.sqrt(ratio)),
+        tau,
         white * size,
     )
 

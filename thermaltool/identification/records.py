@@ -187,6 +187,7 @@ def _discrepancy(fit: Fit, drives: Sequence[str]) -> dict[str, Any]:
         "covariance": fit.discrepancy.covariance.tolist(),
         "white_sigma": fit.discrepancy.white,
         "drift_sigma": fit.discrepancy.drift,
+        "drift_time_s": fit.discrepancy.drift_time,
         "lag_sigma": fit.discrepancy.size,
     }
 

@@ -216,7 +216,7 @@ def _joint_contact(run: Run, generator: Generator, variant: str | None) -> Fault
     d(b) = d + curvature d² + ...
     """
     channel = str(generator.choice(DEFLECTIONS))
-    stiffness, sign = generator.uniform(1.0, 6.0), either_sign(generator)
+    stiffness, sign = generator.uniform(0.2, 1.0), either_sign(generator)
 
     def apply(strength: float, run: Run) -> Parameters:
         stiffening = sign * strength

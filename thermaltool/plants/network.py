@@ -214,9 +214,10 @@ def _draw(generator: np.random.Generator) -> Network | None:
     join(BEARING, front[heated], capacity[BEARING] / np.exp(uniform(np.log(20.0), np.log(100.0))))
 
     rows = np.zeros((len(OUTPUTS), NODES))
-    rows[0, [heated, heated - 3]] = 1.0, -1.0
+    # Sensors on the front wall begin a segment below the source; the far pair ends at the back.
+    rows[0, [heated - 1, heated - 4]] = 1.0, -1.0
     rows[1, [heated - 3, WALL + 1]] = 1.0, -1.0
-    rows[2, heated] = 1.0
+    rows[2, heated - 1] = 1.0
     # A front wall warmer than the back tilts the column backwards and lifts the arm.
     lever = np.maximum((heated - np.arange(WALL)) * dz, 0.0)
     tilt = expansion * dz / depth * (lever > 0)
@@ -227,9 +228,9 @@ def _draw(generator: np.random.Generator) -> Network | None:
 
     network = Network(capacity, conductance, film * area, area, heated, 1.0, rows)
     reached = rows @ network.steady(network.source(BEARING, 1.0))
-    power = uniform(12.0, 40.0) / max(abs(reached[0]), abs(reached[1]))
+    power = uniform(15.0, 45.0) / max(abs(reached[0]), abs(reached[1]))
     near, far, rise, x, y = np.abs(power * reached)
-    plausible = min(near, far) > 5.0 and rise < 80.0 and all(20.0 < d < 150.0 for d in (x, y))
+    plausible = min(near, far) > 8.0 and rise < 80.0 and all(40.0 < d < 180.0 for d in (x, y))
     if not plausible or not _SLOWEST[0] < network.slowest < _SLOWEST[1]:
         return None
     return Network(capacity, conductance, film * area, area, heated, float(power), rows)
