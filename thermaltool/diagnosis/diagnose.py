@@ -40,6 +40,8 @@ HELD_OUT = 4
 # Causes that are refitted at each step, of one name at most two.
 REFINED, OF_A_NAME = 8, 2
 MOST_CAUSES = 6
+# Steps of the search for the model's own parameters.
+SETTLING = 6
 # Share of the residual's power that noise and floor must account for in an adequate model.
 ADEQUATE = 0.5
 
@@ -147,11 +149,10 @@ class _Diagnosing:
         released = (self.state - {"tight"}) | {"released"}
         if short_outputs(self.calibrated) and "tight" in self.state:
             # Known before any log is seen: a calibration that short says little of slow changes.
-            if self._switch(bench, released) > DECISIVE:
-                found = self._switched(bench, released)
-                if found is not None:
-                    causes.append(found[0])
-                    bench = found[1]
+            found = self._too_short(bench, released)
+            if found is not None:
+                causes.append(found[0])
+                bench = found[1]
         for _ in range(MOST_CAUSES):
             found = self._next(bench, first_step=not self.tried)
             if found is None:
@@ -210,13 +211,7 @@ class _Diagnosing:
             top = refined[0].evidence if refined else -np.inf
             own_share = top - alone[refined[0].state] if refined else -np.inf
             if alone[best_switch] > DECISIVE and alone[best_switch] > own_share:
-                found = self._switched(bench, best_switch)
-                if found is not None:
-                    return found
-                model = bench.model
-                if "released" in self.state:
-                    model = self._settled(replace(model, terms=self.known.terms))
-                bench = self.ready(model)
+                bench = self._switched(bench, best_switch)
                 continue
             decisive = [c for c in refined if c.evidence - alone[c.state] > DECISIVE]
             for candidate in decisive[:HELD_OUT]:
@@ -225,48 +220,78 @@ class _Diagnosing:
                     return found
             return None
 
-    def _switched(self, bench: Workbench, state: State) -> tuple[Cause, Workbench] | None:
-        """Let the model say more for itself; where a short calibration is why, that is a cause."""
-        before, self.state = self.state, state
-        if "released" in before or "released" not in state:
-            self.notes.append("a log does not begin at rest: its start decays are fitted apart")
-            return None
+    def _too_short(self, bench: Workbench, released: State) -> tuple[Cause, Workbench] | None:
+        """A short calibration as the cause, where setting the parameters free helps unseen rows."""
+        kept = self.state, self.known
         # What a calibration said of shapes goes with what it said of parameters.
-        self.known = self.calibrated
-        model = replace(bench.model, terms=self.calibrated.terms)
-        after = self.ready(self._settled(model))
+        self.state, self.known = released, self.calibrated
+        after = self.ready(self._settled(replace(bench.model, terms=self.calibrated.terms)))
         cause = too_short(self.calibrated, bench, after)
         if cause is None:
+            self.state, self.known = kept
+            return None
+        return cause, after
+
+    def _switched(self, bench: Workbench, state: State) -> Workbench:
+        """Let the model say more for itself: it did not begin at rest, or it has changed."""
+        if "released" in state and "tight" in self.state:
             self.notes.append(
                 "the model's own parameters have changed since the calibration, beyond its "
                 "uncertainty: calibrate again"
             )
-            return None
-        return cause, after
+            self.state, self.known = state, self.calibrated
+            return self.ready(self._settled(replace(bench.model, terms=self.calibrated.terms)))
+        self.notes.append("a log does not begin at rest: its start decays are fitted apart")
+        self.state = state
+        return self.ready(bench.model)
 
     def _settled(self, model: Model) -> Model:
         """The model's own parameters where these logs want them, if they are free at all."""
-        for _ in range(4 if "released" in self.state else 0):
-            bench = self.ready(model)
-            moved = 0.0
-            for output, evidence in bench.evidence.items():
-                base = evidence.base(self.state)
-                names = np.array(evidence.names)[base.active]
-                group = "released" if "released" in self.state else "tight"
-                root, _ = bench.prior(output, group == "released")
-                own = bench.own(output)
-                steps = (root @ base.fitted[base.level][names == group])[: len(own)]
-                logs = [abs(s) for s, each in zip(steps, own, strict=True) if each.log]
-                steps *= min(1.0, 0.7 / max([*logs, 1e-12]))
-                try:
-                    bench.model = bench.moved(own, steps)
-                except ValueError:
-                    continue
-                moved = max([moved, *logs])
-            model = bench.model
-            if moved < 0.02:
+        if "released" not in self.state:
+            return model
+        bench = self.ready(model)
+        for _ in range(SETTLING):
+            steps = {output: self._own_steps(bench, output) for output in bench.evidence}
+            if not any(np.any(np.abs(step) > 1e-3) for step in steps.values()):
                 break
-        return model
+            for share in (1.0, 0.3, 0.1):
+                moved = self._moved(bench, steps, share)
+                if moved is not None and _unexplained(moved) < _unexplained(bench) - 0.1:
+                    bench = moved
+                    break
+            else:
+                break
+        return bench.model
+
+    def _own_steps(self, bench: Workbench, output: str) -> np.ndarray:
+        """Moves of an output's own parameters that its residual asks for, none too long."""
+        evidence, own = bench.evidence[output], bench.own(output)
+        base = evidence.base(self.state)
+        names = np.array(evidence.names)[base.active]
+        root, _ = bench.prior(output, True)
+        steps = (root @ base.fitted[base.level][names == "released"])[: len(own)]
+        logs = [abs(s) for s, each in zip(steps, own, strict=True) if each.log]
+        return np.asarray(steps * min(1.0, 0.7 / max([*logs, 1e-12])))
+
+    def _moved(
+        self, bench: Workbench, steps: Mapping[str, np.ndarray], share: float
+    ) -> Workbench | None:
+        """The workbench with own parameters moved; None where a response does not allow it."""
+        model = bench.model
+        try:
+            for output, step in steps.items():
+                own = bench.own(output)
+                moved = bench.moved(own, share * step)
+                terms = {each.term for each in own}
+                model = replace(
+                    model,
+                    terms=tuple(
+                        moved.terms[k] if k in terms else term for k, term in enumerate(model.terms)
+                    ),
+                )
+            return self.ready(model)
+        except (ValueError, np.linalg.LinAlgError):
+            return None
 
     def _accepted(
         self, bench: Workbench, candidate: Candidate, refined: Sequence[Candidate]
@@ -389,14 +414,20 @@ def _centred(values: np.ndarray) -> np.ndarray:
     return values - np.mean(values)
 
 
+def _unexplained(bench: Workbench) -> float:
+    """Negative log likelihood with the model's own parameters where they stand."""
+    fixed = bench.state - {"released"}
+    return sum(e.base(fixed).best for e in bench.evidence.values())
+
+
 def _shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The best trial of every place, the strongest places first, few of one name."""
+    """The best trial of every form of a cause, the strongest first, few of one name."""
     chosen: list[Candidate] = []
     for c in candidates:
         if c.evidence < LEAST:
             break
         same = [x for x in chosen if x.effect.name == c.effect.name]
-        if len(same) < OF_A_NAME and c.place not in [x.place for x in chosen]:
+        if len(same) < OF_A_NAME and c.form not in [x.form for x in chosen]:
             chosen.append(c)
         if len(chosen) == REFINED:
             break

@@ -52,6 +52,8 @@ class Base:
     ----------
     square, logdet : ndarray, shape (levels,)
     dof : int
+    least : float
+        Sum of squares that stands for rounding: nothing is explained better than that.
     inverse : list of ndarray (c, c), of the active nuisance
     fitted : ndarray, shape (levels, c)
         Best nuisance.
@@ -60,13 +62,14 @@ class Base:
     square: Float
     logdet: Float
     dof: float
+    least: float
     active: Index
     inverse: list[Float]
     fitted: Float
 
     def negative_log(self, square: Float) -> Float:
         """Negative log likelihood for sums of squares, shape (..., levels)."""
-        return 0.5 * (self.dof * np.log(np.maximum(square, 1e-300) / self.dof) + self.logdet)
+        return 0.5 * (self.dof * np.log(np.maximum(square, self.least) / self.dof) + self.logdet)
 
     @cached_property
     def best(self) -> float:
@@ -203,9 +206,9 @@ class OutputEvidence:
             fitted.append(inner @ pull)
         dof = self.observed.size - int(flat.sum()) + self.trust
         known = self.trust * self.white**2
-        return Base(
-            np.array(square) + known, np.array(logdet), dof, active, inverse, np.array(fitted)
-        )
+        least = known + max(1e-4 * self.observed.size * self.white**2, 1e-300)
+        squares = np.maximum(np.array(square) + known, least)
+        return Base(squares, np.array(logdet), dof, least, active, inverse, np.array(fitted))
 
     def _precision(self, active: Index) -> Float:
         """Of the priors of the active nuisance, in units of the white noise."""
@@ -285,7 +288,7 @@ class Reduced:
     def most(self) -> Float:
         """Largest rise of the log likelihood by each signature alone, shape (k,)."""
         removed = np.where(self.own > 0, self.b**2 / np.where(self.own > 0, self.own, 1.0), 0.0)
-        squares = np.maximum(self.base.square[:, None] - removed, 1e-300)
+        squares = np.maximum(self.base.square[:, None] - removed, self.base.least)
         negative = 0.5 * (
             self.base.dof * np.log(squares / self.base.dof) + self.base.logdet[:, None]
         )
@@ -356,7 +359,7 @@ def profile(parts: Sequence[Part], size: int, fixed: Float | None = None) -> Pro
             square = part.base.square[g] - float(
                 2 * part.b[g] @ amplitudes[rows] - amplitudes[rows] @ part.C[g] @ amplitudes[rows]
             )
-            variance = max(square, 1e-300) / part.base.dof
+            variance = max(square, part.base.least) / part.base.dof
             H[np.ix_(rows, rows)] += part.C[g] / variance
             h[rows] += part.b[g] / variance
         covariance = _inverse(H)
@@ -377,7 +380,7 @@ def profile(parts: Sequence[Part], size: int, fixed: Float | None = None) -> Pro
         square = part.base.square[g] - float(2 * part.b[g] @ a - a @ part.C[g] @ a)
         gains.append(
             part.base.best
-            - float(0.5 * (part.base.dof * np.log(max(square, 1e-300) / part.base.dof)
+            - float(0.5 * (part.base.dof * np.log(max(square, part.base.least) / part.base.dof)
                            + part.base.logdet[g]))
         )  # fmt: skip
     return Profile(amplitudes, covariance, np.array(gains), levels)

@@ -17,6 +17,7 @@ from thermaltool.diagnosis.evidence import Part, Profile, State, profile
 from thermaltool.diagnosis.workbench import Progress, Series, Workbench
 from thermaltool.effects import CATALOGUE, effect_class
 from thermaltool.effects.effect import Effect, Float, reference_of
+from thermaltool.errors import ModelError
 
 # Trials that promise less evidence than this are not fitted.
 LEAST = -10.0
@@ -59,6 +60,12 @@ class Candidate:
     def place(self) -> tuple[str, str, str | None]:
         return self.effect.name, self.effect.channel, self.effect.log
 
+    @property
+    def form(self) -> tuple[str, str, str | None, frozenset[str]]:
+        """The place, and which of its parameters the cause uses there."""
+        names = (reference_of(name)[0] for name in self.effect.parameters)
+        return *self.place, frozenset(names)
+
 
 def every_probe(bench: Workbench, names: Iterable[str] = CATALOGUE) -> Iterator[Effect]:
     """All trials of the catalogue on this workbench."""
@@ -85,8 +92,7 @@ def scan(
     signatures = []
     for probe in every_probe(bench):
         progress(f"signatures, {probe.name}")
-        found = bench.signatures(probe)
-        found = {name: outputs for name, outputs in found.items() if outputs}
+        found = _signatures(bench, probe)
         if found:
             signatures.append(Signature(probe, found))
     progress("scores")
@@ -97,6 +103,15 @@ def scan(
         if trials:
             candidates.append(max(trials, key=lambda c: c.evidence))
     return sorted(candidates, key=lambda c: -c.evidence)
+
+
+def _signatures(bench: Workbench, probe: Effect) -> dict[str, dict[str, Series]]:
+    """Signatures by amplitude and output; none where the effect is too strong to be followed."""
+    try:
+        found = bench.signatures(probe)
+    except ModelError:
+        return {}
+    return {name: outputs for name, outputs in found.items() if outputs}
 
 
 class _Prepared:
@@ -240,7 +255,7 @@ def refine(bench: Workbench, candidate: Candidate, step: float = 0.3) -> Candida
         return effect.changed(values)
 
     def evaluate(trial: Effect) -> Candidate:
-        found = {n: r for n, r in bench.signatures(trial).items() if r}
+        found = _signatures(bench, trial)
         parts, amplitudes, outputs = bench.reduce(found, state)
         if not parts:
             return replace(candidate, effect=trial, gain=-np.inf, evidence=-np.inf)

@@ -21,6 +21,8 @@ NEIGHBOURS, FALSE = 3, 0.01
 DECISIVE = 10.0
 # A calibration that covers fewer of the slowest time constants has not seen the steady state.
 SHORT = 2.0
+# ... and setting its parameters free has to bring the RMS of unseen rows below this share.
+HELPS = 0.8
 
 
 @dataclass(frozen=True)
@@ -130,14 +132,16 @@ def short_outputs(calibrated: Model) -> dict[str, float]:
 
 def too_short(calibrated: Model, before: Workbench, after: Workbench) -> Cause | None:
     """The cause, where the calibration had not seen the steady state of an output that moved."""
-    moved = {
-        o: 2 * (e.base(before.state).best - after.evidence[o].base(after.state).best)
-        for o, e in before.evidence.items()
-    }
     short = short_outputs(calibrated)
-    affected = [o for o in short if moved.get(o, 0.0) > DECISIVE]
-    if not affected:
+    gain = heldout.gains(before, after)
+    helped = [
+        o for o, g in gain.items() if o in short and g.claimed and g.rms_after < HELPS * g.rms_before
+    ]
+    worse = [o for o, g in gain.items() if g.interval[1] < 0]
+    if not helped or worse:
         return None
-    output = max(affected, key=lambda o: moved[o])
+    moved = {o: len(before.residual(o)[0]) * np.log(gain[o].rms_before / gain[o].rms_after)
+             for o in helped}  # fmt: skip
+    output = max(helped, key=lambda o: moved[o])
     effect = effect_class("record_too_short")(output, {"covered": short[output]})
-    return Cause(effect, sum(moved.values()), {}, heldout.gains(before, after), 0.0)
+    return Cause(effect, float(2 * sum(moved.values())), {}, gain, 0.0)

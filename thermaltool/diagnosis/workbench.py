@@ -230,6 +230,10 @@ class Workbench:
             )
         return result
 
+    def level(self, drive: str) -> float:
+        """Largest value of a drive, relative to its reference, in these logs."""
+        return max(float(np.max(np.abs(each[drive]))) for each in self.inputs) or 1.0
+
     def _gain_scale(self, own: Own) -> float:
         response = self.model.terms[own.term].response
         gains = [abs(getattr(response, name)) for name in response.gains]
@@ -254,7 +258,9 @@ class Workbench:
             at[k] = np.log(now / was) if each.log else now - was
         size = np.array([WIDE_LOG if e.log else WIDE_GAIN * self._gain_scale(e) for e in own])
         if wide or [tuple(n) for n in known.get("parameters", ())] != names:
-            size = np.append(size, np.full(q, self.white(output)))
+            # A lag at the largest drive is then of the size of the noise.
+            heights = [self.level(drive) for drive, _ in known.get("lags", ())]
+            size = np.append(size, self.white(output) / np.array(heights))
             return np.diag(size), at / size
         covariance = np.array(known["covariance"])
         size = np.append(size, np.full(q, known["lag_sigma"]))

@@ -23,6 +23,7 @@ class ActuatorSaturation(Effect):
         "above one level of the drive nothing more follows; below it everything is right"
     )
     source: ClassVar[str] = "Fraser 1997 (heater control: a step of 1.5 saturates)"
+    memoryless: ClassVar[bool] = True
     known: ClassVar = {
         "limit": Parameter("{channel}", low=0.0, log=True),
         "level": Parameter("{channel}", fixed=True),

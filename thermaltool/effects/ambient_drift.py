@@ -54,6 +54,12 @@ class AmbientDrift(Effect):
             return outputs[name] + swing * (np.sin(2 * np.pi * since + phase) - np.sin(phase))
         return outputs[name]
 
+    def path(self, output: str) -> tuple[float, float] | None:
+        gain = self.parameters.get(f"gain[{output}]")
+        if gain is None or not self.channel:
+            return None
+        return gain, self.parameters["time_constant"]
+
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         gains = {f"gain[{output}]": 1.0 for output in scene.outputs}

@@ -27,6 +27,7 @@ class DriveNonlinearity(Effect):
         "with the same dynamics"
     )
     source: ClassVar[str] = "Mareš et al. (voltage regulator); DaISy heating system (lamp power)"
+    memoryless: ClassVar[bool] = True
     known: ClassVar = {
         "exponent": Parameter("1", neutral=1.0, low=0.2, high=5.0, log=True),
         "dead_band": Parameter("{channel}", low=0.0),
@@ -39,6 +40,13 @@ class DriveNonlinearity(Effect):
         exponent = self.parameters.get("exponent", 1.0)
         size = np.maximum(np.abs(u) - beyond, 0.0) / max(level - beyond, 1e-12 * level)
         return np.sign(u) * level * size**exponent
+
+    def undone(self, values: Float) -> Float:
+        """Of a dead band, inside which nothing acts, the middle."""
+        level = self.parameters["level"]
+        beyond = self.parameters.get("dead_band", 0.0)
+        size = (np.abs(values) / level) ** (1 / self.parameters.get("exponent", 1.0))
+        return np.sign(values) * (beyond + (level - beyond) * size)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

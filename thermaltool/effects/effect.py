@@ -196,6 +196,8 @@ class Effect:
     known: ClassVar[Mapping[str, Parameter]]
     # Whether it belongs to the log in which it was seen and says nothing of the next one.
     event: ClassVar[bool] = False
+    # Whether `drive` and `output` look at the value of the moment alone.
+    memoryless: ClassVar[bool] = False
 
     def drive(self, signals: Signals, u: Float) -> Float:
         """What acts in place of the drive `u`, both relative to its reference."""
@@ -208,6 +210,24 @@ class Effect:
     def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
         """What is read in place of ``outputs[name]``, relative to rest."""
         return outputs[name]
+
+    # What a stream asks for, in which readings come in and drives are unknown.
+
+    def undone(self, values: Float) -> Float | None:
+        """The drive behind what acts, or the truth behind a reading; NaN where there is none.
+
+        None for a cause that no function of the moment takes back.
+        """
+        return None
+
+    def path(self, output: str) -> tuple[float, float] | None:
+        """Gain and time constant [s] from `channel` to an output; None where nothing passes."""
+        return None
+
+    @property
+    def lag(self) -> float:
+        """Time constant with which a reading follows the truth [s]; 0 for at once."""
+        return 0.0
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

@@ -45,5 +45,4 @@ class Hysteresis(Effect):
         for drive in scene.drives:
             if level := scene.level(drive):
                 for part in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5):
-                    yield cls(drive, {"width": part * level})
                     yield cls(drive, {"width": part * level, "share": 1.0})

@@ -32,6 +32,7 @@ class JointContact(Effect):
         "temperatures stay in proportion"
     )
     source: ClassVar[str] = "Fraser 1997, ch. 7 (joints of a nonlinear structure)"
+    memoryless: ClassVar[bool] = True
     known: ClassVar = {
         "curvature": Parameter("1/{channel}", linear=True),
         "asymmetry": Parameter("1", linear=True),

@@ -34,6 +34,10 @@ class PartTemperature(Effect):
             return outputs[name]
         return outputs[name] + coefficient * from_rest(signals, self.channel)
 
+    def path(self, output: str) -> tuple[float, float] | None:
+        coefficient = self.parameters.get(f"coefficient[{output}]")
+        return None if coefficient is None else (coefficient, 0.0)
+
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         coefficients = {f"coefficient[{output}]": 1.0 for output in scene.displacements()}

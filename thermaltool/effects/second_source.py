@@ -68,6 +68,12 @@ class SecondSource(Effect):
         since = np.maximum(signals.time - self.parameters["start"], 0.0)
         return outputs[name] - gain * np.expm1(-since / tau)
 
+    def path(self, output: str) -> tuple[float, float] | None:
+        gain = self.parameters.get(f"gain[{output}]")
+        if gain is None or not self.channel:
+            return None
+        return gain, self.parameters["time_constant"]
+
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         gains = {f"gain[{output}]": 1.0 for output in scene.outputs}

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
+import numpy as np
+
 from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
 
 
@@ -26,6 +28,7 @@ class SensorConversion(Effect):
         "and rate"
     )
     source: ClassVar[str] = "Steinhart & Hart 1968 (thermistors); IEC 60584-1 (thermocouples)"
+    memoryless: ClassVar[bool] = True
     known: ClassVar = {
         "gain": Parameter("1", neutral=1.0, linear=True),
         "curvature": Parameter("1/{channel}", linear=True),
@@ -36,6 +39,14 @@ class SensorConversion(Effect):
         if name != self.channel:
             return y
         return y * self.parameters.get("gain", 1.0) + self.parameters["curvature"] * y**2
+
+    def undone(self, values: Float) -> Float:
+        """On the branch through rest; beyond its turning point no truth gives the reading."""
+        gain, curvature = self.parameters.get("gain", 1.0), self.parameters["curvature"]
+        inside = gain**2 + 4 * curvature * values
+        root = np.sqrt(np.where(inside >= 0, inside, np.nan))
+        below = gain + np.copysign(root, gain)
+        return 2 * values / np.where(below == 0, np.nan, below)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
+import numpy as np
+
 from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
 
 
@@ -18,11 +20,16 @@ class SensorGain(Effect):
     )
     signature: ClassVar[str] = "the residual is the simulated output itself, in one channel alone"
     source: ClassVar[str] = "JCGM 106; the step size in a header of the gantry logs"
+    memoryless: ClassVar[bool] = True
     known: ClassVar = {"gain": Parameter("1", neutral=1.0, linear=True)}
 
     def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
         y = outputs[name]
         return y * self.parameters["gain"] if name == self.channel else y
+
+    def undone(self, values: Float) -> Float:
+        gain = self.parameters["gain"]
+        return values / gain if gain else values * np.nan
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

@@ -28,6 +28,10 @@ class SensorLag(Effect):
             return y
         return lagged(signals.time, y, tau, "first", float(y[0]))
 
+    @property
+    def lag(self) -> float:
+        return self.parameters["time_constant"]
+
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         for output in scene.outputs:

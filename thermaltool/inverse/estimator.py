@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from thermaltool.errors import FitError, ModelError
+from thermaltool.inverse.known import Feedforward, load_known
 from thermaltool.responses.modes import CLOCK_STEP, Float, Modes, Recursion, uniform_spans
 
 # The Kalman gain varies slowly with the sample length: it is solved for on this relative grid.
@@ -25,10 +26,15 @@ GAINS_KEPT = 4096
 
 
 class Estimator(Protocol):
-    """Names and recursion of an estimator; state and reading in, state and estimates out."""
+    """Names and recursion of an estimator; state and reading in, state and estimates out.
+
+    `sensors` are the columns that it reads; `outputs`, the deflections, end the `estimates`.
+    """
 
     @property
     def sensors(self) -> tuple[str, ...]: ...
+    @property
+    def outputs(self) -> tuple[str, ...]: ...
     @property
     def estimates(self) -> tuple[str, ...]: ...
     def recursion(self, dt: float) -> Recursion: ...
@@ -121,6 +127,28 @@ class KalmanEstimator:
             F[drift + k, drift + k] = np.exp(-dt / noise.drift_time)
             Cs[k, drift + k] = 1.0
         return F, Cs, Cd
+
+    @property
+    def modal(self) -> int:
+        """How many states are modes of a response; the drives come next."""
+        return sum(modes.states for _, _, modes in (*self.sensed, *self.followed))
+
+    def heated(self, dt: float) -> tuple[Float, dict[str, Float]]:
+        """What the drives add to the state through the modes, and what reads outputs off these.
+
+        Returns
+        -------
+        heated : ndarray, shape (n, n_drives)
+            Part of ``recursion(dt).F``.
+        rows : dict of channel to ndarray, shape (modal,)
+        """
+        F, Cs, Cd = self._matrices(dt)
+        modal, drives = self.modal, len(self.drives)
+        # The gain sees what is added, and corrects it.
+        added = np.zeros((len(F), drives))
+        added[:modal] = F[:modal, modal : modal + drives]
+        rows = dict(zip((*self.sensors, *self.estimates), np.vstack([Cs, Cd])[:, :modal], strict=True))
+        return added - self.recursion(dt).G1 @ Cs @ added, rows
 
     def _solve_gain(self, index: int) -> Float:
         dt = float(np.exp(index * GAIN_GRID))
@@ -291,41 +319,48 @@ def load_estimator(document: dict[str, Any]) -> Estimator:
         Unknown form, or a part missing or not sound.
     """
     try:
-        sensors, drives, outputs = (tuple(document[k]) for k in ("sensors", "drives", "outputs"))
-        if document["form"] == "kalman":
-            noise = tuple(
-                SensorNoise(n["white_sigma"], n["drift_sigma"], n["drift_time_s"])
-                for n in document["noise"]
-            )
-            walk = tuple(document["walk_per_sqrt_s"])
-            _above_zero("walk_per_sqrt_s", walk, drives)
-            _above_zero("white_sigma", [n.white for n in noise], sensors)
-            _above_zero("drift_time_s", [n.drift_time for n in noise], sensors)
-            return KalmanEstimator(
-                sensors,
-                drives,
-                outputs,
-                _terms(document["sensed"], sensors, drives),
-                _terms(document["followed"], outputs, drives),
-                walk,
-                noise,
-            )
-        if document["form"] == "kernel":
-            delay = float(document["delay_s"])
-            if not 0 <= delay < np.inf:
-                raise ModelError(f"delay_s cannot be {delay:g}")
-            return KernelEstimator(
-                sensors[0],
-                drives[0],
-                outputs,
-                Modes.from_document(document["inverse"]),
-                _terms(document["followed"], outputs, drives),
-                delay,
-            )
+        inner = _load_form(document)
+        return load_known(inner, document["known"]) if "known" in document else inner
     except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
         raise ModelError(
             f"the design is not sound ({error}); run thermaltool regularize again"
         ) from error
+
+
+def _load_form(document: dict[str, Any]) -> Estimator:
+    sensors, drives, outputs = (tuple(document[k]) for k in ("sensors", "drives", "outputs"))
+    if document["form"] == "kalman":
+        noise = tuple(
+            SensorNoise(n["white_sigma"], n["drift_sigma"], n["drift_time_s"])
+            for n in document["noise"]
+        )
+        walk = tuple(document["walk_per_sqrt_s"])
+        _above_zero("walk_per_sqrt_s", walk, drives)
+        _above_zero("white_sigma", [n.white for n in noise], sensors)
+        _above_zero("drift_time_s", [n.drift_time for n in noise], sensors)
+        return KalmanEstimator(
+            sensors,
+            drives,
+            outputs,
+            _terms(document["sensed"], sensors, drives),
+            _terms(document["followed"], outputs, drives),
+            walk,
+            noise,
+        )
+    if document["form"] == "kernel":
+        delay = float(document["delay_s"])
+        if not 0 <= delay < np.inf:
+            raise ModelError(f"delay_s cannot be {delay:g}")
+        return KernelEstimator(
+            sensors[0],
+            drives[0],
+            outputs,
+            Modes.from_document(document["inverse"]),
+            _terms(document["followed"], outputs, drives),
+            delay,
+        )
+    if document["form"] == "feedforward":
+        return Feedforward(outputs)
     raise ModelError(f"unknown form of estimator: {document['form']!r}")
 
 

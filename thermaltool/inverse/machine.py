@@ -8,9 +8,19 @@ from functools import cached_property
 
 import numpy as np
 
+from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, ModelError
-from thermaltool.inverse.estimator import KalmanEstimator, KernelEstimator, SensorNoise
+from thermaltool.inverse.estimator import (
+    Estimator,
+    KalmanEstimator,
+    KernelEstimator,
+    SensorNoise,
+)
 from thermaltool.inverse.kernel import Regularization, invert_modes
+from thermaltool.inverse.known import Known, Way, WithKnown
+from thermaltool.inverse.losses import examine_losses, losses_of
+from thermaltool.inverse.standing import ahead_of, amplification, columns_of, examine, through
+from thermaltool.inverse.ways import Ways
 from thermaltool.model import Model
 from thermaltool.responses.modes import Float, Modes
 
@@ -30,7 +40,14 @@ class Machine:
     level : tuple of float
         Step of each drive for which the band is predicted.
     noise : tuple of SensorNoise
+        Of the truth behind the readings.
     dt : float [s]
+    known : tuple of Known
+        Columns beside the sensors; `to_sensors` and `to_outputs` are what they do there.
+    losses : tuple of Effect
+        By which the loss of heat changes.
+    notes : tuple of str
+        What a user should know of the model's effects at run time.
     """
 
     sensors: tuple[str, ...]
@@ -41,6 +58,17 @@ class Machine:
     level: tuple[float, ...]
     noise: tuple[SensorNoise, ...]
     dt: float
+    known: tuple[Known, ...] = ()
+    to_sensors: tuple[Way, ...] = ()
+    to_outputs: tuple[Way, ...] = ()
+    losses: tuple[Effect, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def finished(self, estimator: Estimator) -> Estimator:
+        """An estimator with the columns that are read beside the sensors."""
+        if not self.known:
+            return estimator
+        return WithKnown(estimator, self.known, self.to_sensors, self.to_outputs)
 
     def kalman(self, walk: Sequence[float]) -> KalmanEstimator:
         """The Kalman form for given random-walk rates [unit of the drive/√s]."""
@@ -55,53 +83,80 @@ class Machine:
         )
 
     @staticmethod
-    def of(model: Model, noise: Mapping[str, SensorNoise], dt: float) -> Machine:
+    def of(
+        model: Model,
+        noise: Mapping[str, SensorNoise],
+        dt: float,
+        measured: Sequence[str] = (),
+    ) -> Machine:
         """The machine of a model document, for samples of `dt` [s].
+
+        Where every drive is measured, and where the model has no sensor, there is nothing to
+        estimate: no sensor is read, and `drives` is empty.
 
         Parameters
         ----------
-        noise : mapping of sensor channel to SensorNoise
+        noise : mapping of column to SensorNoise
+        measured : sequence of str
+            Drives that are read at run time.
 
         Raises
         ------
         ModelError
-            No sensor or no deflection in the model, or the noise of a sensor is not given.
+            No deflection in the model, a drive that no sensor sees, the noise of a sensor not
+            given, or an effect that no estimator can follow.
         """
-        sensors = tuple(o.channel for o in model.sensors)
+        every = [d.channel for d in model.drives]
+        for name in measured:
+            if name not in every:
+                raise ModelError(f"no drive {name} in the model; there are: {', '.join(every)}")
         outputs = tuple(o.channel for o in model.deflections)
-        if not sensors or not outputs:
-            raise ModelError(
-                "the model has no deflection to estimate"
-                if sensors
-                else "the model has no sensor to estimate its drive from; where the drive itself "
-                "is measured, thermaltool simulate gives the deflection"
-            )
+        if not outputs:
+            raise ModelError("the model has no deflection to estimate")
+        given = tuple(every if not model.sensors else measured)
+        sensors = tuple(o.channel for o in model.sensors) if set(every) - set(given) else ()
+        columns = columns_of(model)
         for sensor in sensors:
-            if sensor not in noise:
-                raise ModelError(f"no noise for the sensor {sensor}; there is {', '.join(noise)}")
-        used = [t.drive for t in model.terms if t.output in sensors]
-        drives = tuple(d.channel for d in model.drives if d.channel in used)
-        lost = [t.drive for t in model.terms if t.drive not in drives]
+            if columns[sensor] not in noise:
+                raise ModelError(
+                    f"no noise for the sensor {columns[sensor]}; there is {', '.join(noise)}"
+                )
+        seen = [t.drive for t in model.terms if t.output in sensors]
+        drives = tuple(name for name in every if name in seen and name not in given)
+        lost = [t.drive for t in model.terms if t.drive not in (*drives, *given)]
         if lost:
-            raise ModelError(f"no sensor sees the drive {lost[0]}: it cannot be estimated")
+            raise ModelError(
+                f"no sensor sees the drive {lost[0]}: it cannot be estimated; where it is "
+                f"measured: --measured {lost[0]}"
+            )
+        notes = examine(model, given)
+        losses = losses_of(model)
+        examine_losses(model, given)
+        ways = Ways(model, dt, given, sensors, outputs)
 
         def terms(targets: tuple[str, ...]) -> tuple[tuple[int, int, Modes], ...]:
             return tuple(
-                (targets.index(t.output), drives.index(t.drive), t.response.modes(dt))
+                (targets.index(t.output), drives.index(t.drive), ways.response(t))
                 for t in model.terms
-                if t.output in targets
+                if t.output in targets and t.drive in drives
             )
 
-        spans = {d.channel: max(map(abs, d.range)) for d in model.drives}
+        levels = {d.channel: np.array([max(map(abs, d.range))]) for d in model.drives}
         return Machine(
             sensors,
             drives,
             outputs,
             terms(sensors),
             terms(outputs),
-            tuple(spans[name] for name in drives),
-            tuple(noise[name] for name in sensors),
+            # What acts at the largest level; an effect that looks back acts in full in the end.
+            tuple(float(through(ahead_of(model, name), levels[name])[0]) for name in drives),
+            tuple(_behind(noise[columns[name]], amplification(model, name)) for name in sensors),
             dt,
+            ways.known,
+            ways.to(sensors),
+            ways.to(outputs),
+            losses,
+            notes,
         )
 
     @cached_property
@@ -129,9 +184,7 @@ class Machine:
         self, regularization: Regularization, cutoff: float, delay: float
     ) -> KernelEstimator:
         """The kernel form; one sensor, one drive."""
-        (_, _, response), *others = self.sensed
-        if others or len(self.drives) != 1:
-            raise FitError("the kernel form takes one sensor and one drive; use --form kalman")
+        response = self.single()
         inverse = invert_modes(response, regularization)
         if inverse.damping < LEAST_DAMPING:
             raise FitError(f"the kernel rings: damping ratio {inverse.damping:.2f}")
@@ -143,3 +196,21 @@ class Machine:
             self.followed,
             delay,
         )
+
+    def single(self) -> Modes:
+        """The one response that the kernel form inverts.
+
+        Raises
+        ------
+        FitError
+            More sensors or drives than one, or a loss of heat that changes.
+        """
+        if len(self.sensed) != 1 or len(self.drives) != 1:
+            raise FitError("the kernel form takes one sensor and one drive; use --form kalman")
+        for effect in self.losses:
+            raise FitError(f"the kernel form cannot follow {effect.name}; use --form kalman")
+        return self.sensed[0][2]
+
+
+def _behind(noise: SensorNoise, slope: float) -> SensorNoise:
+    return SensorNoise(slope * noise.white, slope * noise.drift, noise.drift_time)

@@ -170,9 +170,7 @@ def design_kernel(
     from scipy.stats import qmc
 
     pinned = dict(pinned or {})
-    (_, _, response), *others = machine.sensed
-    if others or len(machine.drives) != 1:
-        raise FitError("the kernel form takes one sensor and one drive; use --form kalman")
+    response = machine.single()
     if pinned.keys() >= {"A", "B", "c"}:
         # Says why, where the pinned shape has no usable inverse.
         machine.kernel(

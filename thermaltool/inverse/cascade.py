@@ -1,0 +1,47 @@
+"""A response read through a first-order lag, as modes again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thermaltool.responses.modes import Modes
+
+# A pole nearer than this share to that of the lag makes one double pole with it: the weights of
+# two simple ones would cancel. The step response is off by the square of it.
+NEAR = 1e-3
+
+
+def lagged_modes(modes: Modes, time_constant: float) -> Modes:
+    """``modes`` times a/(s + a), a = 1/`time_constant`, by partial fractions.
+
+    Parameters
+    ----------
+    modes : Modes
+    time_constant : float [s], above 0
+
+    Returns
+    -------
+    Modes
+        Of the same steady state.
+    """
+    a = 1 / time_constant
+    poles, weights, double = list(modes.poles), list(modes.weights), list(modes.double)
+    # A triple pole has no place in this form: the lag moves aside.
+    for p in modes.poles[modes.double != 0].real:
+        if abs(p + a) < NEAR * a:
+            a = -p * (1 + NEAR)
+    own = 0.0
+    for k, (p, w, v) in enumerate(zip(modes.poles, modes.weights, modes.double, strict=True)):
+        if v == 0 and p.imag == 0 and abs(p.real + a) < NEAR * a:
+            poles[k], weights[k], double[k] = (p.real - a) / 2, 0.0, w.real * a
+            continue
+        # w/(s−p)·a/(s+a) and v/(s−p)²·a/(s+a).
+        simple, twice = w * a / (p + a), v * a / (p + a)
+        weights[k], double[k] = simple - twice / (p + a), twice.real
+        pair = 2.0 if p.imag else 1.0
+        own += pair * (-simple.real) + (twice / (p + a)).real
+    return Modes(
+        np.append(np.array(poles, complex), -a),
+        np.append(np.array(weights, complex), own),
+        np.append(np.array(double, float), 0.0),
+    )
