@@ -238,13 +238,13 @@ def parameter_error(truth: Hidden, effect: Effect, found: HiddenLog) -> float | 
     errors = []
     for theirs, ours, neutral in SCALARS.get(truth.effect, ()):
         if theirs in truth.parameters:
-            true, value = truth.parameters[theirs], effect.parameters.get(ours, neutral)
-            errors.append(abs(value - true) / abs(true - neutral))
+            departure = truth.parameters[theirs] - neutral
+            value = effect.parameters.get(ours, neutral) - neutral
+            errors.append(abs(value / departure - 1.0))
     if truth.effect in VECTORS:
         errors.append(_vector_error(truth, effect, found))
     if truth.effect in _SPECIAL:
-        true, value = _SPECIAL[truth.effect](truth, effect, found)
-        errors.append(_distance(value, true))
+        errors.append(_distance(*_SPECIAL[truth.effect](truth, effect, found)))
     return max(errors)
 
 
@@ -255,12 +255,10 @@ def _vector_error(truth: Hidden, effect: Effect, found: HiddenLog) -> float:
         sines = [o for n in values if (o := reference_of(n)[1]) and n.startswith("sine")]
         for o in sines:
             values[f"amplitude[{o}]"] = np.hypot(values[f"sine[{o}]"], values[f"cosine[{o}]"])
-    pairs = [
-        (values.get(f"{ours}[{o}]", 0.0) / noise, truth.parameters.get(f"{theirs}_{o}", 0.0) / noise)
-        for o, noise in found.noise.items()
-    ]
-    value, true = np.array(pairs).T
-    return _distance(value, true)
+    noise = np.array(list(found.noise.values()))
+    value = [values.get(f"{ours}[{o}]", 0.0) for o in found.noise]
+    true = [truth.parameters.get(f"{theirs}_{o}", 0.0) for o in found.noise]
+    return _distance(value / noise, true / noise)
 
 
 def _distance(value: Float, true: Float) -> float:

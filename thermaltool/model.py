@@ -18,7 +18,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from thermaltool.effects import load_effect
-from thermaltool.effects.effect import SIDES, Effect, Signals
+from thermaltool.effects.effect import SIDES, Effect, Signals, reference_of
 from thermaltool.errors import ModelError
 from thermaltool.responses import Response, parameter_names, response_class
 from thermaltool.responses.modes import Float, Hold, Modes
@@ -309,12 +309,12 @@ def _excursion(
 
 
 def only_sensors(model: Model, sensors: Sequence[str]) -> Model:
-    """The model with some of its sensors.
+    """The model with some of its sensors, and the effects that these see.
 
     Raises
     ------
     ModelError
-        A name that is no sensor of the model.
+        A name that is no sensor of the model, or a sensor that an effect on others needs.
     """
     known = [o.channel for o in model.sensors]
     for name in sensors:
@@ -325,7 +325,20 @@ def only_sensors(model: Model, sensors: Sequence[str]) -> Model:
         model,
         outputs=tuple(o for o in model.outputs if o.channel not in dropped),
         terms=tuple(t for t in model.terms if t.output not in dropped),
+        effects=tuple(e for e in (_seen(e, dropped) for e in model.effects) if e is not None),
     )
+
+
+def _seen(effect: Effect, dropped: set[str]) -> Effect | None:
+    """What is left of an effect without some sensors."""
+    if effect.side in ("wiring", "state"):
+        for needed in {effect.channel, effect.partner} & dropped:
+            raise ModelError(f"the effect {effect.name} needs the sensor {needed}: keep it")
+    gone = tuple(n for n in effect.parameters if reference_of(n)[1] in dropped)
+    if gone:
+        effect = effect.without(gone)
+        return effect if any(reference_of(n)[1] for n in effect.parameters) else None
+    return None if effect.channel in dropped else effect
 
 
 # Beyond this the weights of a varying loss overflow.

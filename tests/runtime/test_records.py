@@ -103,7 +103,7 @@ def test_ndjson_object_that_lacks_a_sensor_or_is_cut():
 @pytest.mark.parametrize(
     ("header", "message"),
     [
-        (b"time_s,dT_pair_K", "no column dT_pair1_K, a sensor of the model (near: dT_pair_K)"),
+        (b"time_s,dT_pair_K", "no column dT_pair1_K, which the estimator reads (near: dT_pair_K)"),
         (b"time_x,dT_pair1_K", "no clock: no column time_s or time (near: time_x)"),
         (b'{"time_s": 0}', "this is NDJSON, not CSV: use --from ndjson"),
         (b"\xff\xfet\0", "not UTF-8"),

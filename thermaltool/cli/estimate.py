@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import click
 
 from thermaltool.cli.documents import (
@@ -26,6 +28,7 @@ from thermaltool.cli.options import (
     quiet_option,
     to_option,
 )
+from thermaltool.errors import LogError
 
 
 @click.command(
@@ -54,13 +57,14 @@ def command(
 ) -> None:
     """Heat and deflection from measured temperatures.
 
-    The numbers are those that thermaltool compensate gives line by line. Where the log holds the
-    true heat or deflection too, the error is judged on stderr: band is its largest minus its
-    smallest value, steady its mean over the last tenth.
+    The numbers are those that thermaltool compensate gives line by line, the effects of the model
+    included: readings are put right, what a column tells of other sources is added. Where the log
+    holds the true heat or deflection too, the error is judged on stderr: band is its largest minus
+    its smallest value, steady its mean over the last tenth.
     """
     import numpy as np
 
-    from thermaltool.inverse.estimator import load_estimator, run_estimator
+    from thermaltool.inverse.chain import Chain
     from thermaltool.logs import read_log, write_table
     from thermaltool.model import NOT_AT_REST, away_from_rest, extrapolated, relative
     from thermaltool.signals.agreement import agreement
@@ -68,23 +72,26 @@ def command(
     one_stdin(model, log)
     keep_inputs(output, model, log)
     document = read_model(model)
-    estimator = load_estimator(dict(document.estimator_design()))
+    chain = Chain.of(document)
     data = read_log(log, columns=columns, from_format=from_format, nan_policy=nan_policy,
-                    max_gap=max_gap, need=estimator.sensors)  # fmt: skip
-    warn_excursions(document, data)
-    warn_pauses(data, "the heat is taken to wander on over it")
-    rests = {o.channel: o.offset for o in document.outputs}
-    readings = np.column_stack(
-        [relative(data.column(name), rests[name]) for name in estimator.sensors]
-    )
+                    max_gap=max_gap, need=chain.columns)  # fmt: skip
+    truths = chain.truths({name: data.column(name) for name in chain.columns})
     settled = initial == "settled"
-    ranges = {o.channel: o.range for o in document.sensors}
-    for name, reading in zip(estimator.sensors, readings[:1].ravel(), strict=len(data) > 0):
-        if not settled and away_from_rest(reading, ranges[name]):
-            warn_row(data, 0, f"{name}: {reading:.4g} at the start {NOT_AT_REST}")
-    estimates = run_estimator(estimator, data.time, readings, settled)
+    rests = {o.channel: o.offset for o in document.outputs}
+    behind = dict(data.columns)
+    for name, inlet, truth in zip(chain.estimator.sensors, chain.inlets, truths.T, strict=True):
+        if len(none := np.flatnonzero(np.isnan(truth))):
+            raise LogError(f"no truth gives this reading ({len(none)} rows)", data.name,
+                           int(data.lines[none[0]]), inlet.column)  # fmt: skip
+        if inlet.sensor and inlet.seen is not None:
+            behind[name] = truth + (0.0 if rests[name] == "first" else rests[name])
+            if not settled and len(truth) and away_from_rest(truth[0], inlet.seen):
+                warn_row(data, 0, f"{inlet.column}: {truth[0]:.4g} at the start {NOT_AT_REST}")
+    warn_excursions(document, replace(data, columns=behind))
+    warn_pauses(data, "the heat is taken to wander on over it")
+    estimates = chain.run(data.time, truths, settled)
     result = {"time_s": data.time}
-    result |= dict(zip(estimator.estimates, estimates.T, strict=True))
+    result |= dict(zip(chain.estimator.estimates, estimates.T, strict=True))
     for e in extrapolated(document, result):
         warn_excursion(data, e)
     references = {d.channel: d.reference for d in document.drives} | rests

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 from thermaltool.cli.documents import keep_inputs, read_model, warn, write_json
@@ -14,6 +16,9 @@ from thermaltool.cli.options import (
     to_option,
 )
 from thermaltool.errors import ModelError
+
+if TYPE_CHECKING:
+    from thermaltool.responses.modes import Complex
 
 
 @click.command(epilog="Example: thermaltool invert model.json --dt 0.5 --window 1200 -o kernel.csv")
@@ -51,12 +56,16 @@ def command(
     """Time-domain kernel of the inverse model, with its singular weights.
 
     Q(n) = Σ weight(k)·ΔT(n−k) + A0·ΔT(n) + A1·(ΔT(n) − ΔT(n−1))/dt. Each weight is the exact
-    integral of the kernel over a sample, with ΔT a straight line between samples. A0, A1, the
+    integral of the kernel over a sample, with ΔT a straight line between samples. The lag of a
+    sensor, an effect of the model, is part of what is inverted. A0, A1, the
     estimated error and the share of the steady state that the window keeps go to stderr.
     """
     import numpy as np
 
+    from thermaltool.inverse.cascade import lagged_modes
     from thermaltool.inverse.kernel import Regularization, invert_modes, kernel_table
+    from thermaltool.inverse.losses import losses_of
+    from thermaltool.inverse.standing import back_of, columns_of, examine, lags_of, standing
     from thermaltool.logs import write_table
 
     document = read_model(model)
@@ -65,7 +74,9 @@ def command(
     if sensor is None and len(names) != 1:
         raise ModelError(f"the model has the sensors {', '.join(names)}: choose one with --sensor")
     chosen = sensor or names[0]
-    terms = [t for t in document.terms if t.output == chosen]
+    read = document.design.get("known", {}).get("columns", ()) if document.design else ()
+    measured = {known["channel"] for known in read}
+    terms = [t for t in document.terms if t.output == chosen and t.drive not in measured]
     if chosen not in names or len(terms) != 1:
         raise ModelError(f"{chosen} is not a sensor with one drive; there are {', '.join(names)}")
     settings: dict[str, float] = {}
@@ -79,10 +90,21 @@ def command(
             "no regularization: run thermaltool regularize --form kernel, or give --regularization"
         )
     shape = Regularization(settings["A"], settings["B"], settings["c"])
-    response = terms[0].response
+    response, lags = terms[0].response, lags_of(document, chosen)
     period = dt or document.sample_period
-    invert_modes(response.modes(period), shape)  # raises where the inverse is unstable
-    kernel = kernel_table(response.transfer, shape, period, window)
+    for effect in losses_of(document):
+        raise ModelError(f"a kernel cannot follow the model's effect {effect.name}")
+    examine(document, sorted(measured))
+    modes = response.modes(period)
+    for time_constant in lags:
+        modes = lagged_modes(modes, time_constant)
+    invert_modes(modes, shape)  # raises where the inverse is unstable
+
+    def transfer(s: Complex) -> Complex:
+        late = np.prod([1 + s * time_constant for time_constant in lags], axis=0)
+        return np.asarray(response.transfer(s) / late)
+
+    kernel = kernel_table(transfer, shape, period, window)
     kept = float((kernel.weight.sum() + kernel.A0) * response.dc_gain())
     if as_json:
         write_json(
@@ -104,6 +126,10 @@ def command(
             "A1_s": np.full(window, kernel.A1),
         }
         write_table(columns, output, to_format)
+    if back_of(document, chosen) or columns_of(document)[chosen] != chosen:
+        warn(f"{chosen}: ΔT is the truth behind the reading, as the model's effects have it")
+    if measured or any(e.path(chosen) for e in standing(document)):
+        warn(f"{chosen}: ΔT is without what known columns add to it")
     warn(
         f"A0 = {kernel.A0:.6g}, A1 = {kernel.A1:.6g} s, error of a weight below "
         f"{kernel.error:.1e}; a window of {window} keeps {100 * kept:.2f} % of the steady state"

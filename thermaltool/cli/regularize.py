@@ -27,7 +27,7 @@ from thermaltool.cli.options import (
     output_option,
     quiet_option,
 )
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, ModelError
 
 
 @click.command(
@@ -35,12 +35,22 @@ from thermaltool.errors import FitError
     "thermaltool estimate - log.csv"
 )
 @model_argument
-@click.option("--noise", required=True, type=Source(), help="What thermaltool noise -o wrote.")
+@click.option(
+    "--noise",
+    type=Source(),
+    help="What thermaltool noise -o wrote; not needed where every drive is measured.",
+)
 @click.option(
     "--form",
     type=click.Choice(["auto", "kalman", "kernel"]),
     default="auto",
     help="auto takes the one with the narrower predicted band.",
+)
+@click.option(
+    "--measured",
+    multiple=True,
+    metavar="CHANNEL",
+    help="This drive is read at run time, not estimated.  [default: all, in a model without sensor]",
 )
 @click.option("--sensor", "sensors", multiple=True, metavar="CHANNEL", help="Use only this sensor.")
 @click.option(
@@ -72,8 +82,9 @@ from thermaltool.errors import FitError
 @quiet_option
 def command(
     model: str,
-    noise: str,
+    noise: str | None,
     form: str,
+    measured: tuple[str, ...],
     sensors: tuple[str, ...],
     dt: float | None,
     walk: float | None,
@@ -89,21 +100,45 @@ def command(
     Both forms minimize the predicted band of the deflection error after a step of the calibrated
     level: what is missing while the estimate catches up, and what the sensors' noise leaves. The
     trade-off goes to stderr (with --json to stdout), the model with its design to -o.
+
+    The model's effects become part of the design: a sensor's lag, what a channel of the log adds,
+    what a measured drive does. Where every drive is measured, nothing is left to estimate, and
+    the deflections follow from the drives (form feedforward).
     """
     from thermaltool.files import atomic_output
+    from thermaltool.inverse.known import Feedforward
     from thermaltool.inverse.machine import Machine
     from thermaltool.inverse.regularization import best_choice, design_kalman, design_kernel
     from thermaltool.model import dumps, only_sensors
 
     if as_json and output == "-":
         raise click.UsageError("--json reports on stdout: give the model a file with -o")
-    one_stdin(model, noise)
-    keep_inputs(output, noise)
+    if noise is not None:
+        one_stdin(model, noise)
+        keep_inputs(output, noise)
     document = read_model(model)
     if sensors:
         document = only_sensors(document, sensors)
-    known = read_noise(noise)
-    machine = Machine.of(document, known, dt or document.sample_period)
+    if noise is None and document.sensors and {d.channel for d in document.drives} - {*measured}:
+        raise click.UsageError("Missing option '--noise': an estimate weighs it")
+    known = {} if noise is None else read_noise(noise)
+    machine = Machine.of(document, known, dt or document.sample_period, measured)
+    if not quiet:
+        for note in machine.notes:
+            warn(note)
+    report: dict[str, Any] = {"outputs": list(machine.outputs), "sample_period_s": machine.dt}
+    if not machine.drives:
+        if form != "auto":
+            raise ModelError(f"--form {form}: every drive is measured, nothing is to be estimated")
+        estimator = machine.finished(Feedforward(machine.outputs))
+        design = {**estimator.document(), "sample_period_s": machine.dt}
+        with atomic_output(output) as stream:
+            stream.write(dumps(document.with_design(design)).encode())
+        if as_json:
+            write_json({"chosen": "feedforward", **report, "forms": {}}, "-")
+        elif not quiet:
+            warn(f"chosen: feedforward, from {', '.join(estimator.sensors)}")
+        return
     progress = terminal_progress("regularize")
     pinned = {"delay_s": delay, "cutoff_Hz": cutoff}
     pinned |= dict(zip("ABc", regularization or (None,) * 3, strict=True))
@@ -122,10 +157,8 @@ def command(
     progress("done\n")
     best = {name: best_choice(choices) for name, choices in designs.items()}
     chosen = min(best, key=lambda name: best[name].objective)
-    report: dict[str, Any] = {
+    report |= {
         "chosen": chosen,
-        "outputs": list(machine.outputs),
-        "sample_period_s": machine.dt,
         "forms": {
             name: {
                 "settings": choice.settings,
@@ -139,7 +172,7 @@ def command(
         },
     }
     design = {
-        **best[chosen].estimator.document(),
+        **machine.finished(best[chosen].estimator).document(),
         "sample_period_s": machine.dt,
         "settings": best[chosen].settings,
         "predicted": asdict(best[chosen].prediction),

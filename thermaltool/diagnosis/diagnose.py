@@ -9,10 +9,10 @@ causes made idle is taken out again.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import os
 import numpy as np
 
 from thermaltool.diagnosis import geometry, heldout
@@ -23,7 +23,7 @@ from thermaltool.diagnosis.result import Alternative, Cause, Curves, Diagnosis, 
 from thermaltool.diagnosis.scan import LEAST, Candidate, refine, scan
 from thermaltool.diagnosis.special import find_outliers_in, short_outputs, too_short
 from thermaltool.diagnosis.workbench import Mask, Progress, Workbench
-from thermaltool.effects.effect import Effect, Signals
+from thermaltool.effects.effect import Effect, Signals, reference_of
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
 
@@ -35,6 +35,8 @@ PRACTICAL = 1.0
 MOST = 0.7
 # Less of the RMS than this is of no practical use.
 LEAST_GAIN = 0.05
+# Forms of one cause that differ by less in evidence are taken for equal.
+SAME = 4.0
 # Causes that are held out at each step before the search is given up.
 HELD_OUT = 4
 # Causes that are refitted at each step, of one name at most two.
@@ -42,6 +44,8 @@ REFINED, OF_A_NAME = 8, 2
 MOST_CAUSES = 6
 # Steps of the search for the model's own parameters.
 SETTLING = 6
+# Turns between them and the parameters of an effect.
+TURNS = 2
 # Share of the residual's power that noise and floor must account for in an adequate model.
 ADEQUATE = 0.5
 
@@ -159,6 +163,7 @@ class _Diagnosing:
                 break
             cause, bench = found
             causes.append(cause)
+        bench = self._second_look(bench, causes)
         causes, bench = self._backward(causes, bench)
         if spikes is not None:
             self.masked = {}
@@ -183,7 +188,8 @@ class _Diagnosing:
     def _switch(self, bench: Workbench, state: State) -> float:
         """Evidence for letting the model say more for itself."""
         return 2 * sum(
-            e.base(self.state).best - e.base(state).best for e in bench.evidence.values()
+            e.share * (e.base(self.state).best - e.base(state).best)
+            for e in bench.evidence.values()
         )
 
     def _next(self, bench: Workbench, first_step: bool) -> tuple[Cause, Workbench] | None:
@@ -193,7 +199,9 @@ class _Diagnosing:
             states = [s for s, evidence in alone.items() if evidence > LEAST]
             candidates = scan(bench, states, self.progress)
             places = {c.place for c in candidates}
-            correction = 2 * float(np.log(max(len(places), 1)))
+            white = "white" in self.state
+            # Where held-out levels decide, the number of trials is no matter of the evidence.
+            correction = 0.0 if white else 2 * float(np.log(max(len(places), 1)))
             short = _shortlist(candidates)
             refined = []
             for k, candidate in enumerate(short):
@@ -213,8 +221,9 @@ class _Diagnosing:
             if alone[best_switch] > DECISIVE and alone[best_switch] > own_share:
                 bench = self._switched(bench, best_switch)
                 continue
-            decisive = [c for c in refined if c.evidence - alone[c.state] > DECISIVE]
-            for candidate in decisive[:HELD_OUT]:
+            least = 0.0 if white else DECISIVE
+            decisive = [c for c in refined if c.evidence - alone[c.state] > least]
+            for candidate in _plain_forms_first(decisive)[:HELD_OUT]:
                 found = self._accepted(bench, candidate, refined)
                 if found is not None:
                     return found
@@ -223,9 +232,7 @@ class _Diagnosing:
     def _too_short(self, bench: Workbench, released: State) -> tuple[Cause, Workbench] | None:
         """A short calibration as the cause, where setting the parameters free helps unseen rows."""
         kept = self.state, self.known
-        # What a calibration said of shapes goes with what it said of parameters.
-        self.state, self.known = released, self.calibrated
-        after = self.ready(self._settled(replace(bench.model, terms=self.calibrated.terms)))
+        after = self.ready(self._settled(self._in_state(bench, released).model))
         cause = too_short(self.calibrated, bench, after)
         if cause is None:
             self.state, self.known = kept
@@ -239,11 +246,9 @@ class _Diagnosing:
                 "the model's own parameters have changed since the calibration, beyond its "
                 "uncertainty: calibrate again"
             )
-            self.state, self.known = state, self.calibrated
-            return self.ready(self._settled(replace(bench.model, terms=self.calibrated.terms)))
+            return self.ready(self._settled(self._in_state(bench, state).model))
         self.notes.append("a log does not begin at rest: its start decays are fitted apart")
-        self.state = state
-        return self.ready(bench.model)
+        return self._in_state(bench, state)
 
     def _settled(self, model: Model) -> Model:
         """The model's own parameters where these logs want them, if they are free at all."""
@@ -297,18 +302,57 @@ class _Diagnosing:
         self, bench: Workbench, candidate: Candidate, refined: Sequence[Candidate]
     ) -> tuple[Cause, Workbench] | None:
         """The cause and the workbench after it, unless it is worth nothing on unseen data."""
+        kept = self.state, self.known
+        if candidate.state != self.state:
+            bench = self._in_state(bench, candidate.state)
+        try:
+            found = self._tried_out(bench, candidate, refined)
+        except ModelError:  # the effect runs away with the parameters that go with it
+            found = None
+        if found is None:
+            self.state, self.known = kept
+        elif "released" in self.state and "tight" in kept[0]:
+            self.notes.append("the model's own parameters are free beside the cause")
+        return found
+
+    def _in_state(self, bench: Workbench, state: State) -> Workbench:
+        """The workbench with another nuisance; what was calibrated goes when it is set free."""
+        terms = bench.model.terms
+        if "released" in state and "tight" in self.state:
+            self.known, terms = self.calibrated, self.calibrated.terms
+        self.state = state
+        return self.ready(replace(bench.model, terms=terms))
+
+    def _tried_out(
+        self, bench: Workbench, candidate: Candidate, refined: Sequence[Candidate]
+    ) -> tuple[Cause, Workbench] | None:
         self.progress(f"held-out gain of {candidate.effect.name}")
         model = replace(bench.model, effects=(*bench.model.effects, candidate.effect))
-        after = self.ready(self._settled(model))
+        after, candidate = self._joint(model, candidate)
         free = "released" in self.state
         before = self.ready(self._settled(bench.model)) if free else bench
         if not self._practical(bench, heldout.gains(before, after)):
             return None
         gain = self._gain(before, after)
+        if self.validate and not self._practical(bench, gain):
+            return None
         self.rivals.append((candidate, list(refined), bench))
         return Cause(
             candidate.effect, candidate.evidence, _intervals(candidate), gain, _explained(bench, gain)
         ), after
+
+    def _joint(self, model: Model, candidate: Candidate) -> tuple[Workbench, Candidate]:
+        """The model's own parameters and the last effect, in turns until they agree."""
+        after = self.ready(self._settled(model))
+        for _ in range(TURNS if "released" in self.state else 0):
+            rest = replace(after.model, effects=after.model.effects[:-1])
+            again = refine(self.ready(rest), replace(candidate, state=self.state))
+            effect = again.effect
+            if not np.isfinite(again.gain):
+                break
+            candidate = replace(candidate, effect=effect, covariance=again.covariance)
+            after = self.ready(self._settled(replace(rest, effects=(*rest.effects, effect))))
+        return after, candidate
 
     def _gain(self, before: Workbench, after: Workbench) -> dict[str, Gain]:
         old, new = self._simulated(before.model), self._simulated(after.model)
@@ -334,6 +378,32 @@ class _Diagnosing:
                 return True
         return False
 
+    def _second_look(self, bench: Workbench, causes: list[Cause]) -> Workbench:
+        """Slow causes on the calibration's own log, where a slow discrepancy explains as much.
+
+        Without a clean calibration nothing says how large a discrepancy may be. What is left over
+        is then taken for white, its rows count as few as their correlation says, and prediction
+        of held-out levels decides.
+        """
+        if not self.own or self._misfit(bench) < 1:
+            return bench
+        self.state |= {"white"}
+        bench = self.ready(self._settled(bench.model))
+        while len(causes) < MOST_CAUSES:
+            found = self._next(bench, first_step=False)
+            if found is None:
+                return bench
+            causes.append(found[0])
+            bench = found[1]
+        return bench
+
+    def _misfit(self, bench: Workbench) -> float:
+        """Power of the worst output's residual over that of its noise, less one."""
+        return max(
+            float(np.mean(np.square(seen.whole(bench.corrected(o))))) / bench.white(o) ** 2 - 1
+            for o, seen in bench.observed.items()
+        )
+
     # ------------------------------------------------------------ backward, and the answer
 
     def _backward(
@@ -346,7 +416,7 @@ class _Diagnosing:
             rest = tuple(e for e in bench.model.effects if e != cause.effect)
             without = self.ready(replace(bench.model, effects=rest))
             again = refine(without, _as_candidate(cause.effect, self.state))
-            if again.evidence < DECISIVE:
+            if again.evidence < (0.0 if "white" in self.state else DECISIVE):
                 causes.remove(cause)
                 bench = without
         return causes, bench
@@ -399,7 +469,7 @@ class _Diagnosing:
         )
         return Diagnosis(
             adequate,
-            float(min(share, 1.0)),
+            float(np.clip(share, 0.0, 1.0)),
             reports,
             tuple(causes),
             tuple(alternatives),
@@ -432,6 +502,28 @@ def _shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
         if len(chosen) == REFINED:
             break
     return chosen
+
+
+def _plain_forms_first(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Of the forms of one cause that these logs hardly tell apart, the catalogue's first one."""
+    result = list(candidates)
+    for k, c in enumerate(result):
+        same = [
+            x
+            for x in result[k + 1 :]
+            if x.place == c.place and x.evidence > c.evidence - SAME and _rank(x) < _rank(c)
+        ]
+        if same:
+            best = min(same, key=_rank)
+            result.remove(best)
+            result.insert(k, best)
+    return result
+
+
+def _rank(candidate: Candidate) -> int:
+    """Place of its first parameter among those that the cause knows."""
+    known = list(candidate.effect.known)
+    return min((known.index(reference_of(n)[0]) for n in candidate.effect.searched()), default=0)
 
 
 def _tried(

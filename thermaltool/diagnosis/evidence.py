@@ -143,6 +143,8 @@ class OutputEvidence:
             ]
         )
         self.white = white
+        # Of the rows, as independent readings: below one where slow misfit is taken for white.
+        self.share: float
         self._bases: dict[State, Base] = {}
         self.trust = 0 if limit is None else self.observed.size
         noise = observed.noise
@@ -152,6 +154,13 @@ class OutputEvidence:
                 points = [(min(r, (limit(t) / white) ** 2), t) for r, t in points]
             return [self._level(0.0, 1.0), *(self._level(*p) for p in dict.fromkeys(points))]
 
+        if "white" in state:
+            self.levels = [self._level(0.0, 1.0)]
+            self.white = self.base(state).white
+            self._bases.clear()
+            self.share = self._effective(state)
+            return
+        self.share = 1.0
         taus = np.geomspace(3 * noise.period, max(noise.span / 2, 6 * noise.period), 7).tolist()
         self.levels = allowed([(r, t) for r in _RATIOS for t in taus])
         if limit is None:
@@ -163,6 +172,13 @@ class OutputEvidence:
         ratio = best.ratio or 0.1
         self.levels = allowed([(r * ratio, t * tau) for r in _NEAR_RATIOS for t in _NEAR_TAUS])
         self._bases.clear()
+
+    def _effective(self, state: State) -> float:
+        """Share of the rows that count as independent, by the correlation of neighbours."""
+        base = self.base(state)
+        left = self.residual - self.columns[:, base.active + 1] @ base.fitted[0]
+        rho = float(left[1:] @ left[:-1] / (left @ left)) if np.any(left) else 0.0
+        return float(np.clip((1 - rho) / (1 + rho), 1.0 / len(left), 1.0))
 
     def _level(self, ratio: float, tau: float) -> Level:
         factor = self.observed.noise.factor(ratio, tau)

@@ -101,7 +101,8 @@ def scan(
     for k in range(len(signatures)):
         trials = [prepared.candidate(k, s) for s in states if prepared.promises(k, s)]
         if trials:
-            candidates.append(max(trials, key=lambda c: c.evidence))
+            # The present state, unless another one is decisively better.
+            candidates.append(max(trials, key=lambda c: c.evidence - 10.0 * (c.state != bench.state)))
     return sorted(candidates, key=lambda c: -c.evidence)
 
 
@@ -203,7 +204,8 @@ def judge(
         amplitudes = kept
     found = _candidate(bench, probe, amplitudes, list(parts), result, state)
     # Heat and air reach more than one place: what moves one output alone is that output's.
-    if probe.everywhere and len(parts) < min(2, len(bench.observed)):
+    alone = probe.everywhere and len(parts) < min(2, len(bench.observed))
+    if alone or not found.effect.plausible(bench.scene()):
         return replace(found, evidence=-np.inf, gain=-np.inf)
     return found
 
@@ -221,13 +223,13 @@ def _candidate(
     state: State,
 ) -> Candidate:
     count = len(probe.linear()) + len(probe.searched())
-    rows = sum(_size(bench, o) for o in outputs)
-    # States differ in what the model may say for itself: they are compared with the best of them.
-    better = sum(
-        bench.evidence[o].base(state).best - bench.evidence[o].base(bench.state).best
-        for o in outputs
-    )
-    gain = result.gain - better
+    rows = sum(_size(bench, o) * bench.evidence[o].share for o in outputs)
+    # States differ in what the model may say for itself: they are compared with the present one.
+    gain = 0.0
+    for output, own in zip(outputs, result.gains.tolist(), strict=True):
+        evidence = bench.evidence[output]
+        own += evidence.base(bench.state).best - evidence.base(state).best
+        gain += own * evidence.share
     found = {n: float(v) for n, v in zip(amplitudes, result.amplitudes, strict=True)}
     named = {n: probe.parameter(n).neutral + v for n, v in found.items() if n}
     return Candidate(

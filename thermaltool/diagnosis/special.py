@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ndtri
 
@@ -12,12 +13,14 @@ from thermaltool.diagnosis import heldout
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.workbench import Mask, Workbench
 from thermaltool.effects import effect_class
-from thermaltool.effects.effect import Float
+from thermaltool.effects.effect import Float, Signals
 from thermaltool.model import Model
 
 # Neighbours on either side with which a reading is compared, and the chance to call one of a clean
 # log an outlier.
 NEIGHBOURS, FALSE = 3, 0.01
+# A drive that changes by this share of its range between two rows is switched.
+JUMP = 0.05
 DECISIVE = 10.0
 # A calibration that covers fewer of the slowest time constants has not seen the steady state.
 SHORT = 2.0
@@ -50,6 +53,7 @@ def find_outliers_in(bench: Workbench) -> Spikes | None:
             spread = max(1.4826 * float(np.median(np.abs(deviation))), bench.white(output))
             limit = -float(ndtri(FALSE / 2 / len(rows)))
             out = np.abs(_from_both_sides(residual[rows])) > limit * spread
+            out &= ~_after_a_switch(bench, log)[rows]
             # A step or a ramp stands out of its neighbours too, on one side: it is left alone.
             moved = ~out & (np.abs(deviation) > limit * spread)
             found = _heavy_tails(deviation[~moved] / spread) - 2 * np.log(len(bench.observed))
@@ -66,24 +70,37 @@ def find_outliers_in(bench: Workbench) -> Spikes | None:
     if not masked:
         return None
     effect = effect_class("outliers")(worst, {"share": share, "amplitude": amplitude})
-    return Spikes(masked, Cause(effect, total, {}, _masked_gain(bench, masked), 0.0))
+    gain = _masked_gain(bench, masked)
+    if not any(g.claimed for g in gain.values()):
+        return None
+    return Spikes(masked, Cause(effect, total, {}, gain, 0.0))
 
 
 def _masked_gain(bench: Workbench, masked: Mask) -> dict[str, heldout.Gain]:
-    """Residual of all rows, and of those that stay."""
+    """Residual, beyond what the calibration allows for, of all rows and of those that stay."""
     result = {}
     for output in {o for _, o in masked}:
         kept, measured = [], []
-        for log, residual, m in zip(
-            bench.logs, bench.residual(output), bench.measured, strict=True
-        ):
+        left = bench.corrected(output)
+        for log, residual, m in zip(bench.logs, left, bench.measured, strict=True):
             gone = masked.get((log.log, output), np.zeros(len(residual), bool))
             kept.append(np.where(gone, 0.0, residual))
             measured.append(m.get(output, np.full(len(residual), np.nan)))
         seen = bench.observed[output]
-        before, after = seen.whole(bench.residual(output)), seen.whole(kept)
+        before, after = seen.whole(left), seen.whole(kept)
         result[output] = heldout.compare(seen.whole(measured), before, after, 0)
     return result
+
+
+def _after_a_switch(bench: Workbench, log: Signals) -> NDArray[np.bool_]:
+    """Rows just after a drive jumped: what stands out there is the response's start."""
+    near = np.zeros(len(log.time), bool)
+    for drive in bench.model.drives:
+        u = log.columns[drive.channel]
+        jumps = np.flatnonzero(np.abs(np.diff(u)) > JUMP * float(np.ptp(u)))
+        for after in range(2 * NEIGHBOURS + 1):
+            near[np.minimum(jumps + after, len(near) - 1)] = True
+    return near
 
 
 def _from_neighbours(values: Float) -> Float:

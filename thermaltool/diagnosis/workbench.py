@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +96,7 @@ class Workbench:
             if seen is not None:
                 self.observed[o.channel] = seen
         self.evidence: dict[str, OutputEvidence] = {}
+        self._scene: Scene | None = None
         self.inputs = [driven(model, self.acting(log), log) for log in self.logs]
 
     def floor(self, output: str, tau: float = np.inf) -> float:
@@ -416,6 +416,11 @@ class Workbench:
 
     def scene(self) -> Scene:
         """What the catalogue sees."""
+        if self._scene is None:
+            self._scene = self._new_scene()
+        return self._scene
+
+    def _new_scene(self) -> Scene:
         known = {d.channel for d in self.model.drives} | {o.channel for o in self.model.outputs}
         used = {c for e in self.model.effects for c in e.needs()}
         extra = [c for c in self.logs[0].columns if c not in known | used]

@@ -234,6 +234,13 @@ class Effect:
         """The effect at every place and, for what is searched, at every size worth a trial."""
         yield from ()
 
+    def plausible(self, scene: Scene) -> bool:
+        """Whether its parameters are what a machine may have; judged before it is believed."""
+        return all(
+            self.parameter(name).low <= value <= self.parameter(name).high
+            for name, value in self.parameters.items()
+        )
+
     @property
     def everywhere(self) -> bool:
         """Whether it is no cause unless it reaches more than one output."""

@@ -48,6 +48,10 @@ class Periodic(Effect):
         angle = 2 * np.pi * signals.time / self.parameters["period"]
         return outputs[name] + sine * np.sin(angle) + cosine * np.cos(angle)
 
+    def plausible(self, scene: Scene) -> bool:
+        # A swing that the record does not show twice is a trend.
+        return self.parameters["period"] < scene.duration / 2
+
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         sizes = {f"{part}[{o}]": 1.0 for o in scene.outputs for part in ("sine", "cosine")}

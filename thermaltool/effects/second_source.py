@@ -74,6 +74,17 @@ class SecondSource(Effect):
             return None
         return gain, self.parameters["time_constant"]
 
+    def plausible(self, scene: Scene) -> bool:
+        if self.channel:
+            return super().plausible(scene)
+        # Slower than the record, or larger than all that is known, it is a trend and no source.
+        reached = all(
+            abs(gain) < scene.reach(output)
+            for name, gain in self.parameters.items()
+            if (output := reference_of(name)[1]) is not None
+        )
+        return reached and self.parameters["time_constant"] < scene.duration
+
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         gains = {f"gain[{output}]": 1.0 for output in scene.outputs}

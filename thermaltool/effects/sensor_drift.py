@@ -27,6 +27,11 @@ class SensorDrift(Effect):
         hours = (signals.time - signals.time[0]) / HOUR
         return outputs[name] + self.parameters["rate"] * hours
 
+    def plausible(self, scene: Scene) -> bool:
+        # Beyond a tenth of what is measured it is no drift of a sensor in use.
+        hours = scene.duration / HOUR
+        return abs(self.parameters["rate"]) * hours < 0.1 * scene.reach(self.channel)
+
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         for log in scene.within_one():

@@ -117,12 +117,18 @@ class Chain:
             estimates[:, k] = through(steps, estimates[:, k])
         return estimates
 
+    def inputs(self, truths: Sequence[float]) -> list[float]:
+        """What acts of the truths of one sample."""
+        steps = (inlet.ahead for inlet in self.inlets)
+        return [_at_once(each, value) for each, value in zip(steps, truths, strict=True)]
+
     def tell(self, estimates: Sequence[float]) -> list[float]:
         """What is told of the estimates of one sample."""
-        return [
-            float(through(steps, np.float64(value))) if steps else value
-            for steps, value in zip(self.told, estimates, strict=True)
-        ]
+        return [_at_once(each, value) for each, value in zip(self.told, estimates, strict=True)]
+
+
+def _at_once(steps: tuple[Static, ...], value: float) -> float:
+    return float(through(steps, np.array(value))) if steps else value
 
 
 def _known_inlet(model: Model, known: Known) -> Inlet:
@@ -148,5 +154,7 @@ def _with_losses(model: Model, linear: Estimator) -> Estimator:
         return linear
     kalman = linear.inner if isinstance(linear, WithKnown) else linear
     if not isinstance(kalman, KalmanEstimator):
-        raise ModelError(f"{losses[0].name} takes the Kalman form: run thermaltool regularize again")
+        raise ModelError(
+            f"{losses[0].name} takes the Kalman form: run thermaltool regularize again"
+        )
     return LossyEstimator(linear, kalman, losses)

@@ -147,7 +147,8 @@ class KalmanEstimator:
         # The gain sees what is added, and corrects it.
         added = np.zeros((len(F), drives))
         added[:modal] = F[:modal, modal : modal + drives]
-        rows = dict(zip((*self.sensors, *self.estimates), np.vstack([Cs, Cd])[:, :modal], strict=True))
+        names = (*self.sensors, *self.estimates)
+        rows = dict(zip(names, np.vstack([Cs, Cd])[:, :modal], strict=True))
         return added - self.recursion(dt).G1 @ Cs @ added, rows
 
     def _solve_gain(self, index: int) -> Float:

@@ -133,6 +133,8 @@ class Machine:
         losses = losses_of(model)
         examine_losses(model, given)
         ways = Ways(model, dt, given, sensors, outputs)
+        if not drives and not ways.known:
+            raise ModelError("nothing acts on the deflections of the model")
 
         def terms(targets: tuple[str, ...]) -> tuple[tuple[int, int, Modes], ...]:
             return tuple(
@@ -148,7 +150,7 @@ class Machine:
             outputs,
             terms(sensors),
             terms(outputs),
-            # What acts at the largest level; an effect that looks back acts in full in the end.
+            # What acts at the largest level.
             tuple(float(through(ahead_of(model, name), levels[name])[0]) for name in drives),
             tuple(_behind(noise[columns[name]], amplification(model, name)) for name in sensors),
             dt,

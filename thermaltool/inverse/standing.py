@@ -96,8 +96,8 @@ def back_of(model: Model, sensor: str) -> tuple[Static, ...]:
 
 
 def ahead_of(model: Model, drive: str) -> tuple[Static, ...]:
-    """From a drive, relative to its reference, to what acts."""
-    return tuple(partial(e.drive, STILL) for e in _drive_effects(model, drive))
+    """From a drive, relative to its reference, to what acts of it at once."""
+    return tuple(partial(e.drive, STILL) for e in _drive_effects(model, drive) if e.memoryless)
 
 
 def _drive_effects(model: Model, drive: str) -> list[Effect]:

@@ -55,9 +55,7 @@ class Ways:
         acting = {t.drive for t in self.model.terms if t.output in (*self.sensors, *self.outputs)}
         found = [Known(d.channel, d.hold, "drive") for d in drives if d.channel in acting]
         found += [_source(e) for e in self._sources()]
-        found += [
-            Known(c, hold_of(c), "state") for e in losses_of(self.model) for c in e.needs()
-        ]
+        found += [Known(c, hold_of(c), "state") for e in losses_of(self.model) for c in e.needs()]
         return tuple(dict.fromkeys(found))
 
     def _sources(self) -> Iterator[Effect]:

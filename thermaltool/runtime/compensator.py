@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,8 @@ from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.records import Record
 from thermaltool.runtime.sensors import Report, Sensor
 from thermaltool.runtime.stepper import Stepper
+
+Pass = Callable[[list[float]], list[float]]
 
 # A clock that jumps ahead by more than this [s] is doubted, as one that goes back.
 DOUBTED_PAUSE = 7200.0
@@ -63,6 +65,9 @@ class Compensator:
     policy : Policy
     report : callable
         Gets (channel, message) once per change of state.
+    inputs, told : callable
+        From the readings of a sample to what the estimator takes, and from its estimates to what
+        is told and followed.
 
     Attributes
     ----------
@@ -81,9 +86,12 @@ class Compensator:
         setpoints: Sequence[Setpoint],
         policy: Policy,
         report: Report,
+        inputs: Pass = lambda values: values,
+        told: Pass = lambda values: values,
     ) -> None:
         self.stepper, self.sensors, self.setpoints = stepper, sensors, setpoints
-        self.policy, self.report = policy, report
+        self.policy, self.report, self._told = policy, report, told
+        self._inputs = inputs
         self._targets = list(zip(followed, setpoints, strict=True))
         self.time: float | None = None
         self.accepted = 0
@@ -111,14 +119,14 @@ class Compensator:
         ):
             sensor.take(time, reading, fault)
             lost = lost or sensor.lost
-        readings = [sensor.value - sensor.rest for sensor in self.sensors]
-        self._estimate(ticks, readings)
+        readings = [sensor.truth - sensor.rest for sensor in self.sensors]
+        self._estimate(ticks, self._inputs(readings))
         self._move(time, lost or not self._started)
 
     def _estimate(self, ticks: int, readings: list[float]) -> None:
         """Go on, or start from rest as soon as every sensor has given a reading."""
         if self._started:
-            self.estimates = self.stepper.step(ticks, readings)
+            self.estimates = self._told(self.stepper.step(ticks, readings))
             if math.isfinite(sum(self.estimates)):
                 return
             self.report("", "the estimates are not finite: started again from rest")
@@ -126,9 +134,10 @@ class Compensator:
         if not self._started:
             self.estimates = self.stepper.rest()
             return
-        self.estimates = self.stepper.start(readings, self.policy.settled)
+        self.estimates = self._told(self.stepper.start(readings, self.policy.settled))
+        settled = self.policy.settled
         for sensor, reading in zip(self.sensors, readings, strict=True):
-            if not self.policy.settled and away_from_rest(reading, sensor.calibrated):
+            if not settled and sensor.at_rest and away_from_rest(reading, sensor.calibrated):
                 self.report(sensor.channel, f"{sensor.value:g} at the start {NOT_AT_REST}")
 
     def _ticks(self, time: float) -> int:

@@ -70,7 +70,7 @@ def find_layout(keys: Mapping[str, Any], wanted: Wanted, number: Callable[[Any],
     found = _columns(keys, wanted.mapping)
     for sensor in wanted.sensors:
         if sensor not in found:
-            raise LogError(f"no column {sensor}, a sensor of the model{_hint(sensor, found)}")
+            raise LogError(f"no column {sensor}, which the estimator reads{_hint(sensor, found)}")
     return Layout(_clock(keys, wanted, number), tuple(found[name] for name in wanted.sensors))
 
 

@@ -7,6 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
+from thermaltool.inverse.standing import Static, through
 from thermaltool.model import MARGIN
 
 Report = Callable[[str, str], None]  # (channel, message)
@@ -41,8 +44,15 @@ class Sensor:
         A reading that is bit-identical for longer than this is bad.
     report : callable
         Gets one message per change of state.
+    back : tuple of callable
+        From a reading to the truth behind it, both relative to rest. Bounds that the user does
+        not give, and what the calibration has seen, are of the truth.
+    at_rest : bool
+        A machine at rest reads rest here.
     value : float
         The last good reading; NaN before the first.
+    truth : float
+        What is behind it.
     good_at, changed_at : float [s]
         When the last good reading came, and since when readings have been identical.
     held, lost, extrapolates : bool
@@ -55,7 +65,10 @@ class Sensor:
     hold: float = 10.0
     frozen_after: float = math.inf
     report: Report = lambda channel, message: None
+    back: tuple[Static, ...] = ()
+    at_rest: bool = True
     value: float = field(default=math.nan, init=False)
+    truth: float = field(default=math.nan, init=False)
     good_at: float = field(default=-math.inf, init=False)
     changed_at: float = field(default=-math.inf, init=False)
     held: bool = field(default=False, init=False)
@@ -64,7 +77,7 @@ class Sensor:
 
     def __post_init__(self) -> None:
         self._low, self._high = self.bounds or ANYTHING
-        self._seen = ANYTHING
+        self._seen = self._usable = ANYTHING
         self._settle(self.rest)
 
     def _settle(self, rest: float) -> None:
@@ -75,22 +88,21 @@ class Sensor:
             self._seen = low + rest, high + rest
             if self.bounds is None:
                 low, high = widened(self.calibrated, 1.0)
-                self._low, self._high = low + rest, high + rest
+                self._usable = low + rest, high + rest
 
     def take(self, time: float, reading: float, fault: str = "") -> None:
         """A reading at `time` [s]; NaN with the `fault` that made it unreadable."""
-        if not (self._low <= reading <= self._high and math.isfinite(reading)):
-            if not fault:
-                inside = f"not in {self._low:g}..{self._high:g}"
-                finite = math.isfinite(reading)
-                fault = f"out of range: {reading:g} {inside}" if finite else "not finite"
-            self._miss(time, fault)
+        truth = self._behind(reading) if self.back else reading
+        low, high = self._usable
+        inside = self._low <= reading <= self._high and low <= truth <= high
+        if not (inside and math.isfinite(truth)):
+            self._miss(time, fault or self._told(reading, truth))
             return
         if reading != self.value:
-            self.value, self.changed_at = reading, time
+            self.value, self.truth, self.changed_at = reading, truth, time
             if self.rest != self.rest:
                 self._settle(reading)
-            if self.extrapolates == (self._seen[0] <= reading <= self._seen[1]):
+            if self.extrapolates == (self._seen[0] <= truth <= self._seen[1]):
                 self._cross(reading)
         elif time - self.changed_at > self.frozen_after:
             self._miss(time, f"frozen at {reading!r} for {time - self.changed_at:g} s")
@@ -99,6 +111,23 @@ class Sensor:
             self.report(self.channel, "good again")
             self.held = self.lost = False
         self.good_at = time
+
+    def _behind(self, reading: float) -> float:
+        """The truth behind a reading; the first one stands for rest where that is not known."""
+        rest = reading if math.isnan(self.rest) else self.rest
+        return rest + float(through(self.back, np.array(reading - rest)))
+
+    def _told(self, reading: float, truth: float) -> str:
+        """Why a reading is not used."""
+        if not math.isfinite(reading):
+            return "not finite"
+        if not math.isfinite(truth):
+            return f"out of range: no truth gives {reading:g}"
+        if not self._low <= reading <= self._high:
+            return f"out of range: {reading:g} not in {self._low:g}..{self._high:g}"
+        low, high = self._usable
+        behind = f" ({truth:g})" if self.back else ""
+        return f"out of range: {reading:g}{behind} not in {low:g}..{high:g}"
 
     def _cross(self, reading: float) -> None:
         """The reading has crossed the border of what the calibration has seen."""
@@ -136,6 +165,7 @@ class Sensor:
             self.value = float(state["value"])
             self.good_at, self.changed_at = float(state["good_at"]), float(state["changed_at"])
             self._settle(float(state["rest"]))
+            self.truth = self._behind(self.value)
 
     def shift(self, seconds: float) -> None:
         """The clock was set: past times move along."""

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.errors import ModelError
-from thermaltool.inverse.estimator import load_estimator
+from thermaltool.inverse.chain import Chain
+from thermaltool.inverse.losses import LossyEstimator
 from thermaltool.model import Model
 from thermaltool.runtime.checkpoint import Checkpoint, design_digest
-from thermaltool.runtime.compensator import Compensator, Policy
+from thermaltool.runtime.compensator import Compensator, Pass, Policy
 from thermaltool.runtime.layout import Wanted
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
 from thermaltool.runtime.records import CsvRecords, NdjsonRecords
 from thermaltool.runtime.sensors import ANYTHING, Interval, Report, Sensor
-from thermaltool.runtime.stepper import Stepper
+from thermaltool.runtime.stepper import LossyStepper, Stepper
 from thermaltool.runtime.stream import Stream, Writer
 
 Format = Literal["csv", "ndjson"]
@@ -129,7 +130,8 @@ def open_stream(
         Limits without a multiple of the step between them, or a safe setpoint outside.
     """
     design = model.estimator_design()
-    estimator = load_estimator(dict(design))
+    chain = Chain.of(model)
+    estimator = chain.estimator
     # That of regularize --dt, which may not be that of the calibration.
     period = settings.period or float(design.get("sample_period_s", model.sample_period))
     if not 0 < period < math.inf:
@@ -151,12 +153,15 @@ def open_stream(
         Setpoint(limits, settings.slew, settings.step, settings.safe or 0.0) for _ in followed
     ]
     compensator = Compensator(
-        Stepper(estimator, period),
-        _sensors(model, estimator.sensors, hold, settings, messages),
+        LossyStepper(estimator, period)
+        if isinstance(estimator, LossyEstimator)
+        else Stepper(estimator, period),
+        _sensors(chain, hold, settings, messages),
         followed,
         setpoints,
         Policy(settings.sign, settings.safe, hold, max_gap, slew_gap, settings.settled),
         messages,
+        **_around(chain),
     )
     mapping = None
     if settings.columns is not None:
@@ -165,7 +170,7 @@ def open_stream(
 
         mapping = read_map(settings.columns)
     wanted = Wanted(
-        estimator.sensors, mapping, settings.period, ARRIVAL_STEP if settings.arrival else None
+        chain.columns, mapping, settings.period, ARRIVAL_STEP if settings.arrival else None
     )
     names = [setpoint_name(estimator.estimates[k]) for k in followed]
     return Stream(
@@ -186,28 +191,36 @@ def open_stream(
     )
 
 
-def _sensors(
-    model: Model, channels: Sequence[str], hold: float, settings: Settings, report: Report
-) -> list[Sensor]:
-    """The sensors of an estimator, with their rest and range from the model."""
+def _around(chain: Chain) -> dict[str, Pass]:
+    """What a sample passes before and behind the estimator; nothing where no effect is there."""
+    around: dict[str, Pass] = {}
+    if any(inlet.ahead for inlet in chain.inlets):
+        around["inputs"] = chain.inputs
+    if any(chain.told):
+        around["told"] = chain.tell
+    return around
+
+
+def _sensors(chain: Chain, hold: float, settings: Settings, report: Report) -> list[Sensor]:
+    """The columns that a chain reads, with their rest and range from the model."""
     for channel in settings.ranges:
-        if channel not in channels:
+        if channel not in chain.columns:
             raise ModelError(
-                f"a range for {channel}, but the sensors of the model are {', '.join(channels)}"
+                f"a range for {channel}, but the sensors of the model are "
+                f"{', '.join(chain.columns)}"
             )
-    outputs = {output.channel: output for output in model.sensors}
-    for channel in channels:
-        if channel not in outputs:
-            raise ModelError(f"the design reads {channel}, which is no sensor of the model")
     return [
         Sensor(
-            channel,
-            rest=math.nan if outputs[channel].offset == "first" else float(outputs[channel].offset),
-            calibrated=outputs[channel].range,
-            bounds=settings.ranges.get(channel),
+            inlet.column,
+            rest=math.nan if inlet.rest == "first" else inlet.rest,
+            calibrated=inlet.seen or ANYTHING,
+            bounds=settings.ranges.get(inlet.column),
             hold=hold,
-            frozen_after=settings.frozen_after,
+            # What is commanded may well stand still.
+            frozen_after=math.inf if inlet.commanded else settings.frozen_after,
             report=report,
+            back=inlet.back,
+            at_rest=inlet.sensor,
         )
-        for channel in channels
+        for inlet in chain.inlets
     ]

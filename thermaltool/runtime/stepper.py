@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from thermaltool.inverse.estimator import Estimator
+from thermaltool.inverse.losses import LossyEstimator
 from thermaltool.responses.modes import CLOCK_STEP, Float
 
 # Sample lengths kept as ready matrices; an even clock needs one, a printed jittering clock a few.
@@ -89,3 +90,44 @@ class Stepper:
         if state.shape != (self._states + self._sensors,) or not np.all(np.isfinite(state)):
             raise ValueError("not a state of this estimator")
         self._z[: len(state)] = state
+
+
+class LossyStepper(Stepper):
+    """The same for a machine whose loss of heat changes: the state passes the estimator itself.
+
+    Parameters
+    ----------
+    estimator : LossyEstimator
+    sample_period : float [s]
+    """
+
+    def __init__(self, estimator: LossyEstimator, sample_period: float) -> None:
+        super().__init__(estimator, sample_period)
+        self._lossy, self._C = estimator, estimator.recursion(sample_period).C
+        self._first = np.zeros(self._sensors)
+
+    def start(self, readings: list[float], settled: bool = False) -> list[float]:
+        before = np.array(readings)
+        self._first[:] = self._z[self._states : self._states + self._sensors] = before
+        self._z[: self._states] = self._lossy.settled(self._period, before) if settled else 0.0
+        estimates: list[float] = (self._C @ self._z[: self._states]).tolist()
+        return estimates
+
+    def step(self, ticks: int, readings: list[float]) -> list[float]:
+        states, before = self._states, self._z[self._states : self._states + self._sensors]
+        now = np.array(readings)
+        x = self._lossy.advance(ticks, self._z[:states], self._first, before, now)
+        self._z[:states], before[:] = x, now
+        estimates: list[float] = (self._C @ x).tolist()
+        return estimates
+
+    def state(self) -> list[float]:
+        return [*super().state(), *self._first.tolist()]
+
+    def resume(self, values: list[Any]) -> None:
+        kept = len(values) - self._sensors
+        super().resume(values[:kept])
+        first = np.array(values[kept:], float)
+        if not np.all(np.isfinite(first)):
+            raise ValueError("not a state of this estimator")
+        self._first[:] = first
