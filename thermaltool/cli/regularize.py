@@ -50,7 +50,7 @@ from thermaltool.errors import FitError, ModelError
     "--measured",
     multiple=True,
     metavar="CHANNEL",
-    help="This drive is read at run time, not estimated.  [default: all, in a model without sensor]",
+    help="This drive is read, not estimated.  [default: all, in a model without sensor]",
 )
 @click.option("--sensor", "sensors", multiple=True, metavar="CHANNEL", help="Use only this sensor.")
 @click.option(

@@ -9,7 +9,6 @@ causes made idle is taken out again.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -36,7 +35,7 @@ MOST = 0.7
 # Less of the RMS than this is of no practical use.
 LEAST_GAIN = 0.05
 # Forms of one cause that differ by less in evidence are taken for equal.
-SAME = 4.0
+SAME = 10.0
 # Causes that are held out at each step before the search is given up.
 HELD_OUT = 4
 # Causes that are refitted at each step, of one name at most two.
@@ -209,9 +208,6 @@ class _Diagnosing:
                 refined.append(refine(bench, candidate))
             refined = [replace(c, evidence=c.evidence - correction) for c in refined]
             refined.sort(key=lambda c: -c.evidence)
-            if os.environ.get("DBG"):
-                for st in states: print("   STATE",sorted(st-{"offset","accepted","shape"}),round(alone[st],1))
-                for c in refined: print("   REF",c.effect.name,c.effect.channel,sorted(c.state-{"offset","accepted","shape"}),round(c.evidence,1),{k:float('%.3g'%v) for k,v in c.effect.parameters.items()})
             if first_step:
                 self.tried = _tried(candidates, refined, correction, alone)
                 first_step = False
@@ -337,8 +333,14 @@ class _Diagnosing:
         if self.validate and not self._practical(bench, gain):
             return None
         self.rivals.append((candidate, list(refined), bench))
+        last = len(after.model.effects) - 1
         return Cause(
-            candidate.effect, candidate.evidence, _intervals(candidate), gain, _explained(bench, gain)
+            candidate.effect,
+            candidate.evidence,
+            _intervals(after, last),
+            gain,
+            _explained(bench, gain),
+            tuple((c.effect, c.evidence) for c in refined if _other_form(c, candidate)),
         ), after
 
     def _joint(self, model: Model, candidate: Candidate) -> tuple[Workbench, Candidate]:
@@ -520,6 +522,10 @@ def _plain_forms_first(candidates: Sequence[Candidate]) -> list[Candidate]:
     return result
 
 
+def _other_form(c: Candidate, chosen: Candidate) -> bool:
+    return c.place == chosen.place and c.form != chosen.form and c.evidence > 0
+
+
 def _rank(candidate: Candidate) -> int:
     """Place of its first parameter among those that the cause knows."""
     known = list(candidate.effect.known)
@@ -554,13 +560,13 @@ def _as_candidate(effect: Effect, state: State) -> Candidate:
     return Candidate(effect, 0.0, 0.0, 0, state, {})
 
 
-def _intervals(candidate: Candidate) -> dict[str, tuple[float, float]]:
-    result = {}
-    deviations = np.sqrt(np.maximum(np.diag(candidate.covariance), 0.0))
-    named = dict(zip(candidate.amplitudes, deviations.tolist(), strict=False))
-    for name, value in candidate.effect.parameters.items():
-        if name in named:
-            result[name] = (value - 1.96 * named[name], value + 1.96 * named[name])
+def _intervals(bench: Workbench, at: int) -> dict[str, tuple[float, float]]:
+    """95 % intervals of the parameters of an effect of the model."""
+    effect, result = bench.model.effects[at], {}
+    for name, deviation in bench.deviations(at).items():
+        known, value = effect.parameter(name), effect.parameters[name]
+        low, high = value - 1.96 * deviation, value + 1.96 * deviation
+        result[name] = (max(low, known.low), min(high, known.high))
     return result
 
 

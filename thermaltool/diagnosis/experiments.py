@@ -122,7 +122,9 @@ def library(bench: Workbench, causes: Sequence[Effect]) -> list[Experiment]:
     known = {d.channel for d in bench.model.drives}
     for channel in extra:
         if channel not in known:
-            for plan in _beside(levels_of(bench, drives[0]), levels_of(bench, channel), slow, period):
+            for plan in _beside(
+                levels_of(bench, drives[0]), levels_of(bench, channel), slow, period
+            ):
                 found.append(_experiment(bench, plan, len(found)))
     return found
 
@@ -169,9 +171,7 @@ def _plans(u: Levels, slow: float, period: float) -> Iterator[_Plan]:
     a, b, c, name = u.start, u.furthest, u.third, u.channel
     hold, long = min(1.5 * slow, _LONGEST / 6), min(4 * slow, _LONGEST / 2)
 
-    def plan(
-        sentence: str, pieces: Sequence[tuple[float, float]], step: float = period
-    ) -> _Plan:
+    def plan(sentence: str, pieces: Sequence[tuple[float, float]], step: float = period) -> _Plan:
         total = sum(span for span, _ in pieces)
         return _Plan(sentence, total, step, {name: _held(a, pieces)})
 
@@ -302,5 +302,3 @@ def away_from_rest(bench: Workbench, log: Signals) -> dict[str, float]:
         if abs(first) > 1e-3 * bench.level(drive.channel):
             found[drive.channel] = first
     return found
-
-

@@ -10,27 +10,37 @@ synthetic log of that input together: they share the model's own parameters and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermaltool.diagnosis.evidence import FLAT, Level, State, profile
-from thermaltool.diagnosis.experiments import Experiment, away_from_rest, library
+from thermaltool.diagnosis.evidence import State
+from thermaltool.diagnosis.experiments import library
 from thermaltool.diagnosis.result import Alternative
-from thermaltool.diagnosis.scan import Candidate
-from thermaltool.diagnosis.workbench import Series, Workbench
+from thermaltool.diagnosis.scan import Candidate, every_probe
+from thermaltool.diagnosis.sight import (
+    Changes,
+    Normal,
+    Rehearsal,
+    Sight,
+    angle,
+    displaced,
+    noise_after,
+    noise_before,
+    reachable,
+)
+from thermaltool.diagnosis.workbench import Workbench
 from thermaltool.effects import CATALOGUE, effect_class
-from thermaltool.effects.effect import Effect, Float, Signals, is_displacement, reference_of
-from thermaltool.model import respond
-from thermaltool.signals.likelihood import ColouredNoise
+from thermaltool.effects.effect import Effect, is_displacement
 
 # Evidence that decides between two causes: odds of 150.
 DECISIVE = 10.0
 # A rival that leaves more than half of a cause's power unexplained is no other name for it, but
 # perhaps a second cause [deg].
 UNLIKE = 45.0
-# No model of a structure is exact to 5 %: what differs by less is not told apart by any evidence.
+# No model of a structure is exact to 5 %: what differs by less is not told apart by any evidence
+# [deg].
 ALIKE = 3.0
 # Names in a group, the accepted one included.
 MOST_NAMES = 3
@@ -43,29 +53,19 @@ DEGENERATE = 1e-4
 # An input shows what it opens to this angle [deg].
 SHOWN = 5.0
 
-SENSOR_SIDES = ("sensor", "wiring")
-# What is no vector of a cause at a place: these are found otherwise, or are whatever is slow.
+# Found otherwise, or free to be whatever is slow: no vector at a place of the model.
 _SHAPELESS = ("ambient_drift", "periodic", "outliers", "record_too_short")
-
-Changes = Mapping[str, Series]
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Of one output: slow over white variance, time constant [s], white variance."""
-
-    level: Level
-    variance: float
+_SENSOR = ("sensor", "wiring")
 
 
 @dataclass(frozen=True)
 class Detectable:
-    """What a log would show of a cause.
+    """What logs would show of a cause.
 
     Attributes
     ----------
     change : float [unit of `output`]
-        RMS change of the output by which the cause would have decisive evidence.
+        RMS change of the output at which the cause would have decisive evidence.
     output : str
         The output that tells it first.
     left : float
@@ -83,7 +83,7 @@ def alternatives(
     """What else the accepted cause could be, and the input that would tell.
 
     A rival is told from it by decisive evidence, unless the two differ by less than models of
-    structures are exact (`ALIKE`); one that is no decisive evidence behind is still another cause
+    structures are exact (`ALIKE`). One that is no decisive evidence behind is still another cause
     where it could not do half of what the accepted one does (`UNLIKE`).
 
     Parameters
@@ -99,31 +99,245 @@ def alternatives(
     list of Alternative
         One, of at most `MOST_NAMES` names, or none.
     """
-    state, noise = chosen.state, _noise(bench, chosen)
-    caused = _displaced(bench, chosen.effect)
-    close: list[tuple[float, Effect, Float]] = []
-    for rival in rivals:
+    caused = displaced(bench, chosen.effect)
+    sight = Sight(bench, chosen.state, noise_after(bench, chosen.state, caused))
+    close: list[tuple[float, float, Effect]] = []
+    for rival in sorted(rivals, key=lambda c: -c.evidence):
+        known = [chosen.effect, *(effect for _, _, effect in close)]
+        if rival.evidence <= 0 or any(_same(rival.effect, effect) for effect in known):
+            continue
         behind = chosen.evidence - rival.evidence
-        if _same(rival.effect, chosen.effect) or not rival.evidence > 0:
-            continue
-        if any(_same(rival.effect, effect) for _, effect, _ in close):
-            continue
-        signatures = [caused, *_reachable(bench, rival.effect)]
-        now = {o: _present(bench, o, state, n, signatures) for o, n in noise.items()}
-        angle = _angle(_together([now], len(signatures), bench))
-        if angle < ALIKE or (behind < DECISIVE and angle < UNLIKE):
-            close.append((behind, rival.effect, np.array(angle)))
+        signatures = [caused, *reachable(bench, rival.effect)]
+        now = _angle(sight, [sight.present(signatures)], len(signatures))
+        if now < ALIKE or (behind < DECISIVE and now < UNLIKE):
+            close.append((behind, now, rival.effect))
+    close = close[: MOST_NAMES - 1]
     if not close:
         return []
-    close = sorted(close, key=lambda each: each[0])[: MOST_NAMES - 1]
-    effects = [effect for _, effect, _ in close]
-    sentence, opened = _separating(bench, state, noise, chosen.effect, effects)
+    effects = [effect for _, _, effect in close]
+    sentence, opened = _separating(sight, chosen.effect, effects)
     return [
         Alternative(
             (chosen.effect.name, *(e.name for e in effects)),
             (chosen.effect.channel, *(e.channel for e in effects)),
-            max(float(angle) for _, _, angle in close),
+            max(now for _, now, _ in close),
             sentence,
             opened,
         )
     ]
+
+
+def detectable(
+    bench: Workbench,
+    effect: Effect,
+    state: State,
+    correction: float = 0.0,
+    sight: Sight | None = None,
+    found: Mapping[str, Changes] | None = None,
+) -> Detectable | None:
+    """How large a cause would have to be to be seen in these logs, the residual unseen.
+
+    Parameters
+    ----------
+    effect : Effect
+        At a trial size; its amplitudes are scaled.
+    correction : float
+        Evidence that the number of causes tried takes away.
+    sight, found : optional
+        Of the bench in this state, and `Workbench.signatures` of the effect, where they are known.
+
+    Returns
+    -------
+    Detectable or None
+        None where the model's own parameters can do all that the cause does.
+    """
+    sight = sight or Sight(bench, state, noise_before(bench, state))
+    found = bench.signatures(effect) if found is None else found
+    vectors = [changes for changes in found.values() if changes]
+    if not vectors:
+        return None
+    present = sight.present(vectors)
+    left = sight.reduced([present], len(vectors))
+    best: tuple[float, Detectable] | None = None
+    for k, changes in enumerate(vectors):
+        seen = {o: max(float(left[o][k, k]), 0.0) for o in changes}
+        seen = {o: v for o, v in seen.items() if v > DEGENERATE * present[o].whole[k]}
+        if not seen:
+            continue
+        rows = sum(bench.observed[o].size for o in changes)
+        unknown = 1 + len(effect.searched())
+        needed = DECISIVE + correction + unknown * float(np.log(rows))
+        scale = float(np.sqrt(needed / sum(seen.values())))
+        sizes = {o: scale * _rms(bench, o, changes) for o in seen}
+        output = max(seen, key=lambda o: sizes[o] / np.sqrt(sight.noise[o].variance))
+        relative = sizes[output] / float(np.sqrt(sight.noise[output].variance))
+        if best is None or relative < best[0]:
+            share = float(np.sqrt(seen[output] / present[output].whole[k]))
+            best = relative, Detectable(sizes[output], output, min(share, 1.0))
+    return None if best is None else best[1]
+
+
+def invisible(bench: Workbench, state: State) -> list[Alternative]:
+    """Causes whose place is there but which these logs cannot show, and the input that would.
+
+    Returns
+    -------
+    list of Alternative
+        Causes of one channel that the same input would show, together. `angle` and `opened` are
+        between a signature and what the model may say for itself; of several, the smaller.
+    """
+    sight = Sight(bench, state, noise_before(bench, state))
+    unseen = list(_unseen(sight))
+    if not unseen:
+        return []
+    rehearsal = Rehearsal(sight, library(bench, unseen))
+    entries: dict[tuple[str, str], list[tuple[str, float, float]]] = {}
+    for effect in unseen:
+        now = sight.present([displaced(bench, effect)])
+        then = rehearsal.normals([displaced(rehearsal.bench, effect)])
+        opened = [_shown(sight, [now, each]) for each in then]
+        if max(opened) < SHOWN:
+            continue
+        k = _simplest(opened)
+        key = effect.channel, rehearsal.experiments[k].sentence
+        entries.setdefault(key, []).append((effect.name, _shown(sight, [now]), opened[k]))
+    return [
+        Alternative(
+            tuple(name for name, _, _ in group),
+            (channel,) * len(group),
+            min(angle for _, angle, _ in group),
+            sentence,
+            min(opened for _, _, opened in group),
+        )
+        for (channel, sentence), group in entries.items()
+    ]
+
+
+def _same(effect: Effect, other: Effect) -> bool:
+    """Whether a user is told the same of both."""
+    return (effect.name, effect.channel) == (other.name, other.channel)
+
+
+def _rms(bench: Workbench, output: str, changes: Changes) -> float:
+    """RMS change; of a displacement, whose zero is arbitrary, about its mean."""
+    change = bench.observed[output].whole(changes[output])
+    if is_displacement(output):
+        change = change - np.mean(change)
+    return float(np.sqrt(np.mean(change**2)))
+
+
+def _angle(sight: Sight, logs: Sequence[Normal], count: int) -> float:
+    """Between the first of `count` signatures and the others, all outputs together [deg]."""
+    return angle(np.sum(list(sight.reduced(logs, count).values()), axis=0))
+
+
+def _shown(sight: Sight, logs: Sequence[Normal]) -> float:
+    """Between one signature and what the model may say for itself [deg]."""
+    left = sum(float(v[0, 0]) for v in sight.reduced(logs, 1).values())
+    whole = sum(float(block.whole[0]) for log in logs for block in log.values())
+    return float(np.degrees(np.arcsin(np.sqrt(np.clip(left / whole, 0.0, 1.0))))) if whole else 0.0
+
+
+def _simplest(opened: Sequence[float]) -> int:
+    """The first of the inputs that open nearly as far as the best one."""
+    return next(k for k, value in enumerate(opened) if value >= ENOUGH * max(opened))
+
+
+# ---------------------------------------------------------------- the input that would tell
+
+
+def _separating(sight: Sight, chosen: Effect, rivals: Sequence[Effect]) -> tuple[str, float]:
+    """The input that opens the smallest angle to the rivals most, and that angle [deg]."""
+    bench = sight.bench
+    best, sentence = 0.0, ""
+    if any(_comes_back(effect) for effect in (chosen, *rivals)):
+        rehearsal = Rehearsal(sight, library(bench, [chosen, *rivals]))
+        opened = [np.inf] * len(rehearsal.experiments)
+        caused = displaced(bench, chosen)
+        caused_then = _recurring(rehearsal.bench, chosen, [caused])
+        for rival in rivals:
+            now = [caused, *reachable(bench, rival)]
+            then = [*caused_then, *_recurring(rehearsal.bench, rival, now[1:])]
+            present = sight.present(now)
+            for k, normal in enumerate(rehearsal.normals(then)):
+                opened[k] = min(opened[k], _angle(sight, [present, normal], len(now)))
+        at = _simplest(opened)
+        best, sentence = opened[at], rehearsal.experiments[at].sentence
+    doubled, channel = _second_sensor(sight, chosen, rivals)
+    if channel and best < HARDWARE * doubled:
+        return (
+            f"put a second sensor beside {channel} and run the same again: what both read is in "
+            "the machine, what one reads is in the sensor",
+            doubled,
+        )
+    if not sentence:
+        return _words(chosen, rivals), float("nan")
+    return sentence, best
+
+
+def _comes_back(effect: Effect) -> bool:
+    """Whether a cause acts again in another log."""
+    return not effect.event and not (effect.log and not effect.channel)
+
+
+def _recurring(bench: Workbench, effect: Effect, seen: Sequence[Changes]) -> list[Changes]:
+    """Of the vectors that `seen` are of an effect, those in other logs."""
+    if not _comes_back(effect):
+        return [{} for _ in seen]
+    again = replace(effect, log=None)
+    return [displaced(bench, again)] if len(seen) == 1 else list(reachable(bench, again))
+
+
+def _second_sensor(sight: Sight, chosen: Effect, rivals: Sequence[Effect]) -> tuple[float, str]:
+    """What the same logs with a sensor more would open, and where; no channel where none would."""
+    bench = sight.bench
+    channel = next((e.channel for e in (chosen, *rivals) if e.side in _SENSOR), "")
+    if channel not in bench.observed:
+        return 0.0, ""
+    caused = displaced(bench, chosen)
+    opened = []
+    for rival in rivals:
+        signatures = [caused, *reachable(bench, rival)]
+        present = sight.present(signatures)
+        sides = [chosen.side, *(rival.side for _ in signatures[1:])]
+        inside = np.array([side not in _SENSOR for side in sides])
+        second = {channel: present[channel].only(inside)}
+        opened.append(_angle(sight, [present, second], len(signatures)))
+    return min(opened), channel
+
+
+def _words(chosen: Effect, rivals: Sequence[Effect]) -> str:
+    """Advice where nothing that happened once can be asked to happen again."""
+    names = {effect.name for effect in (chosen, *rivals)}
+    if "ambient_drift" in names:
+        return "log the temperature of the air beside the machine (a column T_ambient_degC)"
+    if "second_source" in names:
+        return "log what else switches near the machine (pumps, lights, spindle), a column each"
+    return "no input tells them apart: look at the machine"
+
+
+# ---------------------------------------------------------------- what cannot be seen
+
+
+def _unseen(sight: Sight) -> Iterator[Effect]:
+    """A trial of every cause and channel of which these logs show no trial at all."""
+    bench = sight.bench
+    names = [n for n in CATALOGUE if n not in _SHAPELESS and not effect_class(n).event]
+    places: dict[tuple[str, str], list[Effect]] = {}
+    for probe in every_probe(bench, names):
+        if probe.log is None and probe.channel:
+            places.setdefault((probe.name, probe.channel), []).append(probe)
+    for probes in places.values():
+        middle = len(probes) // 2
+        ordered = [probes[middle], *probes[:middle], *probes[middle + 1 :]]
+        if not any(_visible(sight, probe) for probe in ordered):
+            yield ordered[0]
+
+
+def _visible(sight: Sight, probe: Effect) -> bool:
+    changes = displaced(sight.bench, probe)
+    if not changes:
+        return False
+    present = sight.present([changes])
+    left = sight.reduced([present], 1)
+    return any(left[o][0, 0] > DEGENERATE * present[o].whole[0] for o in changes)

@@ -118,10 +118,12 @@ def _predicted(bench: Workbench, output: str) -> Float:
     where = np.append(seen.first, len(fine))
     for k in range(len(bench.logs)):
         mine = np.flatnonzero(seen.owner == k)
-        for fold in np.array_split(mine, FOLDS) if len(mine) else ():
+        for number, fold in enumerate(np.array_split(mine, FOLDS) if len(mine) else ()):
             if not len(fold):
                 continue
-            rest = np.setdiff1d(np.arange(seen.size), fold)
+            # Nothing but the first block says what the start was like: it stays in the fit.
+            held = fold if number or "initial" not in bench.state else fold[:0]
+            rest = np.setdiff1d(np.arange(seen.size), held)
             shift = _fit(bench, output, coarse, rest, (level.ratio, level.tau), prior, centre)
             rows = slice(where[fold[0]], where[fold[-1] + 1])
             shift = kept(shift)
@@ -157,7 +159,7 @@ def _columns(bench: Workbench, output: str) -> tuple[list[Series], Float, Float]
     seen = bench.observed[output]
     present = [k for k, rows in enumerate(seen.rows) if len(rows)]
     offsets = bench.offsets()
-    columns = [offsets[k] for k in present] + bench.accepted(output)
+    columns = [offsets[k] for k in present] + list(bench.accepted(output).values())
     flat = len(columns)
     root, centre = bench.prior(output, "released" in bench.state)
     own = [*bench.sensitivities(output), *bench.lags(output)]

@@ -58,6 +58,8 @@ class Cause:
     intervals : mapping of parameter to (low, high)
         95 %.
     gain : mapping of channel to Gain
+    forms : tuple of (Effect, float)
+        Other forms of the same cause at the same place, with their evidence.
     explained : float
         Share of the misfit (residual power above noise) that it removes, all channels.
     """
@@ -67,6 +69,7 @@ class Cause:
     intervals: Mapping[str, Interval]
     gain: Mapping[str, Gain]
     explained: float
+    forms: tuple[tuple[Effect, float], ...] = ()
 
     def document(self) -> dict[str, Any]:
         """As JSON; an effect confined to one log says to which."""
@@ -87,6 +90,10 @@ class Cause:
                 }
                 for name, value in effect.parameters.items()
             },
+            "other_forms": [
+                {"parameters": dict(form.parameters), "evidence": evidence}
+                for form, evidence in self.forms
+            ],
             "gain": {
                 channel: {**asdict(gain), "claimed": gain.claimed}
                 for channel, gain in self.gain.items()

@@ -302,9 +302,9 @@ class Workbench:
             for k, _ in enumerate(self.logs)
         ]
 
-    def accepted(self, output: str) -> list[Series]:
+    def accepted(self, output: str) -> dict[tuple[int, str], Series]:
         """Sensitivities to the parameters of the effects that the model holds already."""
-        result = []
+        result = {}
         for at, effect in enumerate(self.model.effects):
             # The instant of an accident is found by scanning: it has no slope.
             searched = () if effect.event else effect.searched()
@@ -312,8 +312,30 @@ class Workbench:
                 changed = self.with_effects(model=self._nudged(at, name))
                 change = self._changes(changed, self._nudge(effect, name)).get(output)
                 if change is not None:
-                    result.append(change)
+                    result[at, name] = change
         return result
+
+    def deviations(self, at: int) -> dict[str, float]:
+        """Standard errors of the parameters of an effect that the model holds."""
+        names = list(self.model.effects[at].parameters)
+        precision = np.zeros((len(names), len(names)))
+        for output, evidence in self.evidence.items():
+            base = evidence.base(self.state)
+            own = [name for k, name in self.accepted(output) if k == at]
+            if not own:
+                continue
+            places = np.flatnonzero(np.array(evidence.names)[base.active] == "accepted")
+            index = places[[k for k, (e, _) in enumerate(self.accepted(output)) if e == at]]
+            block = base.inverse[base.level][np.ix_(index, index)] * base.white**2
+            rows = [names.index(name) for name in own]
+            size = np.sqrt(np.maximum(np.diag(block), 1e-300))
+            inverse = np.linalg.pinv(block / np.outer(size, size), hermitian=True)
+            precision[np.ix_(rows, rows)] += evidence.share * inverse / np.outer(size, size)
+        known = np.flatnonzero(np.diag(precision) > 0)
+        size = np.sqrt(np.diag(precision)[known])
+        scaled = precision[np.ix_(known, known)] / np.outer(size, size)
+        variance = np.diag(np.linalg.pinv(scaled, hermitian=True)) / size**2
+        return {names[k]: float(np.sqrt(v)) for k, v in zip(known, variance, strict=True)}
 
     def _nudge(self, effect: Effect, name: str) -> float:
         value = effect.parameters[name]
@@ -374,7 +396,7 @@ class Workbench:
             residual,
             {
                 "offset": matrix([offsets[k] for k in present]),
-                "accepted": matrix(self.accepted(output)),
+                "accepted": matrix(list(self.accepted(output).values())),
                 "tight": own @ tight,
                 "released": own @ wide,
                 "initial": matrix(self.decays(output)),

@@ -118,7 +118,8 @@ def invert_modes(response: Modes, regularization: Regularization) -> Inverse:
     """
     if np.any(response.double) or np.any(response.poles.imag):
         raise FitError("the kernel form takes a response of simple real modes; use --form kalman")
-    p, w = response.poles.real, response.weights.real
+    there = response.weights != 0
+    p, w = response.poles.real[there], response.weights.real[there]
     A, B, c = regularization.A, regularization.B, regularization.c
     n = len(p)
     # State space of H_R, the added part as a chain of three poles at −c:

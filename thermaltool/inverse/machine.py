@@ -114,6 +114,8 @@ class Machine:
         if not outputs:
             raise ModelError("the model has no deflection to estimate")
         given = tuple(every if not model.sensors else measured)
+        notes, losses = examine(model, given), losses_of(model)
+        examine_losses(model, given)
         sensors = tuple(o.channel for o in model.sensors) if set(every) - set(given) else ()
         columns = columns_of(model)
         for sensor in sensors:
@@ -129,9 +131,6 @@ class Machine:
                 f"no sensor sees the drive {lost[0]}: it cannot be estimated; where it is "
                 f"measured: --measured {lost[0]}"
             )
-        notes = examine(model, given)
-        losses = losses_of(model)
-        examine_losses(model, given)
         ways = Ways(model, dt, given, sensors, outputs)
         if not drives and not ways.known:
             raise ModelError("nothing acts on the deflections of the model")

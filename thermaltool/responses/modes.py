@@ -27,8 +27,6 @@ Range = tuple[float, float]
 
 # Two samples whose lengths differ by less than this count as equal [s].
 CLOCK_STEP = 1e-6
-# Stretches of one sample length up to which a recursion is stepped through [samples].
-SHORT_SPAN = 32
 
 
 @dataclass(frozen=True)
@@ -244,22 +242,27 @@ class Modes:
         y : ndarray, shape (n,)
         """
         steps = np.diff(time)
-        if len(steps) > SHORT_SPAN and np.ptp(steps) < CLOCK_STEP and (hold == "zero" or not u[0]):
+        if len(steps) and np.ptp(steps) < CLOCK_STEP and (hold == "zero" or not u[0]):
             return self._filtered(float(np.mean(steps)), u, hold)
-        y, x = np.zeros(len(time)), np.zeros(self.states)
-        recursions: dict[float, Recursion] = {}
-        for rows, dt in uniform_spans(time):
-            one = recursions.get(dt)
-            if one is None:
-                one = recursions[dt] = self.discretize(dt, hold)
-            if rows.stop - rows.start > SHORT_SPAN:
-                part, x = one.run(u[rows, None], x)
-                y[rows] = part[:, 0]
-                continue
-            # Where the clock jitters, what prepares a long stretch costs more than the steps.
-            for k in range(rows.start, rows.stop - 1):
-                x = one.F @ x + one.G0[:, 0] * u[k] + one.G1[:, 0] * u[k + 1]
-                y[k + 1] = one.C[0] @ x
+        return self._stepped(steps, u, hold)
+
+    def _stepped(self, steps: Float, u: Float, hold: Hold) -> Float:
+        """One recursion for each mode, its coefficients anew at every row: any clock."""
+        lengths, which = np.unique(np.round(steps / CLOCK_STEP), return_inverse=True)
+        dt = (lengths * CLOCK_STEP)[:, None]
+        phi, g0, g1 = (c[which].T for c in _propagate(self.poles[None, :], dt, hold))
+        d0, d1 = (c[which].T for c in _propagate_double(self.poles.real[None, :], dt, hold))
+        y = np.zeros(len(u))
+        for k, (weight, double) in enumerate(zip(self.weights, self.double, strict=True)):
+            real = self.poles[k].imag == 0
+            rows = phi[k].real if real else phi[k]
+            forced = g0[k] * u[:-1] + g1[k] * u[1:]
+            first = _recursion(rows, forced.real if real else forced)
+            y[1:] += (weight * first).real * (1 if real else 2)
+            if double:
+                before = np.concatenate([[0.0], first[:-1]])
+                passed = dt[which, 0] * rows * before + d0[k] * u[:-1] + d1[k] * u[1:]
+                y[1:] += double * _recursion(rows, passed)
         return y
 
     def _filtered(self, dt: float, u: Float, hold: Hold) -> Float:
@@ -311,7 +314,7 @@ class Modes:
         )
 
 
-def _propagate(p: Complex, dt: float, hold: Hold) -> tuple[Complex, Complex, Complex]:
+def _propagate(p: Complex, dt: float | Float, hold: Hold) -> tuple[Complex, Complex, Complex]:
     """State of x' = p x + u over one sample: (e^(p dt), weight of u_before, weight of u_now)."""
     z = p * dt
     whole = dt * _phi(1, z)
@@ -319,7 +322,7 @@ def _propagate(p: Complex, dt: float, hold: Hold) -> tuple[Complex, Complex, Com
     return np.exp(z), whole - now, now
 
 
-def _propagate_double(p: Float, dt: float, hold: Hold) -> tuple[Float, Float]:
+def _propagate_double(p: Float, dt: float | Float, hold: Hold) -> tuple[Float, Float]:
     """Input weights of the second state, x2' = p x2 + x1 (the derivative of `_propagate` by p)."""
     z = p * dt
     whole = dt**2 * (_phi(1, z) - _phi(2, z))
@@ -353,6 +356,15 @@ def uniform_spans(time: Float) -> Iterator[tuple[slice, float]]:
     for start, stop in itertools.pairwise(edges):
         if stop > start:
             yield slice(start, stop + 1), float(ticks[start] * CLOCK_STEP)
+
+
+def _recursion(factor: Any, added: Any) -> Any:
+    """x_k = factor_k x_(k−1) + added_k from rest, shape (n,)."""
+    x, result = 0.0, []
+    for f, a in zip(factor.tolist(), added.tolist(), strict=True):
+        x = f * x + a
+        result.append(x)
+    return np.array(result)
 
 
 @dataclass(frozen=True)
