@@ -214,6 +214,8 @@ def requirements(scores: Sequence[Score]) -> list[Line]:
         channel = [s.channel for s in here if s.channel is not None]
         lines.append(share_of(f"{size:g} × noise: right channel, of those named right", channel))
     five = of_size(scores, 5.0)
+    more = [len(s.named) > int(s.first) for s in five]
+    lines.append(share_of("5 × noise: a cause named that was not hidden", more))
     errors: dict[str, list[float]] = {"same": [], "equivalent": [], "none": []}
     for s in five:
         if s.error is not None:

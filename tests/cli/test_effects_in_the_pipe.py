@@ -12,6 +12,7 @@ import pytest
 from effects.machine import AIR, COLUMN, COOLANT, FAR, HEAT, NEAR, X, Y, first_order, model
 
 from thermaltool.effects import effect_class
+from thermaltool.laplace import invert
 from thermaltool.model import Drive, Model, Output, Term, dumps
 
 FRAME, BED, DZ = "T_frame_degC", "T_bed_degC", "d_z_um"
@@ -212,7 +213,7 @@ def test_a_reading_without_a_truth_is_named(thermaltool, tmp_path, machine):
     assert "<stdin>:6: dT_near_K: no truth gives this reading (1 rows)" in result.err
 
 
-SHAPE = ("--sensor", NEAR, "--regularization", 1e-3, 1e-3, 0.1, "--window", 4000)
+SHAPE = ("--sensor", NEAR, "--regularization", 0.02, 1e-3, 0.1, "--window", 4000, "--dt", 0.5)
 
 
 def test_a_kernel_with_a_lag_gives_the_drive_back(thermaltool, machine):
@@ -223,8 +224,16 @@ def test_a_kernel_with_a_lag_gives_the_drive_back(thermaltool, machine):
     reading = 20 * (1 - (200 * np.exp(-since / 200) - 60 * np.exp(-since / 60)) / 140)
     weight = np.array(kernel["weight"])
     heat = np.convolve(weight, reading)[: len(since)] + kernel["A0"] * reading
-    heat += kernel["A1_s"] * np.diff(reading, prepend=0.0) / 5
-    np.testing.assert_allclose(heat[60:], 1.0, atol=0.01)
+    heat += kernel["A1_s"] * np.diff(reading, prepend=0.0) / 0.5
+
+    def regularized(s):
+        machine = 20 / (1 + 200 * s) / (1 + 60 * s)
+        added = 0.02 * s / (s + 0.1) ** 2 + 2e-3 * s / (s + 0.1) ** 3
+        return machine / (machine + added) / s
+
+    expected = invert(regularized, since[1:]).values
+    # The slope is a difference over a sample.
+    np.testing.assert_allclose(heat[1:], expected, atol=0.03)
 
 
 def test_kernels_are_told_what_is_around_them(thermaltool, tmp_path, files):

@@ -3,7 +3,8 @@
 Their seeds come from one `SeedSequence`, the date on which this file was written; no other was
 tried. The limits are those of the study with a binomial allowance for half of the logs: a tool
 that names the right cause in 85 % of all logs gets at least 14 of 20 with a chance of 98 %, one
-with 3 % of false alarms has at most one in 6 clean logs with 99 %. Four machines are calibrated.
+with 3 % of false alarms has at most one in 6 clean logs with 99 %. That is a guide: there are four
+machines, and the logs of one share the error of its calibration.
 """
 
 from __future__ import annotations

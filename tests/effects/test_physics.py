@@ -32,7 +32,6 @@ from thermaltool.effects.channels import is_air, is_part
 from thermaltool.effects.dynamics import play
 from thermaltool.effects.effect import Signals
 from thermaltool.errors import ModelError
-from thermaltool.model import only_sensors
 
 TIME = PERIOD * np.arange(800)
 
@@ -402,7 +401,7 @@ def test_swapped_sensors_read_each_other():
     pairs = {(e.channel, e.partner) for e in effect_class("sensors_swapped").probes(
         scene(columns()))}  # fmt: skip
     assert pairs == {(NEAR, FAR), (X, Y)}
-    alone = only_sensors(model(swap), [NEAR])
+    alone = model(swap, outputs=(NEAR,))
     with pytest.raises(ModelError, match=FAR):
         alone.simulate(TIME, {HEAT: np.ones(800)})
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -67,6 +68,7 @@ HYSTERESIS = effect("hysteresis", HEAT, width=0.2)
 BACKLASH = effect("backlash", HEAT, width=0.1)
 COOLING = effect("convection_state", COOLANT, rate=1.5e-3, level=1.0, idle=0.0)
 RADIATION = effect("radiation", COLUMN, rate=2e-2, rest=21.5)
+RADIATION_THERE = effect("radiation", PART, rate=2e-2)
 SUPPORTED = {
     "gain": (GAIN,),
     "conversion": (CONVERSION,),
@@ -88,6 +90,7 @@ SUPPORTED = {
     "backlash": (BACKLASH,),
     "cooling": (COOLING,),
     "radiation": (RADIATION,),
+    "radiation of a column": (RADIATION_THERE,),
     "cooling, ambient, gain": (COOLING, AMBIENT, GAIN),
 }
 supported = pytest.mark.parametrize("name", SUPPORTED)
@@ -234,11 +237,15 @@ def test_readings_are_put_right_exactly(name):
 
 
 @pytest.mark.parametrize("name", ["second source", "ambient", "part"])
-def test_what_a_column_tells_is_left_out_of_sensors_and_added_to_deflections(name):
-    document = ranged(model(*SUPPORTED[name]))
-    time, table, truth = log_of(document)
-    expected, without = baseline()
-    got = batch(designed(document), time, table)
+@pytest.mark.parametrize("form", ["kalman", "kernel"])
+def test_what_a_column_tells_is_left_out_of_sensors_and_added_to_deflections(name, form):
+    plain, document = sound(), ranged(model(*SUPPORTED[name]))
+    if form == "kernel":
+        plain, document = (only_sensors(each, [NEAR]) for each in (plain, document))
+    time, table, without = log_of(plain)
+    expected = batch(designed(plain, form), time, table)
+    _, table, truth = log_of(document)
+    got = batch(designed(document, form), time, table)
     for channel, values in expected.items():
         share = truth[channel] - without[channel] if channel in truth else 0.0
         np.testing.assert_allclose(got[channel], values + share, atol=1e-9 * np.ptp(values))
@@ -537,6 +544,34 @@ def test_a_settled_machine_stays_under_a_loss_that_follows_its_temperature():
     got = batch(document, time, stood, settled=True)
     for name in (X, Y):
         np.testing.assert_allclose(got[name], end[name], rtol=2e-3)
+
+
+def test_a_loss_acts_as_in_a_simulation():
+    """Told the heat and readings of a simulation in long samples, nothing is left to correct."""
+    document = designed(ranged(model(COOLING)))
+    estimator = Chain.of(document).estimator
+    period = 60.0
+    time = period * np.arange(80)
+    table = {HEAT: np.ones(80), COOLANT: (time > 1500).astype(float)}
+    simulated = document.simulate(time, table)
+    readings = np.column_stack([*(simulated[c] for c in (COLUMN, NEAR, FAR)), table[COOLANT]])
+    x = np.zeros(len(estimator.recursion(period).F))
+    x[estimator.kalman.modal] = 1.0
+    for before, now in pairwise(readings):
+        x = estimator.advance(round(period * 1e6), x, readings[0], before, now)
+        assert x[estimator.kalman.modal] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_held_reading_survives_a_restart():
+    document = designed(ranged(model(GAIN)))
+    first, second = compensator(document), compensator(document)
+    for k in range(5):
+        first.take(Record(5.0 * k, [21.5, 0.5 * k, 0.1 * k], ("",) * 3))
+    second.resume(first.state())
+    for each in (first, second):
+        each.take(Record(25.0, [21.5, float("nan"), 0.5], ("", "empty", "")))
+    assert first.estimates == second.estimates
+    assert first.estimates[0] > 0.01
 
 
 def test_a_loss_survives_a_restart():

@@ -223,7 +223,21 @@ class _Diagnosing:
                 found = self._accepted(bench, candidate, refined)
                 if found is not None:
                     return found
+            if decisive:
+                self._suspect(decisive[0])
             return None
+
+    def _suspect(self, candidate: Candidate) -> None:
+        """Tell of the strongest cause that unseen data did not confirm."""
+        effect = candidate.effect
+        told = ", ".join(
+            f"{name} {effect.parameters[name]:.3g} {effect.unit(name)}"
+            for name in (*effect.linear(), *effect.searched())
+        )
+        self.notes.append(
+            f"what is left looks most like {effect.name} ({effect.channel or 'no channel'}: "
+            f"{told}), but rows that its fit has not seen do not confirm it"
+        )
 
     def _too_short(self, bench: Workbench, released: State) -> tuple[Cause, Workbench] | None:
         """A short calibration as the cause, where setting the parameters free helps unseen rows."""

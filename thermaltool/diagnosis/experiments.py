@@ -6,14 +6,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.diagnosis.workbench import Workbench
 from thermaltool.effects.dynamics import hold_of
 from thermaltool.effects.effect import Effect, Float, Signals
+from thermaltool.model import away_from_rest as not_at_rest
 from thermaltool.model import relative
 
-# Rows of an experiment: where it lasts longer, a row is the mean of several readings.
-ROWS = 600
+# Rows of an experiment that are simulated at most (where it would have more, they are further
+# apart), and means of rows that count.
+ROWS, MEANS = 5000, 600
 # A level at which a log spends less than this share of its rows is not among its levels.
 _DWELL = 0.03
 # An experiment lasts so long at most [s].
@@ -33,12 +36,26 @@ class Experiment:
     signals : Signals
         Drives, channels beside them, and outputs (zeros: the model says what they would be).
     readings : float
-        Readings that a row is the mean of.
+        Readings that a row stands for.
     """
 
     sentence: str
     signals: Signals
     readings: float
+
+    def means(self, series: Float) -> Float:
+        """Means of rows, ndarray (n,) or (n, c)."""
+        return np.asarray(np.add.reduceat(series, self._first, axis=0).T / self.counts).T
+
+    @property
+    def counts(self) -> Float:
+        """Rows of each mean, ndarray (m,)."""
+        return np.diff(np.append(self._first, len(self.signals.time))).astype(float)
+
+    @property
+    def _first(self) -> NDArray[np.int64]:
+        rows = len(self.signals.time)
+        return np.arange(0, rows, -(-rows // MEANS))
 
 
 @dataclass(frozen=True)
@@ -49,7 +66,8 @@ class Levels:
     ----------
     channel : str
     start, low, high : float
-        At the first row, and the extremes of the logs and of the calibration.
+        At rest (at the first row where a log does not begin there), and the extremes of the logs
+        and of the calibration.
     third : float
         The round level between them that is furthest from all that the logs hold.
     """
@@ -84,6 +102,8 @@ def levels_of(bench: Workbench, channel: str) -> Levels:
         if drive.channel == channel:
             rest = start if drive.reference == "first" else drive.reference
             low, high = min(low, rest + drive.range[0]), max(high, rest + drive.range[1])
+            if not away_from_rest(bench):
+                start = rest
     values, counts = np.unique(np.round((seen - low) / (high - low or 1.0), 3), return_counts=True)
     taken = np.append(values[counts > _DWELL * len(seen)], (start - low) / (high - low or 1.0))
     shares = np.array([0.5, 0.6, 0.4, 0.7, 0.3, 0.8, 0.2])
@@ -209,7 +229,7 @@ def _plans(u: Levels, slow: float, period: float) -> Iterator[_Plan]:
     )
     half = max(4 * period, float(f"{np.sqrt(4 * period * hold):.2g}"))
     for span, step in ((half, period), (4 * period, period), (2 * period, period / FASTER)):
-        count = max(4, min(int(2 * slow / span), int(ROWS * step / span)))
+        count = max(4, min(int(2 * slow / span), int(MEANS * step / span)))
         often = f", reading every {duration_text(step)}" if step < period else ""
         yield plan(
             f"switch {name} between {u.say(a)} and {u.say(b)} every {duration_text(span)}, for "
@@ -276,9 +296,9 @@ def _beside(u: Levels, x: Levels, slow: float, period: float) -> Iterator[_Plan]
 
 def _experiment(bench: Workbench, plan: _Plan, number: int) -> Experiment:
     """A plan as a log: every other channel stays at its first value."""
-    readings = max(1, int(np.ceil(plan.duration / plan.period / ROWS)))
+    readings = max(1.0, plan.duration / plan.period / ROWS)
     step = plan.period * readings
-    time = step * np.arange(int(plan.duration / step) + 2)
+    time: Float = step * np.arange(int(plan.duration / step) + 2, dtype=np.float64)
     first = bench.logs[0]
     columns = {}
     for name in first.columns:
@@ -291,14 +311,16 @@ def _experiment(bench: Workbench, plan: _Plan, number: int) -> Experiment:
             there = values[np.isfinite(values)]
             columns[name] = np.full(len(time), there[0] if len(there) else 0.0)
     signals = Signals(time, columns, f"experiment {number}")
-    return Experiment(plan.sentence, signals, float(readings))
+    return Experiment(plan.sentence, signals, readings)
 
 
-def away_from_rest(bench: Workbench, log: Signals) -> dict[str, float]:
-    """Drives that a log does not begin with at rest, relative to their reference."""
-    found = {}
-    for drive in bench.model.drives:
-        first = float(relative(log.columns[drive.channel], drive.reference)[0])
-        if abs(first) > 1e-3 * bench.level(drive.channel):
-            found[drive.channel] = first
-    return found
+def away_from_rest(bench: Workbench) -> bool:
+    """Whether a log begins with a machine that is not at rest, by an output whose rest is known."""
+    for log in bench.logs:
+        for o in bench.model.outputs:
+            if o.offset != "first" and o.channel in bench.observed and o.channel in log.columns:
+                values = relative(log.columns[o.channel], o.offset)
+                values = values[np.isfinite(values)]
+                if len(values) and not_at_rest(float(values[0]), o.range):
+                    return True
+    return False

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermaltool.diagnosis.evidence import State
-from thermaltool.diagnosis.experiments import library
+from thermaltool.diagnosis.experiments import Experiment, library
 from thermaltool.diagnosis.result import Alternative
 from thermaltool.diagnosis.scan import Candidate, every_probe
 from thermaltool.diagnosis.sight import (
@@ -26,13 +26,14 @@ from thermaltool.diagnosis.sight import (
     Sight,
     angle,
     displaced,
+    eliminated,
     noise_after,
     noise_before,
     reachable,
 )
 from thermaltool.diagnosis.workbench import Workbench
 from thermaltool.effects import CATALOGUE, effect_class
-from thermaltool.effects.effect import Effect, is_displacement
+from thermaltool.effects.effect import Effect, Float, is_displacement
 
 # Evidence that decides between two causes: odds of 150.
 DECISIVE = 10.0
@@ -44,12 +45,15 @@ UNLIKE = 45.0
 ALIKE = 3.0
 # Names in a group, the accepted one included.
 MOST_NAMES = 3
-# A simpler input is preferred to one that opens the angle by less than a quarter more.
+# A shorter input is preferred to one that opens the angle by less than a quarter more.
 ENOUGH = 0.8
 # Another sensor is asked for where no input opens the angle to half of what that would.
 HARDWARE = 0.5
 # A signature of which the model's own parameters leave less than this share of the power is theirs.
 DEGENERATE = 1e-4
+# Of the inputs that show what has not been seen, the first that opens this share of the best angle
+# is asked for.
+SIMPLE = 0.5
 # An input shows what it opens to this angle [deg].
 SHOWN = 5.0
 
@@ -183,34 +187,36 @@ def invisible(bench: Workbench, state: State) -> list[Alternative]:
     Returns
     -------
     list of Alternative
-        Causes of one channel that the same input would show, together. `angle` and `opened` are
-        between a signature and what the model may say for itself; of several, the smaller.
+        One for each channel, with the simplest input that would show all of its causes. `angle`
+        and `opened` are between a signature and what the model may say for itself, the smallest of
+        several.
     """
     sight = Sight(bench, state, noise_before(bench, state))
     unseen = list(_unseen(sight))
     if not unseen:
         return []
-    rehearsal = Rehearsal(sight, library(bench, unseen))
-    entries: dict[tuple[str, str], list[tuple[str, float, float]]] = {}
+    rehearsal = Rehearsal(sight, library(bench, unseen), bench.observed)
+    places: dict[str, list[tuple[str, float, list[float]]]] = {}
     for effect in unseen:
         now = sight.present([displaced(bench, effect)])
         then = rehearsal.normals([displaced(rehearsal.bench, effect)])
-        opened = [_shown(sight, [now, each]) for each in then]
-        if max(opened) < SHOWN:
-            continue
-        k = _simplest(opened)
-        key = effect.channel, rehearsal.experiments[k].sentence
-        entries.setdefault(key, []).append((effect.name, _shown(sight, [now]), opened[k]))
-    return [
-        Alternative(
-            tuple(name for name, _, _ in group),
-            (channel,) * len(group),
-            min(angle for _, angle, _ in group),
-            sentence,
-            min(opened for _, _, opened in group),
+        opened = [_shown(sight, now, each) for each in then]
+        if max(opened) >= SHOWN:
+            places.setdefault(effect.channel, []).append((effect.name, _shown(sight, now), opened))
+    found = []
+    for channel, group in places.items():
+        least = np.min([opened for _, _, opened in group], axis=0)
+        k = int(np.argmax(least >= SIMPLE * least.max()))
+        found.append(
+            Alternative(
+                tuple(name for name, _, _ in group),
+                (channel,) * len(group),
+                min(now for _, now, _ in group),
+                rehearsal.experiments[k].sentence,
+                float(least[k]),
+            )
         )
-        for (channel, sentence), group in entries.items()
-    ]
+    return found
 
 
 def _same(effect: Effect, other: Effect) -> bool:
@@ -231,48 +237,97 @@ def _angle(sight: Sight, logs: Sequence[Normal], count: int) -> float:
     return angle(np.sum(list(sight.reduced(logs, count).values()), axis=0))
 
 
-def _shown(sight: Sight, logs: Sequence[Normal]) -> float:
-    """Between one signature and what the model may say for itself [deg]."""
-    left = sum(float(v[0, 0]) for v in sight.reduced(logs, 1).values())
-    whole = sum(float(block.whole[0]) for log in logs for block in log.values())
+def _shown(sight: Sight, present: Normal, more: Normal | None = None) -> float:
+    """Between one signature and what the model may say for itself, in `more` where given [deg]."""
+    logs = [present] if more is None else [present, more]
+    left, before = (
+        sum(float(v[0, 0]) for v in sight.reduced(each, 1).values()) for each in (logs, [present])
+    )
+    whole = sum(float(block.whole[0]) for block in logs[-1].values())
+    left -= 0.0 if more is None else before
     return float(np.degrees(np.arcsin(np.sqrt(np.clip(left / whole, 0.0, 1.0))))) if whole else 0.0
 
 
-def _simplest(opened: Sequence[float]) -> int:
-    """The first of the inputs that open nearly as far as the best one."""
-    return next(k for k, value in enumerate(opened) if value >= ENOUGH * max(opened))
+def _shortest(experiments: Sequence[Experiment], opened: Sequence[float]) -> int:
+    """The shortest of the inputs that open nearly as far as the best one."""
+    good = [k for k, value in enumerate(opened) if value >= ENOUGH * max(opened)]
+    return min(good, key=lambda k: experiments[k].signals.duration)
 
 
 # ---------------------------------------------------------------- the input that would tell
 
 
+@dataclass(frozen=True)
+class _Opening:
+    """What something more to measure tells of two causes.
+
+    Attributes
+    ----------
+    evidence : float
+        By which it tells them apart beyond what the logs do.
+    angle : float [deg]
+        Between them there, the rival held to what the logs say of it.
+    """
+
+    evidence: float
+    angle: float
+
+
+def _opening(sight: Sight, present: Normal, more: Normal, count: int) -> _Opening:
+    def products(*logs: Normal) -> Float:
+        return np.asarray(np.sum(list(sight.reduced(logs, count).values()), axis=0))
+
+    before, after = products(present), products(present, more)
+    evidence = max(float(eliminated(after, 1)[0, 0] - eliminated(before, 1)[0, 0]), 0.0)
+    size = float(after[0, 0] - before[0, 0])
+    # What one cause does and the other does not is as different as can be.
+    share = evidence / size if size > evidence else float(evidence > 0)
+    return _Opening(evidence, float(np.degrees(np.arcsin(np.sqrt(share)))))
+
+
+def _worst(openings: Sequence[_Opening]) -> _Opening:
+    return _Opening(min(o.evidence for o in openings), min(o.angle for o in openings))
+
+
 def _separating(sight: Sight, chosen: Effect, rivals: Sequence[Effect]) -> tuple[str, float]:
-    """The input that opens the smallest angle to the rivals most, and that angle [deg]."""
+    """What would tell the cause from its rivals, and the smallest angle that it opens [deg]."""
     bench = sight.bench
-    best, sentence = 0.0, ""
+    caused = displaced(bench, chosen)
+    groups = [[caused, *reachable(bench, rival)] for rival in rivals]
+    presents = [sight.present(group) for group in groups]
+    opened: list[_Opening] = []
+    experiments: Sequence[Experiment] = ()
     if any(_comes_back(effect) for effect in (chosen, *rivals)):
-        rehearsal = Rehearsal(sight, library(bench, [chosen, *rivals]))
-        opened = [np.inf] * len(rehearsal.experiments)
-        caused = displaced(bench, chosen)
+        reached = {o for group in groups for changes in group for o in changes}
+        rehearsal = Rehearsal(sight, library(bench, [chosen, *rivals]), reached)
+        experiments = rehearsal.experiments
         caused_then = _recurring(rehearsal.bench, chosen, [caused])
-        for rival in rivals:
-            now = [caused, *reachable(bench, rival)]
-            then = [*caused_then, *_recurring(rehearsal.bench, rival, now[1:])]
-            present = sight.present(now)
-            for k, normal in enumerate(rehearsal.normals(then)):
-                opened[k] = min(opened[k], _angle(sight, [present, normal], len(now)))
-        at = _simplest(opened)
-        best, sentence = opened[at], rehearsal.experiments[at].sentence
-    doubled, channel = _second_sensor(sight, chosen, rivals)
-    if channel and best < HARDWARE * doubled:
+        normals = [
+            rehearsal.normals([*caused_then, *_recurring(rehearsal.bench, rival, group[1:])])
+            for rival, group in zip(rivals, groups, strict=True)
+        ]
+        opened = [
+            _worst(
+                [
+                    _opening(sight, present, each[k], len(group))
+                    for present, each, group in zip(presents, normals, groups, strict=True)
+                ]
+            )
+            for k in range(len(experiments))
+        ]
+    deciding = [k for k, each in enumerate(opened) if each.evidence > DECISIVE]
+    best = max((opened[k].angle for k in deciding), default=0.0)
+    channel, doubled = _second_sensor(sight, chosen, rivals, presents)
+    if doubled.evidence > DECISIVE and best < HARDWARE * doubled.angle:
         return (
             f"put a second sensor beside {channel} and run the same again: what both read is in "
             "the machine, what one reads is in the sensor",
-            doubled,
+            doubled.angle,
         )
-    if not sentence:
-        return _words(chosen, rivals), float("nan")
-    return sentence, best
+    if deciding:
+        k = _shortest([experiments[k] for k in deciding], [opened[k].angle for k in deciding])
+        return experiments[deciding[k]].sentence, opened[deciding[k]].angle
+    return _words(chosen, rivals), float("nan")
 
 
 def _comes_back(effect: Effect) -> bool:
@@ -288,22 +343,20 @@ def _recurring(bench: Workbench, effect: Effect, seen: Sequence[Changes]) -> lis
     return [displaced(bench, again)] if len(seen) == 1 else list(reachable(bench, again))
 
 
-def _second_sensor(sight: Sight, chosen: Effect, rivals: Sequence[Effect]) -> tuple[float, str]:
-    """What the same logs with a sensor more would open, and where; no channel where none would."""
-    bench = sight.bench
+def _second_sensor(
+    sight: Sight, chosen: Effect, rivals: Sequence[Effect], presents: Sequence[Normal]
+) -> tuple[str, _Opening]:
+    """Where one more sensor would tell, and what the same logs with it would open."""
     channel = next((e.channel for e in (chosen, *rivals) if e.side in _SENSOR), "")
-    if channel not in bench.observed:
-        return 0.0, ""
-    caused = displaced(bench, chosen)
-    opened = []
-    for rival in rivals:
-        signatures = [caused, *reachable(bench, rival)]
-        present = sight.present(signatures)
-        sides = [chosen.side, *(rival.side for _ in signatures[1:])]
-        inside = np.array([side not in _SENSOR for side in sides])
-        second = {channel: present[channel].only(inside)}
-        opened.append(_angle(sight, [present, second], len(signatures)))
-    return min(opened), channel
+    if channel not in sight.bench.observed:
+        return "", _Opening(0.0, 0.0)
+    openings = []
+    for rival, present in zip(rivals, presents, strict=True):
+        count = len(present[channel].whole)
+        sides = [chosen.side, *[rival.side] * (count - 1)]
+        second = present[channel].only(np.array([side not in _SENSOR for side in sides]))
+        openings.append(_opening(sight, present, {channel: second}, count))
+    return channel, _worst(openings)
 
 
 def _words(chosen: Effect, rivals: Sequence[Effect]) -> str:

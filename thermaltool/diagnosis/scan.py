@@ -234,7 +234,7 @@ def _candidate(
     named = {n: probe.parameter(n).neutral + v for n, v in found.items() if n}
     return Candidate(
         probe.changed(named),
-        2 * gain - count * float(np.log(rows)),
+        2 * gain - count * float(np.log(rows)) + 2 * float(np.log(probe.odds)),
         gain,
         count,
         state,

@@ -8,7 +8,7 @@ signatures with everything projected out that the model may say for itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,7 +98,7 @@ class Sight:
         self.bench, self.state, self.noise = bench, state, noise
         self.group = "released" if "released" in state else "tight"
         self.private, self.shared, self.prior = {}, {}, {}
-        starts = _starts(bench)
+        starts = _starts(bench) if away_from_rest(bench) else []
         for output, evidence in bench.evidence.items():
             names = np.array(evidence.names)
             columns = evidence.columns[:, 1:]
@@ -146,29 +146,43 @@ class Sight:
 
 
 class Rehearsal:
-    """Experiments on the model of a sight, all at once."""
+    """Experiments on the model of a sight, all at once.
 
-    def __init__(self, sight: Sight, experiments: Sequence[Experiment]) -> None:
+    Parameters
+    ----------
+    sight : Sight
+    experiments : sequence of Experiment
+    outputs : iterable of str
+        Outputs that the causes in question reach.
+    """
+
+    def __init__(
+        self, sight: Sight, experiments: Sequence[Experiment], outputs: Iterable[str]
+    ) -> None:
         self.sight, self.experiments = sight, experiments
         old = sight.bench
         logs = [each.signals for each in experiments]
         self.bench = Workbench(old.model, logs, old.calibrated, {}, old.state)
-        starts = _starts(self.bench)
+        starts = _starts(self.bench) if away_from_rest(old) else []
         self.shared: dict[str, Series] = {}
         self.private: dict[str, Series] = {}
         self.factors: list[dict[str, Factor]] = []
-        for output in self.bench.observed:
+        for output in outputs:
             root, _ = old.prior(output, sight.group == "released")
             own = [*self.bench.sensitivities(output), *self.bench.lags(output)]
             free = [*self.bench.offsets(), *self.bench.accepted(output)]
             free += [start[output] for start in starts]
             self.shared[output] = [
-                np.column_stack([c[k] for c in own]) @ root for k in range(len(logs))
+                each.means(np.column_stack([c[k] for c in own])) @ root
+                for k, each in enumerate(experiments)
             ]
-            self.private[output] = [np.column_stack([c[k] for c in free]) for k in range(len(logs))]
+            self.private[output] = [
+                each.means(np.column_stack([c[k] for c in free]))
+                for k, each in enumerate(experiments)
+            ]
         for each in experiments:
-            time = each.signals.time
-            noise = ColouredNoise(time, np.array([0]), np.full(len(time), 1 / each.readings))
+            white = 1 / (each.readings * each.counts)
+            noise = ColouredNoise(each.means(each.signals.time), np.array([0]), white)
             self.factors.append(
                 {o: noise.factor(n.level.ratio, n.level.tau) for o, n in sight.noise.items()}
             )
@@ -177,10 +191,10 @@ class Rehearsal:
         """One for each experiment."""
         result = []
         for k, each in enumerate(self.experiments):
-            blank = np.zeros(len(each.signals.time))
+            blank = np.zeros(len(each.counts))
             normal = {}
-            for output in self.bench.observed:
-                columns = [s[output][k] if output in s else blank for s in signatures]
+            for output in self.shared:
+                columns = [each.means(s[output][k]) if output in s else blank for s in signatures]
                 private = self.private[output][k]
                 private = private[:, np.any(private, axis=0)]
                 normal[output] = _normal(
@@ -267,22 +281,19 @@ def _normal(
 
 
 def _starts(bench: Workbench) -> list[dict[str, Series]]:
-    """Responses to the level of a drive with which a log begins.
+    """Responses to the level of each drive with which each log begins.
 
     How a machine came to be where a log begins with a drive on, nobody knows: what it would do
     from rest under that level tells nothing.
     """
     found = []
     bare = replace(bench.model, effects=())
+    rest = {d.channel: 0.0 if d.reference == "first" else d.reference for d in bare.drives}
     for k, log in enumerate(bench.logs):
-        for channel in away_from_rest(bench, log):
-            columns = {
-                d.channel: np.full(
-                    len(log.time),
-                    (0.0 if d.reference == "first" else d.reference) + (d.channel == channel),
-                )
-                for d in bare.drives
-            }
+        for channel in rest:
+            if bench.inputs[k][channel][0] == 0:
+                continue
+            columns = {c: np.full(len(log.time), r + (c == channel)) for c, r in rest.items()}
             response = respond(bare, (), Signals(log.time, columns))
             found.append(
                 {

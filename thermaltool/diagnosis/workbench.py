@@ -133,7 +133,7 @@ class Workbench:
         result = []
         inside = any(e.side in ("drive", "state") for e in more)
         for k, log in enumerate(self.logs):
-            effects = [*self.acting(log), *(e for e in more if e.log in (None, log.log))]
+            effects = [e for e in (*model.effects, *more) if e.log in (None, log.log)]
             again = inside or model is not self.model
             plain = respond(model, effects, log) if again else self.plain[k]
             result.append(read_outputs(effects, plain, log))

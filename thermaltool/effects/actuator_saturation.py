@@ -16,6 +16,7 @@ class ActuatorSaturation(Effect):
 
     name: ClassVar[str] = "actuator_saturation"
     side: ClassVar[Side] = "drive"
+    defect: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "the actuator gives all it has: a heater at full power, an amplifier at its rail"
     )

@@ -16,6 +16,7 @@ class Backlash(Effect):
 
     name: ClassVar[str] = "backlash"
     side: ClassVar[Side] = "drive"
+    defect: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "play between command and actuator: a gear, a spindle nut, a valve stem"
     )

@@ -196,6 +196,8 @@ class Effect:
     known: ClassVar[Mapping[str, Parameter]]
     # Whether it belongs to the log in which it was seen and says nothing of the next one.
     event: ClassVar[bool] = False
+    # Whether it is a defect rather than how such a machine works.
+    defect: ClassVar[bool] = False
     # Whether `drive` and `output` look at the value of the moment alone.
     memoryless: ClassVar[bool] = False
 
@@ -240,6 +242,13 @@ class Effect:
             self.parameter(name).low <= value <= self.parameter(name).high
             for name, value in self.parameters.items()
         )
+
+    @property
+    def odds(self) -> float:
+        """How common it is beside a property of the machine, before any log is seen."""
+        if self.event or not self.channel:
+            return 0.05  # an accident of this very record, a source that nobody logged
+        return 0.2 if self.defect or self.side in ("sensor", "wiring") else 1.0
 
     @property
     def everywhere(self) -> bool:

@@ -22,6 +22,7 @@ class Hysteresis(Effect):
 
     name: ClassVar[str] = "hysteresis"
     side: ClassVar[Side] = "drive"
+    defect: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "an actuator follows a rising command otherwise than a falling one: a piezo, a magnetic "
         "valve, a mechanical regulator"

@@ -29,6 +29,7 @@ class Periodic(Effect):
 
     name: ClassVar[str] = "periodic"
     side: ClassVar[Side] = "source"
+    defect: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "something goes by a clock: air conditioning, a pump, a chiller's hysteresis, day and night"
     )
