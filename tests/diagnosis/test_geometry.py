@@ -145,6 +145,19 @@ def test_two_displacements_that_jump_are_no_sensor():
     assert alternatives(two, found[0], found) == []
 
 
+def test_what_happened_once_cannot_be_asked_for():
+    jumps = {f"step[{X}]": 3.0, f"step[{Y}]": -2.0}
+    step = cause("geometry_step", X, "log", **jumps, time=1500.0)
+    gains = {f"gain[{X}]": 3.0, f"gain[{Y}]": -2.0}
+    source = cause("second_source", "", "log", **gains, time_constant=1.0, start=1495.0)
+    made = bench([X, Y], [step])
+    first, second = fitted(made, step, source)
+    (found,) = alternatives(made, first, [first, second])
+    assert names(found) == [("geometry_step", X), ("second_source", "")]
+    assert "log what else switches" in found.separating_experiment
+    assert np.isnan(found.opened)
+
+
 def together(channel):
     return cause("second_source", channel, time_constant=400.0, **{f"gain[{NEAR}]": 4.0})
 

@@ -86,7 +86,7 @@ class Safe(click.ParamType):
     type=POSITIVE,
     metavar="S",
     show_default="never",
-    help="A reading identical for longer than this is bad [s].",
+    help="A reading identical for longer than this is bad [s]; commanded columns may stand still.",
 )
 @click.option(
     "--range",
@@ -151,10 +151,12 @@ class Safe(click.ParamType):
 def command(model: str, log: str, **options: Any) -> None:
     """Setpoints from sensor lines: one line in, one line out, at once.
 
-    MODEL is a file from regularize; LOG is read line by line. Readings that are bad (text, empty,
-    NaN, out of range, frozen) are held, then the safe setpoint is written until good ones return.
-    The safe setpoint is also the last line, whatever ends the stream (end of input, SIGINT,
-    SIGTERM); it is approached at --slew while the stream lives, and written at once at its end.
+    MODEL is a file from regularize; LOG is read line by line: the sensors, and the columns that
+    measured drives and effects of the model need (regularize names them). Readings that are bad
+    (text, empty, NaN, out of range, frozen) are held, then the safe setpoint is written until good
+    ones return. The safe setpoint is also the last line, whatever ends the stream (end of input,
+    SIGINT, SIGTERM); it is approached at --slew while the stream lives, and written at once at its
+    end.
     Each deflection d_PLACE_um gives a column offset_PLACE_um; --limit, --slew, --step and --safe
     count in its unit.
     """

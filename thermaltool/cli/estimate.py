@@ -88,7 +88,9 @@ def command(
             if not settled and len(truth) and away_from_rest(truth[0], inlet.seen):
                 warn_row(data, 0, f"{inlet.column}: {truth[0]:.4g} at the start {NOT_AT_REST}")
     warn_excursions(document, replace(data, columns=behind))
-    warn_pauses(data, "the heat is taken to wander on over it")
+    estimated = any(inlet.sensor for inlet in chain.inlets)
+    over = "the heat is taken to wander on" if estimated else "the drives are held or run on"
+    warn_pauses(data, f"{over} over it")
     estimates = chain.run(data.time, truths, settled)
     result = {"time_s": data.time}
     result |= dict(zip(chain.estimator.estimates, estimates.T, strict=True))

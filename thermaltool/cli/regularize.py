@@ -126,6 +126,8 @@ def command(
     if not quiet:
         for note in machine.notes:
             warn(note)
+        if machine.drives and machine.known:
+            warn(f"read beside the sensors: {', '.join(k.channel for k in machine.known)}")
     report: dict[str, Any] = {"outputs": list(machine.outputs), "sample_period_s": machine.dt}
     if not machine.drives:
         if form != "auto":

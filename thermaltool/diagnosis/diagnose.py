@@ -20,6 +20,7 @@ from thermaltool.diagnosis.evidence import State
 from thermaltool.diagnosis.residual import ResidualReport, residual_report
 from thermaltool.diagnosis.result import Alternative, Cause, Curves, Diagnosis, Gain, Tried
 from thermaltool.diagnosis.scan import LEAST, Candidate, refine, scan
+from thermaltool.diagnosis.sight import Sight, noise_before
 from thermaltool.diagnosis.special import find_outliers_in, short_outputs, too_short
 from thermaltool.diagnosis.workbench import Mask, Progress, Workbench
 from thermaltool.effects.effect import Effect, Signals, reference_of
@@ -125,6 +126,7 @@ class _Diagnosing:
         self.known = model if self.own else corrected(model)
         self.masked: Mask = {}
         self.notes: list[str] = []
+        self.suspect = ""
         self.tried: tuple[Tried, ...] = ()
         self.rivals: list[tuple[Candidate, list[Candidate], Workbench]] = []
 
@@ -209,7 +211,7 @@ class _Diagnosing:
             refined = [replace(c, evidence=c.evidence - correction) for c in refined]
             refined.sort(key=lambda c: -c.evidence)
             if first_step:
-                self.tried = _tried(candidates, refined, correction, alone)
+                self.tried = _tried(bench, candidates, refined, correction, alone)
                 first_step = False
             best_switch = max(states, key=lambda s: alone[s])
             top = refined[0].evidence if refined else -np.inf
@@ -223,6 +225,7 @@ class _Diagnosing:
                 found = self._accepted(bench, candidate, refined)
                 if found is not None:
                     return found
+            self.suspect = ""
             if decisive:
                 self._suspect(decisive[0])
             return None
@@ -234,7 +237,7 @@ class _Diagnosing:
             f"{name} {effect.parameters[name]:.3g} {effect.unit(name)}"
             for name in (*effect.linear(), *effect.searched())
         )
-        self.notes.append(
+        self.suspect = (
             f"what is left looks most like {effect.name} ({effect.channel or 'no channel'}: "
             f"{told}), but rows that its fit has not seen do not confirm it"
         )
@@ -466,10 +469,14 @@ class _Diagnosing:
         adequate = not causes and share >= ADEQUATE
         if not causes and not adequate:
             self.notes.append("misfit found, no cause in the catalogue explains it")
+        if self.suspect:
+            self.notes.append(self.suspect)
         alternatives: list[Alternative] = []
         for candidate, refined, bench in self.rivals:
             self.progress(f"what else could be {candidate.effect.name}")
             alternatives += geometry.alternatives(bench, candidate, refined)
+        self.progress("what these logs cannot show")
+        alternatives += geometry.invisible(first, first.state)
         curves = tuple(
             Curves(
                 log.log,
@@ -547,27 +554,37 @@ def _rank(candidate: Candidate) -> int:
 
 
 def _tried(
+    bench: Workbench,
     candidates: Sequence[Candidate],
     refined: Sequence[Candidate],
     correction: float,
     alone: Mapping[State, float],
 ) -> tuple[Tried, ...]:
+    """Every cause at its best, and the size from which these logs would show it."""
     best: dict[tuple[str, str], Candidate] = {}
     for c in candidates:
-        best.setdefault((c.effect.name, c.effect.channel), replace(c, evidence=c.evidence - correction))
+        place = c.effect.name, c.effect.channel
+        best.setdefault(place, replace(c, evidence=c.evidence - correction))
     for c in reversed(refined):
         best[c.effect.name, c.effect.channel] = c
     ranked = sorted(best.values(), key=lambda c: -(c.evidence - alone[c.state]))
-    return tuple(
-        Tried(
-            c.effect.name,
-            c.effect.channel,
-            c.evidence - alone[c.state],
-            c.detectable,
-            "evidence" if c.evidence - alone[c.state] > DECISIVE else "no evidence",
+    sight = Sight(bench, bench.state, noise_before(bench, bench.state))
+    result = []
+    for c in ranked:
+        seen = geometry.detectable(bench, c.effect, bench.state, correction, sight)
+        evidence = c.evidence - alone[c.state]
+        verdict = "evidence" if evidence > DECISIVE else "no evidence"
+        result.append(
+            Tried(
+                c.effect.name,
+                c.effect.channel,
+                evidence,
+                None if seen is None else seen.change,
+                verdict if seen else "cannot be seen",
+                None if seen is None else seen.output,
+            )
         )
-        for c in ranked
-    )
+    return tuple(result)
 
 
 def _as_candidate(effect: Effect, state: State) -> Candidate:

@@ -1,24 +1,24 @@
-"""Which causes these logs can tell apart, what they cannot show, and the experiment that would.
+"""Which causes these logs can tell apart, and the experiment that would.
 
 A cause at its fitted size changes the outputs by a vector; a rival can change them by anything in
 the span of its amplitudes and of small moves of its other parameters. Under the noise of the logs,
 with everything projected out that the model may say for itself, the angle between the two says
 whether the logs can tell them apart: of the evidence for the cause, the part sin² of the angle
-speaks against the rival. An input is predicted to help by the same angle in the logs and a
-synthetic log of that input together: they share the model's own parameters and those of the rival.
+speaks against the rival. An input is predicted to help by the evidence that a synthetic log of it
+adds, the two logs sharing the model's own parameters and those of the rival, and by the angle that
+this is the sine of, of what the cause does there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermaltool.diagnosis.evidence import State
 from thermaltool.diagnosis.experiments import Experiment, library
 from thermaltool.diagnosis.result import Alternative
-from thermaltool.diagnosis.scan import Candidate, every_probe
+from thermaltool.diagnosis.scan import Candidate
 from thermaltool.diagnosis.sight import (
     Changes,
     Normal,
@@ -28,15 +28,20 @@ from thermaltool.diagnosis.sight import (
     displaced,
     eliminated,
     noise_after,
-    noise_before,
     reachable,
 )
+from thermaltool.diagnosis.visibility import (
+    DECISIVE,
+    SHOWN,
+    Detectable,
+    detectable,
+    invisible,
+)
 from thermaltool.diagnosis.workbench import Workbench
-from thermaltool.effects import CATALOGUE, effect_class
-from thermaltool.effects.effect import Effect, Float, is_displacement
+from thermaltool.effects.effect import Effect, Float
 
-# Evidence that decides between two causes: odds of 150.
-DECISIVE = 10.0
+__all__ = ["Detectable", "alternatives", "detectable", "invisible"]
+
 # A rival that leaves more than half of a cause's power unexplained is no other name for it, but
 # perhaps a second cause [deg].
 UNLIKE = 45.0
@@ -49,36 +54,7 @@ MOST_NAMES = 3
 ENOUGH = 0.8
 # Another sensor is asked for where no input opens the angle to half of what that would.
 HARDWARE = 0.5
-# A signature of which the model's own parameters leave less than this share of the power is theirs.
-DEGENERATE = 1e-4
-# Of the inputs that show what has not been seen, the first that opens this share of the best angle
-# is asked for.
-SIMPLE = 0.5
-# An input shows what it opens to this angle [deg].
-SHOWN = 5.0
-
-# Found otherwise, or free to be whatever is slow: no vector at a place of the model.
-_SHAPELESS = ("ambient_drift", "periodic", "outliers", "record_too_short")
 _SENSOR = ("sensor", "wiring")
-
-
-@dataclass(frozen=True)
-class Detectable:
-    """What logs would show of a cause.
-
-    Attributes
-    ----------
-    change : float [unit of `output`]
-        RMS change of the output at which the cause would have decisive evidence.
-    output : str
-        The output that tells it first.
-    left : float
-        Norm of the signature there that the model's own parameters leave, relative to the whole.
-    """
-
-    change: float
-    output: str
-    left: float
 
 
 def alternatives(
@@ -101,7 +77,8 @@ def alternatives(
     Returns
     -------
     list of Alternative
-        One, of at most `MOST_NAMES` names, or none.
+        One, of at most `MOST_NAMES` names, or none. `opened` is NaN where the advice is no input
+        whose effect can be predicted.
     """
     caused = displaced(bench, chosen.effect)
     sight = Sight(bench, chosen.state, noise_after(bench, chosen.state, caused))
@@ -131,121 +108,14 @@ def alternatives(
     ]
 
 
-def detectable(
-    bench: Workbench,
-    effect: Effect,
-    state: State,
-    correction: float = 0.0,
-    sight: Sight | None = None,
-    found: Mapping[str, Changes] | None = None,
-) -> Detectable | None:
-    """How large a cause would have to be to be seen in these logs, the residual unseen.
-
-    Parameters
-    ----------
-    effect : Effect
-        At a trial size; its amplitudes are scaled.
-    correction : float
-        Evidence that the number of causes tried takes away.
-    sight, found : optional
-        Of the bench in this state, and `Workbench.signatures` of the effect, where they are known.
-
-    Returns
-    -------
-    Detectable or None
-        None where the model's own parameters can do all that the cause does.
-    """
-    sight = sight or Sight(bench, state, noise_before(bench, state))
-    found = bench.signatures(effect) if found is None else found
-    vectors = [changes for changes in found.values() if changes]
-    if not vectors:
-        return None
-    present = sight.present(vectors)
-    left = sight.reduced([present], len(vectors))
-    best: tuple[float, Detectable] | None = None
-    for k, changes in enumerate(vectors):
-        seen = {o: max(float(left[o][k, k]), 0.0) for o in changes}
-        seen = {o: v for o, v in seen.items() if v > DEGENERATE * present[o].whole[k]}
-        if not seen:
-            continue
-        rows = sum(bench.observed[o].size for o in changes)
-        unknown = 1 + len(effect.searched())
-        needed = DECISIVE + correction + unknown * float(np.log(rows))
-        scale = float(np.sqrt(needed / sum(seen.values())))
-        sizes = {o: scale * _rms(bench, o, changes) for o in seen}
-        output = max(seen, key=lambda o: sizes[o] / np.sqrt(sight.noise[o].variance))
-        relative = sizes[output] / float(np.sqrt(sight.noise[output].variance))
-        if best is None or relative < best[0]:
-            share = float(np.sqrt(seen[output] / present[output].whole[k]))
-            best = relative, Detectable(sizes[output], output, min(share, 1.0))
-    return None if best is None else best[1]
-
-
-def invisible(bench: Workbench, state: State) -> list[Alternative]:
-    """Causes whose place is there but which these logs cannot show, and the input that would.
-
-    Returns
-    -------
-    list of Alternative
-        One for each channel, with the simplest input that would show all of its causes. `angle`
-        and `opened` are between a signature and what the model may say for itself, the smallest of
-        several.
-    """
-    sight = Sight(bench, state, noise_before(bench, state))
-    unseen = list(_unseen(sight))
-    if not unseen:
-        return []
-    rehearsal = Rehearsal(sight, library(bench, unseen), bench.observed)
-    places: dict[str, list[tuple[str, float, list[float]]]] = {}
-    for effect in unseen:
-        now = sight.present([displaced(bench, effect)])
-        then = rehearsal.normals([displaced(rehearsal.bench, effect)])
-        opened = [_shown(sight, now, each) for each in then]
-        if max(opened) >= SHOWN:
-            places.setdefault(effect.channel, []).append((effect.name, _shown(sight, now), opened))
-    found = []
-    for channel, group in places.items():
-        least = np.min([opened for _, _, opened in group], axis=0)
-        k = int(np.argmax(least >= SIMPLE * least.max()))
-        found.append(
-            Alternative(
-                tuple(name for name, _, _ in group),
-                (channel,) * len(group),
-                min(now for _, now, _ in group),
-                rehearsal.experiments[k].sentence,
-                float(least[k]),
-            )
-        )
-    return found
-
-
 def _same(effect: Effect, other: Effect) -> bool:
     """Whether a user is told the same of both."""
     return (effect.name, effect.channel) == (other.name, other.channel)
 
 
-def _rms(bench: Workbench, output: str, changes: Changes) -> float:
-    """RMS change; of a displacement, whose zero is arbitrary, about its mean."""
-    change = bench.observed[output].whole(changes[output])
-    if is_displacement(output):
-        change = change - np.mean(change)
-    return float(np.sqrt(np.mean(change**2)))
-
-
 def _angle(sight: Sight, logs: Sequence[Normal], count: int) -> float:
     """Between the first of `count` signatures and the others, all outputs together [deg]."""
     return angle(np.sum(list(sight.reduced(logs, count).values()), axis=0))
-
-
-def _shown(sight: Sight, present: Normal, more: Normal | None = None) -> float:
-    """Between one signature and what the model may say for itself, in `more` where given [deg]."""
-    logs = [present] if more is None else [present, more]
-    left, before = (
-        sum(float(v[0, 0]) for v in sight.reduced(each, 1).values()) for each in (logs, [present])
-    )
-    whole = sum(float(block.whole[0]) for block in logs[-1].values())
-    left -= 0.0 if more is None else before
-    return float(np.degrees(np.arcsin(np.sqrt(np.clip(left / whole, 0.0, 1.0))))) if whole else 0.0
 
 
 def _shortest(experiments: Sequence[Experiment], opened: Sequence[float]) -> int:
@@ -315,7 +185,7 @@ def _separating(sight: Sight, chosen: Effect, rivals: Sequence[Effect]) -> tuple
             )
             for k in range(len(experiments))
         ]
-    deciding = [k for k, each in enumerate(opened) if each.evidence > DECISIVE]
+    deciding = [k for k, o in enumerate(opened) if o.evidence > DECISIVE and o.angle > SHOWN]
     best = max((opened[k].angle for k in deciding), default=0.0)
     channel, doubled = _second_sensor(sight, chosen, rivals, presents)
     if doubled.evidence > DECISIVE and best < HARDWARE * doubled.angle:
@@ -366,31 +236,4 @@ def _words(chosen: Effect, rivals: Sequence[Effect]) -> str:
         return "log the temperature of the air beside the machine (a column T_ambient_degC)"
     if "second_source" in names:
         return "log what else switches near the machine (pumps, lights, spindle), a column each"
-    return "no input tells them apart: look at the machine"
-
-
-# ---------------------------------------------------------------- what cannot be seen
-
-
-def _unseen(sight: Sight) -> Iterator[Effect]:
-    """A trial of every cause and channel of which these logs show no trial at all."""
-    bench = sight.bench
-    names = [n for n in CATALOGUE if n not in _SHAPELESS and not effect_class(n).event]
-    places: dict[tuple[str, str], list[Effect]] = {}
-    for probe in every_probe(bench, names):
-        if probe.log is None and probe.channel:
-            places.setdefault((probe.name, probe.channel), []).append(probe)
-    for probes in places.values():
-        middle = len(probes) // 2
-        ordered = [probes[middle], *probes[:middle], *probes[middle + 1 :]]
-        if not any(_visible(sight, probe) for probe in ordered):
-            yield ordered[0]
-
-
-def _visible(sight: Sight, probe: Effect) -> bool:
-    changes = displaced(sight.bench, probe)
-    if not changes:
-        return False
-    present = sight.present([changes])
-    left = sight.reduced([present], 1)
-    return any(left[o][0, 0] > DEGENERATE * present[o].whole[0] for o in changes)
+    return "no input of this model tells them apart: look at the machine"

@@ -40,11 +40,8 @@ class Candidate:
         Nuisance that was in use.
     covariance : ndarray
         Of the linear amplitudes.
-    norm : float
-        Size of the signature in units of its standard error, before looking at the residual, per
-        RMS of one of the most affected output.
-    signature : mapping of output to Series
-        Change of every output at the fitted amplitudes.
+    amplitudes : mapping of str to float
+        Departures from neutral of the linear parameters; of ``""``, the share of a displacement.
     """
 
     effect: Effect
@@ -54,7 +51,6 @@ class Candidate:
     state: State
     amplitudes: Mapping[str, float]
     covariance: Float = field(compare=False, default_factory=lambda: np.zeros((0, 0)))
-    detectable: float | None = None
 
     @property
     def place(self) -> tuple[str, str, str | None]:

@@ -29,7 +29,7 @@ _ROUNDING = 1e-13
 
 @dataclass(frozen=True)
 class Noise:
-    """Of an output: slow variance over the white one and time constant; white variance."""
+    """Of an output: its level, and the white variance of an independent reading."""
 
     level: Level
     variance: float
@@ -64,7 +64,7 @@ def noise_before(bench: Workbench, state: State) -> dict[str, Noise]:
     found = {}
     for output, evidence in bench.evidence.items():
         base = evidence.base(state)
-        found[output] = Noise(evidence.levels[base.level], base.white**2)
+        found[output] = Noise(evidence.levels[base.level], base.white**2 / evidence.share)
     return found
 
 
@@ -77,8 +77,9 @@ def noise_after(bench: Workbench, state: State, caused: Changes) -> dict[str, No
     after = profile(parts, 1, np.ones(1))
     for output, part, g in zip(outputs, parts, after.levels, strict=True):
         square = float(part.base.square[g] - 2 * part.b[g].sum() + part.C[g].sum())
-        variance = max(square, part.base.least) / part.base.dof
-        found[output] = Noise(bench.evidence[output].levels[g], variance)
+        evidence = bench.evidence[output]
+        variance = max(square, part.base.least) / part.base.dof / evidence.share
+        found[output] = Noise(evidence.levels[g], variance)
     return found
 
 
