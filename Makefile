@@ -1,18 +1,22 @@
 # make demo     the main job on data_samples/: tables, and figures in demo/figures
 # make test     the tests; make lint: ruff, mypy, import direction
-# make bench    speed as ratios measured in one run
-# make study    error bands over fresh noise, and the measured logs; make measured: these alone
+# make bench    speed as ratios measured in one run, and diagnose beside what a user would pick instead
+# make study    error bands over fresh noise, hidden effects, the measured logs
+# make hidden   hidden effects alone; make measured: the measured logs alone
 # make docs     docs/commands/ again, from --help
 # make samples  data_samples/ again, from the simulated machine
 # Each sets up .venv from requirements.lock by itself.
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
-.PHONY: demo test lint bench study measured samples docs lock clean
+.PHONY: demo test lint bench study hidden measured samples docs lock clean
 
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
+# The peers' own packages, apart from those of the project.
+BENCH := .venv-bench/bin
+BENCH_READY := .venv-bench/.ready
 TOOLS := THERMALTOOL=$(CURDIR)/$(BIN)/thermaltool PYTHON=$(CURDIR)/$(BIN)/python
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
@@ -22,11 +26,16 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
 	touch $@
 
+$(BENCH_READY): requirements-bench.lock
+	$(PYTHON) -m venv .venv-bench
+	$(BENCH)/python -m pip install --quiet --require-hashes -r requirements-bench.lock
+	touch $@
+
 demo: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/demo.mk $(TOOLS)
 
 test: $(READY)
-	$(BIN)/python -m pytest -n 2
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -34,15 +43,20 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(READY)
+bench: $(READY) $(BENCH_READY)
 	@$(BIN)/python benchmarks/speed.py
+	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/peers.py
 
 DESIGNS := demo/far_kalman.json demo/far_kernel.json demo/all_kalman.json
 
 study: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/demo.mk $(TOOLS) $(DESIGNS)
 	@$(BIN)/python benchmarks/deflection_bands.py data_samples $(DESIGNS) --repeat 20
+	@$(MAKE) --no-print-directory hidden
 	@$(MAKE) --no-print-directory measured
+
+hidden: $(READY)
+	@$(BIN)/python benchmarks/hidden_effects.py --figures docs/figures
 
 measured: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/measured.mk $(TOOLS)
@@ -55,6 +69,7 @@ docs: $(READY)
 
 lock:
 	uv pip compile --universal --generate-hashes --no-emit-index-url --group dev pyproject.toml -o requirements.lock
+	uv pip compile --universal --generate-hashes --no-emit-index-url --group bench -c requirements.lock pyproject.toml -o requirements-bench.lock
 
 clean:
 	rm -rf demo build dist

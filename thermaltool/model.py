@@ -2,8 +2,9 @@
 
 A drive is a channel that is known (in the log) or to be estimated; a term takes one drive through
 one response; an output is a channel, the sum of its terms. An output with the role "sensor" is one
-from which unknown drives are estimated. An effect is a physical cause that changes a drive, the loss of
-heat or an output (`thermaltool.effects`). `design` holds the estimator that ``regularize`` made.
+from which unknown drives are estimated. An effect is a physical cause that changes a drive, the
+loss of heat or an output (`thermaltool.effects`). `design` holds the estimator that ``regularize``
+made.
 """
 
 from __future__ import annotations

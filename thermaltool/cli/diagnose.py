@@ -90,6 +90,9 @@ def command(
     and says what these logs cannot tell apart. JSON goes to stdout, the verdict to stderr. Exit 0
     where the model is adequate, 3 where it is not.
     """
+    # Thousands of small matrices: threads would wait for each other. Before numpy loads.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
     from thermaltool.diagnosis.diagnose import diagnose
     from thermaltool.files import atomic_output
     from thermaltool.logs import read_log

@@ -131,9 +131,7 @@ class _Diagnosing:
         self.rivals: list[tuple[Candidate, list[Candidate], Workbench]] = []
 
     def bench(self, model: Model, logs: Sequence[Signals] | None = None) -> Workbench:
-        bench = Workbench(
-            model, logs or self.logs, self.known, self.masked, self.state
-        )
+        bench = Workbench(model, logs or self.logs, self.known, self.masked, self.state)
         return bench
 
     def ready(self, model: Model) -> Workbench:
@@ -425,9 +423,7 @@ class _Diagnosing:
 
     # ------------------------------------------------------------ backward, and the answer
 
-    def _backward(
-        self, causes: list[Cause], bench: Workbench
-    ) -> tuple[list[Cause], Workbench]:
+    def _backward(self, causes: list[Cause], bench: Workbench) -> tuple[list[Cause], Workbench]:
         for cause in list(causes):
             acting = [e for e in bench.model.effects if e == cause.effect]
             if len(bench.model.effects) < 2 or not acting:

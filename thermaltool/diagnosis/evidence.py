@@ -137,10 +137,7 @@ class OutputEvidence:
         self.names = [name for name, block in nuisance.items() for _ in range(block.shape[1])]
         self.columns = np.column_stack([residual, *nuisance.values()])
         self.centre = np.concatenate(
-            [
-                centre.get(name, np.zeros(block.shape[1]))
-                for name, block in nuisance.items()
-            ]
+            [centre.get(name, np.zeros(block.shape[1])) for name, block in nuisance.items()]
         )
         self.white = white
         # Of the rows, as independent readings: below one where slow misfit is taken for white.
@@ -209,9 +206,7 @@ class OutputEvidence:
             half = vectors[:, values > 1e-13] / size[:, None]
             inner = (half / values[values > 1e-13]) @ half.T
             pull = level.gram[0, active + 1] - prior * centre
-            square.append(
-                level.gram[0, 0] + float(prior @ centre**2) - float(pull @ inner @ pull)
-            )
+            square.append(level.gram[0, 0] + float(prior @ centre**2) - float(pull @ inner @ pull))
             logdet.append(
                 level.factor.logdet
                 + float(np.sum(np.log(np.maximum(values, 1e-13))))
@@ -315,9 +310,7 @@ class Reduced:
         C = np.empty((len(self.b), len(index), len(index)))
         for i, p in enumerate(index):
             for j, q in enumerate(index):
-                C[:, i, j] = (
-                    self.own[:, p] if p == q else self.pairs[(min(p, q), max(p, q))]
-                )
+                C[:, i, j] = self.own[:, p] if p == q else self.pairs[(min(p, q), max(p, q))]
         return Part(self.b[:, list(index)], C, np.array(amplitudes, int), self.base)
 
 

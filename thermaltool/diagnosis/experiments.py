@@ -196,7 +196,7 @@ def _plans(u: Levels, slow: float, period: float) -> Iterator[_Plan]:
         return _Plan(sentence, total, step, {name: _held(a, pieces)})
 
     yield plan(
-        f"step {name} from {u.say(a)} to {u.say(b)} and hold it for {duration_text(long)}",
+        f"bring {name} from {u.say(a)} to {u.say(b)} and hold it for {duration_text(long)}",
         [(long, b)],
     )
     yield plan(
@@ -223,20 +223,10 @@ def _plans(u: Levels, slow: float, period: float) -> Iterator[_Plan]:
         )
     pause = min(6 * hold, _LONGEST / 4)
     yield plan(
-        f"step {name} to {u.say(b)} for {duration_text(hold)} and the same again after "
+        f"bring {name} to {u.say(b)} for {duration_text(hold)} and the same again after "
         f"{duration_text(pause)} at {u.say(a)}, in one log",
         [(hold, b), (pause, a), (hold, b)],
     )
-    half = max(4 * period, float(f"{np.sqrt(4 * period * hold):.2g}"))
-    for span, step in ((half, period), (4 * period, period), (2 * period, period / FASTER)):
-        count = max(4, min(int(2 * slow / span), int(MEANS * step / span)))
-        often = f", reading every {duration_text(step)}" if step < period else ""
-        yield plan(
-            f"switch {name} between {u.say(a)} and {u.say(b)} every {duration_text(span)}, for "
-            f"{duration_text(count * span)}{often}",
-            [(span, v) for v in (b, a) * (count // 2)],
-            step,
-        )
     ramp = min(3 * slow, _LONGEST / 4)
     yield _Plan(
         f"ramp {name} slowly from {u.say(u.low)} to {u.say(u.high)} in {duration_text(ramp)} and "
@@ -249,14 +239,26 @@ def _plans(u: Levels, slow: float, period: float) -> Iterator[_Plan]:
             )
         },
     )
+    rest = 2 * long
+    yield plan(f"record {duration_text(rest)} with {name} at {u.say(a)}", [(rest, a)])
+    if hold_of(name) == "first":
+        return  # a temperature of the machine is not switched
+    half = max(4 * period, float(f"{np.sqrt(4 * period * hold):.2g}"))
+    for span, step in ((half, period), (4 * period, period), (2 * period, period / FASTER)):
+        count = max(4, min(int(2 * slow / span), int(MEANS * step / span)))
+        often = f", reading every {duration_text(step)}" if step < period else ""
+        yield plan(
+            f"switch {name} between {u.say(a)} and {u.say(b)} every {duration_text(span)}, for "
+            f"{duration_text(count * span)}{often}",
+            [(span, v) for v in (b, a) * (count // 2)],
+            step,
+        )
     swing = [u.low + s * (u.high - u.low) for s in (0.5, 0.3, 0.8, 0.5, 1.0, 0.7, 0.9, 0.4, 0.6)]
     yield plan(
         f"change {name} by small amounts up and down around several levels "
         f"({', '.join(u.say(v) for v in swing[:5])}, …), {duration_text(hold / 3)} each",
         [(hold / 3, v) for v in swing],
     )
-    rest = 2 * long
-    yield plan(f"record {duration_text(rest)} with {name} at {u.say(a)}", [(rest, a)])
 
 
 def _beside(u: Levels, x: Levels, slow: float, period: float) -> Iterator[_Plan]:

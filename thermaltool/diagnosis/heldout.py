@@ -63,14 +63,14 @@ def _centred(bench: Workbench, output: str, error: Float) -> Float:
     return np.concatenate([part - part.mean() if len(part) else part for part in parts])
 
 
-def transferred(
-    before: Workbench, after: Workbench, seed: int = 0
-) -> dict[str, Gain]:
+def transferred(before: Workbench, after: Workbench, seed: int = 0) -> dict[str, Gain]:
     """Gain of every output on logs that no fit has seen: both models as they stand."""
     result = {}
     for output, seen in before.observed.items():
         measured = seen.whole([m.get(output, np.zeros(0)) for m in before.measured])
-        old, new = (seen.whole(_levelled(bench.residual(output), output)) for bench in (before, after))
+        old, new = (
+            seen.whole(_levelled(bench.residual(output), output)) for bench in (before, after)
+        )
         result[output] = compare(measured, old, new, seed)
     return result
 

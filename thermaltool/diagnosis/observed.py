@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -63,7 +64,7 @@ class Observed:
             pauses = steps > PAUSE * np.median(steps) if len(steps) else np.zeros(0, bool)
             edges = [0, *(np.flatnonzero(pauses) + 1).tolist(), len(there)]
             groups = np.concatenate(
-                [np.arange(a, b, size) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+                [np.arange(a, b, size) for a, b in itertools.pairwise(edges)]
             )
             first.append(at + groups)
             owner.append(np.full(len(groups), k))

@@ -98,7 +98,9 @@ def scan(
         trials = [prepared.candidate(k, s) for s in states if prepared.promises(k, s)]
         if trials:
             # The present state, unless another one is decisively better.
-            candidates.append(max(trials, key=lambda c: c.evidence - 10.0 * (c.state != bench.state)))
+            candidates.append(
+                max(trials, key=lambda c: c.evidence - 10.0 * (c.state != bench.state))
+            )
     return sorted(candidates, key=lambda c: -c.evidence)
 
 

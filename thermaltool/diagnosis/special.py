@@ -152,7 +152,9 @@ def too_short(calibrated: Model, before: Workbench, after: Workbench) -> Cause |
     short = short_outputs(calibrated)
     gain = heldout.gains(before, after)
     helped = [
-        o for o, g in gain.items() if o in short and g.claimed and g.rms_after < HELPS * g.rms_before
+        o
+        for o, g in gain.items()
+        if o in short and g.claimed and g.rms_after < HELPS * g.rms_before
     ]
     worse = [o for o, g in gain.items() if g.interval[1] < 0]
     if not helped or worse:

@@ -154,9 +154,7 @@ class Workbench:
         result: dict[str, dict[str, Series]] = {}
         for base in dict.fromkeys(reference_of(name)[0] for name in linear):
             neutral = effect.known[base].neutral
-            others = {
-                n: effect.parameter(n).neutral for n in linear if reference_of(n)[0] != base
-            }
+            others = {n: effect.parameter(n).neutral for n in linear if reference_of(n)[0] != base}
             trial = {n: neutral + 1.0 for n in linear if reference_of(n)[0] == base}
             changes = self._changes(self.with_effects(effect.changed({**others, **trial})), 1.0)
             for name in trial:

@@ -74,9 +74,7 @@ def discrepancy(
         Size of each parameter (1 for a logarithm).
     """
     group = -(-len(time) // MOST_ROWS)
-    first = np.concatenate(
-        [np.flatnonzero(record == k)[::group] for k in np.unique(record)]
-    )
+    first = np.concatenate([np.flatnonzero(record == k)[::group] for k in np.unique(record)])
     counts = np.diff(np.append(first, len(time)))
     table = np.column_stack([time, residual, own, lags, free])
     means = np.add.reduceat(table, first, axis=0) / counts[:, None]

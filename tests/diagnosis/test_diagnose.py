@@ -1,0 +1,142 @@
+"""The whole diagnosis on logs made by hand, on measured ones, and on bad ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thermaltool.diagnosis.diagnose import diagnose
+from thermaltool.effects.effect import Signals
+from thermaltool.errors import FitError, ModelError
+from thermaltool.identification.records import Measurement, Plan, calibrate
+from thermaltool.logs import read_log
+from thermaltool.model import Model, dumps, loads
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+MAPS = Path(__file__).parents[2] / "data_samples" / "maps"
+LEVELS = np.repeat([0.0, 1.0, 0.0, 0.6, 0.3, 1.0, 0.0, 0.8, 0.0, 0.5], 120)
+TIME = 3.0 * np.arange(len(LEVELS))
+
+
+def machine(heat: np.ndarray, seed: int) -> dict[str, np.ndarray]:
+    """Two masses by hand, with noise; `heat` is what acts."""
+    warm, rows = np.zeros(2), []
+    for q in np.append(0.0, heat[:-1]):
+        warm = warm + 3.0 * np.array([(20 * q - warm[0]) / 150, (3 * warm[0] - warm[1]) / 500])
+        rows.append(warm)
+    noise = np.random.default_rng([20261121, seed]).standard_normal((2, len(heat)))
+    rise, deflection = np.array(rows).T
+    return {"dT_pair1_K": rise + 0.02 * noise[0], "d_y_um": deflection + 0.1 * noise[1]}
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    plan = Plan(("Q_main_1",), ("dT_pair1_K",), ("d_y_um",), {"dT_pair1_K": "deflection"})
+    return calibrate([Measurement(TIME, {"Q_main_1": LEVELS, **machine(LEVELS, 1)})], plan)
+
+
+def log(acting: np.ndarray, seed: int, **more: np.ndarray) -> Signals:
+    return Signals(TIME, {"Q_main_1": LEVELS, **machine(acting, seed), **more}, f"log {seed}")
+
+
+def test_a_clean_log_is_adequate(model: Model) -> None:
+    found = diagnose(model, [log(LEVELS, 2)])
+    assert found.adequate
+    assert not found.causes
+    assert found.model.effects == ()
+    assert 0.8 < found.noise_share <= 1
+
+
+def test_heat_by_the_square_is_found_and_then_known(model: Model) -> None:
+    wrong = log(LEVELS**2, 3)
+    found = diagnose(model, [wrong])
+    cause = found.causes[0]
+    assert not found.adequate
+    assert (cause.effect.name, cause.effect.channel) == ("drive_nonlinearity", "Q_main_1")
+    low, high = cause.intervals["exponent"]
+    assert low < 2.0 < high
+    assert high - low < 0.3
+    assert all(g.claimed for g in cause.gain.values())
+    # The extended model is one file, simulates what was measured, and needs no further cause.
+    extended = loads(dumps(found.model))
+    before, after = (
+        np.std(wrong.columns["d_y_um"] - m.simulate(TIME, wrong.columns, wrong.log)["d_y_um"])
+        for m in (model, extended)
+    )
+    assert after < 0.15 < before
+    again = diagnose(extended, [wrong])
+    assert again.adequate
+    assert not again.causes
+
+
+def test_an_accident_acts_in_its_own_log_alone(model: Model) -> None:
+    clean = log(LEVELS, 4)
+    jumped = {**clean.columns, "d_y_um": clean.columns["d_y_um"] + 2.0 * (TIME > 1500)}
+    found = diagnose(model, [replace(clean, columns=jumped)])
+    assert found.causes[0].effect.name == "geometry_step"
+    (effect,) = found.model.effects
+    assert effect.log == clean.log
+    assert effect.parameters["time"] == pytest.approx(1500, abs=10)
+    elsewhere = found.model.simulate(TIME, clean.columns, "another log")
+    assert np.array_equal(elsewhere["d_y_um"], model.simulate(TIME, clean.columns)["d_y_um"])
+
+
+def test_gain_on_a_log_that_no_fit_saw(model: Model) -> None:
+    source = np.where(np.sin(TIME / 300) > 0.3, 1.0, 0.0)
+    first = log(LEVELS + 0.2 * source, 5, Q_pump_W=40 * source)
+    second = log(LEVELS + 0.2 * source[::-1], 6, Q_pump_W=40 * source[::-1])
+    found = diagnose(model, [first], [second])
+    cause = found.causes[0]
+    assert (cause.effect.name, cause.effect.channel) == ("second_source", "Q_pump_W")
+    assert cause.gain["dT_pair1_K"].claimed
+    assert cause.gain["dT_pair1_K"].rms_after < 0.5 * cause.gain["dT_pair1_K"].rms_before
+
+
+@pytest.mark.parametrize(
+    ("columns", "error", "message"),
+    [
+        ({"Q_other_1": LEVELS, "d_y_um": LEVELS}, ModelError, "Q_main_1 is not in the log"),
+        ({"Q_main_1": LEVELS}, ModelError, "no output of the model"),
+        ({"Q_main_1": 0 * LEVELS, "d_y_um": LEVELS}, FitError, "never moves"),
+        ({"Q_main_1": LEVELS, "d_y_um": np.nan * LEVELS}, ModelError, "fewer than 20 values"),
+        ({"Q_main_1": np.nan * LEVELS, "d_y_um": LEVELS}, ModelError, "missing values"),
+    ],
+)
+def test_bad_logs_are_refused_in_one_line(
+    model: Model, columns: dict[str, np.ndarray], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message) as caught:
+        diagnose(model, [Signals(TIME, columns, "bad")])
+    assert "\n" not in str(caught.value)
+
+
+def test_a_log_of_few_rows_is_refused(model: Model) -> None:
+    short = log(LEVELS, 7)
+    few = Signals(TIME[:9], {k: v[:9] for k, v in short.columns.items()}, "few")
+    with pytest.raises(FitError, match="9 rows are too few"):
+        diagnose(model, [few])
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="no shared/data beside the project")
+def test_the_gantry_names_its_bed() -> None:
+    runs = []
+    for part in ("morning", "evening"):
+        run = read_log(
+            str(DATA / f"gantry/run_2021-06-13_{part}.csv"), columns=str(MAPS / "gantry.toml")
+        )
+        runs.append(Signals(run.time, dict(run.columns), run.digest))
+    morning, evening = runs
+    plan = Plan(("T_frame_degC",), (), ("d_z_um",))
+    provenance = {"logs": [{"name": "morning", "sha256": morning.log}]}
+    model = calibrate([Measurement(morning.time, morning.columns)], plan, provenance)
+    found = diagnose(model, [morning], [evening])
+    assert (found.causes[0].effect.name, found.causes[0].effect.channel) == (
+        "second_source",
+        "T_bed_degC",
+    )
+    gain = found.causes[0].gain["d_z_um"]
+    assert gain.claimed
+    assert gain.rms_after < 9.0 < 20.0 < gain.rms_before
