@@ -159,7 +159,8 @@ def group_of(answer: Diagnosis) -> set[str]:
     first, names = answer.causes[0].effect.name, set()
     for each in answer.alternatives:
         group = set(each.names)
-        if first in group and len(group) <= LARGEST_GROUP:
+        declared = each.kind == "indistinguishable" and each.names[0] == first
+        if declared and len(group) <= LARGEST_GROUP:
             names |= group
     return names
 

@@ -179,7 +179,10 @@ def test_the_fixed_radius_sets_the_unit_of_length_only():
     at = np.geomspace(20, 3000, 50)
     np.testing.assert_allclose(b.step(at), a.step(at), atol=0.2 * SIGMA)
     assert two.rmse == pytest.approx(one.rmse, rel=1e-4)
-    assert b.r == pytest.approx(2 * a.r, rel=0.05)
+    # a, α and r trade against each other: the optimum is flat, and where a search stops on it
+    # depends on the rounding of the machine.
+    k = one.names.index("r")
+    assert abs(b.r - 2 * a.r) < 2 * np.sqrt(one.covariance[k, k])
 
 
 def standard_score(got, of):

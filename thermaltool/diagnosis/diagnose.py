@@ -146,7 +146,7 @@ class _Diagnosing:
         causes: list[Cause] = []
         spikes = find_outliers_in(bench)
         if spikes is not None:
-            # They are left out from here on; whether they are a cause is told when others are known.
+            # They are left out from here on; whether they are a cause is told at the end.
             self.masked = spikes.masked
             bench = self.ready(self.known)
         released = (self.state - {"tight"}) | {"released"}
@@ -472,7 +472,8 @@ class _Diagnosing:
             self.progress(f"what else could be {candidate.effect.name}")
             alternatives += geometry.alternatives(bench, candidate, refined)
         self.progress("what these logs cannot show")
-        alternatives += geometry.invisible(first, first.state)
+        unseen = geometry.invisible(first, first.state)
+        alternatives += [replace(each, kind="invisible") for each in unseen]
         curves = tuple(
             Curves(
                 log.log,

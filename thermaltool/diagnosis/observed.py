@@ -63,9 +63,7 @@ class Observed:
             steps = np.diff(log.time[there])
             pauses = steps > PAUSE * np.median(steps) if len(steps) else np.zeros(0, bool)
             edges = [0, *(np.flatnonzero(pauses) + 1).tolist(), len(there)]
-            groups = np.concatenate(
-                [np.arange(a, b, size) for a, b in itertools.pairwise(edges)]
-            )
+            groups = np.concatenate([np.arange(a, b, size) for a, b in itertools.pairwise(edges)])
             first.append(at + groups)
             owner.append(np.full(len(groups), k))
             at += len(there)

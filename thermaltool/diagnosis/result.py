@@ -114,7 +114,10 @@ class Alternative:
     separating_experiment : str
         The input that opens the angle most, in words.
     opened : float [deg]
-        The angle that it is predicted to open.
+        The angle that it is predicted to open; NaN where advice is in words alone.
+    kind : str
+        ``indistinguishable``, or ``invisible``: these logs show none of the names (one or more),
+        which look like the model's own response.
     """
 
     names: tuple[str, ...]
@@ -122,6 +125,7 @@ class Alternative:
     angle: float
     separating_experiment: str
     opened: float
+    kind: str = "indistinguishable"
 
 
 @dataclass(frozen=True)
@@ -207,6 +211,7 @@ class Diagnosis:
                     "angle_deg": each.angle,
                     "separating_experiment": each.separating_experiment,
                     "opened_deg": each.opened,
+                    "kind": each.kind,
                 }
                 for each in self.alternatives
             ],

@@ -6,7 +6,15 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import (
+    Effect,
+    Float,
+    Parameter,
+    Scene,
+    Side,
+    Signals,
+    is_displacement,
+)
 
 
 class SensorOffsetStep(Effect):
@@ -21,6 +29,11 @@ class SensorOffsetStep(Effect):
     signature: ClassVar[str] = "one channel jumps between two samples and stays; no other does"
     source: ClassVar[str] = "Basseville & Nikiforov 1993, ch. 2 (additive change)"
     known: ClassVar = {"step": Parameter("{channel}", linear=True), "time": Parameter("s")}
+
+    @property
+    def odds(self) -> float:
+        # A displacement that jumps is more often the machine's doing than its probe's.
+        return super().odds * (0.5 if is_displacement(self.channel) else 1.0)
 
     def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
         if name != self.channel:

@@ -205,9 +205,17 @@ def _unknown(document: Document) -> Iterator[str]:
             called(name, channel)
             for name, channel in zip(each["names"], each["channels"], strict=True)
         ]
-        line = f"Not known: {first} cannot be told from {' or '.join(rest)} in this log"
+        if each.get("kind") == "invisible":
+            names = ", ".join([first, *rest])
+            line = (
+                f"Not known: this log cannot show {names}, which look like the model's own response"
+            )
+            aim = "to show them"
+        else:
+            line = f"Not known: {first} cannot be told from {' or '.join(rest)} in this log"
+            aim = "to tell them apart"
         if each["separating_experiment"]:
-            line += f"; to tell them apart: {each['separating_experiment']}"
+            line += f"; {aim}: {each['separating_experiment']}"
         yield f"{line}."
     blind = dict.fromkeys(t["name"] for t in document["tried"] if t["verdict"] == "cannot be seen")
     if blind and not document["causes"]:
