@@ -12,8 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from thermaltool.errors import ModelError
 from thermaltool.model import Model, Term
-from thermaltool.responses import response_class
 from thermaltool.responses.modes import Complex, Float, Modes, Range
 
 
@@ -75,16 +75,28 @@ def corrected(model: Model) -> Model:
         known = known_discrepancy(model, output.channel)
         if not known:
             continue
-        moves = dict(zip(map(tuple, known["parameters"]), known["mean"], strict=False))
-        for k, term in enumerate(model.terms):
-            if term.output != output.channel:
+        mean, covariance = np.array(known["mean"]), np.array(known["covariance"])
+        p = len(known["parameters"])
+        # Where a kind does not allow the move, the lags are what they are without it.
+        spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        scaled = covariance / np.outer(spread, spread)
+        slope = scaled[p:, :p] @ np.linalg.pinv(scaled[:p, :p], hermitian=True)
+        for share in (1.0, 0.5, 0.0):
+            own = share * mean[:p]
+            lost = slope @ ((own - mean[:p]) / spread[:p]) * spread[p:]
+            weights = (mean[p:] + lost).tolist()
+            moves = dict(zip(map(tuple, known["parameters"]), own.tolist(), strict=True))
+            try:
+                moved = {
+                    k: replace(term, response=_moved(term, moves))
+                    for k, term in enumerate(model.terms)
+                    if term.output == output.channel
+                }
+            except ModelError:
                 continue
-            cls, values = response_class(term.response.kind), {}
-            for name in (*cls.searched, *cls.gains):
-                value, move = getattr(term.response, name), moves.get((term.drive, name), 0.0)
-                values[name] = value * np.exp(move) if name in cls.searched else value + move
-            terms[k] = replace(term, response=replace(term.response, **values))  # type: ignore[type-var]
-        weights = known["mean"][len(known["parameters"]) :]
+            break
+        for k, term in moved.items():
+            terms[k] = term
         for drive in dict.fromkeys(drive for drive, _ in known["lags"]):
             chosen = [k for k, (d, _) in enumerate(known["lags"]) if d == drive]
             bank = LagBank(
@@ -94,7 +106,24 @@ def corrected(model: Model) -> Model:
     return replace(model, terms=tuple(terms))
 
 
+def _moved(term: Term, moves: Mapping[tuple[str, str], float]) -> Any:
+    """The response of a term with its parameters moved, searched ones by logarithms."""
+    response: Any = term.response
+    values = {}
+    for name in (*response.searched, *response.gains):
+        value, move = getattr(response, name), moves.get((term.drive, name), 0.0)
+        values[name] = value * np.exp(move) if name in response.searched else value + move
+    return replace(response, **values)
+
+
 def uncorrected(model: Model, calibrated: Model, moved: bool) -> Model:
     """The model without lags; its parameters as calibrated unless these logs have `moved` them."""
+    if not moved:
+        return replace(model, terms=calibrated.terms)
     terms = tuple(t for t in model.terms if t.response.kind != LagBank.kind)
-    return replace(model, terms=terms if moved else calibrated.terms)
+    # What the calibration knew belongs to the parameters that it found.
+    outputs = tuple(
+        replace(o, fit={k: v for k, v in o.fit.items() if k != "discrepancy"})
+        for o in model.outputs
+    )
+    return replace(model, terms=terms, outputs=outputs)

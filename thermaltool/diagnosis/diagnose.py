@@ -86,6 +86,8 @@ def diagnose(
         No output of the model in any log, a channel without values, a drive that never moves.
     """
     _check(model, logs)
+    if validate:
+        _check(model, validate)
     return _Diagnosing(model, tuple(logs), tuple(validate), progress).run()
 
 
@@ -206,8 +208,11 @@ class _Diagnosing:
             for k, candidate in enumerate(short):
                 self.progress(f"fitting {candidate.effect.name} ({k + 1} of {len(short)})")
                 refined.append(refine(bench, candidate))
+                if candidate.state != self.state:
+                    # Far from its trial size a cause may need no other change of the model.
+                    refined.append(refine(bench, replace(candidate, state=self.state)))
             refined = [replace(c, evidence=c.evidence - correction) for c in refined]
-            refined.sort(key=lambda c: -c.evidence)
+            refined.sort(key=lambda c: -(c.evidence - DECISIVE * (c.state != self.state)))
             if first_step:
                 self.tried = _tried(bench, candidates, refined, correction, alone)
                 first_step = False

@@ -255,6 +255,14 @@ class Workbench:
             was = getattr(self.calibrated.terms[each.term].response, each.name)
             at[k] = np.log(now / was) if each.log else now - was
         size = np.array([WIDE_LOG if e.log else WIDE_GAIN * self._gain_scale(e) for e in own])
+        if not wide and not known:
+            covariance = np.zeros((p, p))
+            for term in {e.term for e in own}:
+                index = [k for k, e in enumerate(own) if e.term == term]
+                block = self._calibrated_covariance([own[k] for k in index])
+                covariance[np.ix_(index, index)] = block
+            root = _root(covariance, size)
+            return root, np.asarray(np.linalg.solve(root, at))
         if wide or [tuple(n) for n in known.get("parameters", ())] != names:
             # A lag at the largest drive is then of the size of the noise.
             heights = [self.level(drive) for drive, _ in known.get("lags", ())]
@@ -262,11 +270,20 @@ class Workbench:
             return np.diag(size), at / size
         covariance = np.array(known["covariance"])
         size = np.append(size, np.full(q, known["lag_sigma"]))
-        scaled = covariance / np.outer(size, size)
-        values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
-        # Never wider than the wide prior, never exactly known.
-        root = size[:, None] * vectors * np.sqrt(np.clip(values, 1e-12, 1.0))
-        return root, np.linalg.solve(root, at)
+        root = _root(covariance, size)
+        return root, np.asarray(np.linalg.solve(root, at))
+
+    def _calibrated_covariance(self, own: Sequence[Own]) -> Float:
+        """Of some parameters of one term, by the fit alone."""
+        term = self.calibrated.terms[own[0].term]
+        if term.covariance is None:
+            return np.diag(
+                [(WIDE_LOG if e.log else WIDE_GAIN * self._gain_scale(e)) ** 2 for e in own]
+            )
+        names = list(term.covariance_names)
+        index = [names.index(e.name) for e in own]
+        factor = np.array([1 / getattr(term.response, e.name) if e.log else 1.0 for e in own])
+        return np.asarray(term.covariance)[np.ix_(index, index)] * np.outer(factor, factor)
 
     def lags(self, output: str) -> list[Series]:
         """Lags of the drives, of unit height: what a response's kind leaves out of its shape."""
@@ -461,6 +478,13 @@ class Workbench:
                 for o in self.observed
             },
         )
+
+
+def _root(covariance: Float, size: Float) -> Float:
+    """A root of a covariance; never wider than `size`, never exactly known."""
+    scaled = covariance / np.outer(size, size)
+    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.clip(values, 1e-12, 1.0)))
 
 
 def _moves(log: Signals, channel: str) -> bool:

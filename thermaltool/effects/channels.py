@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from thermaltool.effects.effect import Scene
+from thermaltool.effects.effect import Scene, is_displacement
 from thermaltool.units import parse_channel
 
 _AIR = {
@@ -47,8 +47,8 @@ def part_channels(scene: Scene) -> list[str]:
 
 
 def source_channels(scene: Scene) -> list[str]:
-    """Every other channel: heat may go with it."""
-    return [c for c in scene.extra if not is_air(c) and not is_part(c)]
+    """Every other channel with which heat may go: a displacement is no source."""
+    return [c for c in scene.extra if not is_air(c) and not is_part(c) and not is_displacement(c)]
 
 
 def air_is_logged(scene: Scene) -> bool:
