@@ -174,6 +174,7 @@ def hidden(effect: str, size: float, seed: int) -> Case:
         tuple(c for c in whole.columns if c not in (*drives, *outputs)),
         outputs,
         effect,
+        dict.fromkeys(outputs, "deflection"),
     )
 
 

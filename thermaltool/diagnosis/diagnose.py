@@ -129,6 +129,7 @@ class _Diagnosing:
         self.masked: Mask = {}
         self.notes: list[str] = []
         self.suspect = ""
+        self.unseen: list[Alternative] = []
         self.tried: tuple[Tried, ...] = ()
         self.rivals: list[tuple[Candidate, list[Candidate], Workbench]] = []
 
@@ -145,6 +146,9 @@ class _Diagnosing:
         self.progress("noise")
         bench = self.ready(self.known)
         first = bench
+        self.progress("what these logs cannot show")
+        unseen = geometry.invisible(first, first.state)
+        self.unseen = [replace(each, kind="invisible") for each in unseen]
         causes: list[Cause] = []
         spikes = find_outliers_in(bench)
         if spikes is not None:
@@ -203,7 +207,11 @@ class _Diagnosing:
             white = "white" in self.state
             # Where held-out levels decide, the number of trials is no matter of the evidence.
             correction = 0.0 if white else 2 * float(np.log(max(len(places), 1)))
-            short = _shortlist(candidates)
+            # What these logs cannot show they cannot confirm either.
+            blind = {p for each in self.unseen for p in zip(each.names, each.channels, strict=True)}
+            short = _shortlist(
+                [c for c in candidates if (c.effect.name, c.effect.channel) not in blind]
+            )
             refined = []
             for k, candidate in enumerate(short):
                 self.progress(f"fitting {candidate.effect.name} ({k + 1} of {len(short)})")
@@ -237,7 +245,7 @@ class _Diagnosing:
         """Tell of the strongest cause that unseen data did not confirm."""
         effect = candidate.effect
         told = ", ".join(
-            f"{name} {effect.parameters[name]:.3g} {effect.unit(name)}"
+            f"{name} {effect.parameters[name]:.3g} {effect.unit(name)}".removesuffix(" 1")
             for name in (*effect.linear(), *effect.searched())
         )
         self.suspect = (
@@ -476,9 +484,7 @@ class _Diagnosing:
         for candidate, refined, bench in self.rivals:
             self.progress(f"what else could be {candidate.effect.name}")
             alternatives += geometry.alternatives(bench, candidate, refined)
-        self.progress("what these logs cannot show")
-        unseen = geometry.invisible(first, first.state)
-        alternatives += [replace(each, kind="invisible") for each in unseen]
+        alternatives += self.unseen
         curves = tuple(
             Curves(
                 log.log,

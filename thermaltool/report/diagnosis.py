@@ -87,8 +87,8 @@ def _verdict(document: Document) -> str:
     return (
         f"{line}{though} {how}{percent(share)} of the residual's power in {output} is sensor "
         f"noise or what the calibration itself left (residual {number(report['spread'])} {unit} "
-        f"RMS, noise {number(report['noise']['white'])} {unit}, calibration "
-        f"{number(report['floor'])} {unit})."
+        f"RMS, noise {number(report['noise']['white'])} {unit}"
+        + (f", calibration {number(report['floor'])} {unit})." if report["floor"] else ").")
     )
 
 
@@ -191,8 +191,12 @@ def _no_cause(document: Document) -> Iterator[str]:
         line = "Cause: none in the catalogue explains it"
         if tried:
             best = tried[0]
-            weight = f"{number(best['evidence'])}; {DECISIVE:g} is decisive; {best['verdict']}"
-            line += f"; the nearest is {called(best['name'], best['channel'])} (evidence {weight})"
+            line += (
+                f"; the nearest is {called(best['name'], best['channel'])} "
+                f"(evidence {number(best['evidence'])}, {DECISIVE:g} is decisive"
+            )
+            held = best["verdict"] == "evidence"
+            line += ", but it does not help on unseen rows)" if held else ")"
         yield f"{line}."
     elif tried:
         names = {each["name"] for each in tried}
