@@ -171,7 +171,7 @@ class Rehearsal:
         for output in outputs:
             root, _ = old.prior(output, sight.group == "released")
             own = [*self.bench.sensitivities(output), *self.bench.lags(output)]
-            free = [*self.bench.offsets(), *self.bench.accepted(output)]
+            free = [*self.bench.offsets(), *self.bench.accepted(output).values()]
             free += [start[output] for start in starts]
             self.shared[output] = [
                 each.means(np.column_stack([c[k] for c in own])) @ root
