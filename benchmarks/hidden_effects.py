@@ -397,6 +397,7 @@ def main() -> int:
                     for line in lines], "logs": [asdict(s) for s in scores]}  # fmt: skip
         options.json.write_text(json.dumps(_finite(document), indent=1, allow_nan=False) + "\n")
     if options.figures:
+        options.figures.mkdir(parents=True, exist_ok=True)
         for name, figure in (("confusion", draw_confusion), ("power", draw_power)):
             picture = render(lambda figure=figure: figure(scores), "png")  # type: ignore[misc]
             (options.figures / f"hidden_{name}.png").write_bytes(picture)
