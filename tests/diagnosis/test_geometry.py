@@ -64,7 +64,7 @@ def cause(name, channel, log=None, **parameters):
 
 def fitted(made, *effects):
     """Refined where they are, the best one first."""
-    found = [refine(made, Candidate(e, 0.0, 0.0, 0, made.state, {})) for e in effects]
+    found = [refine(made, Candidate(e, 0.0, 0.0, made.state, {})) for e in effects]
     return sorted(found, key=lambda c: -c.evidence)
 
 
@@ -188,7 +188,7 @@ def test_another_part_of_the_residual_is_no_other_name():
     two = [cause("sensor_drift", NEAR, rate=0.3), cause("sensor_gain", FAR, gain=1.05)]
     made = bench([NEAR, FAR], two, state=TIGHT)
     found = fitted(made, *two)
-    close = [Candidate(c.effect, 100.0, 50.0, 1, c.state, c.amplitudes) for c in found]
+    close = [Candidate(c.effect, 100.0, 50.0, c.state, c.amplitudes) for c in found]
     assert alternatives(made, close[0], close) == []
 
 
@@ -247,8 +247,8 @@ def test_what_is_detectable_is_detected():
     size = found.change / np.std(displaced(clean, step)[X][0])
     evidence = []
     for seed in range(12):
-        changed = bench([NEAR, X], [step.at(step=size)], noise=0.1, seed=100 + seed)
-        evidence.append(refine(changed, Candidate(step, 0, 0, 0, RELEASED, {})).evidence)
+        changed = bench([NEAR, X], [step.changed({"step": size})], noise=0.1, seed=100 + seed)
+        evidence.append(refine(changed, Candidate(step, 0, 0, RELEASED, {})).evidence)
     assert np.mean(evidence) == pytest.approx(10.0, abs=6.0)
 
 

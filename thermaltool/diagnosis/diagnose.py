@@ -10,56 +10,40 @@ causes made idle is taken out again.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from thermaltool.diagnosis import geometry, heldout
+from thermaltool.diagnosis.answer import curves_of, reports_of
 from thermaltool.diagnosis.correction import corrected, uncorrected
-from thermaltool.diagnosis.evidence import State
-from thermaltool.diagnosis.residual import ResidualReport, residual_report
-from thermaltool.diagnosis.result import Alternative, Cause, Curves, Diagnosis, Gain, Tried
+from thermaltool.diagnosis.evidence import DECISIVE, State, released
+from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Gain, Tried
 from thermaltool.diagnosis.scan import LEAST, Candidate, refine, scan
-from thermaltool.diagnosis.sight import Sight, noise_before
+from thermaltool.diagnosis.settling import settled
+from thermaltool.diagnosis.shortlist import every_place, other_form, plain_forms_first, shortlist
 from thermaltool.diagnosis.special import find_outliers_in, short_outputs, too_short
 from thermaltool.diagnosis.workbench import Mask, Progress, Workbench
-from thermaltool.effects.effect import Effect, Signals, reference_of
+from thermaltool.effects.effect import Effect, Signals
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
 
-# Evidence (fall of BIC, corrected for the causes tried) from which a cause counts: odds of 150.
-DECISIVE = 10.0
 # A cause has to explain this many times the slow discrepancy of a clean log.
 PRACTICAL = 1.0
 # ... or, where that is large, this share of what is wrong now.
 MOST = 0.7
 # Less of the RMS than this is of no practical use.
 LEAST_GAIN = 0.05
-# Forms of one cause that differ by less in evidence are taken for equal.
-SAME = 10.0
 # Causes that are held out at each step before the search is given up.
 HELD_OUT = 4
-# Causes that are refitted at each step, of one name at most two.
-REFINED, OF_A_NAME = 8, 2
 MOST_CAUSES = 6
-# Steps of the search for the model's own parameters.
-SETTLING = 6
-# Turns between them and the parameters of an effect.
+# Turns between the model's own parameters and those of an effect.
 TURNS = 2
 # Share of the residual's power that noise and floor must account for in an adequate model.
 ADEQUATE = 0.5
 
 TIGHT: State = frozenset({"offset", "accepted", "tight"})
 RELEASED: State = frozenset({"offset", "accepted", "released"})
-
-
-@dataclass(frozen=True)
-class Step:
-    """The model after some causes, and what the next one is judged by."""
-
-    model: Model
-    state: State
-    causes: tuple[Cause, ...]
 
 
 def diagnose(
@@ -134,8 +118,7 @@ class _Diagnosing:
         self.rivals: list[tuple[Candidate, list[Candidate], Workbench]] = []
 
     def bench(self, model: Model, logs: Sequence[Signals] | None = None) -> Workbench:
-        bench = Workbench(model, logs or self.logs, self.known, self.masked, self.state)
-        return bench
+        return Workbench(model, logs or self.logs, self.known, self.masked, self.state)
 
     def ready(self, model: Model) -> Workbench:
         bench = self.bench(model)
@@ -155,10 +138,9 @@ class _Diagnosing:
             # They are left out from here on; whether they are a cause is told at the end.
             self.masked = spikes.masked
             bench = self.ready(self.known)
-        released = (self.state - {"tight"}) | {"released"}
         if short_outputs(self.calibrated) and "tight" in self.state:
             # Known before any log is seen: a calibration that short says little of slow changes.
-            found = self._too_short(bench, released)
+            found = self._too_short(bench, released(self.state))
             if found is not None:
                 causes.append(found[0])
                 bench = found[1]
@@ -187,7 +169,7 @@ class _Diagnosing:
         if "initial" not in self.state:
             states.append(self.state | {"initial"})
         if "tight" in self.state:
-            states.append((self.state - {"tight"}) | {"released"})
+            states.append(released(self.state))
         return states
 
     def _switch(self, bench: Workbench, state: State) -> float:
@@ -209,7 +191,7 @@ class _Diagnosing:
             correction = 0.0 if white else 2 * float(np.log(max(len(places), 1)))
             # What these logs cannot show they cannot confirm either.
             blind = {p for each in self.unseen for p in zip(each.names, each.channels, strict=True)}
-            short = _shortlist(
+            short = shortlist(
                 [c for c in candidates if (c.effect.name, c.effect.channel) not in blind]
             )
             refined = []
@@ -222,7 +204,7 @@ class _Diagnosing:
             refined = [replace(c, evidence=c.evidence - correction) for c in refined]
             refined.sort(key=lambda c: -(c.evidence - DECISIVE * (c.state != self.state)))
             if first_step:
-                self.tried = _tried(bench, candidates, refined, correction, alone)
+                self.tried = every_place(bench, candidates, refined, correction, alone)
                 first_step = False
             best_switch = max(states, key=lambda s: alone[s])
             top = refined[0].evidence if refined else -np.inf
@@ -232,7 +214,7 @@ class _Diagnosing:
                 continue
             least = 0.0 if white else DECISIVE
             decisive = [c for c in refined if c.evidence - alone[c.state] > least]
-            for candidate in _plain_forms_first(decisive)[:HELD_OUT]:
+            for candidate in plain_forms_first(decisive)[:HELD_OUT]:
                 found = self._accepted(bench, candidate, refined)
                 if found is not None:
                     return found
@@ -253,10 +235,10 @@ class _Diagnosing:
             f"{told}), but rows that its fit has not seen do not confirm it"
         )
 
-    def _too_short(self, bench: Workbench, released: State) -> tuple[Cause, Workbench] | None:
+    def _too_short(self, bench: Workbench, state: State) -> tuple[Cause, Workbench] | None:
         """A short calibration as the cause, where setting the parameters free helps unseen rows."""
         kept = self.state, self.known
-        after = self.ready(self._settled(self._in_state(bench, released).model))
+        after = self.ready(self._settled(self._in_state(bench, state).model))
         cause = too_short(self.calibrated, bench, after)
         if cause is None:
             self.state, self.known = kept
@@ -276,51 +258,7 @@ class _Diagnosing:
 
     def _settled(self, model: Model) -> Model:
         """The model's own parameters where these logs want them, if they are free at all."""
-        if "released" not in self.state:
-            return model
-        bench = self.ready(model)
-        for _ in range(SETTLING):
-            steps = {output: self._own_steps(bench, output) for output in bench.evidence}
-            if not any(np.any(np.abs(step) > 1e-3) for step in steps.values()):
-                break
-            for share in (1.0, 0.3, 0.1):
-                moved = self._moved(bench, steps, share)
-                if moved is not None and _unexplained(moved) < _unexplained(bench) - 0.1:
-                    bench = moved
-                    break
-            else:
-                break
-        return bench.model
-
-    def _own_steps(self, bench: Workbench, output: str) -> np.ndarray:
-        """Moves of an output's own parameters that its residual asks for, none too long."""
-        evidence, own = bench.evidence[output], bench.own(output)
-        base = evidence.base(self.state)
-        names = np.array(evidence.names)[base.active]
-        root, _ = bench.prior(output, True)
-        steps = (root @ base.fitted[base.level][names == "released"])[: len(own)]
-        logs = [abs(s) for s, each in zip(steps, own, strict=True) if each.log]
-        return np.asarray(steps * min(1.0, 0.7 / max([*logs, 1e-12])))
-
-    def _moved(
-        self, bench: Workbench, steps: Mapping[str, np.ndarray], share: float
-    ) -> Workbench | None:
-        """The workbench with own parameters moved; None where a response does not allow it."""
-        model = bench.model
-        try:
-            for output, step in steps.items():
-                own = bench.own(output)
-                moved = bench.moved(own, share * step)
-                terms = {each.term for each in own}
-                model = replace(
-                    model,
-                    terms=tuple(
-                        moved.terms[k] if k in terms else term for k, term in enumerate(model.terms)
-                    ),
-                )
-            return self.ready(model)
-        except (ValueError, np.linalg.LinAlgError):
-            return None
+        return settled(model, self.ready) if "released" in self.state else model
 
     def _accepted(
         self, bench: Workbench, candidate: Candidate, refined: Sequence[Candidate]
@@ -368,7 +306,7 @@ class _Diagnosing:
             _intervals(after, last),
             gain,
             _explained(bench, gain),
-            tuple((c.effect, c.evidence) for c in refined if _other_form(c, candidate)),
+            tuple((c.effect, c.evidence) for c in refined if other_form(c, candidate)),
         ), after
 
     def _joint(self, model: Model, candidate: Candidate) -> tuple[Workbench, Candidate]:
@@ -380,7 +318,7 @@ class _Diagnosing:
             effect = again.effect
             if not np.isfinite(again.gain):
                 break
-            candidate = replace(candidate, effect=effect, covariance=again.covariance)
+            candidate = replace(candidate, effect=effect)
             after = self.ready(self._settled(replace(rest, effects=(*rest.effects, effect))))
         return after, candidate
 
@@ -450,31 +388,8 @@ class _Diagnosing:
         return causes, bench
 
     def _result(self, first: Workbench, last: Workbench, causes: list[Cause]) -> Diagnosis:
-        reports: dict[str, ResidualReport] = {}
-        share = 1.0
         plain, extended = self.bench(self.calibrated), self.bench(self._simulated(last.model))
-        for output, seen in first.observed.items():
-            white = last.evidence[output].base(self.state).white
-            residual = plain.residual(output)
-            rms = float(np.sqrt(np.mean(_centred(seen.whole(residual)) ** 2)))
-            floor = first.floor(output) if "tight" in first.state else 0.0
-            wrong = rms**2
-            if "tight" in first.state:
-                wrong = float(np.mean(seen.whole(first.corrected(output)) ** 2))
-            accounted = 1 - max(wrong - white**2 - floor**2, 0.0) / rms**2 if rms else 1.0
-            share = min(share, accounted)
-            k = int(np.argmax([len(rows) for rows in seen.rows]))
-            log = first.logs[k]
-            known = {d.channel for d in first.model.drives}
-            reports[output] = residual_report(
-                log.time,
-                residual[k],
-                first.measured[k][output],
-                {d: log.columns[d] for d in known},
-                {c: v for c, v in log.columns.items() if c in first.scene().extra},
-                white,
-                floor,
-            )
+        reports, share = reports_of(first, last, plain)
         adequate = not causes and share >= ADEQUATE
         if not causes and not adequate:
             self.notes.append("misfit found, no cause in the catalogue explains it")
@@ -484,119 +399,21 @@ class _Diagnosing:
         for candidate, refined, bench in self.rivals:
             self.progress(f"what else could be {candidate.effect.name}")
             alternatives += geometry.alternatives(bench, candidate, refined)
-        alternatives += self.unseen
-        curves = tuple(
-            Curves(
-                log.log,
-                output,
-                log.time,
-                first.measured[k][output],
-                plain.outputs[k][output],
-                extended.outputs[k][output],
-            )
-            for k, log in enumerate(first.logs)
-            for output in first.observed
-            if output in first.measured[k]
-        )
         return Diagnosis(
             adequate,
             float(np.clip(share, 0.0, 1.0)),
             reports,
             tuple(causes),
-            tuple(alternatives),
+            (*alternatives, *self.unseen),
             self.tried,
             tuple(dict.fromkeys(self.notes)),
             extended.model,
-            curves,
+            curves_of(first, plain, extended),
         )
-
-
-def _centred(values: np.ndarray) -> np.ndarray:
-    return values - np.mean(values)
-
-
-def _unexplained(bench: Workbench) -> float:
-    """Negative log likelihood with the model's own parameters where they stand."""
-    fixed = bench.state - {"released"}
-    return sum(e.base(fixed).best for e in bench.evidence.values())
-
-
-def _shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The best trial of every form of a cause, the strongest first, few of one name."""
-    chosen: list[Candidate] = []
-    for c in candidates:
-        if c.evidence < LEAST:
-            break
-        same = [x for x in chosen if x.effect.name == c.effect.name]
-        if len(same) < OF_A_NAME and c.form not in [x.form for x in chosen]:
-            chosen.append(c)
-        if len(chosen) == REFINED:
-            break
-    return chosen
-
-
-def _plain_forms_first(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Of the forms of one cause that these logs hardly tell apart, the catalogue's first one."""
-    result = list(candidates)
-    for k, c in enumerate(result):
-        same = [
-            x
-            for x in result[k + 1 :]
-            if x.place == c.place and x.evidence > c.evidence - SAME and _rank(x) < _rank(c)
-        ]
-        if same:
-            best = min(same, key=_rank)
-            result.remove(best)
-            result.insert(k, best)
-    return result
-
-
-def _other_form(c: Candidate, chosen: Candidate) -> bool:
-    return c.place == chosen.place and c.form != chosen.form and c.evidence > 0
-
-
-def _rank(candidate: Candidate) -> int:
-    """Place of its first parameter among those that the cause knows."""
-    known = list(candidate.effect.known)
-    return min((known.index(reference_of(n)[0]) for n in candidate.effect.searched()), default=0)
-
-
-def _tried(
-    bench: Workbench,
-    candidates: Sequence[Candidate],
-    refined: Sequence[Candidate],
-    correction: float,
-    alone: Mapping[State, float],
-) -> tuple[Tried, ...]:
-    """Every cause at its best, and the size from which these logs would show it."""
-    best: dict[tuple[str, str], Candidate] = {}
-    for c in candidates:
-        place = c.effect.name, c.effect.channel
-        best.setdefault(place, replace(c, evidence=c.evidence - correction))
-    for c in reversed(refined):
-        best[c.effect.name, c.effect.channel] = c
-    ranked = sorted(best.values(), key=lambda c: -(c.evidence - alone[c.state]))
-    sight = Sight(bench, bench.state, noise_before(bench, bench.state))
-    result = []
-    for c in ranked:
-        seen = geometry.detectable(bench, c.effect, bench.state, correction, sight)
-        evidence = c.evidence - alone[c.state]
-        verdict = "evidence" if evidence > DECISIVE else "no evidence"
-        result.append(
-            Tried(
-                c.effect.name,
-                c.effect.channel,
-                evidence,
-                None if seen is None else seen.change,
-                verdict if seen else "cannot be seen",
-                None if seen is None else seen.output,
-            )
-        )
-    return tuple(result)
 
 
 def _as_candidate(effect: Effect, state: State) -> Candidate:
-    return Candidate(effect, 0.0, 0.0, 0, state, {})
+    return Candidate(effect, 0.0, 0.0, state, {})
 
 
 def _intervals(bench: Workbench, at: int) -> dict[str, tuple[float, float]]:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermaltool.diagnosis.evidence import DECISIVE
 from thermaltool.diagnosis.experiments import Experiment, library
 from thermaltool.diagnosis.result import Alternative
 from thermaltool.diagnosis.scan import Candidate
@@ -31,7 +32,6 @@ from thermaltool.diagnosis.sight import (
     reachable,
 )
 from thermaltool.diagnosis.visibility import (
-    DECISIVE,
     SHOWN,
     Detectable,
     detectable,

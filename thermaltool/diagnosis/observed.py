@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.effects.effect import Float, Signals
+from thermaltool.identification.discrepancy import MOST_ROWS
 from thermaltool.signals.likelihood import ColouredNoise
 
-# The likelihood works on so many rows at most: more are averaged in groups.
-MOST_ROWS = 3000
 # A pause above this many median periods is not averaged over.
 PAUSE = 5.0
 

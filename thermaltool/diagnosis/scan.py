@@ -8,12 +8,13 @@ amplitude would have (score test). Only what survives is refitted.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
-from thermaltool.diagnosis.evidence import Part, Profile, State, profile
+from thermaltool.diagnosis.evidence import DECISIVE, State
+from thermaltool.diagnosis.profile import Part, Profile, profile
 from thermaltool.diagnosis.workbench import Progress, Series, Workbench
 from thermaltool.effects import CATALOGUE, effect_class
 from thermaltool.effects.effect import Effect, Float, reference_of
@@ -21,6 +22,8 @@ from thermaltool.errors import ModelError
 
 # Trials that promise less evidence than this are not fitted.
 LEAST = -10.0
+# First step of a search, of a logarithm.
+STEP = 0.3
 
 
 @dataclass(frozen=True)
@@ -34,12 +37,8 @@ class Candidate:
         Fall of BIC.
     gain : float
         Rise of the log likelihood.
-    parameters : int
-        Fitted ones.
     state : frozenset of str
         Nuisance that was in use.
-    covariance : ndarray
-        Of the linear amplitudes.
     amplitudes : mapping of str to float
         Departures from neutral of the linear parameters; of ``""``, the share of a displacement.
     """
@@ -47,10 +46,8 @@ class Candidate:
     effect: Effect
     evidence: float
     gain: float
-    parameters: int
     state: State
     amplitudes: Mapping[str, float]
-    covariance: Float = field(compare=False, default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def place(self) -> tuple[str, str, str | None]:
@@ -99,7 +96,7 @@ def scan(
         if trials:
             # The present state, unless another one is decisively better.
             candidates.append(
-                max(trials, key=lambda c: c.evidence - 10.0 * (c.state != bench.state))
+                max(trials, key=lambda c: c.evidence - DECISIVE * (c.state != bench.state))
             )
     return sorted(candidates, key=lambda c: -c.evidence)
 
@@ -234,14 +231,12 @@ def _candidate(
         probe.changed(named),
         2 * gain - count * float(np.log(rows)) + 2 * float(np.log(probe.odds)),
         gain,
-        count,
         state,
         found,
-        result.covariance,
     )
 
 
-def refine(bench: Workbench, candidate: Candidate, step: float = 0.3) -> Candidate:
+def refine(bench: Workbench, candidate: Candidate) -> Candidate:
     """Search what is not linear in a cause from where the score left it."""
     effect, state = candidate.effect, candidate.state
     names = effect.searched()
@@ -276,7 +271,7 @@ def refine(bench: Workbench, candidate: Candidate, step: float = 0.3) -> Candida
         known, value = effect.parameter(name), start.parameters[name]
         value = float(np.clip(value, known.low, known.high))
         x0.append(np.log(value) if known.log else value)
-        sizes.append(step if known.log else _span(bench, effect, name))
+        sizes.append(STEP if known.log else _span(bench, effect, name))
     simplex = np.vstack([x0, np.array(x0) + np.diag(sizes)])
     seen: dict[tuple[float, ...], Candidate] = {}
 

@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.diagnosis.evidence import FLAT, Level, State, profile
+from thermaltool.diagnosis.evidence import FLAT, Level, State
 from thermaltool.diagnosis.experiments import Experiment, away_from_rest
+from thermaltool.diagnosis.profile import profile
 from thermaltool.diagnosis.workbench import Series, Workbench
 from thermaltool.effects.effect import Effect, Float, Signals
 from thermaltool.model import respond

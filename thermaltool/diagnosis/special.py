@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 from scipy.special import ndtri
 
 from thermaltool.diagnosis import heldout
+from thermaltool.diagnosis.evidence import DECISIVE
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.workbench import Mask, Workbench
 from thermaltool.effects import effect_class
@@ -21,7 +22,6 @@ from thermaltool.model import Model
 NEIGHBOURS, FALSE = 3, 0.01
 # A drive that changes by this share of its range between two rows is switched.
 JUMP = 0.05
-DECISIVE = 10.0
 # A calibration that covers fewer of the slowest time constants has not seen the steady state.
 SHORT = 2.0
 # ... and setting its parameters free has to bring the RMS of unseen rows below this share.

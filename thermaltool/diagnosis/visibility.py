@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from thermaltool.diagnosis.evidence import Base, State
+from thermaltool.diagnosis.evidence import DECISIVE, State
 from thermaltool.diagnosis.experiments import library
+from thermaltool.diagnosis.profile import Base
 from thermaltool.diagnosis.result import Alternative
 from thermaltool.diagnosis.scan import every_probe
 from thermaltool.diagnosis.sight import Changes, Normal, Rehearsal, Sight, displaced, noise_before
@@ -17,8 +18,6 @@ from thermaltool.diagnosis.workbench import Workbench
 from thermaltool.effects import CATALOGUE, effect_class
 from thermaltool.effects.effect import Effect, Float, is_displacement
 
-# Evidence that decides: odds of 150.
-DECISIVE = 10.0
 # A signature of which the model's own parameters leave less than this share of the power is theirs.
 DEGENERATE = 1e-4
 # Of the inputs that show what has not been seen, the first that opens this share of the best angle

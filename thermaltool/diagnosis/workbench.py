@@ -7,18 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import wraps
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.diagnosis.correction import known_discrepancy
-from thermaltool.diagnosis.evidence import OutputEvidence, Part, Reduced, State
+from thermaltool.diagnosis.evidence import OutputEvidence, State
 from thermaltool.diagnosis.observed import Observed, measured_rows
+from thermaltool.diagnosis.profile import Part, Reduced
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Effect, Float, Scene, Signals, reference_of
 from thermaltool.model import Model, driven, read_outputs, relative, respond
 from thermaltool.signals.detrend import difference_sigma
 
+Value = TypeVar("Value")
 Series = list[Float]  # one array for each log
 Mask = Mapping[tuple[str, str], NDArray[np.bool_]]
 
@@ -32,6 +36,19 @@ LEAST_FLOOR = 0.5
 SLOWER = 2.0
 # A sensor's noise may be smaller by this factor than at the calibration.
 QUIETER = 0.7
+
+
+def kept(method: Callable[[Workbench, str], Value]) -> Callable[[Workbench, str], Value]:
+    """A property of an output, computed once: a workbench does not change."""
+
+    @wraps(method)
+    def once(self: Workbench, output: str) -> Value:
+        found = self._once.setdefault(method.__name__, {})
+        if output not in found:
+            found[output] = method(self, output)
+        return cast(Value, found[output])
+
+    return once
 
 
 @dataclass(frozen=True)
@@ -97,6 +114,7 @@ class Workbench:
                 self.observed[o.channel] = seen
         self.evidence: dict[str, OutputEvidence] = {}
         self._scene: Scene | None = None
+        self._once: dict[str, dict[str, Any]] = {}
         self.inputs = [driven(model, self.acting(log), log) for log in self.logs]
 
     def floor(self, output: str, tau: float = np.inf) -> float:
@@ -197,6 +215,7 @@ class Workbench:
             terms[each.term] = replace(term, response=replace(term.response, **{each.name: value}))  # type: ignore[type-var]
         return replace(self.model, terms=tuple(terms))
 
+    @kept
     def sensitivities(self, output: str) -> list[Series]:
         """Change of an output per unit of each of its `own` parameters."""
         own, result = self.own(output), []
@@ -285,6 +304,7 @@ class Workbench:
         factor = np.array([1 / getattr(term.response, e.name) if e.log else 1.0 for e in own])
         return np.asarray(term.covariance)[np.ix_(index, index)] * np.outer(factor, factor)
 
+    @kept
     def lags(self, output: str) -> list[Series]:
         """Lags of the drives, of unit height: what a response's kind leaves out of its shape."""
         holds = {d.channel: d.hold for d in self.model.drives}
@@ -317,6 +337,7 @@ class Workbench:
             for k, _ in enumerate(self.logs)
         ]
 
+    @kept
     def accepted(self, output: str) -> dict[tuple[int, str], Series]:
         """Sensitivities to the parameters of the effects that the model holds already."""
         result = {}
@@ -387,9 +408,9 @@ class Workbench:
             result.append(residual - known - offsets.get(k, 0.0))
         return result
 
-    def weigh(self, outputs: Sequence[str] | None = None) -> None:
+    def weigh(self) -> None:
         """Prepare the evidence of every output."""
-        for output in outputs or self.observed:
+        for output in self.observed:
             self.evidence[output] = self._weigh(output)
 
     def _weigh(self, output: str) -> OutputEvidence:

@@ -278,11 +278,8 @@ class Effect:
         other = parse_channel(output).unit if output else own
         return self.known[base].unit.format(channel=own, output=other)
 
-    def at(self, **values: float) -> Effect:
-        """The same effect with other values of some parameters."""
-        return self.changed(values)
-
     def changed(self, values: Mapping[str, float]) -> Effect:
+        """The same effect with other values of some parameters."""
         return replace(self, parameters={**self.parameters, **values}, covariance=None)
 
     def without(self, names: tuple[str, ...]) -> Effect:

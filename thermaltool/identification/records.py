@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from thermaltool.effects.dynamics import hold_of
 from thermaltool.errors import ModelError
 from thermaltool.identification.calibrate import Fit, Loss, fit_output
 from thermaltool.identification.projection import Record
@@ -16,9 +17,6 @@ from thermaltool.model import Drive, Model, Output, Role, Term, relative
 from thermaltool.responses import response_class
 from thermaltool.responses.modes import Float, Hold
 from thermaltool.units import parse_channel
-
-# Between samples a temperature or a displacement runs on; heat, voltage and speed are commanded.
-CONTINUOUS = ("temperature", "temperature difference", "length", "angle")
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ class Plan:
     def drive_hold(self, channel: str) -> Hold:
         if self.hold is not None:
             return self.hold
-        return "first" if parse_channel(channel).dimension in CONTINUOUS else "zero"
+        return hold_of(channel)
 
     def drive_reference(self, channel: str) -> float | Literal["first"]:
         if self.reference is not None:

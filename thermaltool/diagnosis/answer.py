@@ -1,0 +1,70 @@
+"""What is told of a finished diagnosis: how wrong the model was, where, and the curves to draw."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thermaltool.diagnosis.residual import ResidualReport, residual_report
+from thermaltool.diagnosis.result import Curves
+from thermaltool.diagnosis.workbench import Workbench
+
+
+def reports_of(
+    first: Workbench, last: Workbench, plain: Workbench
+) -> tuple[dict[str, ResidualReport], float]:
+    """Every output's residual, and the share of its power that noise and floor account for.
+
+    Parameters
+    ----------
+    first, last : Workbench
+        Before any cause, and with all of them.
+    plain : Workbench
+        The model as calibrated, as a user simulates it.
+
+    Returns
+    -------
+    reports : dict of output to ResidualReport
+    share : float
+        Of the worst output.
+    """
+    reports, share = {}, 1.0
+    for output, seen in first.observed.items():
+        white = last.evidence[output].base(last.state).white
+        residual = plain.residual(output)
+        rms = float(np.std(seen.whole(residual)))
+        floor = first.floor(output) if "tight" in first.state else 0.0
+        wrong = rms**2
+        if "tight" in first.state:
+            wrong = float(np.mean(seen.whole(first.corrected(output)) ** 2))
+        accounted = 1 - max(wrong - white**2 - floor**2, 0.0) / rms**2 if rms else 1.0
+        share = min(share, accounted)
+        k = int(np.argmax([len(rows) for rows in seen.rows]))
+        log = first.logs[k]
+        known = {d.channel for d in first.model.drives}
+        reports[output] = residual_report(
+            log.time,
+            residual[k],
+            first.measured[k][output],
+            {d: log.columns[d] for d in known},
+            {c: v for c, v in log.columns.items() if c in first.scene().extra},
+            white,
+            floor,
+        )
+    return reports, share
+
+
+def curves_of(first: Workbench, plain: Workbench, extended: Workbench) -> tuple[Curves, ...]:
+    """Measured, simulated and extended of every log and output."""
+    return tuple(
+        Curves(
+            log.log,
+            output,
+            log.time,
+            first.measured[k][output],
+            plain.outputs[k][output],
+            extended.outputs[k][output],
+        )
+        for k, log in enumerate(first.logs)
+        for output in first.observed
+        if output in first.measured[k]
+    )
