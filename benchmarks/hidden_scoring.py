@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from thermaltool.diagnosis.correction import corrected, uncorrected
 from thermaltool.diagnosis.diagnose import TIGHT, diagnose
@@ -82,6 +83,8 @@ class Score:
         Of its parameters, see `parameter_error`; None where they cannot be compared.
     ratio : float or None
         Held-out RMS over that of a fit that was told the cause.
+    power : float
+        Of a test that is told all of the effect, see `power_of_knowing`; NaN but for one effect.
     seconds : float
         CPU time of the diagnosis.
     failure : str
@@ -98,8 +101,13 @@ class Score:
     channel: bool | None = None
     error: float | None = None
     ratio: float | None = None
+    power: float = float("nan")
     seconds: float = float("nan")
     failure: str = ""
+
+
+# False alarms of the test that is told all.
+FALSE = 0.03
 
 
 def calibrated(table: Table) -> Model:
@@ -122,6 +130,7 @@ def score(trial: Trial, model: Model | None = None) -> Score:
     found = hide(trial.effects, trial.size, trial.machine_seed, trial.seed, trial.variant)
     sizes = tuple(hidden.size for hidden in found.hidden)
     model = model or calibrated(found.calibration)
+    power = power_of_knowing(model, found) if len(sizes) == 1 else float("nan")
     begin = time.process_time()
     try:
         answer = diagnose(model, [signals(found.log)])
@@ -130,7 +139,7 @@ def score(trial: Trial, model: Model | None = None) -> Score:
     seconds = time.process_time() - begin
     named = tuple((cause.effect.name, cause.effect.channel) for cause in answer.causes)
     alarm = bool(named) or not answer.adequate
-    plain = Score(trial, sizes, named, alarm, seconds=seconds)
+    plain = Score(trial, sizes, named, alarm, seconds=seconds, power=power)
     if not found.hidden:
         return plain
     truth = found.hidden[0]
@@ -337,6 +346,27 @@ def told_the_cause(model: Model, log: Signals, truth: Hidden) -> Model | None:
         return None
     best = max((refine(bench, c) for c in right[:TOLD_STARTS]), key=lambda c: c.gain)
     return uncorrected(replace(known, effects=(best.effect,)), model, False)
+
+
+def power_of_knowing(model: Model, found: HiddenLog) -> float:
+    """Power of a test that is told all of the effect: cause, place, time, sign and size.
+
+    At `FALSE` false alarms, under the noise and within what the calibration leaves open: the change
+    that the effect makes, known to the row, is what the model's parameters, its shape within their
+    covariance and the zero of the log cannot make (Neyman and Pearson 1933).
+    """
+    known = corrected(model)
+    bench = Workbench(known, [signals(found.log)], known, {}, TIGHT)
+    bench.weigh()
+    size = 0.0
+    for output, evidence in bench.evidence.items():
+        change = evidence.observed.gather([found.truth[output] - found.clean[output]])
+        reduced = evidence.reduced(TIGHT, evidence.products(change[:, None], [[0]]))
+        base, own = reduced.base, reduced.own[:, 0]
+        left = base.square - 2 * reduced.b[:, 0] + own
+        level = int(np.argmin(base.negative_log(left)))
+        size += float(own[level] * base.dof / max(left[level], base.least))
+    return float(norm.cdf(np.sqrt(size) + norm.ppf(FALSE)))
 
 
 def unseen_rms(model: Model, found: HiddenLog, begin: int) -> float:

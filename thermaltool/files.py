@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import stat
 import sys
@@ -66,6 +67,23 @@ def atomic_output(target: str) -> Iterator[BinaryIO]:
         if isinstance(error, OutputError):
             raise
         raise OutputError(f"{target}: {error.strerror or error}") from error
+
+
+def check_folder(target: str) -> None:
+    """Refuse a target whose folder is missing or read-only, before any work is done for it.
+
+    Raises
+    ------
+    OutputError
+    """
+    path = os.path.realpath(target)
+    if target == "-" or (os.path.exists(path) and not os.path.isfile(path)):
+        return
+    folder = os.path.dirname(path)
+    if not os.path.isdir(folder):
+        raise OutputError(f"{target}: {os.strerror(errno.ENOENT)}")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(f"{target}: {os.strerror(errno.EACCES)}")
 
 
 def _discard_stdout() -> None:

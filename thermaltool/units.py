@@ -13,6 +13,8 @@ from difflib import get_close_matches
 
 from thermaltool.errors import UnitError
 
+_SYMBOLS = {"degC": "°C", "um": "µm", "urad": "µrad", "pct": "%"}
+
 # unit -> (dimension, factor to the dimension's base unit)
 UNITS: dict[str, tuple[str, float]] = {
     "s": ("time", 1.0),
@@ -79,3 +81,15 @@ def parse_channel(name: str) -> Channel:
     if quantity == "T" and unit in ("K", "mK"):
         raise UnitError(f"{name}: an absolute temperature is in degC; a difference is dT_..._K")
     return Channel(name, quantity, place, unit)
+
+
+def symbol(unit: str) -> str:
+    """A unit as it is printed."""
+    return _SYMBOLS.get(unit, unit)
+
+
+def printed(unit: str) -> str:
+    """A unit, composed or not, as it is printed: ``um/degC`` is µm/°C, ``um/1`` is µm."""
+    first, *rest = [symbol(part) for part in unit.split("/")]
+    told = "/".join([first, *(part for part in rest if part != "1")])
+    return "" if told == "1" else told

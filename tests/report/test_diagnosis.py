@@ -9,7 +9,8 @@ from reference.diagnosed import BED, OUTPUT, diagnosed, measured
 
 from thermaltool.report.diagnosis import DECISIVE, main_output, summary, to_markdown
 from thermaltool.report.diagnosis_figures import Traces, draw_evidence, draw_traces, pictures
-from thermaltool.report.diagnosis_tables import duration, number, percent, printed, sections
+from thermaltool.report.diagnosis_tables import duration, number, percent, sections
+from thermaltool.units import printed
 
 
 def document(causes=1, adequate=False, validated=(), **changed):

@@ -158,12 +158,15 @@ def command(
 
 
 def _keep(report: str | None, inputs: Sequence[str], output: str | None) -> None:
-    """Refuse a report that would replace an input or the model."""
+    """Refuse a report that would replace an input or the model, or cannot be written."""
+    from thermaltool.files import check_folder
+
     for name in (*inputs, output):
         if report is not None and name not in (None, "-"):
             assert name is not None
             if os.path.realpath(report) == os.path.realpath(name):
                 raise click.UsageError(f"--report {report} would replace {name}")
+    check_folder(report or "-")
 
 
 def _check(log: Log, model: Model) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from thermaltool.errors import ModelError
-from thermaltool.files import atomic_output
+from thermaltool.files import atomic_output, check_folder
 
 if TYPE_CHECKING:
     from thermaltool.inverse.estimator import SensorNoise
@@ -46,6 +46,7 @@ def keep_inputs(output: str, *inputs: str) -> None:
         both = "-" not in (output, name) and os.path.exists(output) and os.path.exists(name)
         if both and os.path.samefile(output, name):
             raise click.UsageError(f"-o {output} would replace the input")
+    check_folder(output)
 
 
 def read_model(path: str) -> Model:

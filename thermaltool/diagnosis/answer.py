@@ -6,7 +6,7 @@ import numpy as np
 
 from thermaltool.diagnosis.residual import ResidualReport, residual_report
 from thermaltool.diagnosis.result import Curves
-from thermaltool.diagnosis.workbench import Workbench
+from thermaltool.diagnosis.workbench import LIMIT, Workbench
 
 
 def reports_of(
@@ -32,7 +32,7 @@ def reports_of(
         white = last.evidence[output].base(last.state).white
         residual = plain.residual(output)
         rms = float(np.std(seen.whole(residual)))
-        floor = first.floor(output) if "tight" in first.state else 0.0
+        floor = LIMIT * first.floor(output) if "tight" in first.state else 0.0
         wrong = rms**2
         if "tight" in first.state:
             wrong = float(np.mean(seen.whole(first.corrected(output)) ** 2))

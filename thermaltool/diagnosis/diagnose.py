@@ -17,23 +17,29 @@ import numpy as np
 from thermaltool.diagnosis import geometry, heldout
 from thermaltool.diagnosis.answer import curves_of, reports_of
 from thermaltool.diagnosis.correction import corrected, uncorrected
-from thermaltool.diagnosis.evidence import DECISIVE, State, released
+from thermaltool.diagnosis.evidence import DECISIVE, STRONG, State, released
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Gain, Tried
 from thermaltool.diagnosis.scan import LEAST, Candidate, refine, scan
 from thermaltool.diagnosis.settling import settled
-from thermaltool.diagnosis.shortlist import every_place, other_form, plain_forms_first, shortlist
+from thermaltool.diagnosis.shortlist import (
+    every_place,
+    other_form,
+    plain_forms_first,
+    shortlist,
+)
 from thermaltool.diagnosis.special import find_outliers_in, short_outputs, too_short
 from thermaltool.diagnosis.workbench import Mask, Progress, Workbench
 from thermaltool.effects.effect import Effect, Signals
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
+from thermaltool.units import printed
 
 # A cause has to explain this many times the slow discrepancy of a clean log.
 PRACTICAL = 1.0
 # ... or, where that is large, this share of what is wrong now.
 MOST = 0.7
 # Less of the RMS than this is of no practical use.
-LEAST_GAIN = 0.05
+LEAST_GAIN = 0.1
 # Causes that are held out at each step before the search is given up.
 HELD_OUT = 4
 MOST_CAUSES = 6
@@ -191,9 +197,8 @@ class _Diagnosing:
             correction = 0.0 if white else 2 * float(np.log(max(len(places), 1)))
             # What these logs cannot show they cannot confirm either.
             blind = {p for each in self.unseen for p in zip(each.names, each.channels, strict=True)}
-            short = shortlist(
-                [c for c in candidates if (c.effect.name, c.effect.channel) not in blind]
-            )
+            visible = [c for c in candidates if (c.effect.name, c.effect.channel) not in blind]
+            short = shortlist(visible)
             refined = []
             for k, candidate in enumerate(short):
                 self.progress(f"fitting {candidate.effect.name} ({k + 1} of {len(short)})")
@@ -212,7 +217,7 @@ class _Diagnosing:
             if alone[best_switch] > DECISIVE and alone[best_switch] > own_share:
                 bench = self._switched(bench, best_switch)
                 continue
-            least = 0.0 if white else DECISIVE
+            least = 0.0 if white else STRONG
             decisive = [c for c in refined if c.evidence - alone[c.state] > least]
             for candidate in plain_forms_first(decisive)[:HELD_OUT]:
                 found = self._accepted(bench, candidate, refined)
@@ -227,7 +232,7 @@ class _Diagnosing:
         """Tell of the strongest cause that unseen data did not confirm."""
         effect = candidate.effect
         told = ", ".join(
-            f"{name} {effect.parameters[name]:.3g} {effect.unit(name)}".removesuffix(" 1")
+            f"{name} {effect.parameters[name]:.3g} {printed(effect.unit(name))}".rstrip()
             for name in (*effect.linear(), *effect.searched())
         )
         self.suspect = (
@@ -382,7 +387,7 @@ class _Diagnosing:
             rest = tuple(e for e in bench.model.effects if e != cause.effect)
             without = self.ready(replace(bench.model, effects=rest))
             again = refine(without, _as_candidate(cause.effect, self.state))
-            if again.evidence < (0.0 if "white" in self.state else DECISIVE):
+            if again.evidence < (0.0 if "white" in self.state else STRONG):
                 causes.remove(cause)
                 bench = without
         return causes, bench

@@ -28,7 +28,9 @@ def released(state: State) -> State:
     return (state - {"tight"}) | {"released"}
 
 
-# Evidence (fall of BIC, corrected for the causes tried) from which a cause counts: odds of 150.
+# Evidence (fall of BIC, corrected for the causes tried) from which a cause is held out: odds of 10.
+STRONG = 4.6
+# ... from which two answers are told apart: odds of 150.
 DECISIVE = 10.0
 # Groups of columns without a prior; all others have mean zero and variance one.
 FLAT = ("offset", "accepted")

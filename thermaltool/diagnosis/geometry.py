@@ -83,11 +83,11 @@ def alternatives(
     caused = displaced(bench, chosen.effect)
     sight = Sight(bench, chosen.state, noise_after(bench, chosen.state, caused))
     close: list[tuple[float, float, Effect]] = []
-    for rival in sorted(rivals, key=lambda c: -c.evidence):
+    for rival in sorted(rivals, key=lambda c: -c.said):
         known = [chosen.effect, *(effect for _, _, effect in close)]
-        if rival.evidence <= 0 or any(_same(rival.effect, effect) for effect in known):
+        if rival.said <= 0 or any(_same(rival.effect, effect) for effect in known):
             continue
-        behind = chosen.evidence - rival.evidence
+        behind = chosen.said - rival.said
         signatures = [caused, *reachable(bench, rival.effect)]
         now = _angle(sight, [sight.present(signatures)], len(signatures))
         if now < ALIKE or (behind < DECISIVE and now < UNLIKE):

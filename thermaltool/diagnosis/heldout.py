@@ -8,7 +8,7 @@ interval of the gain is that of a bootstrap over shorter blocks, so that slow er
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -42,11 +42,12 @@ def gains(
         Of the bootstrap.
     """
     result = {}
+    events = any(effect.event for effect in after.model.effects)
     for output, seen in before.observed.items():
         measured = seen.whole([m.get(output, np.zeros(0)) for m in before.measured])
         errors = []
         for k, bench in enumerate((before, after)):
-            error = _predicted(bench, output)
+            error = _predicted(bench, output, events, simulated is not None)
             if simulated is not None:
                 known = seen.whole([y[output] for y in bench.outputs])
                 plain = seen.whole([y[output] for y in simulated[k].outputs])
@@ -103,11 +104,15 @@ def compare(measured: Float, before: Float, after: Float, seed: int) -> Gain:
     )
 
 
-def _predicted(bench: Workbench, output: str) -> Float:
-    """Error of every row, predicted from the other blocks; shape (rows,)."""
+def _predicted(bench: Workbench, output: str, events: bool, told: bool) -> Float:
+    """Error of every row, predicted from the other blocks; shape (rows,).
+
+    What is `told` is what the extended model predicts. Whether a cause helps is judged beside what
+    the calibration leaves open, which the other blocks say.
+    """
     seen, evidence = bench.observed[output], bench.evidence[output]
     columns, prior, centre = _columns(bench, output)
-    kept = _kept(bench, output)
+    kept = _kept(bench, output) if told else _all
     residual = bench.residual(output)
     base = evidence.base(bench.state)
     level = evidence.levels[base.level]
@@ -115,20 +120,31 @@ def _predicted(bench: Workbench, output: str) -> Float:
     coarse = np.column_stack([seen.gather(residual), *(seen.gather(c) for c in columns)])
     fine = np.column_stack([seen.whole(residual), *(seen.whole(c) for c in columns)])
     error = np.empty(len(fine))
-    where = np.append(seen.first, len(fine))
+    group = np.repeat(np.arange(seen.size), np.diff(np.append(seen.first, len(fine))))
     for k in range(len(bench.logs)):
-        mine = np.flatnonzero(seen.owner == k)
-        for number, fold in enumerate(np.array_split(mine, FOLDS) if len(mine) else ()):
-            if not len(fold):
-                continue
+        blocks = _blocks(np.flatnonzero(seen.owner == k), events)
+        for fold in _folds(blocks):
             # Nothing but the first block says what the start was like: it stays in the fit.
-            held = fold if number or "initial" not in bench.state else fold[:0]
+            held = np.setdiff1d(fold, blocks[0]) if "initial" in bench.state else fold
             rest = np.setdiff1d(np.arange(seen.size), held)
             shift = _fit(bench, output, coarse, rest, (level.ratio, level.tau), prior, centre)
-            rows = slice(where[fold[0]], where[fold[-1] + 1])
-            shift = kept(shift)
-            error[rows] = fine[rows, 0] - fine[rows, 1:] @ shift
+            rows = np.isin(group, fold)
+            error[rows] = fine[rows, 0] - fine[rows, 1:] @ kept(shift)
     return error
+
+
+def _blocks(rows: np.ndarray, events: bool) -> list[np.ndarray]:
+    """Stretches of one log, shorter ones where something happened at an instant.
+
+    What happened late would else have all that it changed in one block.
+    """
+    count = min(FOLDS * FOLDS if events else FOLDS, len(rows))
+    return np.array_split(rows, count) if count else []
+
+
+def _folds(blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Rows that are held out together: every so many-th block."""
+    return [np.concatenate(blocks[k::FOLDS]) for k in range(min(FOLDS, len(blocks)))]
 
 
 def _fit(
@@ -175,6 +191,10 @@ def _columns(bench: Workbench, output: str) -> tuple[list[Series], Float, Float]
     columns += extra
     prior = np.concatenate([np.zeros(flat), np.ones(len(mixed) + len(extra))])
     return columns, prior, np.concatenate([np.zeros(flat), centre, np.zeros(len(extra))])
+
+
+def _all(shift: Float) -> Float:
+    return shift
 
 
 def _kept(bench: Workbench, output: str) -> Callable[[Float], Float]:

@@ -50,6 +50,11 @@ class Candidate:
     amplitudes: Mapping[str, float]
 
     @property
+    def said(self) -> float:
+        """Evidence of the logs alone, however common the cause may be."""
+        return self.evidence - 2 * float(np.log(self.effect.odds))
+
+    @property
     def place(self) -> tuple[str, str, str | None]:
         return self.effect.name, self.effect.channel, self.effect.log
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from thermaltool.diagnosis import geometry
-from thermaltool.diagnosis.evidence import DECISIVE, State
+from thermaltool.diagnosis.evidence import STRONG, State
 from thermaltool.diagnosis.result import Tried
 from thermaltool.diagnosis.scan import LEAST, Candidate
 from thermaltool.diagnosis.sight import Sight, noise_before
@@ -15,6 +15,8 @@ from thermaltool.effects.effect import reference_of
 
 # Forms of one cause that differ by less in evidence are taken for equal.
 SAME = 10.0
+
+
 # Causes that are refitted at each step, of one name at most two.
 REFINED, OF_A_NAME = 8, 2
 
@@ -79,7 +81,7 @@ def every_place(
     for c in ranked:
         seen = geometry.detectable(bench, c.effect, bench.state, correction, sight)
         evidence = c.evidence - alone[c.state]
-        verdict = "evidence" if evidence > DECISIVE else "no evidence"
+        verdict = "evidence" if evidence > STRONG else "no evidence"
         result.append(
             Tried(
                 c.effect.name,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from thermaltool.diagnosis.evidence import DECISIVE, State
+from thermaltool.diagnosis.evidence import STRONG, State
 from thermaltool.diagnosis.experiments import library
 from thermaltool.diagnosis.profile import Base
 from thermaltool.diagnosis.result import Alternative
@@ -37,7 +37,7 @@ class Detectable:
     Attributes
     ----------
     change : float [unit of `output`]
-        RMS change of the output at which the cause would have decisive evidence.
+        RMS change of the output at which the cause would have strong evidence.
     output : str
         The output that tells it first.
     left : float
@@ -87,7 +87,7 @@ def detectable(
             continue
         rows = sum(_rows(bench, o) for o in changes)
         unknown = 1 + len(effect.searched())
-        needed = DECISIVE + correction + unknown * float(np.log(rows))
+        needed = STRONG + correction + unknown * float(np.log(rows))
         needed -= 2 * float(np.log(effect.odds))
         amplitude = _reaching(bench, state, dict.fromkeys(seen, changes), needed)
         sizes = {o: amplitude * _rms(bench, o, changes) for o in seen}

@@ -35,7 +35,8 @@ class JointContact(Effect):
     memoryless: ClassVar[bool] = True
     known: ClassVar = {
         "curvature": Parameter("1/{channel}", linear=True),
-        "asymmetry": Parameter("1", linear=True),
+        # At -1 or 1 one side would stand still.
+        "asymmetry": Parameter("1", low=-0.95, high=0.95, linear=True),
     }
 
     def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
@@ -54,5 +55,5 @@ class JointContact(Effect):
             highest = max(float(np.max(each[output])) for each in scene.simulated)
             # Of one sign alone, asymmetry would be another gain.
             if min(-lowest, highest) > _OTHER_WAY * max(-lowest, highest):
-                yield cls(output, {"asymmetry": 1.0})
-                yield cls(output, {"curvature": 1.0, "asymmetry": 1.0})
+                yield cls(output, {"asymmetry": 0.5})
+                yield cls(output, {"curvature": 1.0, "asymmetry": 0.5})

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from thermaltool.report.style import channel_unit, symbol
+from thermaltool.report.style import channel_unit
+from thermaltool.units import printed
 
 Document = Mapping[str, Any]
 
@@ -50,13 +51,6 @@ def percent(share: float) -> str:
     if 0.0 < share < 0.01:
         return "< 1 %"
     return "> 99 %" if 0.99 < share < 1.0 else f"{100 * share:.0f} %"
-
-
-def printed(unit: str) -> str:
-    """A unit, composed or not, as it is printed: ``um/degC`` is µm/°C, ``um/1`` is µm."""
-    first, *rest = [symbol(part) for part in unit.split("/")]
-    told = "/".join([first, *(part for part in rest if part != "1")])
-    return "" if told == "1" else told
 
 
 def with_unit(text: str, unit: str) -> str:

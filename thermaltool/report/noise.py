@@ -21,13 +21,13 @@ from thermaltool.report.style import (
     plain,
     say,
     span_of,
-    symbol,
     time_unit,
     trace,
 )
 from thermaltool.signals.drift import DriftFit, model_allan, model_density
 from thermaltool.signals.noise import NoiseEstimate
 from thermaltool.signals.spectrum import thin
+from thermaltool.units import symbol
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -24,13 +24,12 @@ from thermaltool.report.style import (
     plain,
     quantity_label,
     span_of,
-    symbol,
     time_unit,
     trace,
     with_unit,
 )
 from thermaltool.signals.agreement import agreement
-from thermaltool.units import UNITS, parse_channel
+from thermaltool.units import UNITS, parse_channel, symbol
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

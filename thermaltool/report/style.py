@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import LogError, OutputError
 from thermaltool.logs.log import hint
-from thermaltool.units import UNITS, parse_channel
+from thermaltool.units import UNITS, parse_channel, symbol
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,7 +50,6 @@ _BINS = 1500
 # Missing readings break a trace where they last longer than this many of its periods.
 _OUTAGE = 10.0
 
-_SYMBOLS = {"degC": "°C", "um": "µm", "urad": "µrad", "pct": "%"}
 _QUANTITIES = {"length": "displacement", "ratio": "relative value"}
 # Up to this span [s] -> unit of the axis, and its length [s].
 _TIME_UNITS = ((600.0, "s", 1.0), (4 * 3600.0, "min", 60.0), (np.inf, "h", 3600.0))
@@ -101,11 +100,6 @@ def new_figure(title: str, width: float, height: float) -> Figure:
 def plain(text: str) -> str:
     """Text as it stands: a dollar sign in a name starts no formula."""
     return text.replace("$", r"\$")
-
-
-def symbol(unit: str) -> str:
-    """A unit as it is printed."""
-    return _SYMBOLS.get(unit, unit)
 
 
 def quantity(unit: str) -> str:
