@@ -60,6 +60,7 @@ hidden: $(READY)
 
 measured: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/measured.mk $(TOOLS)
+	@$(MAKE) --no-print-directory -j2 -f pipelines/diagnosed.mk $(TOOLS)
 
 samples: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/samples.mk $(TOOLS)

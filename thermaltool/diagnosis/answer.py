@@ -31,6 +31,8 @@ def reports_of(
     for output, seen in first.observed.items():
         white = last.evidence[output].base(last.state).white
         residual = plain.residual(output)
+        if "initial" in first.state:
+            residual = first.begun(output)
         rms = float(np.std(seen.whole(residual)))
         floor = LIMIT * first.floor(output) if "tight" in first.state else 0.0
         wrong = rms**2

@@ -114,6 +114,8 @@ class _Diagnosing:
         sources = {each.get("sha256") for each in model.provenance.get("logs", ())}
         self.own = any(log.log in sources for log in logs)
         self.state: State = RELEASED if self.own else TIGHT
+        if self.own and any(o.fit.get("free_start") for o in model.outputs):
+            self.state |= {"initial"}
         # On the calibration's own log the error of its shape is what is to be explained.
         self.known = model if self.own else corrected(model)
         self.masked: Mask = {}
@@ -161,7 +163,11 @@ class _Diagnosing:
         if spikes is not None:
             self.masked = {}
             spikes = find_outliers_in(self.ready(bench.model))
-        if spikes is not None:
+        if spikes is not None and not any(_helps(g) for g in spikes.cause.gain.values()):
+            self.masked = spikes.masked
+            self.notes.append("a few readings stand out of their neighbours and are left out")
+            bench = self.ready(bench.model)
+        elif spikes is not None:
             at = 0 if not causes or spikes.cause.evidence > causes[0].evidence else len(causes)
             causes.insert(at, spikes.cause)
             self.masked = spikes.masked
@@ -340,14 +346,16 @@ class _Diagnosing:
         return uncorrected(model, self.calibrated, "released" in self.state)
 
     def _practical(self, bench: Workbench, gain: Mapping[str, Gain]) -> bool:
+        # What helps one output and spoils another is no cause.
+        if any(g.spoiled and g.rms_after > (1 + LEAST_GAIN) * g.rms_before for g in gain.values()):
+            return False
         for output, g in gain.items():
             white = bench.evidence[output].base(self.state).white
             removed = max(g.rms_before**2 - g.rms_after**2, 0.0)
             misfit = max(g.rms_before**2 - white**2, 0.0)
             floor = bench.floor(output) if "tight" in self.state else white
             enough = min(PRACTICAL * floor, MOST * np.sqrt(misfit))
-            helps = g.rms_after < (1 - LEAST_GAIN) * g.rms_before
-            if g.claimed and helps and removed >= enough**2:
+            if _helps(g) and removed >= enough**2:
                 return True
         return False
 
@@ -415,6 +423,11 @@ class _Diagnosing:
             extended.model,
             curves_of(first, plain, extended),
         )
+
+
+def _helps(gain: Gain) -> bool:
+    """Whether a gain is sure, and of practical use."""
+    return gain.claimed and gain.rms_after < (1 - LEAST_GAIN) * gain.rms_before
 
 
 def _as_candidate(effect: Effect, state: State) -> Candidate:

@@ -44,6 +44,11 @@ class Gain:
         """Whether the interval excludes no gain."""
         return self.interval[0] > 0
 
+    @property
+    def spoiled(self) -> bool:
+        """Whether the interval excludes all but a loss."""
+        return self.interval[1] < 0
+
 
 @dataclass(frozen=True)
 class Cause:

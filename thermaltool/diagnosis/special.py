@@ -156,7 +156,7 @@ def too_short(calibrated: Model, before: Workbench, after: Workbench) -> Cause |
         for o, g in gain.items()
         if o in short and g.claimed and g.rms_after < HELPS * g.rms_before
     ]
-    worse = [o for o, g in gain.items() if g.interval[1] < 0]
+    worse = [o for o, g in gain.items() if g.spoiled]
     if not helped or worse:
         return None
     moved = {o: len(before.residual(o)[0]) * np.log(gain[o].rms_before / gain[o].rms_after)

@@ -408,6 +408,17 @@ class Workbench:
             result.append(residual - known - offsets.get(k, 0.0))
         return result
 
+    def begun(self, output: str) -> Series:
+        """Residual of logs that come from an unknown state, without what is left of that."""
+        evidence = self.evidence[output]
+        base = evidence.base(frozenset({"offset", "initial"}))
+        weights = base.fitted[base.level][np.array(evidence.names)[base.active] == "initial"]
+        decays = self.decays(output)
+        return [
+            residual - sum((w * c[k] for w, c in zip(weights, decays, strict=True)), np.zeros(()))
+            for k, residual in enumerate(self.residual(output))
+        ]
+
     def weigh(self) -> None:
         """Prepare the evidence of every output."""
         for output in self.observed:

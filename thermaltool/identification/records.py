@@ -136,7 +136,7 @@ def calibrate(
     )
     return Model(
         drives=drives,
-        outputs=tuple(_output(*each, plan.drives) for each in fitted),
+        outputs=tuple(_output(*each, plan.drives, plan.free_start) for each in fitted),
         terms=tuple(
             Term(drive, channel, fit.responses[k], *_own_covariance(fit, k))
             for channel, _, fit, _ in fitted
@@ -148,7 +148,12 @@ def calibrate(
 
 
 def _output(
-    channel: str, role: Role, fit: Fit, records: Sequence[Record], drives: Sequence[str]
+    channel: str,
+    role: Role,
+    fit: Fit,
+    records: Sequence[Record],
+    drives: Sequence[str],
+    free_start: bool,
 ) -> Output:
     levels = [r.values - offset for r, offset in zip(records, fit.offsets, strict=True)]
     # A displacement has no zero of its own; any other reading at rest is a property of the sensor.
@@ -165,6 +170,7 @@ def _output(
             "covered": fit.covered,
             "rows": sum(int(np.isfinite(r.values).sum()) for r in records),
             "offsets": list(fit.offsets),
+            "free_start": free_start,
             "starts_rmse": list(fit.starts),
             "unidentified": list(fit.unidentified),
             "discrepancy": _discrepancy(fit, drives),

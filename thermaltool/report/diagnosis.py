@@ -204,7 +204,11 @@ def _no_cause(document: Document) -> Iterator[str]:
 
 
 def _unknown(document: Document) -> Iterator[str]:
-    for each in document["alternatives"][:1]:
+    # The first of either kind: what looks alike, and what cannot be seen.
+    first_of_kind: dict[str | None, Document] = {}
+    for each in document["alternatives"]:
+        first_of_kind.setdefault(each.get("kind"), each)
+    for each in first_of_kind.values():
         first, *rest = [
             called(name, channel)
             for name, channel in zip(each["names"], each["channels"], strict=True)
@@ -222,7 +226,7 @@ def _unknown(document: Document) -> Iterator[str]:
             line += f"; {aim}: {each['separating_experiment']}"
         yield f"{line}."
     blind = dict.fromkeys(t["name"] for t in document["tried"] if t["verdict"] == "cannot be seen")
-    if blind and not document["causes"]:
+    if blind and not document["causes"] and "invisible" not in first_of_kind:
         yield f"Not known: this log cannot show {', '.join(blind)}."
     for note in document["notes"]:
         yield f"Note: {note}."
