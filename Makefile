@@ -46,12 +46,16 @@ lint: $(READY)
 bench: $(READY) $(BENCH_READY)
 	@$(BIN)/python benchmarks/speed.py
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/peers.py
+	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/orders.py speed
+	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/streaming.py
 
 DESIGNS := demo/far_kalman.json demo/far_kernel.json demo/all_kalman.json
 
 study: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/demo.mk $(TOOLS) $(DESIGNS)
 	@$(BIN)/python benchmarks/deflection_bands.py data_samples $(DESIGNS) --repeat 20
+	@$(BIN)/python benchmarks/boring_bar.py
+	@$(BIN)/python benchmarks/orders.py study
 	@$(MAKE) --no-print-directory hidden
 	@$(MAKE) --no-print-directory measured
 

@@ -18,12 +18,15 @@ from thermaltool.cli.options import (
 from thermaltool.plants import PLANTS
 
 SHAPES = ("step", "idle", "triangle", "duty")
+BORING_BAR = "boring-bar"
+# Where no --duration is given [s].
+USUAL_DURATION, USUAL_CUT = 9000.0, 4.0
 
 
 @click.command(
     epilog="Example: thermaltool plant frame --input triangle --duration 1800 | thermaltool check -"
 )
-@click.argument("name", type=click.Choice(list(PLANTS)))
+@click.argument("name", type=click.Choice([*PLANTS, BORING_BAR]))
 @click.option(
     "--input",
     "shape",
@@ -33,7 +36,12 @@ SHAPES = ("step", "idle", "triangle", "duty")
 )
 @click.option("--level", type=NOT_NEGATIVE, default=1.0, help="Factor on the heat [1].")
 @click.option("--start", type=NOT_NEGATIVE, default=60.0, help="Idle time before the input [s].")
-@click.option("--duration", type=POSITIVE, default=9000.0, help="Length, idle time included [s].")
+@click.option(
+    "--duration",
+    type=POSITIVE,
+    help=f"Length, idle time included [s].  [default: {USUAL_DURATION:g}; {BORING_BAR}: "
+    f"{USUAL_CUT:g}]",
+)
 @click.option("--dt", type=POSITIVE, default=0.5, help="Sample period [s].")
 @click.option("--ambient", type=NUMBER, default=20.0, help="Air temperature [degC].")
 @click.option("--seed", type=click.IntRange(min=0), default=1, help="Seed of noise and of duty.")
@@ -42,6 +50,19 @@ SHAPES = ("step", "idle", "triangle", "duty")
 @click.option("--drift-time", type=POSITIVE, default=900.0, help="Time constant of drift [s].")
 @click.option("--sigma-d", type=NOT_NEGATIVE, default=0.2, help="Noise of displacements [um].")
 @click.option("--clean", is_flag=True, help="The truth: no noise, no rounding.")
+@click.option("--speed", type=POSITIVE, default=600.0, help=f"{BORING_BAR}: spindle [rev/min].")
+@click.option(
+    "--part",
+    type=click.Choice(["straight", "taper", "eccentric", "none"]),
+    default="straight",
+    help=f"{BORING_BAR}: what is cut; none leaves the piezo free, for a trial.",
+)
+@click.option(
+    "--commands",
+    type=click.Path(exists=True, dir_okay=False),
+    metavar="FILE",
+    help=f"{BORING_BAR}: log with U_command_V; of a named pipe, one line answers each line.",
+)
 @to_option
 @json_lines_option
 @output_option
@@ -50,7 +71,7 @@ def command(
     shape: str,
     level: float,
     start: float,
-    duration: float,
+    duration: float | None,
     dt: float,
     ambient: float,
     seed: int,
@@ -59,6 +80,9 @@ def command(
     drift_time: float,
     sigma_d: float,
     clean: bool,
+    speed: float,
+    part: str,
+    commands: str | None,
     to_format: str | None,
     as_json: bool,
     output: str,
@@ -67,7 +91,18 @@ def command(
 
     Q_main_1 acts from its row to the next. Temperatures are read to 0.001 K with white noise and
     slow drift, displacements to 0.01 um; heat, air and clock are exact.
+
+    boring-bar samples every 0.5 ms: speed, command, error as read, true deflection of the cutter
+    and the trace that it cuts; of the options above only --duration and --seed are its own. With
+    --commands PIPE the lines on stdout are time, speed and error, each waits for its command, and
+    -o FILE takes the whole log.
     """
+    if name == BORING_BAR:
+        from thermaltool.cli.boring_bar import write_cut
+
+        form = "ndjson" if as_json else to_format
+        write_cut(part, speed, duration or USUAL_CUT, seed, commands, output, form)
+        return
     import numpy as np
 
     from thermaltool.logs import write_table
@@ -75,7 +110,7 @@ def command(
     from thermaltool.plants.excitation import INPUTS, hold, sample_times
     from thermaltool.plants.noise import Sensor, read_sensors
 
-    time = sample_times(duration, dt)
+    time = sample_times(duration or USUAL_DURATION, dt)
     air = np.full_like(time, ambient)
     if shape in INPUTS:
         heat = INPUTS[shape](time - start, seed)

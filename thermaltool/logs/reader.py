@@ -64,7 +64,7 @@ def read_log(
     """
     mapping = ColumnMap() if columns is None else read_map(columns)
     raw = read_source(source)
-    table = _open(raw, format_of(source, from_format), mapping)
+    table = open_table(raw, format_of(source, from_format), mapping)
     mapping.check(table.names, raw.name)
     plan = _plan(raw.name, table, mapping)
     cells = table.cells(plan.kinds)
@@ -106,7 +106,8 @@ class _Plan:
     problems: list[LogError]
 
 
-def _open(raw: Source, form: str, mapping: ColumnMap) -> Table:
+def open_table(raw: Source, form: str, mapping: ColumnMap) -> Table:
+    """The header of an input in one of the formats."""
     if form == "parquet":
         from thermaltool.logs.parquet_table import ParquetTable
 

@@ -12,7 +12,7 @@ from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.records import Record
 from thermaltool.runtime.sensors import Report, Sensor
-from thermaltool.runtime.stepper import Stepper
+from thermaltool.runtime.stepper import Steps
 
 Pass = Callable[[list[float]], list[float]]
 
@@ -55,7 +55,7 @@ class Compensator:
 
     Parameters
     ----------
-    stepper : Stepper
+    stepper : Steps
     sensors : sequence of Sensor
         In the order of the estimator.
     followed : sequence of int
@@ -80,7 +80,7 @@ class Compensator:
 
     def __init__(
         self,
-        stepper: Stepper,
+        stepper: Steps,
         sensors: Sequence[Sensor],
         followed: Sequence[int],
         setpoints: Sequence[Setpoint],

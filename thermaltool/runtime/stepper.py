@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -12,6 +12,16 @@ from thermaltool.responses.modes import CLOCK_STEP, Float
 
 # Sample lengths kept as ready matrices; an even clock needs one, a printed jittering clock a few.
 KEPT = 32
+
+
+class Steps(Protocol):
+    """What answers each sample with estimates: a `Stepper`, or something of its kind."""
+
+    def rest(self) -> list[float]: ...
+    def start(self, readings: list[float], settled: bool = False) -> list[float]: ...
+    def step(self, ticks: int, readings: list[float]) -> list[float]: ...
+    def state(self) -> list[float]: ...
+    def resume(self, values: list[Any]) -> None: ...
 
 
 class Stepper:

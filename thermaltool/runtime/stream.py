@@ -78,6 +78,7 @@ class Stream:
     now: Callable[[], float] = time.monotonic
     _heard_at: float = field(default=0.0, init=False)
     _due: float = field(default=math.inf, init=False)
+    _silent: bool = field(default=False, init=False)
     _written_at: float | None = field(default=None, init=False)
     _saved_at: float | None = field(default=None, init=False)
     _kept: dict[str, Any] = field(default_factory=dict, init=False)
@@ -151,13 +152,15 @@ class Stream:
 
     def _heard(self) -> None:
         """A usable line has come: the watchdog starts anew."""
+        self._silent = False
         self._heard_at = self.now()
         self._due = self._heard_at + self.timeout
 
     def _silence(self) -> None:
         """One line towards the safe setpoint; more follow until it is reached."""
         elapsed = self.now() - self._heard_at
-        if elapsed < self.timeout + self.tick:
+        if not self._silent:
+            self._silent = True
             self.messages("", f"no usable line for {self.timeout:.3g} s: safe setpoint")
         self.pipe.write(self._state_line(self.compensator.silence(elapsed)))
         self._due = math.inf if self.compensator.at_safe else self.now() + self.tick

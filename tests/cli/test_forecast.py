@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.signal import lfilter
+
+from thermaltool.cli import fit
+from thermaltool.cli.forecast import command
+from thermaltool.errors import LogError
+from thermaltool.identification.arma.criteria import Entry
+from thermaltool.identification.arma.forecast import forecast
+from thermaltool.identification.arma.model import ArmaModel
+from thermaltool.identification.arma.record import record_of
+
+
+def run(what, *args):
+    done = CliRunner().invoke(what, [str(a) for a in args], catch_exceptions=False)
+    assert done.exit_code == 0, done.stderr
+    return done
+
+
+@pytest.fixture
+def log(tmp_path):
+    noise = np.random.default_rng(5).standard_normal(500)
+    x = 20.0 + lfilter([1.0, 0.4], [1.0, -0.8], noise)[200:]
+    path = tmp_path / "log.csv"
+    rows = [f"{15 * k},{value:.17g}" for k, value in enumerate(x)]
+    path.write_text("time_s,T_room_degC\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def test_forecasts_go_on_from_the_end(log, tmp_path):
+    model = tmp_path / "arma.json"
+    run(fit.command, log, "-C", "T_room_degC", "--order", "1,1", "-o", model)
+    lines = run(command, model, log, "--steps", 50).stdout.splitlines()
+    assert lines[0] == "time_s,forecast_T_room_degC,low_T_room_degC,high_T_room_degC"
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    assert rows[0, 0] == 300 * 15
+    assert rows.shape == (50, 4)
+    assert (np.diff(rows[:, 3] - rows[:, 2]) > -1e-9).all()
+    assert rows[-1, 1] == pytest.approx(20.0, abs=1.5)  # the mean, in the end
+
+
+def test_a_log_of_another_period_is_refused(log, tmp_path):
+    model = tmp_path / "arma.json"
+    run(fit.command, log, "-C", "T_room_degC", "--order", "1,0", "-o", model)
+    with pytest.raises(LogError, match="period of 15 s"):
+        run(command, model, log, "--period", 5)
+
+
+def arima(ar, ma, difference):
+    entry = Entry(len(ar), len(ma), 0.0, 1.0, 100, 0, True)
+    return ArmaModel("x", 1.0, difference, np.array(ar, float), np.array(ma, float), (),
+                     np.empty((0, 0)), 1.0, None, entry, "ml")  # fmt: skip
+
+
+@pytest.mark.parametrize(("ar", "ma", "d"), [([0.6], [0.3], 0), ([0.5], [0.4], 1), ([], [-0.3], 2)])
+def test_intervals_cover_what_comes(ar, ma, d):
+    """The share of later samples inside 90 % intervals, ten steps ahead, 400 records."""
+    rng, inside = np.random.default_rng(8), []
+    model = arima(ar, ma, d)
+    for _ in range(400):
+        x = lfilter(np.r_[1.0, ma], np.r_[1.0, -np.array(ar)], rng.standard_normal(160))
+        for _ in range(d):
+            x = np.cumsum(x)
+        ahead = forecast(model, record_of(x[:150]), 10, 0.9)
+        inside.append((ahead.low < x[150:]) & (x[150:] < ahead.high))
+    share = np.mean(inside, axis=0)
+    # Three standard errors of 400 draws.
+    assert np.all(np.abs(share - 0.9) < 3 * np.sqrt(0.09 / 400))
+
+
+def test_a_random_walk_stays_where_it_is():
+    x = np.cumsum(np.random.default_rng(1).standard_normal(80))
+    ahead = forecast(arima([], [], 1), record_of(x), 5)
+    np.testing.assert_allclose(ahead.value, x[-1])
+    np.testing.assert_allclose(ahead.error, np.sqrt(np.arange(1.0, 6.0)))

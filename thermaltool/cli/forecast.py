@@ -1,0 +1,153 @@
+"""``thermaltool forecast``: forecasts of a fitted model, in batch or as a stream."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from thermaltool.cli.options import (
+    POSITIVE,
+    log_argument,
+    model_argument,
+    output_option,
+    quiet_option,
+    to_option,
+)
+from thermaltool.cli.series import one_thread, series_options
+
+if TYPE_CHECKING:
+    from thermaltool.identification.arma.model import ArmaModel
+
+
+@click.command(
+    epilog="Example: thermaltool forecast arma.json residual.csv --steps 10 -o ahead.csv"
+)
+@model_argument
+@log_argument
+@series_options
+@click.option("--steps", type=click.IntRange(1), default=1, help="Samples ahead.")
+@click.option(
+    "--level", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95,
+    help="Of the intervals.",
+)  # fmt: skip
+@click.option("--stream", is_flag=True, help="Answer each line at once with the sample ahead.")
+@click.option(
+    "--forgetting",
+    type=click.FloatRange(0, 1, min_open=True),
+    default=0.999,
+    help="With --stream: weight of the past per sample; the model follows the signal.",
+)
+@click.option(
+    "--timeout", type=POSITIVE, metavar="S", help="With --stream: a longer silence is told [s]."
+)
+@to_option
+@output_option
+@quiet_option
+def command(model: str, log: str, stream: bool, output: str, quiet: int, **options: Any) -> None:
+    """Forecasts of a fitted model with intervals, in batch or as a stream.
+
+    In batch: the samples 1 to --steps beyond the end of the log, as time, forecast, low and high.
+    With --stream each line of LOG is answered by the forecast of the sample --steps ahead, from a
+    model that starts as fitted and learns on (recursive least squares); with --period LOG has no
+    clock.
+    """
+    one_thread()
+    from thermaltool.cli.documents import keep_inputs, one_stdin, read_text
+    from thermaltool.identification.arma.model import loads
+
+    one_stdin(model, log)
+    keep_inputs(output, model, log)
+    fitted = loads(read_text(model), "<stdin>" if model == "-" else model)
+    options["column"] = options["column"] or fitted.channel
+    if stream:
+        if output != "-":
+            raise click.UsageError("--stream writes to stdout")
+        _stream(fitted, log, quiet, options)
+    else:
+        _batch(fitted, log, output, options)
+
+
+def _batch(model: ArmaModel, log: str, output: str, options: dict[str, Any]) -> None:
+    import numpy as np
+
+    from thermaltool.cli.documents import warn
+    from thermaltool.cli.series import load_series
+    from thermaltool.errors import LogError
+    from thermaltool.identification.arma.forecast import forecast
+    from thermaltool.identification.arma.record import record_of
+    from thermaltool.logs import write_table
+
+    series = load_series(log, options)
+    if abs(series.period / model.period_s - 1.0) > 0.05:
+        raise LogError(
+            f"the model has a period of {model.period_s:g} s, the log {series.period:g} s",
+            series.name,
+        )
+    record = record_of(series.values, series.segments, series.places)
+    behind = int(series.places[-1]) + 1 - record.end
+    if behind:
+        warn(f"{series.name}: {series.channel}: the last {behind} samples are missing: forecast")
+    steps = options["steps"]
+    ahead = forecast(model, record, behind + steps, options["level"])
+    time = series.time[-1] + series.period * np.arange(1, steps + 1)
+    columns = {"time_s": time, f"forecast_{series.channel}": ahead.value[behind:],
+               f"low_{series.channel}": ahead.low[behind:],
+               f"high_{series.channel}": ahead.high[behind:]}  # fmt: skip
+    write_table(columns, output, options["to_format"])
+
+
+@dataclass(frozen=True)
+class KnownArma:
+    """What the recursion starts from, in plain numbers."""
+
+    ar: list[float]
+    ma: list[float]
+    mean: float
+    sigma2: float
+
+
+def _stream(model: ArmaModel, log: str, quiet: int, options: dict[str, Any]) -> None:
+    from thermaltool.errors import ThermalToolError
+    from thermaltool.runtime.forecasts import ForecastSettings, run_forecasts
+
+    if model.difference or len(model.trend) > 1:
+        raise click.UsageError("--stream takes models without --difference and linear trend")
+    known = KnownArma(model.ar.tolist(), model.ma.tolist(), model.mean, model.sigma2)
+    settings = ForecastSettings(
+        channel=options["column"],
+        p=model.ar.size,
+        q=model.ma.size,
+        steps=options["steps"],
+        level=options["level"],
+        intercept=bool(model.trend),
+        forgetting=options["forgetting"],
+        start=known,
+        fitted=model.entry.size,
+        period=options["period"] or model.period_s,
+        has_clock=options["period"] is None,
+        timeout=options["timeout"] or float("inf"),
+        columns=options["columns"],
+        from_format=options["from_format"] or "csv",
+        to_format=options["to_format"] or "csv",
+    )
+
+    def emit(message: str) -> None:
+        # A terminal that has gone must not stop the stream.
+        if not quiet:
+            with contextlib.suppress(OSError):
+                click.echo(f"thermaltool forecast: {message}", err=True)
+
+    with click.open_file(log, "rb") as source:
+        try:
+            number = run_forecasts(
+                source.fileno(), 1, settings, emit, "<stdin>" if log == "-" else log
+            )
+        except ValueError as error:
+            if isinstance(error, ThermalToolError):
+                raise
+            raise click.UsageError(str(error)) from error
+    if number:
+        raise SystemExit(128 + number)

@@ -1,0 +1,73 @@
+"""``thermaltool order``: which AR or ARMA order a series has."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from thermaltool.cli.options import json_option, log_argument
+from thermaltool.cli.series import model_options, one_thread, series_options
+
+
+@click.command(epilog="Example: thermaltool order residual.csv -C d_z_um --figure orders.png")
+@log_argument
+@series_options
+@click.option("--max-p", type=click.IntRange(0, 200), default=10, help="Largest AR order.")
+@click.option("--max-q", type=click.IntRange(0, 50), default=10, help="Largest MA order.")
+@click.option(
+    "--criterion",
+    default="aic,aicc,bic",
+    metavar="LIST",
+    help="Of aic, aicc, bic, gao: what the best is chosen by. gao is N ln[RSS/(N - r)] + 2r with "
+    "r = p + q + 1.",
+)
+@model_options
+@click.option("--figure", metavar="FILE", help="Curves of the criteria, .png, .svg or .pdf.")
+@json_option
+def command(log: str, max_p: int, max_q: int, criterion: str, figure: str | None,
+            as_json: bool, **options: Any) -> None:  # fmt: skip
+    """Which AR or ARMA order a series has, by AIC, AICc and BIC.
+
+    Every order up to --max-p, --max-q at once: all from one regression (marked ~), the promising
+    ones by exact maximum likelihood. Gaps are respected. AIC prefers large models, in the whole
+    grid often ones with nearly cancelling roots that describe a narrow line of the noise; BIC finds
+    the order of a process more often.
+    """
+    one_thread()
+    from thermaltool.cli.documents import keep_inputs, warn, write_json
+    from thermaltool.cli.series import load_record, load_series
+    from thermaltool.errors import FitError
+    from thermaltool.files import atomic_output
+    from thermaltool.identification.arma.criteria import criteria_named
+    from thermaltool.identification.arma.order import select_order
+    from thermaltool.report.orders import draw_orders, order_document, order_table, order_warnings
+    from thermaltool.report.style import figure_format, render
+
+    try:
+        names = criteria_named(criterion.split(","))
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+    kind = figure_format(figure) if figure is not None else None
+    if figure is not None:
+        keep_inputs(figure, log)
+    series = load_series(log, options)
+    record, degree, difference = load_record(series, options)
+    changed = record.difference(difference)
+    place = f"{series.name}: {series.channel}"
+    try:
+        table = select_order(changed, max_p, max_q, degree, names)
+    except FitError as error:
+        raise FitError(f"{place}: {error}") from error
+    for message in order_warnings(table, names, changed, degree, difference):
+        warn(f"{place}: {message}")
+    if figure is not None and kind is not None:
+        picture = render(
+            lambda: draw_orders(f"{series.channel}, {series.name}", table, names), kind
+        )
+        with atomic_output(figure) as stream:
+            stream.write(picture)
+    if as_json:
+        write_json(order_document(table, names), "-")
+    else:
+        click.echo(order_table(table, names))

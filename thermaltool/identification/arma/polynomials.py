@@ -1,0 +1,139 @@
+"""AR and MA polynomials: stationarity, partial autocorrelations, impulse responses.
+
+Sign convention of the whole package: x_t = Σ ar_i x_{t-i} + a_t + Σ ma_j a_{t-j}. Box, Jenkins and
+Gao (2000) write -θ for `ma`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+Array = NDArray[np.float64]
+
+# Roots nearer than this to each other cancel but for a narrow line.
+CANCELLING = 0.1
+# Largest partial autocorrelation; of a model that had to be made stationary.
+_LARGEST, _MADE = 1.0 - 5e-7, 0.995
+
+
+def characteristic_roots(ar: Array) -> NDArray[np.complex128]:
+    """Roots λ of λ^p - ar_1 λ^(p-1) - ... - ar_p; inside the unit circle when stationary.
+
+    The MA roots are those of ``-ma``.
+    """
+    return (
+        np.roots(np.concatenate(([1.0], -ar))).astype(complex) if ar.size else np.empty(0, complex)
+    )
+
+
+def reflected(ar: Array) -> Array:
+    """`ar` with every root outside the unit circle moved to its mirror image inside.
+
+    On white innovations both give the same autocorrelation; on the circle itself nothing changes.
+    """
+    roots = characteristic_roots(ar)
+    outside = np.abs(roots) > 1.0
+    if not outside.any():
+        return ar
+    roots[outside] = 1.0 / np.conj(roots[outside])
+    return -np.real(np.poly(roots))[1:]
+
+
+def to_partial(ar: Array) -> Array:
+    """Partial autocorrelations of `ar` by the step-down recursion; all below 1 when stationary."""
+    phi, partial = ar.copy(), np.empty(ar.size)
+    for k in range(ar.size - 1, -1, -1):
+        r = partial[k] = phi[k]
+        if abs(r) >= 1.0:
+            partial[:k] = np.inf
+            return partial
+        phi = (phi[:k] + r * phi[:k][::-1]) / (1.0 - r * r)
+    return partial
+
+
+def from_partial(partial: NDArray[Any]) -> NDArray[Any]:
+    """`ar` of partial autocorrelations, shape (..., p), by the Levinson-Durbin recursion."""
+    phi = partial.copy()
+    for k in range(1, partial.shape[-1]):
+        before = phi[..., :k]
+        phi[..., :k] = before - partial[..., k : k + 1] * before[..., ::-1]
+    return phi
+
+
+def is_stationary(ar: Array) -> bool:
+    """All characteristic roots inside the unit circle."""
+    return bool(np.all(np.abs(to_partial(ar)) < 1.0))
+
+
+def to_free(ar: Array) -> Array:
+    """Unbounded coordinates u of a stationary `ar`, r = u / sqrt(1 + u²) its partials (Monahan).
+
+    Roots outside are reflected first; what is too near the circle is drawn in.
+
+    Source: J. F. Monahan, Biometrika 71 (1984) 403.
+    """
+    partial, limit = to_partial(ar), _LARGEST
+    if not np.all(np.abs(partial) < 1.0):
+        partial, limit = to_partial(reflected(ar)), _MADE
+    partial = np.clip(np.nan_to_num(partial, posinf=limit), -limit, limit)
+    return partial / np.sqrt(1.0 - partial**2)
+
+
+def from_free(free: Array) -> Array:
+    """The stationary `ar` of unbounded coordinates."""
+    return from_partial(free / np.sqrt(1.0 + free**2))
+
+
+def free_jacobian(free: Array) -> Array:
+    """d ar_i / d u_j, ndarray (p, p), by complex steps (exact to rounding)."""
+    step = 1e-30
+    moved = free + 1j * step * np.eye(free.size)
+    return np.asarray(from_partial(moved / np.sqrt(1.0 + moved**2)).imag.T / step)
+
+
+def impulse_response(ar: Array, ma: Array, size: int) -> Array:
+    """ψ weights ψ_0 = 1, ψ_1, ... of (1 + ma B...)/(1 - ar B...), ndarray (size,)."""
+    pulse = np.zeros(size)
+    pulse[0] = 1.0
+    top, bottom = np.concatenate(([1.0], ma)), np.concatenate(([1.0], -ar))
+    return np.asarray(lfilter(top, bottom, pulse))
+
+
+def decayed_response(denominator: Array, limit: int, tolerance: float = 1e-10) -> Array:
+    """Impulse response of 1/(1 + d_1 B + ...) until it has decayed, at most `limit` long."""
+    size, order = 64, denominator.size - 1
+    while True:
+        size = min(size, limit)
+        pulse = np.zeros(size)
+        pulse[0] = 1.0
+        h = np.asarray(lfilter([1.0], denominator, pulse))
+        if size == limit or np.abs(h[-order - 1 :]).max() < tolerance:
+            return h
+        size *= 4
+
+
+def cancelling(ar: Array, ma: Array, distance: float = CANCELLING) -> list[tuple[complex, complex]]:
+    """Pairs of an AR and an MA root nearer than `distance`; of conjugates one."""
+    pairs = []
+    free = list(characteristic_roots(-ma))
+    for root in characteristic_roots(ar):
+        if root.imag < 0.0 or not free:
+            continue
+        alike = [other for other in free if (other.imag > 0.0) == (root.imag > 0.0)]
+        nearest = min(alike, key=lambda other: abs(other - root), default=None)
+        if nearest is not None and abs(nearest - root) < distance:
+            pairs.append((complex(root), complex(nearest)))
+            free.remove(nearest)
+    return pairs
+
+
+def without_root(ar: Array, root: complex) -> Array:
+    """`ar` without `root`, and without its conjugate."""
+    factor = [1.0, -root.real]
+    if root.imag != 0.0:
+        factor = [1.0, -2.0 * root.real, abs(root) ** 2]
+    return -np.asarray(np.polydiv(np.concatenate(([1.0], -ar)), factor)[0][1:], dtype=float)

@@ -1,0 +1,170 @@
+"""One column of a log as an even series, whatever its name; a clock is used where there is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import LogError
+from thermaltool.logs.clock import segments
+from thermaltool.logs.columns import ColumnMap
+from thermaltool.logs.log import Array, hint
+from thermaltool.logs.reader import open_table, read_log
+from thermaltool.logs.table import Kind, format_of, read_source
+from thermaltool.units import UNITS
+
+# Share of the period by which a step may differ from a whole number of periods.
+UNEVEN = 0.25
+
+
+@dataclass(frozen=True)
+class Series:
+    """A column on an even clock.
+
+    Attributes
+    ----------
+    name, channel, digest : str
+        File, column, SHA-256 of the input bytes.
+    time : ndarray (n,)
+        [s].
+    values : ndarray (n,)
+        NaN where missing [unit].
+    places : ndarray (n,) of int
+        Samples since the first row.
+    segments : tuple of slice
+        Stretches between pauses.
+    period : float
+        [s].
+    """
+
+    name: str
+    channel: str
+    digest: str
+    time: Array
+    values: Array
+    places: NDArray[np.intp]
+    segments: tuple[slice, ...]
+    period: float
+
+
+def read_series(
+    source: str,
+    column: str,
+    *,
+    columns: str | None = None,
+    from_format: str | None = None,
+    period: float | None = None,
+    max_gap: float | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+) -> Series:
+    """Read one column of a log.
+
+    Without a map any name will do, and a log without a clock (``time_s``, another time unit, ISO
+    8601 ``time``) is counted.
+
+    Parameters
+    ----------
+    source, columns, from_format, max_gap
+        As for `read_log`.
+    column : str
+    period : float, optional
+        Sample period [s]; the median step, or 1 where there is no clock.
+    start, stop : float, optional
+        First and last time taken [s].
+
+    Raises
+    ------
+    LogError
+        As `read_log`; uneven sampling; no row left.
+    """
+    if columns is not None:
+        log = read_log(source, columns=columns, from_format=from_format, max_gap=max_gap)
+        name, digest, lines = log.name, log.digest, log.lines
+        time, values, counted = log.time, log.column(column), False
+    else:
+        name, digest, lines, found, values = _lenient(source, column, from_format)
+        counted = found is None
+        time = (period or 1.0) * np.arange(float(values.size)) if found is None else found
+    rows = np.ones(time.size, dtype=bool)
+    rows &= True if start is None else time >= start
+    rows &= True if stop is None else time <= stop
+    if not rows.any():
+        raise LogError("no row is left" if time.size else "no rows", name)
+    time, values, lines = time[rows], values[rows], lines[rows]
+    steps = np.diff(time)
+    for k in np.flatnonzero(~(steps > 0.0))[:1]:
+        message = f"the clock does not increase: {time[k + 1]:.15g} s"
+        raise LogError(message, name, int(lines[k + 1]))
+    if period is None:
+        period = 1.0 if counted or not steps.size else float(np.median(steps))
+    whole = np.rint(steps / period)
+    uneven = (np.abs(steps / period - whole) > UNEVEN) | (whole < 1.0)
+    parts = segments(time, max_gap)
+    # A pause that parts the record may have any length.
+    uneven[[part.start - 1 for part in parts[1:]]] = False
+    for k in np.flatnonzero(uneven)[:1]:
+        raise LogError(
+            f"a step of {steps[k]:.6g} s is no whole number of periods of {period:.6g} s: an even "
+            "clock is needed (--period)",
+            name,
+            int(lines[k + 1]),
+        )
+    places = np.concatenate(([0], np.cumsum(np.maximum(whole, 1.0)))).astype(np.intp)
+    return Series(name, column, digest, time, values, places, parts, period)
+
+
+def _lenient(
+    source: str, column: str, from_format: str | None
+) -> tuple[str, str, NDArray[np.intp], Array | None, Array]:
+    raw = read_source(source)
+    table = open_table(raw, format_of(source, from_format), ColumnMap())
+    if column not in table.names:
+        raise LogError(f"no column {column}{hint(column, table.names)}", raw.name)
+    kinds: list[Kind] = [None] * len(table.names)
+    kinds[table.names.index(column)] = "number"
+    clock, unit = _clock(table.names)
+    if clock is not None:
+        kinds[clock] = "text" if unit == "iso" else "number"
+    cells = table.cells(kinds)
+    if cells.problems:
+        raise cells.problems[0]
+    values = cast(Array, cells.values[table.names.index(column)])
+    if clock is None:
+        return raw.name, raw.digest, cells.lines, None, values
+    if unit != "iso":
+        time: Array | None = cast(Array, cells.values[clock]) * UNITS[unit][1]
+    else:
+        time = _stamps(raw.name, cast(list[str | None], cells.values[clock]), cells.lines)
+    if time is not None and np.isnan(time).any():
+        raise LogError("missing time", raw.name, int(cells.lines[np.argmax(np.isnan(time))]))
+    return raw.name, raw.digest, cells.lines, time, values
+
+
+def _clock(names: list[str]) -> tuple[int | None, str]:
+    for unit, (dimension, _) in UNITS.items():
+        if dimension == "time" and f"time_{unit}" in names:
+            return names.index(f"time_{unit}"), unit
+    return (names.index("time"), "iso") if "time" in names else (None, "")
+
+
+def _stamps(file: str, stamps: list[str | None], lines: NDArray[np.intp]) -> Array | None:
+    """Seconds of ISO 8601 stamps; None where ``time`` holds plain numbers (years, an index)."""
+    from datetime import datetime
+
+    first = next((stamp for stamp in stamps if stamp), None)
+    if first is None or first.strip().lstrip("+-").replace(".", "", 1).isdigit():
+        return None
+    moments = []
+    for stamp, line in zip(stamps, lines.tolist(), strict=True):
+        try:
+            moments.append(datetime.fromisoformat((stamp or "").strip()))
+        except ValueError as error:
+            raise LogError(f"not an ISO 8601 time: {stamp!r}", file, line, "time") from error
+    try:
+        return np.array([(moment - moments[0]).total_seconds() for moment in moments])
+    except TypeError as error:
+        raise LogError("time stamps with and without a time zone", file, None, "time") from error

@@ -1,0 +1,204 @@
+"""Orders and fits of ARMA models as text tables, JSON document and figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thermaltool.identification.arma.criteria import CRITERIA, Entry
+from thermaltool.identification.arma.model import ArmaModel
+from thermaltool.identification.arma.order import OrderTable
+from thermaltool.identification.arma.polynomials import cancelling
+from thermaltool.identification.arma.record import Record
+from thermaltool.identification.arma.roots import Mode, modes, near_unit
+from thermaltool.identification.arma.screening import DICKEY_FULLER, unit_root_statistic
+from thermaltool.report.style import CYCLE, MARK, new_figure, plain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_LISTED = 6  # entries of the text table for each criterion
+
+
+def order_document(table: OrderTable, names: Sequence[str]) -> dict[str, Any]:
+    """The orders as plain data."""
+    best = {name: table.best(name) for name in names}
+    return {
+        "best": {
+            name: {"p": e.p, "q": e.q, "value": CRITERIA[name](e)} for name, e in best.items()
+        },
+        "table": [_row(entry, names) for entry in table.entries],
+    }
+
+
+def _row(entry: Entry, names: Sequence[str]) -> dict[str, Any]:
+    wanted = dict.fromkeys(("aic", "aicc", "bic", *names))
+    values = {name: CRITERIA[name](entry) for name in wanted}
+    return {"p": entry.p, "q": entry.q, **values, "exact": entry.exact}
+
+
+def order_table(table: OrderTable, names: Sequence[str]) -> str:
+    """The best orders by each criterion, side by side; ~ marks what is not exact."""
+    rows = [[cell for name in names for cell in (name, "value", "above best")]]
+    ranked = {name: sorted(table.entries, key=CRITERIA[name]) for name in names}
+    exact = {name: [e for e in entries if e.exact] for name, entries in ranked.items()}
+    for k in range(min(_LISTED, *(len(entries) for entries in exact.values()))):
+        row = []
+        for name in names:
+            value, least = CRITERIA[name](exact[name][k]), CRITERIA[name](exact[name][0])
+            pair = f"{exact[name][k].p},{exact[name][k].q}"
+            row += [pair, f"{value:.3f}", f"{value - least:.3f}"]
+        rows.append(row)
+    refined = sum(e.exact for e in table.entries)
+    first = table.entries[0]
+    return (
+        f"{aligned(rows)}\n\n{len(table.entries)} orders of {first.size} samples, "
+        f"{refined} by exact likelihood"
+    )
+
+
+def order_warnings(
+    table: OrderTable, names: Sequence[str], record: Record, degree: int, difference: int
+) -> list[str]:
+    """What a user must know before believing the best orders."""
+    messages = []
+    told: set[tuple[int, int]] = set()
+    for name in names:
+        best = table.best(name)
+        if table.at_edge(best):
+            messages.append(
+                f"the best order {best.p},{best.q} by {name} is at the edge of the grid: a larger "
+                "--max-p or --max-q may be better"
+            )
+        fit = table.fits[best.p, best.q]
+        pairs = cancelling(fit.ar, fit.ma)
+        if pairs and (best.p, best.q) not in told:
+            told.add((best.p, best.q))
+            messages.append(
+                f"the model {best.p},{best.q} (best by {name}) has {len(pairs)} nearly cancelling "
+                f"AR and MA roots ({_root(pairs[0][0])} and {_root(pairs[0][1])}): a smaller order "
+                "may do"
+            )
+    messages += _stationarity(record, degree, difference)
+    return messages
+
+
+def _stationarity(record: Record, degree: int, difference: int) -> list[str]:
+    statistic = unit_root_statistic(record, degree)
+    if not np.isfinite(statistic) or statistic < DICKEY_FULLER[degree]:
+        return []
+    return [
+        f"the series is not told from one with a unit root (Dickey-Fuller {statistic:.2f}, below "
+        f"{DICKEY_FULLER[degree]} is stationary): try --difference {difference + 1}"
+    ]
+
+
+def aligned(rows: list[list[str]]) -> str:
+    """Columns aligned by blanks; the first row is the heading."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    return "\n".join(lines)
+
+
+def _root(root: complex) -> str:
+    if root.imag == 0.0:
+        return f"{root.real:.3f}"
+    return f"{root.real:.3f}±{abs(root.imag):.3f}i"
+
+
+def fit_warnings(model: ArmaModel, record: Record, degree: int) -> list[str]:
+    """What is not as it should be in a fit."""
+    messages = []
+    if near_unit(model.ar):
+        messages.append(
+            "an AR root is as good as 1: not told from a random walk; try --difference "
+            f"{model.difference + 1}"
+        )
+    else:
+        messages += _stationarity(record, degree, model.difference)
+    for one, other in cancelling(model.ar, model.ma):
+        messages.append(f"AR root {_root(one)} and MA root {_root(other)} nearly cancel")
+    if model.covariance is None:
+        messages.append("the likelihood is flat: no standard errors; a smaller order may do")
+    return messages
+
+
+def fit_table(model: ArmaModel, level: float = 0.95) -> str:
+    """Coefficients, criteria and roots."""
+    errors = iter(model.errors.tolist())
+    rows = [["coefficient", "value", "± standard error"]]
+    for name, values in (("ar", model.ar), ("ma", model.ma)):
+        for k, value in enumerate(values.tolist(), 1):
+            rows.append([f"{name}{k}", f"{value:.6f}", _error(next(errors))])
+    spread = np.sqrt(np.diagonal(model.trend_covariance)).tolist()
+    names = ("mean", "slope per sample")
+    for name, value, error in zip(names, model.trend, spread, strict=False):
+        rows.append([name, f"{value:.8g}", _error(error)])
+    entry = model.entry
+    head = f"ARMA({entry.p},{entry.q}) of {model.channel}"
+    if model.difference:
+        head += f", difference {model.difference}"
+    lines = [
+        f"{head}, {entry.size} samples at {model.period_s:g} s, {model.method}",
+        "",
+        aligned(rows),
+        "",
+        f"sigma2 {model.sigma2:.7g}   loglik {-0.5 * entry.deviance:.4f}   aic {entry.aic:.4f}   "
+        f"aicc {entry.aicc:.4f}   bic {entry.bic:.4f}",
+        "stationary and invertible",
+    ]
+    found = modes(model, level)
+    if found:
+        lines += ["", aligned([_MODE_HEAD, *(_mode_row(mode) for mode in found)])]
+    return "\n".join(lines)
+
+
+_MODE_HEAD = ["AR root", "|root|", "omega_n [rad/s]", "f_n [Hz]", "damping", "time constant [s]"]
+
+
+def _mode_row(mode: Mode) -> list[str]:
+    frequency = None if mode.natural is None else _scaled(mode.natural, 1.0 / (2.0 * np.pi))
+    return [
+        _root(mode.root),
+        f"{abs(mode.root):.4f}",
+        _interval(mode.natural),
+        _interval(frequency),
+        _interval(mode.damping),
+        _interval(mode.time_constant) + (" alternating" if mode.alternates else ""),
+    ]
+
+
+def _scaled(values: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
+    return values[0] * factor, values[1] * factor, values[2] * factor
+
+
+def _interval(values: tuple[float, float, float] | None) -> str:
+    if values is None:
+        return "-"
+    return f"{values[0]:.5g} ({values[1]:.4g}..{values[2]:.4g})"
+
+
+def _error(value: float) -> str:
+    return f"± {value:.6f}" if value >= 1e-4 else f"± {value:.3g}"
+
+
+def draw_orders(title: str, table: OrderTable, names: Sequence[str]) -> Figure:
+    """Criteria above their best against the AR order, one curve for each MA order."""
+    figure = new_figure(f"Orders of {title}", 4.6 * len(names), 4.2)
+    axes = figure.subplots(1, len(names), squeeze=False)[0]
+    for ax, name in zip(axes, names, strict=True):
+        best = table.best(name)
+        least = CRITERIA[name](best)
+        shown = [e for e in table.entries if e.exact]
+        for k, q in enumerate(sorted({e.q for e in shown})):
+            line = [e for e in shown if e.q == q]
+            style = ("-", "--", ":")[k // len(CYCLE) % 3]
+            ax.plot([e.p for e in line], [CRITERIA[name](e) - least for e in line],
+                    style, marker=".", color=CYCLE[k % len(CYCLE)], label=f"q = {q}")  # fmt: skip
+        ax.plot(best.p, 0.0, "o", ms=9, mfc="none", color=MARK, label=f"best {best.p},{best.q}")
+        ax.set(title=plain(name), xlabel="AR order p", ylabel=f"{name} above the best")
+        ax.set_yscale("symlog", linthresh=10.0)
+    axes[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+    return figure

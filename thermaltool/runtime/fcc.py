@@ -1,0 +1,270 @@
+"""Forecasting compensatory control as a stream: error lines in, command lines out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from thermaltool.control.fcc import (
+    ActuatorModel,
+    ActuatorState,
+    Forecaster,
+    ForecastingControl,
+)
+from thermaltool.control.setpoint import Limits, Setpoint
+from thermaltool.identification.recursive.arma import RecursiveArma
+from thermaltool.identification.recursive.direct import DirectForecast
+from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.runtime.compensator import Compensator, Policy
+from thermaltool.runtime.layout import Wanted
+from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.pipe import LinePipe
+from thermaltool.runtime.records import CsvRecords, NdjsonRecords
+from thermaltool.runtime.sensors import ANYTHING, Interval, Sensor
+from thermaltool.runtime.settings import SLEW_PERIODS
+from thermaltool.runtime.stream import Stream, Writer
+
+# Where nothing is said, bad readings are bridged and pauses borne for this many samples.
+HOLD_PERIODS = 20
+ALSO = ("wanted", "uncompensated", "forecast")
+
+
+@dataclass(frozen=True)
+class FccSettings:
+    """What the user may choose; times in s, commands in their own unit.
+
+    Attributes
+    ----------
+    channel, command : str
+        Column of the error, and name of the command.
+    period : float
+        Sample period.
+    actuator : ActuatorModel
+    order : (p, q) or None
+        Error model: ARMA(p, q), iterated; None for a direct forecast at the horizon.
+    lags : int
+        Differences that the direct forecast uses.
+    harmonics : int
+        What repeats with the spindle, for the direct forecast.
+    spindle : float [rev/min], str or None
+        Speed, or its column; None for nothing that repeats.
+    horizon : int
+        Samples ahead at which the error is to be zero; 0 for the model's own.
+    forgetting : float
+    limits, slew, step, safe
+        Of the command, as for `runtime.settings.Settings`.
+    hold, max_gap, timeout : float or None
+        As there; None for `HOLD_PERIODS` samples.
+    bounds : (low, high)
+        Of the readings.
+    has_clock : bool
+        False where each line is one sample after the one before.
+    columns : str or None
+        File of a column map.
+    from_format, to_format : "csv" or "ndjson"
+    also : bool
+        Whether `ALSO` are written too.
+    """
+
+    channel: str
+    command: str
+    period: float
+    actuator: ActuatorModel
+    order: tuple[int, int] | None = None
+    lags: int = 5
+    harmonics: int = 6
+    spindle: float | str | None = None
+    horizon: int = 0
+    forgetting: float = 0.999
+    limits: Interval = ANYTHING
+    slew: float = math.inf
+    step: float = 0.0
+    safe: float | None = 0.0
+    hold: float | None = None
+    max_gap: float | None = None
+    timeout: float | None = None
+    bounds: Interval = ANYTHING
+    has_clock: bool = True
+    columns: str | None = None
+    from_format: Literal["csv", "ndjson"] = "csv"
+    to_format: Literal["csv", "ndjson"] = "csv"
+    also: bool = False
+
+
+@dataclass
+class Controller:
+    """A forecasting control that answers each sample of a `Compensator`.
+
+    The error is the first reading and the speed, where there is one, the second; a reading that
+    is held did not come.
+
+    Attributes
+    ----------
+    control : ForecastingControl
+    sensor : Sensor
+        Of the error.
+    setpoint : Setpoint
+        Tells what was put out in fact.
+    bridged : int
+        Lacking samples up to which the forecast goes on without them.
+    samples : int
+    squares : (float, float)
+        Sums of the squared error as read, and without the action.
+    """
+
+    control: ForecastingControl
+    sensor: Sensor
+    setpoint: Setpoint
+    bridged: int = HOLD_PERIODS
+    samples: int = field(default=0, init=False)
+    squares: tuple[float, float] = field(default=(0.0, 0.0), init=False)
+
+    def __post_init__(self) -> None:
+        self._ticks = max(round(self.control.period / CLOCK_STEP), 1)
+
+    def rest(self) -> list[float]:
+        return [self.setpoint.value, 0.0, 0.0]
+
+    def start(self, readings: list[float], settled: bool = False) -> list[float]:
+        self.control.forget_lags(self.setpoint.value)
+        return self._step(readings)
+
+    def step(self, ticks: int, readings: list[float]) -> list[float]:
+        """Wanted command, error without the action, and its forecast."""
+        lacking = round(ticks / self._ticks) - 1
+        if lacking > self.bridged:
+            self.control.forget_lags(self.setpoint.value)
+        else:
+            for _ in range(lacking):
+                self.control.step(None, self.setpoint.value)
+        return self._step(readings)
+
+    def _step(self, readings: list[float]) -> list[float]:
+        forecaster = self.control.forecaster
+        if len(readings) > 1 and isinstance(forecaster, DirectForecast):
+            forecaster.turn = _turn(readings[1], self.control.period)
+        reading = None if self.sensor.held else readings[0]
+        answer = self.control.step(reading, self.setpoint.value)
+        if reading is not None:
+            self.samples += 1
+            read, without = self.squares
+            self.squares = read + reading**2, without + answer.error**2
+        return [*answer]
+
+    def summary(self) -> str:
+        """Root mean square of the error as read, and of what it would have been."""
+        read, without = (math.sqrt(s / self.samples) if self.samples else 0.0 for s in self.squares)
+        return (
+            f"{self.samples} samples: error {read:.3g} RMS as read, {without:.3g} RMS without the "
+            f"action (reconstructed), horizon {self.control.horizon} samples"
+        )
+
+    def state(self) -> list[float]:
+        """Nothing: learnt anew in a second or two."""
+        return []
+
+    def resume(self, values: list[Any]) -> None:
+        """There is nothing to go on from."""
+
+
+def open_fcc(
+    settings: FccSettings,
+    source: int,
+    sink: int,
+    emit: Callable[[str], None],
+    name: str = "<stdin>",
+) -> tuple[Stream, Controller]:
+    """The stream between two file descriptors; nothing is read or written yet.
+
+    Parameters
+    ----------
+    settings : FccSettings
+    source, sink : int
+        File descriptors.
+    emit : callable
+        Gets each message, one line.
+    name : str
+        What messages call the source.
+
+    Raises
+    ------
+    LogError
+        The column map cannot be read.
+    ValueError
+        A horizon within the delay, a safe command outside the limits, or the like.
+    """
+    period, limits = settings.period, Limits(*settings.limits)
+    if settings.safe is not None and limits.clip(settings.safe) != settings.safe:
+        raise ValueError(f"the safe command {settings.safe:g} is outside the limits")
+    usual = HOLD_PERIODS * period
+    hold = usual if settings.hold is None else settings.hold
+    max_gap = usual if settings.max_gap is None else settings.max_gap
+    timeout = usual if settings.timeout is None else settings.timeout
+    messages = Messages(emit, name)
+    # At rest the actuator stands where the safe command has it.
+    setpoint = Setpoint(limits, settings.slew, settings.step, settings.safe or 0.0)
+    sensors = [_sensor(settings.channel, settings.bounds, hold, messages)]
+    if isinstance(settings.spindle, str):
+        sensors.append(_sensor(settings.spindle, ANYTHING, hold, messages))
+    control = ForecastingControl(
+        settings.actuator, _forecaster(settings), period, settings.horizon, setpoint.value
+    )
+    controller = Controller(control, sensors[0], setpoint, round(max_gap / period))
+    compensator = Compensator(
+        controller,
+        sensors,
+        [0],
+        [setpoint],
+        Policy(1.0, settings.safe, hold, max_gap, SLEW_PERIODS * period),
+        messages,
+    )
+    mapping = None
+    if settings.columns is not None:
+        # Imported for a map alone: the package reads whole logs.
+        from thermaltool.logs.columns import read_map
+
+        mapping = read_map(settings.columns)
+    wanted = Wanted(
+        tuple(sensor.channel for sensor in sensors),
+        mapping,
+        None if settings.has_clock else period,
+    )
+    stream = Stream(
+        pipe=LinePipe(source, sink),
+        records=(CsvRecords if settings.from_format == "csv" else NdjsonRecords)(wanted),
+        writer=Writer(settings.to_format, [settings.command, *(ALSO if settings.also else ())]),
+        compensator=compensator,
+        messages=messages,
+        estimates=settings.also,
+        timeout=timeout or math.inf,
+        tick=period,
+    )
+    return stream, controller
+
+
+def _sensor(channel: str, bounds: Interval, hold: float, messages: Messages) -> Sensor:
+    return Sensor(channel, bounds=bounds, hold=hold, report=messages, at_rest=False)
+
+
+def _turn(speed: float, period: float) -> float:
+    """Angle of the spindle per sample [rad] at so many revolutions per minute."""
+    return 2 * math.pi * speed / 60 * period
+
+
+def _forecaster(settings: FccSettings) -> Forecaster:
+    if settings.order is not None:
+        return RecursiveArma(*settings.order, forgetting=settings.forgetting)
+    harmonics = 0 if settings.spindle is None else settings.harmonics
+    known = settings.spindle if isinstance(settings.spindle, float) else 0.0
+    horizon = (
+        settings.horizon or ActuatorState(settings.actuator, settings.period).default_horizon()
+    )
+    return DirectForecast(
+        horizon,
+        settings.lags,
+        harmonics=harmonics,
+        forgetting=settings.forgetting,
+        turn=_turn(known, settings.period),
+    )
