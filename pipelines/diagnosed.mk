@@ -16,7 +16,7 @@ EVENING := $(DATA)/gantry/run_2021-06-13_evening.csv
 PLATE := $(DATA)/daisy/heating_system.csv
 SPINDLE := $(DATA)/cnc_spindle/spindle_first_28h.csv
 
-CASES := gantry gantry_header heating heating_half spindle_heat spindle_growth
+CASES := gantry gantry_before gantry_after gantry_header heating heating_half spindle_heat spindle_growth
 
 # MAP, LOGS and MORE are what diagnose gets, MODEL its model; TRAIN and PLAN make the model.
 gantry.MAP := gantry
@@ -25,6 +25,15 @@ gantry.TRAIN := $(MORNING)
 gantry.PLAN := --drive T_frame_degC --deflection d_z_um --response d_z_um=joint_deflection
 gantry.LOGS := $(MORNING)
 gantry.MORE := --validate $(EVENING) -o $(OUT)/gantry.extended.json
+
+# The evening run alone, by the model as calibrated in the morning and as extended then: in the JSON,
+# residuals.d_z_um.conditions, heating and cooling.
+gantry_before.MAP := gantry
+gantry_before.MODEL := $(OUT)/gantry.calibrated.json
+gantry_before.LOGS := $(EVENING)
+gantry_after.MAP := gantry
+gantry_after.MODEL := $(OUT)/gantry.extended.json
+gantry_after.LOGS := $(EVENING)
 
 # One header says 12.5 um per step: the evening run as its header has it.
 gantry_header.MAP := gantry

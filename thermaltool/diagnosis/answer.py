@@ -30,9 +30,8 @@ def reports_of(
     reports, share = {}, 1.0
     for output, seen in first.observed.items():
         white = last.evidence[output].base(last.state).white
-        residual = plain.residual(output)
-        if "initial" in first.state:
-            residual = first.begun(output)
+        start = first.beginning(output)
+        residual = [r - x for r, x in zip(plain.residual(output), start, strict=True)]
         rms = float(np.std(seen.whole(residual)))
         floor = LIMIT * first.floor(output) if "tight" in first.state else 0.0
         wrong = rms**2
@@ -55,18 +54,21 @@ def reports_of(
     return reports, share
 
 
-def curves_of(first: Workbench, plain: Workbench, extended: Workbench) -> tuple[Curves, ...]:
-    """Measured, simulated and extended of every log and output."""
+def curves_of(
+    first: Workbench, last: Workbench, plain: Workbench, extended: Workbench
+) -> tuple[Curves, ...]:
+    """Measured, simulated and extended of every log and output, from the start that each fits."""
+    starts = {o: (first.beginning(o), last.beginning(o)) for o in first.observed}
     return tuple(
         Curves(
             log.log,
             output,
             log.time,
             first.measured[k][output],
-            plain.outputs[k][output],
-            extended.outputs[k][output],
+            plain.outputs[k][output] + before[k],
+            extended.outputs[k][output] + after[k],
         )
         for k, log in enumerate(first.logs)
-        for output in first.observed
+        for output, (before, after) in starts.items()
         if output in first.measured[k]
     )

@@ -421,7 +421,7 @@ class _Diagnosing:
             self.tried,
             tuple(dict.fromkeys(self.notes)),
             extended.model,
-            curves_of(first, plain, extended),
+            curves_of(first, last, plain, extended),
         )
 
 

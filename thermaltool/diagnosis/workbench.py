@@ -408,15 +408,17 @@ class Workbench:
             result.append(residual - known - offsets.get(k, 0.0))
         return result
 
-    def begun(self, output: str) -> Series:
-        """Residual of logs that come from an unknown state, without what is left of that."""
+    def beginning(self, output: str) -> Series:
+        """What is left of an unknown state at the first row; zero where logs begin at rest."""
+        if "initial" not in self.state:
+            return [np.zeros(len(log.time)) for log in self.logs]
         evidence = self.evidence[output]
         base = evidence.base(frozenset({"offset", "initial"}))
         weights = base.fitted[base.level][np.array(evidence.names)[base.active] == "initial"]
         decays = self.decays(output)
         return [
-            residual - sum((w * c[k] for w, c in zip(weights, decays, strict=True)), np.zeros(()))
-            for k, residual in enumerate(self.residual(output))
+            np.asarray(sum(w * c[k] for w, c in zip(weights, decays, strict=True)))
+            for k in range(len(self.logs))
         ]
 
     def weigh(self) -> None:

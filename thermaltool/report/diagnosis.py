@@ -22,7 +22,7 @@ from thermaltool.report.diagnosis_tables import (
 )
 from thermaltool.report.style import channel_unit, time_unit
 
-# Fall of BIC from which a cause is accepted.
+# Fall of BIC from which a cause is called decisive: odds of 150.
 DECISIVE = 10.0
 # A condition or a band is told where it holds so much more of the misfit than of the time, or
 # this share of the misfit.
@@ -34,7 +34,8 @@ GLOSSARY = """\
   *Independent rows* say as much about a mean as all rows, whose errors follow each other.
 - *Heating* and *cooling*: the output moves away from rest, or back to it.
 - *Evidence* is the fall of BIC when the cause is added, under white noise plus a slow
-  discrepancy, after a correction for the number of causes tried. Above 10 is decisive.
+  discrepancy, after a correction for the number of causes tried. From 4.6 (odds of 10) a cause is
+  tried on unseen rows; above 10 (odds of 150) it is called decisive.
 - *Gain* is what the cause takes off the residual on data that its fit has not seen, with its
   95 % interval; one that includes zero is not claimed.
 - *Detectable* is the RMS change of an output that this log would have shown.
