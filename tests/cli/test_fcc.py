@@ -200,7 +200,62 @@ def test_what_cannot_be_read(arguments, text, message):
 
 def test_a_trial_in_which_nothing_moves(tmp_path):
     still = tmp_path / "still.csv"
-    still.write_text("time_s,U_command_V,e_tool_um\n" + "".join(f"{k},0,1\n" for k in range(99)))
+    still.write_text(
+        "time_s,U_command_V,e_tool_um\n" + "".join(f"{k * 0.0005},0,1\n" for k in range(99))
+    )
     code, _, err = run("--identify", still, text=HEADER)
     assert code == 1
     assert "the command does not move" in err[-1]
+
+
+def test_a_trial_of_another_period(trial):
+    done = subprocess.run(
+        [*TOOL, "fcc", "-C", "e_tool_um", "--period", "0.001", "--identify", trial],
+        input=HEADER.encode(),
+        capture_output=True,
+        timeout=60,
+    )
+    assert done.returncode == 2
+    assert "has a sample each 0.0005 s, --period says 0.001 s" in done.stderr.decode()
+
+
+def test_one_reading_that_stands_alone_is_bridged():
+    errors = np.random.default_rng(11).normal(0, 1, 400) + 3
+    errors[200] = 1e6
+    options = ["--delay", "0.001", "--gain", "1", "--limit=-8:8", "--also"]
+    code, told, err = run(*options, text=lines_of(errors.tolist()))
+    assert code == 0
+    forecasts = np.array([float(line.split(",")[-1]) for line in told[1:-1]])
+    assert np.abs(forecasts).max() < 100
+    assert "1 readings stood alone" in err[-1]
+
+
+@pytest.mark.parametrize("huge", [1e300, -1e300])
+def test_a_reading_too_large_for_its_square(huge):
+    code, told, _ = run(
+        "--delay", "0.001", "--gain", "1", "--limit=-8:8", text=lines_of([0, 1, huge, 1, 0])
+    )
+    assert code == 0
+    assert all(-8 <= float(line.split(",")[-1]) <= 8 for line in told[1:])
+
+
+def test_commands_that_the_readings_do_not_follow():
+    errors = np.cumsum(np.random.default_rng(12).normal(0, 1, 4000)).tolist()
+    code, told, err = run("--delay", "0.0028", "--gain", "1.5", text=lines_of(errors))
+    assert code == 1
+    assert "the commands run away: the readings do not follow them" in err[-1]
+    assert float(told[-1].split(",")[-1]) == 0  # the safe command
+
+
+def test_a_delay_of_thousands_of_samples():
+    code, _, err = run("--delay", "5", "--gain", "1", text=HEADER)
+    assert code == 2
+    assert "10000 samples: at most 500" in err[-1]
+
+
+def test_commands_at_their_limit_are_told():
+    code, _, err = run(
+        "--delay", "0.001", "--gain", "1", "--limit=-0.1:0.1", text=lines_of([5.0] * 99)
+    )
+    assert code == 0
+    assert "at the limit in" in err[-1]

@@ -76,3 +76,21 @@ def test_a_random_walk_stays_where_it_is():
     ahead = forecast(arima([], [], 1), record_of(x), 5)
     np.testing.assert_allclose(ahead.value, x[-1])
     np.testing.assert_allclose(ahead.error, np.sqrt(np.arange(1.0, 6.0)))
+
+
+@pytest.mark.parametrize("options", [("--difference", 1), ("--detrend", "linear")])
+def test_a_stream_takes_no_differences_and_no_line(log, tmp_path, options):
+    model = tmp_path / "arma.json"
+    run(fit.command, log, "-C", "T_room_degC", "--order", "1,0", *options, "-o", model)
+    done = CliRunner().invoke(command, [str(model), str(log), "--stream"])
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    assert "--stream takes models without --difference and linear trend" in done.stderr
+
+
+def test_a_stream_has_no_start_and_no_stop(log, tmp_path):
+    model = tmp_path / "arma.json"
+    run(fit.command, log, "-C", "T_room_degC", "--order", "1,0", "-o", model)
+    done = CliRunner().invoke(command, [str(model), str(log), "--stream", "--stop", "9"])
+    assert done.exit_code == 2
+    assert "--start and --stop are for logs" in done.stderr

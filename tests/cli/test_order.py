@@ -58,6 +58,15 @@ def test_criterion_of_the_source_and_table(log):
     assert "aic, aicc, bic, gao" in bad.stderr
 
 
+def test_a_search_cut_short_names_the_option(log):
+    told = [
+        run(log, "-C", "value", "--max-p", size, "--max-q", size, "--effort", effort).stdout
+        for size, effort in ((10, 0.02), (1, 20))
+    ]
+    assert told[0].endswith("; --effort above 1 looks at more\n")
+    assert told[1].endswith("by exact likelihood\n")
+
+
 def test_figure(log, tmp_path):
     figure = tmp_path / "orders.png"
     run(log, "-C", "value", "--max-p", 3, "--max-q", 3, "--figure", figure)
@@ -113,3 +122,19 @@ def test_bad_input_is_one_clear_line(tmp_path):
         run(uneven, "-C", "value")
     with pytest.raises(LogError, match="no column"):
         run(uneven, "-C", "values")
+
+
+@pytest.mark.parametrize(
+    "computed",
+    [lambda k: 1.0 * k, lambda k: (-1.0) ** k, lambda k: np.sin(0.3 * k), lambda k: k % 7.0],
+    ids=["line", "alternating", "sine", "period"],
+)
+def test_what_follows_from_the_samples_before_has_no_order(tmp_path, computed):
+    log = write(tmp_path / "computed.csv", computed(np.arange(400)))
+    with pytest.raises(FitError, match="no noise to model"):
+        run(log, "-C", "value")
+
+
+def test_samples_without_a_clock_are_told(log):
+    assert "no clock" in run(log, "-C", "value").stderr
+    assert "no clock" not in run(log, "-C", "value", "--period", 0.5).stderr

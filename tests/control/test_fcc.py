@@ -8,6 +8,7 @@ from thermaltool.control.fcc import (
     ActuatorModel,
     ActuatorState,
     ForecastingControl,
+    ReadingGate,
     second_order,
 )
 from thermaltool.control.hysteresis import PrandtlIshlinskii
@@ -159,3 +160,14 @@ def test_missing_readings_and_gaps():
 def test_what_cannot_be(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_the_gate_follows_a_new_level_and_keeps_out_a_spike():
+    gate = ReadingGate()
+    errors = np.random.default_rng(3).normal(0, 1, 300)
+    assert all(gate.passes(e) for e in errors)
+    assert not gate.passes(1e4)
+    assert gate.passes(0.5)
+    steps = [gate.passes(1e4 + e) for e in errors[:10]]
+    assert steps == [False] * 3 + [True] * 7
+    assert gate.refused == 4

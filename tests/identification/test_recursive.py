@@ -69,7 +69,8 @@ def test_covariance_stays_positive_and_no_less_known_than_at_the_start():
 )
 @pytest.mark.parametrize("intercept", [True, False])
 def test_unexciting_input_comes_to_a_state_that_repeats_bit_for_bit(wave, intercept):
-    """Then 10⁸ further samples change nothing: what is finite here is finite there."""
+    """The recursion is a function of its state and its input: a state that has come back once
+    comes back for ever, so 10⁸ further samples pass through no state that is not finite here."""
     model = RecursiveArma(3, 2, intercept, 0.99)
     for k in range(20000):
         model.update(wave(k))
@@ -82,6 +83,44 @@ def test_unexciting_input_comes_to_a_state_that_repeats_bit_for_bit(wave, interc
     assert np.all(np.isfinite(forecast.variance))
     expected = [wave(k) for k in range(20002, 20012)]
     np.testing.assert_allclose(forecast.mean, expected, rtol=1e-6)
+
+
+def test_a_constant_with_the_usual_forgetting_repeats_too():
+    model = RecursiveArma(1, 1, intercept=False)
+    for _ in range(760_000):  # 760 memory lengths
+        model.update(5.0)
+    state = inner_state(model)
+    model.update(5.0)
+    assert inner_state(model) == state
+    assert model.forecast(10).mean[-1] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("count", [10, 10_000])
+def test_without_forgetting_the_covariance_shrinks_to_no_less_than_theory_leaves_it(count):
+    """With λ = 1 no state repeats, but P⁻¹ = I/β + Σ φφᵀ. So no entry of D ever grows, and none
+    falls below 1/(1/β + N |φ|²): for 10⁸ samples a number of ordinary size."""
+    beta, phi = 10.0, [1.0, 1.0, 1.0, 0.5]
+    rls, square = RecursiveLeastSquares(4, beta), sum(p * p for p in phi)
+    for _ in range(count):
+        before = list(rls._D)
+        rls.update(phi, 5.0 - float(np.dot(rls.theta, phi)))
+        assert all(now <= old for now, old in zip(rls._D, before, strict=True))
+    assert min(rls._D) >= (1 - 1e-9) / (1 / beta + count * square)
+    np.testing.assert_allclose(np.dot(rls.theta, phi), 5.0, rtol=1 / count)
+
+
+def test_without_forgetting_after_a_hundred_million_samples():
+    """From the covariance and the weights that 10⁸ samples leave, on a constant."""
+    model = RecursiveArma(3, 2, forgetting=1.0)
+    model.begin(SimpleNamespace(ar=AR, ma=MA, mean=5.0, sigma2=1.0), 1e8)
+    for _ in range(20_000):
+        model.update(5.0)
+    assert model._weight == 1e8 + 20_000 - 3  # the first three fill the lags
+    assert min(model._rls._D) > 0
+    assert max(model._rls._D) <= 1e-8
+    forecast = model.forecast(10)
+    np.testing.assert_allclose(forecast.mean, 5.0)
+    assert np.all(np.isfinite(forecast.variance))
 
 
 def test_a_stream_that_falls_silent_repeats_too():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import os
 import re
 import subprocess
 import sys
@@ -53,6 +55,70 @@ def test_measured_log_is_judged_on_its_second_half(tmp_path: Path) -> None:
     trained = json.loads((tmp_path / "heating_system.model.json").read_text())["outputs"][0]["fit"]
     assert (trained["rows"], held_out["rows"]) == (401, 400)
     assert held_out["fit_percent"] > 75
+
+
+def with_tool() -> dict[str, str]:
+    """The environment, with the tool that is tested first on the path."""
+    folder = Path(sys.executable).parent
+    return os.environ | {"PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"}
+
+
+def shell(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", script],
+        cwd=folder,
+        env=with_tool(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_forecasts_of_a_log_by_its_best_order(tmp_path: Path) -> None:
+    shell("thermaltool plant boring-bar --duration 0.5 -o cut.csv", tmp_path)
+    wanted = (f"LOG={tmp_path}/cut.csv", "COLUMN=e_tool_um", "STEPS=7", f"OUT={tmp_path}/out")
+    flags = ("ORDER_FLAGS=--max-p 4 --max-q 2",)
+    make("forecast.mk", *wanted, *flags)
+    best = json.loads((tmp_path / "out/cut.orders.json").read_text())["best"]["bic"]
+    model = json.loads((tmp_path / "out/cut.arma.json").read_text())
+    assert (len(model["ar"]), len(model["ma"])) == (best["p"], best["q"])
+    with open(tmp_path / "out/cut.forecast.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["time_s"] for row in rows[:2]] == ["0.5", "0.5005"]
+    assert len(rows) == 7
+    assert (tmp_path / "out/cut.orders.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_machine_and_its_control_in_a_loop(tmp_path: Path) -> None:
+    shell(f"OUT=. DURATION=1 {ROOT}/pipelines/fcc.sh", tmp_path)
+    said = (tmp_path / "fcc.log").read_text().splitlines()[-1]
+    left, without = map(float, re.findall(r"([\d.]+) RMS", said))
+    assert "2000 samples" in said
+    assert left < 0.3 * without
+    with open(tmp_path / "cut.csv", newline="") as stream:
+        later = [float(row["d_tool_um"]) for row in csv.DictReader(stream)][1000:]
+    assert abs(sum(later) / len(later)) < 0.1
+    assert not (tmp_path / "commands").exists()
+
+
+def test_the_streams_of_the_readme_run(tmp_path: Path) -> None:
+    text = (ROOT / "README.md").read_text()
+    section = text.split("## Errors that come again, and delays")[1].split("\n## ")[0]
+    blocks = re.findall(r"```sh\n(.*?)```", section, re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        shell(block, tmp_path)
+    with open(tmp_path / "ahead.csv", newline="") as stream:
+        ahead = list(csv.DictReader(stream))
+    with open(tmp_path / "commands.csv", newline="") as stream:
+        commands = [float(row["U_command_V"]) for row in csv.DictReader(stream)]
+    assert float(ahead[-1]["low"]) < float(ahead[-1]["forecast"]) < float(ahead[-1]["high"])
+    assert len(commands) == 2001  # one per line, and the safe one
+    assert min(commands) >= -2
+    assert max(commands) <= 10
+    assert commands[-1] == 0
 
 
 def test_samples_come_from_the_commands_of_their_readme() -> None:

@@ -11,7 +11,6 @@ import click
 from thermaltool.cli.documents import (
     keep_inputs,
     one_stdin,
-    table,
     terminal_progress,
     warn,
     warn_pauses,
@@ -25,6 +24,7 @@ from thermaltool.cli.options import (
     output_option,
     quiet_option,
 )
+from thermaltool.report.text import aligned
 
 if TYPE_CHECKING:
     from thermaltool.responses import Response
@@ -196,7 +196,7 @@ def command(
                     "; ".join(map(_told, terms)),
                 ]
             )
-        warn(table(rows))
+        warn(aligned(rows))
     if not quiet:
         for out in model.outputs:
             for sentence in out.fit["unidentified"]:

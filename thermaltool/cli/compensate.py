@@ -18,7 +18,6 @@ from thermaltool.cli.options import (
     model_argument,
     quiet_option,
 )
-from thermaltool.errors import ThermalToolError
 
 FORMATS = click.Choice(["csv", "ndjson"])
 
@@ -162,7 +161,7 @@ def command(model: str, log: str, **options: Any) -> None:
     """
     # One small product per line: threads would only cost memory. Read when numpy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from thermaltool.cli.documents import one_stdin, read_model
+    from thermaltool.cli.documents import emitter, one_stdin, read_model, usage_errors
     from thermaltool.runtime.settings import Settings, open_stream
 
     one_stdin(model, log)
@@ -182,20 +181,10 @@ def command(model: str, log: str, **options: Any) -> None:
         **options,
     )
 
-    def emit(message: str) -> None:
-        # A terminal that has gone must not stop the stream.
-        if not quiet:
-            with contextlib.suppress(OSError):
-                click.echo(f"thermaltool compensate: {message}", err=True)
-
-    name = "<stdin>" if log == "-" else log
+    emit, name = emitter("compensate", quiet), "<stdin>" if log == "-" else log
     with click.open_file(log, "rb") as source:
-        try:
+        with usage_errors():
             stream = open_stream(read_model(model), settings, source.fileno(), 1, emit, name)
-        except ValueError as error:
-            if isinstance(error, ThermalToolError):
-                raise
-            raise click.UsageError(str(error)) from error
         number = stream.run()
     if number:
         raise SystemExit(128 + number)

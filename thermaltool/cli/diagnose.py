@@ -13,7 +13,6 @@ from thermaltool.cli.documents import (
     keep_inputs,
     one_stdin,
     read_model,
-    table,
     terminal_progress,
     warn,
     warn_excursions,
@@ -28,6 +27,7 @@ from thermaltool.cli.options import (
     model_argument,
     quiet_option,
 )
+from thermaltool.report.text import aligned
 
 if TYPE_CHECKING:
     from thermaltool.diagnosis.result import Diagnosis
@@ -151,7 +151,7 @@ def command(
         for section in sections(result):
             if section.brief:
                 warn(f"\n{section.title}")
-                warn(table(section.rows))
+                warn(aligned(section.rows))
     failed = not found.adequate if fail_above is None else 1 - found.noise_share > fail_above
     if failed:
         sys.exit(3)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.errors import ModelError
+from thermaltool.errors import ModelError, ThermalToolError
 from thermaltool.files import atomic_output, check_folder
 
 if TYPE_CHECKING:
@@ -104,6 +105,29 @@ def warn(message: str) -> None:
     click.echo(message, err=True)
 
 
+def emitter(command: str, quiet: int) -> Callable[[str], None]:
+    """Where a stream's messages go: one line each on stderr, nowhere with --quiet."""
+
+    def emit(message: str) -> None:
+        # A terminal that has gone must not stop the stream.
+        if not quiet:
+            with contextlib.suppress(OSError):
+                click.echo(f"thermaltool {command}: {message}", err=True)
+
+    return emit
+
+
+@contextlib.contextmanager
+def usage_errors() -> Iterator[None]:
+    """What settings refuse (ValueError) is an error of usage."""
+    try:
+        yield
+    except ThermalToolError:
+        raise
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+
+
 def warn_row(log: Log, row: int, message: str) -> None:
     """One line on stderr, with the file and the line of a row."""
     warn(f"{log.name}:{log.lines[row]}: {message}")
@@ -139,10 +163,3 @@ def warn_pauses(log: Log, meaning: str) -> None:
     for part in log.segments[1:]:
         pause = log.time[part.start] - log.time[part.start - 1]
         warn_row(log, part.start, f"a pause of {pause:g} s; {meaning}")
-
-
-def table(rows: list[list[str]]) -> str:
-    """Columns aligned by blanks; the first row is the heading."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) for row in rows]
-    return "\n".join(line.rstrip() for line in lines)

@@ -10,7 +10,6 @@ from thermaltool.cli.documents import (
     keep_inputs,
     one_stdin,
     read_model,
-    table,
     warn,
     warn_excursion,
     warn_excursions,
@@ -29,6 +28,7 @@ from thermaltool.cli.options import (
     to_option,
 )
 from thermaltool.errors import LogError
+from thermaltool.report.text import aligned
 
 
 @click.command(
@@ -115,4 +115,4 @@ def command(
         for name, a in report.items():
             rows.append([name, f"{a.band:.4g}", f"{a.steady:.3g}", f"{a.rmse:.4g}",
                          f"{a.max_error:.4g}", str(a.rows)])  # fmt: skip
-        warn(table(rows))
+        warn(aligned(rows))

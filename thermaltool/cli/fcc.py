@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
 IDENTIFIED_PLAYS = 5
 # What nothing is known of is forecast best by a long AR model (docs/fcc.md).
 USUAL_ORDER = 20, 0
+# A trial's clock may differ from the period by this share.
+SAME_PERIOD = 0.01
+# Readings that end within so many seconds of their reader's machine have ended with it.
+END_WITHIN = 1.0
 
 
 class Pairs(click.ParamType):
@@ -163,48 +168,47 @@ def command(log: str, **options: Any) -> None:
     """
     # One small product per line: threads would only cost memory. Read when numpy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from thermaltool.errors import ThermalToolError
+    from thermaltool.cli.documents import emitter, usage_errors
     from thermaltool.runtime.fcc import FccSettings, open_fcc
 
-    quiet = options.pop("quiet")
-
-    def emit(message: str) -> None:
-        # A terminal that has gone must not stop the stream.
-        if not quiet:
-            with contextlib.suppress(OSError):
-                click.echo(f"thermaltool fcc: {message}", err=True)
-
+    emit = emitter("fcc", options.pop("quiet"))
     chosen: Any = options.pop("error_model") or ("direct" if options["spindle"] else USUAL_ORDER)
     order = None if chosen == "direct" else chosen
     safe, slew, timeout = options.pop("safe"), options.pop("slew"), options.pop("timeout")
     if options.pop("as_json"):
         options["to_format"] = "ndjson"
-    try:
-        settings = FccSettings(
-            actuator=_actuator(options, emit),
-            order=order,
-            spindle=_spindle(options.pop("spindle")),
-            safe=None if safe == "hold" else safe,
-            slew=float("inf") if slew is None else slew,
-            timeout=max(20 * options["period"], 0.1) if timeout is None else timeout,
-            has_clock=options.pop("clock") == "column",
-            **options,
-        )
-        with click.open_file(log, "rb") as source:
-            name = "<stdin>" if log == "-" else log
+    name = "<stdin>" if log == "-" else log
+    with click.open_file(log, "rb") as source:
+        with usage_errors():
+            settings = FccSettings(
+                actuator=_actuator(options, emit),
+                order=order,
+                spindle=_spindle(options.pop("spindle")),
+                safe=None if safe == "hold" else safe,
+                slew=float("inf") if slew is None else slew,
+                timeout=max(20 * options["period"], 0.1) if timeout is None else timeout,
+                has_clock=options.pop("clock") == "column",
+                **options,
+            )
             stream, controller = open_fcc(settings, source.fileno(), 1, emit, name)
-            try:
-                number = stream.run()
-            finally:
-                # Also where the reader has left: the machine of a closed loop ends first.
-                if controller.samples:
-                    emit(controller.summary())
-    except ValueError as error:
-        if isinstance(error, ThermalToolError):
-            raise
-        raise click.UsageError(str(error)) from error
+        try:
+            number = stream.run()
+        except BrokenPipeError:
+            # The machine of a closed loop ends first, and its readings with it.
+            if not _at_end(source.fileno()):
+                raise
+            number = 0
+        finally:
+            if controller.samples:
+                emit(controller.summary())
     if number:
         raise SystemExit(128 + number)
+
+
+def _at_end(source: int) -> bool:
+    """Whether the readings end, too, within a moment."""
+    readable, _, _ = select.select([source], [], [], END_WITHIN)
+    return bool(readable) and not os.read(source, 1)
 
 
 def _spindle(given: str | None) -> float | str | None:
@@ -225,10 +229,17 @@ def _actuator(options: dict[str, Any], emit: Any) -> ActuatorModel:
         raise click.UsageError("--hysteresis has its gain in its weights: leave --gain out")
     plays = plays or ([(0.0, gain)] if gain else None)
     if trial is not None and (plays is None or delay is None):
+        import numpy as np
+
         from thermaltool.identification.actuator import identify_actuator
         from thermaltool.logs import read_log
 
         table = read_log(trial, need=(options["command"], options["channel"]))
+        step = float(np.median(np.diff(table.time))) if len(table) > 1 else options["period"]
+        if abs(step / options["period"] - 1) > SAME_PERIOD:
+            raise click.UsageError(
+                f"{trial} has a sample each {step:.4g} s, --period says {options['period']:.4g} s"
+            )
         found = identify_actuator(
             table.column(options["command"]),
             table.column(options["channel"]),

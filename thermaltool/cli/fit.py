@@ -27,7 +27,7 @@ class Order(click.ParamType):
         self.fail(f"{value!r} is not {self.name}", param, ctx)
 
 
-@click.command(epilog="Example: thermaltool fit residual.csv -C d_z_um --order 2,1 -o arma.json")
+@click.command(epilog="Example: sensors | thermaltool fit -C d_z_um --order 2,1 -o arma.json")
 @log_argument
 @series_options
 @click.option("--order", type=Order(), help="AR and MA order.  [default: the best by BIC]")

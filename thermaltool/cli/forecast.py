@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    epilog="Example: thermaltool forecast arma.json residual.csv --steps 10 -o ahead.csv"
+    epilog="Example: logger | thermaltool forecast arma.json --stream --steps 10 > ahead.csv"
 )
 @model_argument
 @log_argument
@@ -65,6 +64,8 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
     if stream:
         if output != "-":
             raise click.UsageError("--stream writes to stdout")
+        if options["start"] is not None or options["stop"] is not None:
+            raise click.UsageError("--start and --stop are for logs, not for --stream")
         _stream(fitted, log, quiet, options)
     else:
         _batch(fitted, log, output, options)
@@ -92,7 +93,7 @@ def _batch(model: ArmaModel, log: str, output: str, options: dict[str, Any]) -> 
         warn(f"{series.name}: {series.channel}: the last {behind} samples are missing: forecast")
     steps = options["steps"]
     ahead = forecast(model, record, behind + steps, options["level"])
-    time = series.time[-1] + series.period * np.arange(1, steps + 1)
+    time = np.round(series.time[-1] + series.period * np.arange(1, steps + 1), 9)
     columns = {"time_s": time, f"forecast_{series.channel}": ahead.value[behind:],
                f"low_{series.channel}": ahead.low[behind:],
                f"high_{series.channel}": ahead.high[behind:]}  # fmt: skip
@@ -110,7 +111,7 @@ class KnownArma:
 
 
 def _stream(model: ArmaModel, log: str, quiet: int, options: dict[str, Any]) -> None:
-    from thermaltool.errors import ThermalToolError
+    from thermaltool.cli.documents import emitter, usage_errors
     from thermaltool.runtime.forecasts import ForecastSettings, run_forecasts
 
     if model.difference or len(model.trend) > 1:
@@ -134,20 +135,8 @@ def _stream(model: ArmaModel, log: str, quiet: int, options: dict[str, Any]) -> 
         to_format=options["to_format"] or "csv",
     )
 
-    def emit(message: str) -> None:
-        # A terminal that has gone must not stop the stream.
-        if not quiet:
-            with contextlib.suppress(OSError):
-                click.echo(f"thermaltool forecast: {message}", err=True)
-
-    with click.open_file(log, "rb") as source:
-        try:
-            number = run_forecasts(
-                source.fileno(), 1, settings, emit, "<stdin>" if log == "-" else log
-            )
-        except ValueError as error:
-            if isinstance(error, ThermalToolError):
-                raise
-            raise click.UsageError(str(error)) from error
+    emit, name = emitter("forecast", quiet), "<stdin>" if log == "-" else log
+    with click.open_file(log, "rb") as source, usage_errors():
+        number = run_forecasts(source.fileno(), 1, settings, emit, name)
     if number:
         raise SystemExit(128 + number)

@@ -6,11 +6,13 @@ from typing import Any
 
 import click
 
-from thermaltool.cli.options import json_option, log_argument
+from thermaltool.cli.options import POSITIVE, json_option, log_argument
 from thermaltool.cli.series import model_options, one_thread, series_options
 
 
-@click.command(epilog="Example: thermaltool order residual.csv -C d_z_um --figure orders.png")
+@click.command(
+    epilog="Example: sensors | thermaltool order -C d_z_um --max-p 20 --figure orders.png"
+)
 @log_argument
 @series_options
 @click.option("--max-p", type=click.IntRange(0, 200), default=10, help="Largest AR order.")
@@ -22,11 +24,17 @@ from thermaltool.cli.series import model_options, one_thread, series_options
     help="Of aic, aicc, bic, gao: what the best is chosen by. gao is N ln[RSS/(N - r)] + 2r with "
     "r = p + q + 1.",
 )
+@click.option(
+    "--effort",
+    type=POSITIVE,
+    default=1.0,
+    help="Factor on the likelihoods that the search may take: more time, perhaps a better order.",
+)
 @model_options
 @click.option("--figure", metavar="FILE", help="Curves of the criteria, .png, .svg or .pdf.")
 @json_option
-def command(log: str, max_p: int, max_q: int, criterion: str, figure: str | None,
-            as_json: bool, **options: Any) -> None:  # fmt: skip
+def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
+            figure: str | None, as_json: bool, **options: Any) -> None:  # fmt: skip
     """Which AR or ARMA order a series has, by AIC, AICc and BIC.
 
     Every order up to --max-p, --max-q at once: all from one regression (marked ~), the promising
@@ -40,7 +48,7 @@ def command(log: str, max_p: int, max_q: int, criterion: str, figure: str | None
     from thermaltool.errors import FitError
     from thermaltool.files import atomic_output
     from thermaltool.identification.arma.criteria import criteria_named
-    from thermaltool.identification.arma.order import select_order
+    from thermaltool.identification.arma.order import BUDGET, select_order
     from thermaltool.report.orders import draw_orders, order_document, order_table, order_warnings
     from thermaltool.report.style import figure_format, render
 
@@ -56,7 +64,7 @@ def command(log: str, max_p: int, max_q: int, criterion: str, figure: str | None
     changed = record.difference(difference)
     place = f"{series.name}: {series.channel}"
     try:
-        table = select_order(changed, max_p, max_q, degree, names)
+        table = select_order(changed, max_p, max_q, degree, names, max(round(effort * BUDGET), 1))
     except FitError as error:
         raise FitError(f"{place}: {error}") from error
     for message in order_warnings(table, names, changed, degree, difference):

@@ -12,7 +12,6 @@ from thermaltool.cli.documents import (
     one_stdin,
     read_model,
     read_noise,
-    table,
     terminal_progress,
     warn,
     write_json,
@@ -28,6 +27,7 @@ from thermaltool.cli.options import (
     quiet_option,
 )
 from thermaltool.errors import FitError, ModelError
+from thermaltool.report.text import aligned
 
 
 @click.command(
@@ -202,7 +202,7 @@ def command(
                 for k in range(len(machine.outputs)):
                     row += [f"{p.band[k]:.2f}", f"{p.lag_error[k]:.2f}", f"{p.noise_sigma[k]:.3f}"]
                 rows.append(row)
-        warn(table(rows))
+        warn(aligned(rows))
         warn(f"chosen: {chosen}, {_told(best[chosen].settings)}")
 
 

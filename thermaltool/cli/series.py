@@ -80,20 +80,32 @@ def load_series(log: str, options: dict[str, Any]) -> Series:
     column = options.pop("column")
     if column is None:
         raise click.UsageError("name the column with --column")
-    return read_series(log, column, **{name: options.pop(name) for name in names})
+    given = {name: options.pop(name) for name in names}
+    series = read_series(log, column, **given)
+    if series.counted and given["period"] is None:
+        warn(
+            f"{series.name}: no clock (a column time_s or time_min, or ISO 8601 times in time): "
+            "samples are counted, 1 s each (--period)"
+        )
+    return series
 
 
 def load_record(series: Series, options: dict[str, Any]) -> tuple[Record, int, int]:
     """The record without outliers, the degree of its trend, the difference (all told)."""
     from thermaltool.errors import FitError
     from thermaltool.identification.arma.record import record_of
-    from thermaltool.identification.arma.screening import find_outliers
+    from thermaltool.identification.arma.screening import find_outliers, is_computed
 
     difference = options.pop("difference") or 0
     detrend = options.pop("detrend") or ("none" if difference else "mean")
     place = f"{series.name}: {series.channel}"
     try:
         record = record_of(series.values, series.segments, series.places)
+        if is_computed(record):
+            raise FitError(
+                "each sample follows from those before it to rounding (a line, a sine, a period): "
+                "there is no noise to model"
+            )
         if options.pop("outliers") == "omit":
             rows = find_outliers(record)
             for row in rows[:5].tolist():

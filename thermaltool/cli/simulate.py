@@ -10,7 +10,6 @@ from thermaltool.cli.documents import (
     keep_inputs,
     one_stdin,
     read_model,
-    table,
     warn,
     warn_excursions,
     warn_pauses,
@@ -26,6 +25,7 @@ from thermaltool.cli.options import (
     quiet_option,
     to_option,
 )
+from thermaltool.report.text import aligned
 
 
 @click.command(
@@ -103,7 +103,7 @@ def command(
         for name, a in report.items():
             rows.append([name, f"{a.rmse:.4g}", f"{a.fit_percent:.2f}", f"{a.max_error:.4g}",
                          f"{a.mean:.3g}", str(a.rows)])  # fmt: skip
-        warn(table(rows))
+        warn(aligned(rows))
     if max_rmse is not None:
         if not any(a.rows for a in report.values()):
             raise LogError("--max-rmse: no measured output to judge", data.name)

@@ -15,6 +15,13 @@ from typing import NamedTuple, Protocol
 
 from thermaltool.control.hysteresis import PrandtlIshlinskii
 
+# A reading that leaves the last one by so many times the usual change is refused, up to so many in
+# a row: then the level has changed, and is followed. Learnt over so many samples.
+GATE, REFUSED_RUN, USUAL = 15.0, 3, 50
+# Beyond this, squares of products would overflow: no reading of anything.
+LARGEST = 1e60
+# A delay of more samples is another sample period.
+LONGEST_DELAY = 500
 # The default horizon is the first at which the low-pass has answered by this part.
 ANSWERED = 0.5
 
@@ -91,6 +98,11 @@ class ActuatorState:
 
     def __post_init__(self) -> None:
         whole = math.floor(self.model.delay / self.period + 1e-9)
+        if whole > LONGEST_DELAY:
+            raise ValueError(
+                f"a delay of {self.model.delay:g} s is {whole} samples: at most {LONGEST_DELAY} "
+                "(take a longer period)"
+            )
         self.whole = whole
         # The part of a sample's action that comes one sample later still.
         self._late = max(self.model.delay / self.period - whole, 0.0)
@@ -176,6 +188,46 @@ class Answer(NamedTuple):
 
 
 @dataclass
+class ReadingGate:
+    """Keeps out readings that stand alone.
+
+    Attributes
+    ----------
+    refused : int
+        In all.
+    """
+
+    refused: int = field(default=0, init=False)
+    _last: float | None = field(default=None, init=False)
+    _square: float = field(default=0.0, init=False)
+    _heard: int = field(default=0, init=False)
+    _row: int = field(default=0, init=False)
+
+    def passes(self, error: float) -> bool:
+        """Whether to believe it; errors without the action, one for each sample."""
+        if not -LARGEST < error < LARGEST:
+            self.refused += 1
+            return False
+        change = 0.0 if self._last is None else error - self._last
+        usual = self._heard >= USUAL and self._square > 0
+        if usual and change * change > GATE**2 * self._square and self._row < REFUSED_RUN:
+            self._row += 1
+            self.refused += 1
+            return False
+        # A new level says nothing of the usual change.
+        if not self._row:
+            self._heard += 1
+            weight = max(1 / self._heard, 1 / (20 * USUAL))
+            self._square += weight * (change * change - self._square)
+        self._row, self._last = 0, error
+        return True
+
+    def forget(self) -> None:
+        """After a gap."""
+        self._last = None
+
+
+@dataclass
 class ForecastingControl:
     """Error in, wanted command out.
 
@@ -219,6 +271,7 @@ class ForecastingControl:
         self._inverse = hysteresis.inverse()
         self._action = self._act(self.command)
         self._answer.forget(self._action)
+        self.gate = ReadingGate()
 
     def step(self, reading: float | None, taken: float) -> Answer:
         """The command to be had from this sample on.
@@ -232,7 +285,7 @@ class ForecastingControl:
         """
         self._action = self._act(taken)
         self._answer.take(self._action)
-        if reading is None:
+        if reading is None or not self.gate.passes(reading - self._answer.position):
             self.forecaster.miss()
         else:
             self.error = reading - self._answer.position
@@ -248,6 +301,7 @@ class ForecastingControl:
         """After a gap in which the actuator has settled at `taken`."""
         self._action = self._act(taken)
         self._answer.forget(self._action)
+        self.gate.forget()
         self.forecaster.forget_lags()
 
     def _act(self, command: float) -> float:

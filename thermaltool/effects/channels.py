@@ -47,8 +47,17 @@ def part_channels(scene: Scene) -> list[str]:
 
 
 def source_channels(scene: Scene) -> list[str]:
-    """Every other channel with which heat may go: a displacement is no source."""
-    return [c for c in scene.extra if not is_air(c) and not is_part(c) and not is_displacement(c)]
+    """Every other channel with which heat may go.
+
+    A displacement is no source, nor is a difference of two temperatures of the structure: both
+    answer the heat that the model knows, and would explain a delay or a gain of it.
+    """
+    return [
+        c
+        for c in scene.extra
+        if not (is_air(c) or is_part(c) or is_displacement(c))
+        and parse_channel(c).dimension != "temperature difference"
+    ]
 
 
 def air_is_logged(scene: Scene) -> bool:

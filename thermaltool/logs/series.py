@@ -38,6 +38,8 @@ class Series:
         Stretches between pauses.
     period : float
         [s].
+    counted : bool
+        Whether there is no clock, so that samples are counted.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Series:
     places: NDArray[np.intp]
     segments: tuple[slice, ...]
     period: float
+    counted: bool
 
 
 def read_series(
@@ -114,7 +117,7 @@ def read_series(
             int(lines[k + 1]),
         )
     places = np.concatenate(([0], np.cumsum(np.maximum(whole, 1.0)))).astype(np.intp)
-    return Series(name, column, digest, time, values, places, parts, period)
+    return Series(name, column, digest, time, values, places, parts, period, counted)
 
 
 def _lenient(

@@ -15,6 +15,7 @@ from thermaltool.identification.arma.record import Record
 from thermaltool.identification.arma.roots import Mode, modes, near_unit
 from thermaltool.identification.arma.screening import DICKEY_FULLER, unit_root_statistic
 from thermaltool.report.style import CYCLE, MARK, new_figure, plain
+from thermaltool.report.text import aligned
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,9 +54,10 @@ def order_table(table: OrderTable, names: Sequence[str]) -> str:
         rows.append(row)
     refined = sum(e.exact for e in table.entries)
     first = table.entries[0]
+    more = "; --effort above 1 looks at more" if table.cut_short else ""
     return (
         f"{aligned(rows)}\n\n{len(table.entries)} orders of {first.size} samples, "
-        f"{refined} by exact likelihood"
+        f"{refined} by exact likelihood{more}"
     )
 
 
@@ -93,13 +95,6 @@ def _stationarity(record: Record, degree: int, difference: int) -> list[str]:
         f"the series is not told from one with a unit root (Dickey-Fuller {statistic:.2f}, below "
         f"{DICKEY_FULLER[degree]} is stationary): try --difference {difference + 1}"
     ]
-
-
-def aligned(rows: list[list[str]]) -> str:
-    """Columns aligned by blanks; the first row is the heading."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-    return "\n".join(lines)
 
 
 def _root(root: complex) -> str:

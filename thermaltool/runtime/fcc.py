@@ -8,12 +8,14 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from thermaltool.control.fcc import (
+    LARGEST,
     ActuatorModel,
     ActuatorState,
     Forecaster,
     ForecastingControl,
 )
 from thermaltool.control.setpoint import Limits, Setpoint
+from thermaltool.errors import LogError
 from thermaltool.identification.recursive.arma import RecursiveArma
 from thermaltool.identification.recursive.direct import DirectForecast
 from thermaltool.responses.modes import CLOCK_STEP
@@ -28,6 +30,9 @@ from thermaltool.runtime.stream import Stream, Writer
 
 # Where nothing is said, bad readings are bridged and pauses borne for this many samples.
 HOLD_PERIODS = 20
+SMALLEST = 1e-30  # a reading of nothing
+# A modelled action this many times the largest reading is not in the readings.
+RUNAWAY = 1e4
 ALSO = ("wanted", "uncompensated", "forecast")
 
 
@@ -109,17 +114,30 @@ class Controller:
         Tells what was put out in fact.
     bridged : int
         Lacking samples up to which the forecast goes on without them.
+    name : str
+        What messages call the source.
     samples : int
     squares : (float, float)
         Sums of the squared error as read, and without the action.
+    at_limit : int
+        Samples whose wanted command was outside the limits.
+
+    Raises
+    ------
+    LogError
+        Commands run away, as the readings do not follow them.
     """
 
     control: ForecastingControl
     sensor: Sensor
     setpoint: Setpoint
     bridged: int = HOLD_PERIODS
+    name: str = "<stdin>"
     samples: int = field(default=0, init=False)
     squares: tuple[float, float] = field(default=(0.0, 0.0), init=False)
+    at_limit: int = field(default=0, init=False)
+    _largest: float = field(default=0.0, init=False)
+    _wanted: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
         self._ticks = max(round(self.control.period / CLOCK_STEP), 1)
@@ -146,20 +164,35 @@ class Controller:
         if len(readings) > 1 and isinstance(forecaster, DirectForecast):
             forecaster.turn = _turn(readings[1], self.control.period)
         reading = None if self.sensor.held else readings[0]
-        answer = self.control.step(reading, self.setpoint.value)
-        if reading is not None:
+        taken, limits = self.setpoint.value, self.setpoint.limits
+        self.at_limit += limits.clip(self._wanted) != self._wanted
+        answer = self.control.step(reading, taken)
+        self._wanted = answer.wanted
+        if reading is not None and -LARGEST < reading < LARGEST:
             self.samples += 1
             read, without = self.squares
-            self.squares = read + reading**2, without + answer.error**2
+            self.squares = read + reading * reading, without + answer.error * answer.error
+            self._largest = max(self._largest, abs(reading))
+        if not abs(answer.error) <= RUNAWAY * max(self._largest, SMALLEST):
+            raise LogError(
+                "the commands run away: the readings do not follow them (actuator off, a log of "
+                "the past, or wrong --gain or --delay)",
+                self.name,
+            )
         return [*answer]
 
     def summary(self) -> str:
         """Root mean square of the error as read, and of what it would have been."""
         read, without = (math.sqrt(s / self.samples) if self.samples else 0.0 for s in self.squares)
-        return (
+        told = (
             f"{self.samples} samples: error {read:.3g} RMS as read, {without:.3g} RMS without the "
             f"action (reconstructed), horizon {self.control.horizon} samples"
         )
+        if self.control.gate.refused:
+            told += f"; {self.control.gate.refused} readings stood alone and were bridged"
+        if self.samples and self.at_limit:
+            told += f"; at the limit in {self.at_limit / self.samples:.1%} of the samples"
+        return told
 
     def state(self) -> list[float]:
         """Nothing: learnt anew in a second or two."""
@@ -211,7 +244,7 @@ def open_fcc(
     control = ForecastingControl(
         settings.actuator, _forecaster(settings), period, settings.horizon, setpoint.value
     )
-    controller = Controller(control, sensors[0], setpoint, round(max_gap / period))
+    controller = Controller(control, sensors[0], setpoint, round(max_gap / period), name)
     compensator = Compensator(
         controller,
         sensors,

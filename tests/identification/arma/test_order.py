@@ -70,6 +70,16 @@ def test_aic_of_the_best_is_within_one_of_the_full_grid(seed):
     assert len(table.entries) == 49
 
 
+def test_a_search_that_its_budget_ends_says_so():
+    # Two sines in noise: large models that differ little.
+    t, noise = np.arange(600), np.random.default_rng(11).standard_normal(600)
+    x = record_of(3.0 * np.sin(0.3 * t) + np.sin(0.9 * t) + 0.3 * noise)
+    short, long = select_order(x, budget=3), select_order(x, 2, 1, budget=2000)
+    assert short.cut_short
+    assert not long.cut_short
+    assert select_order(x, budget=200).best("aic").aic <= short.best("aic").aic
+
+
 def test_what_is_exact_is_said():
     table = select_order(record_of(simulated((2, 1), 400, 1)))
     assert all(table.best(name).exact for name in ("aic", "aicc", "bic"))

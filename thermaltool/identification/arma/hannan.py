@@ -139,13 +139,21 @@ def hannan_rissanen(
         Take the third one; published examples stop after the second.
     """
     ar, ma, _ = gram_matrix(record, p, q, order).solve(p, q)
-    if not (is_stationary(ar) and is_stationary(-ma)):
-        ar, ma = reflected(ar), -reflected(-ma)
-    return corrected(record, ar, ma) if correct else HannanFit(ar, ma, False)
+    if correct:
+        return corrected(record, ar, ma)
+    return HannanFit(*_admissible(ar, ma), False)
+
+
+def _admissible(ar: Array, ma: Array) -> tuple[Array, Array]:
+    """Stationary and invertible, by reflecting roots where need be."""
+    if is_stationary(ar) and is_stationary(-ma):
+        return ar, ma
+    return reflected(ar), -reflected(-ma)
 
 
 def corrected(record: Record, ar: Array, ma: Array) -> HannanFit:
     """The third regression: innovations of (ar, ma) on their sensitivities."""
+    ar, ma = _admissible(ar, ma)
     p, q = ar.size, ma.size
     top = max(p, q)
     gram, right = np.zeros((p + q, p + q)), np.zeros(p + q)

@@ -237,8 +237,7 @@ def _accumulate(T: Array, M: Array) -> Array:
     for _ in range(60):
         total = total + power @ total @ power.T
         power = power @ power
-        size = np.abs(power).max()
-        if not 1e-9 < size < 1e30:
+        if not 1e-18 < float(np.vdot(power, power)) < 1e60:
             break
     return total
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.identification.arma.likelihood import Data, Likelihood, Slope, evaluate, slope
+from thermaltool.identification.arma.likelihood import Data, Likelihood, Slope, slope
 from thermaltool.identification.arma.polynomials import free_jacobian, from_free, to_free
 
 Array = NDArray[np.float64]
@@ -29,8 +29,8 @@ class Maximum:
     converged : bool
     promise : float
         Fall of the deviance that the next step promised.
-    promise : float
-        Fall of the deviance that the next step promised.
+    here : Slope or None
+        Of the likelihood, where it has been taken.
     """
 
     ar: Array
@@ -38,6 +38,7 @@ class Maximum:
     at: Likelihood
     converged: bool
     promise: float = 0.0
+    here: Slope | None = None
 
     @property
     def deviance(self) -> float:
@@ -50,7 +51,8 @@ def start(data: Data, ar: Array, ma: Array) -> Maximum:
     while True:
         ar, ma = from_free(free), -from_free(free_ma)
         try:
-            return Maximum(ar, ma, evaluate(data, ar, ma), ar.size + ma.size == 0)
+            here = slope(data, ar, ma)
+            return Maximum(ar, ma, here.at, ar.size + ma.size == 0, here=here)
         except np.linalg.LinAlgError:  # drawn in until the state's variance can be told
             free = 0.5 * free
 
@@ -73,8 +75,8 @@ def climb(
     if begin.converged:
         return begin, 0
     p, damping = begin.ar.size, _DAMPING
-    free, here = _free(begin), slope(data, begin.ar, begin.ma)
-    best = replace(begin, at=here.at)
+    free, here = _free(begin), begin.here or slope(data, begin.ar, begin.ma)
+    best = replace(begin, at=here.at, here=here)
     curvature, gradient = _turned(here, free, p)
     for taken in range(1, steps + 2):
         scale = np.diagonal(curvature) + 1e-12 * np.trace(curvature)
@@ -92,7 +94,7 @@ def climb(
         except np.linalg.LinAlgError:  # too near to the circle to be told from it
             won = -np.inf
         if won > 0.0:
-            best, free = Maximum(ar, ma, there.at, False), trial
+            best, free = Maximum(ar, ma, there.at, False, here=there), trial
             curvature, gradient = _turned(there, free, p)
             damping *= 0.1 if won > 0.5 * gain else 1.0 if won > 0.1 * gain else 4.0
         else:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from thermaltool.errors import FitError
 from thermaltool.identification.arma.ar import burg
 from thermaltool.identification.arma.criteria import CRITERIA, Entry
-from thermaltool.identification.arma.hannan import gram_matrix
+from thermaltool.identification.arma.hannan import corrected, gram_matrix
 from thermaltool.identification.arma.lagged import inner, products_of
 from thermaltool.identification.arma.likelihood import Data, residuals, slope, with_trend, without
 from thermaltool.identification.arma.maximum import Maximum, climb, start
@@ -33,6 +33,7 @@ Pair = tuple[int, int]
 
 # Slopes of the likelihood that the search may take: the cost of a slope grows with the record.
 BUDGET = 60
+_FIRST_STEPS = 1  # from a regression
 _STEPS = 12  # of one visit to a model
 _TOLERANCE = 1e-2  # of the deviance
 _LAST_STEPS, _LAST_TOLERANCE = 50, 1e-5  # for the best model
@@ -40,7 +41,7 @@ _HOPE = 3.0  # by which a model may end better than its linear prediction says
 _CLOSE = 4.0  # models this near to the best propose others
 _PATIENCE = 3.0  # the search ends where no proposal hopes to come this near to the best
 _SEEDS = 4  # starts from the regressions for each criterion
-_SMALL = 5  # orders p + q up to this are all looked at
+_SMALL = 7  # orders p + q up to this are all looked at
 # Each run costs a filter of its own: where there are more, fewer models are looked at.
 _FEW_RUNS, _TINY = 20, 2
 _PER_PARAMETER = 3  # samples that a model needs for each parameter
@@ -58,12 +59,15 @@ class OrderTable:
         The exact ones.
     max_p, max_q : int
         The grid as it was asked for.
+    cut_short : bool
+        The budget ended the search, while orders were left that might be better.
     """
 
     entries: tuple[Entry, ...]
     fits: Mapping[Pair, Maximum]
     max_p: int
     max_q: int
+    cut_short: bool
 
     def best(self, criterion: str) -> Entry:
         """The exact entry of the least `criterion`."""
@@ -101,19 +105,20 @@ def select_order(
         Constant series, or too short for the smallest models.
     """
     search = _Search(record, max_p, max_q, degree, criteria)
-    search.run(budget)
-    return OrderTable(tuple(search.entries[k] for k in sorted(search.entries)), search.fits,
-                      max_p, max_q)  # fmt: skip
+    cut_short = search.run(budget)
+    entries = tuple(search.entries[k] for k in sorted(search.entries))
+    return OrderTable(entries, search.fits, max_p, max_q, cut_short)
 
 
 @dataclass(frozen=True)
 class _Proposal:
-    """A model to be fitted, and the deviance that it may reach."""
+    """A model to be fitted, the deviance that it may reach, and its likelihood where known."""
 
     pair: Pair
     ar: Array
     ma: Array
     hope: float
+    known: Maximum | None = None
 
 
 class _Search:
@@ -160,10 +165,16 @@ class _Search:
             pure = min(range(self.max_p + 1), key=lambda p: value(self.entries[p, 0]))
             chosen.add((pure, 0))
         for pair in sorted(chosen):
-            # Regressions can miss a maximum by far; one step shows the way.
-            at, _ = climb(self.data, start(self.data, *starts[pair]), 1, _TOLERANCE)
+            ar, ma = starts[pair]
+            if pair[
+                1
+            ]:  # the third regression comes much nearer where roots are close to the circle
+                better = corrected(centred, ar, ma)
+                ar, ma = better.ar, better.ma
+            at, _ = climb(self.data, start(self.data, ar, ma), _FIRST_STEPS, _TOLERANCE)
             self._keep(pair, at)
-            self._propose(pair, at.ar, at.ma, at.deviance - max(_HOPE, 1.5 * at.promise))
+            hope = at.deviance - max(_HOPE, 1.5 * at.promise)
+            self.proposals.append(_Proposal(pair, at.ar, at.ma, hope, at))
 
     def _entry(self, pair: Pair, deviance: float, sigma2: float, exact: bool) -> Entry:
         return Entry(*pair, float(deviance), float(sigma2), self.data.size, self.data.regressors,
@@ -193,11 +204,15 @@ class _Search:
         """Variance of white noise with this deviance."""
         return float(np.exp(min(deviance / self.data.size, 600.0) - 1.0) / (2.0 * np.pi))
 
-    def run(self, budget: int) -> None:
-        """Fit what promises most until nothing is left that could win; criteria take turns."""
-        self._search(budget)
+    def run(self, budget: int) -> bool:
+        """Fit what promises most until nothing is left that could win; criteria take turns.
+
+        Returns whether the budget was spent before.
+        """
+        cut_short = self._search(budget)
         for name in self.criteria:
             self._finish(CRITERIA[name])
+        return cut_short
 
     def _finish(self, value: Callable[[Entry], float]) -> None:
         """Climb on until the best model is at its maximum."""
@@ -211,21 +226,23 @@ class _Search:
             self._keep(pair, replace(fit, converged=True))
             self.finished.add(pair)
 
-    def _search(self, budget: int) -> None:
-        idle = 0
-        for name in cycle(self.criteria):
+    def _search(self, budget: int) -> bool:
+        idle, names = 0, cycle(self.criteria)
+        while budget > 0:
+            name = next(names)
             excess = [self._excess(name, each.pair, each.hope) for each in self.proposals]
             first = int(np.argmin(excess)) if excess else 0
             idle = 0 if excess and excess[first] < _PATIENCE else idle + 1
             if idle == 0:
                 budget -= self._visit(self.proposals.pop(first))
-            if idle == len(self.criteria) or budget <= 0:
-                return
+            if idle == len(self.criteria):
+                return False
+        return True
 
     def _visit(self, proposal: _Proposal) -> int:
         """Fit one proposal and let it propose others; the slopes that it took."""
         pair = proposal.pair
-        begin = start(self.data, proposal.ar, proposal.ma)
+        begin = proposal.known or start(self.data, proposal.ar, proposal.ma)
         fit, slopes = climb(self.data, begin, _STEPS, _TOLERANCE)
         known = self.fits.get(pair)
         fresh = known is None or known.deviance > fit.deviance + _TOLERANCE or pair not in self.seen
@@ -233,7 +250,8 @@ class _Search:
         self._keep(pair, fit)
         if not fit.converged:
             won = begin.deviance - fit.deviance
-            self._propose(pair, fit.ar, fit.ma, fit.deviance - min(0.5 * won, _HOPE))
+            hope = fit.deviance - min(0.5 * won, _HOPE)
+            self.proposals.append(_Proposal(pair, fit.ar, fit.ma, hope, fit))
         excess = min(self._excess(name, pair, fit.deviance) for name in self.criteria)
         if fresh and excess < _CLOSE:
             self._neighbours(pair, fit)

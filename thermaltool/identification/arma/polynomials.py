@@ -79,7 +79,8 @@ def to_free(ar: Array) -> Array:
     partial, limit = to_partial(ar), _LARGEST
     if not np.all(np.abs(partial) < 1.0):
         partial, limit = to_partial(reflected(ar)), _MADE
-    partial = np.clip(np.nan_to_num(partial, posinf=limit), -limit, limit)
+        partial = np.nan_to_num(partial, posinf=limit)
+    partial = np.minimum(np.maximum(partial, -limit), limit)
     return partial / np.sqrt(1.0 - partial**2)
 
 

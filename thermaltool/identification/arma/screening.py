@@ -24,6 +24,31 @@ _LARGEST_ORDER = 20
 DICKEY_FULLER = {-1: -1.94, 0: -2.86, 1: -3.41}
 
 
+# A sample that the few before it give to this share of the deviation is computed, not measured.
+PREDICTED, _BEFORE = 1e-9, 8
+
+
+def is_computed(record: Record) -> bool:
+    """Whether every sample follows from the eight before it to rounding: a line, a sine, a period.
+
+    There is no innovation then, and no order of a noise model.
+    """
+    runs = [run for run in record.runs if run.size > 4 * _BEFORE]
+    # A constant has a message of its own.
+    if not any(np.ptp(run) for run in runs):
+        return False
+    for run in sorted(runs, key=len):
+        windows = np.lib.stride_tricks.sliding_window_view(run - run.mean(), _BEFORE + 1)
+        before = np.column_stack([windows[:, :-1], np.ones(len(windows))])
+        # A short stretch tells of most records at once that they are measured.
+        for part in (slice(0, 50 * _BEFORE), slice(None)):
+            rows, after = before[part], windows[part, -1]
+            left = after - rows @ np.linalg.lstsq(rows, after, rcond=None)[0]
+            if np.abs(left).max() > PREDICTED * max(float(np.std(run)), 1e-300):
+                return False
+    return True
+
+
 def find_outliers(record: Record) -> NDArray[np.intp]:
     """Samples that stand alone against a robust AR model; rows of `record.values`.
 
