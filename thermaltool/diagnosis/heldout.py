@@ -42,7 +42,7 @@ def gains(
         Of the bootstrap.
     """
     result = {}
-    # Where nothing says how large a slow discrepancy may be, short stretches would be bridged by it.
+    # Where nothing says how large a slow discrepancy may be, it would bridge short stretches.
     events = "tight" in after.state and any(e.event for e in after.model.effects)
     for output, seen in before.observed.items():
         measured = seen.whole([m.get(output, np.zeros(0)) for m in before.measured])
