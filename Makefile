@@ -48,6 +48,7 @@ bench: $(READY) $(BENCH_READY)
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/peers.py
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/orders.py speed
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/streaming.py
+	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/identify.py speed
 
 DESIGNS := demo/far_kalman.json demo/far_kernel.json demo/all_kalman.json
 
@@ -56,6 +57,8 @@ study: $(READY)
 	@$(BIN)/python benchmarks/deflection_bands.py data_samples $(DESIGNS) --repeat 20
 	@$(BIN)/python benchmarks/boring_bar.py
 	@$(BIN)/python benchmarks/orders.py study
+	@$(BIN)/python benchmarks/identify.py coverage
+	@$(BIN)/python benchmarks/identify.py measured
 	@$(MAKE) --no-print-directory hidden
 	@$(MAKE) --no-print-directory measured
 

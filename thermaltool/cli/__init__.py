@@ -18,6 +18,7 @@ COMMANDS: dict[str, str] = {
     "check": "What is in a log and what is wrong with it.",
     "noise": "Noise of every channel: resolution, white, drift, lines, outliers.",
     "calibrate": "Fit temperature and deflection models to measured logs.",
+    "identify": "Transfer functions from measured logs: ARX, ARMAX, OE, BJ.",
     "regularize": "Design the estimator from the model and the measured noise.",
     "invert": "Time-domain kernel of the inverse model, with its singular weights.",
     "simulate": "Outputs of a model for the drives in a log.",

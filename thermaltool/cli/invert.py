@@ -67,6 +67,7 @@ def command(
     from thermaltool.inverse.losses import losses_of
     from thermaltool.inverse.standing import back_of, columns_of, examine, lags_of, standing
     from thermaltool.logs import write_table
+    from thermaltool.responses.delay import DelayedModes
 
     document = read_model(model)
     keep_inputs(output, model)
@@ -96,6 +97,8 @@ def command(
         raise ModelError(f"a kernel cannot follow the model's effect {effect.name}")
     examine(document, sorted(measured))
     modes = response.modes(period)
+    if isinstance(modes, DelayedModes):
+        raise ModelError(f"{chosen}: a response with a delay has no causal inverse")
     for time_constant in lags:
         modes = lagged_modes(modes, time_constant)
     invert_modes(modes, shape)  # raises where the inverse is unstable

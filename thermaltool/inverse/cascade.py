@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Modes
 
 # A pole nearer than this share to that of the lag makes one double pole with it: the weights of
@@ -24,6 +25,8 @@ def lagged_modes(modes: Modes, time_constant: float) -> Modes:
     Modes
         Of the same steady state.
     """
+    if isinstance(modes, DelayedModes):
+        return modes.like(lagged_modes(modes.prompt(), time_constant))
     a = 1 / time_constant
     poles, weights, double = list(modes.poles), list(modes.weights), list(modes.double)
     # A triple pole has no place in this form: the lag moves aside.

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from thermaltool.errors import ModelError
+from thermaltool.responses.delay import load_modes
 from thermaltool.responses.modes import CLOCK_STEP, Float, Hold, Modes, Recursion
 
 if TYPE_CHECKING:
@@ -179,7 +180,7 @@ def load_known(inner: Estimator, document: dict[str, Any]) -> WithKnown:
             gain = None if "modes" in d else float(d["gain"])
             if gain is not None and not np.isfinite(gain):
                 raise ModelError(f"a gain that cannot be {gain:g}")
-            response = Modes.from_document(d["modes"]) if gain is None else gain
+            response = load_modes(d["modes"]) if gain is None else gain
             found.append((d["to"], d["from"], response))
         return tuple(found)
 

@@ -22,6 +22,7 @@ from thermaltool.inverse.losses import examine_losses, losses_of
 from thermaltool.inverse.standing import ahead_of, amplification, columns_of, examine, through
 from thermaltool.inverse.ways import Ways
 from thermaltool.model import Model
+from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Float, Modes
 
 # Below this damping ratio the kernel of the regularized inverse rings.
@@ -136,10 +137,15 @@ class Machine:
             raise ModelError("nothing acts on the deflections of the model")
 
         def terms(targets: tuple[str, ...]) -> tuple[tuple[int, int, Modes], ...]:
+            own = [t for t in model.terms if t.output in targets and t.drive in drives]
+            for t in own:
+                if isinstance(ways.response(t), DelayedModes):
+                    raise ModelError(
+                        f"{t.drive} → {t.output} has a delay: such a drive cannot be estimated; "
+                        f"where it is measured: --measured {t.drive}"
+                    )
             return tuple(
-                (targets.index(t.output), drives.index(t.drive), ways.response(t))
-                for t in model.terms
-                if t.output in targets and t.drive in drives
+                (targets.index(t.output), drives.index(t.drive), ways.response(t)) for t in own
             )
 
         levels = {d.channel: np.array([max(map(abs, d.range))]) for d in model.drives}

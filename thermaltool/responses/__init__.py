@@ -18,6 +18,13 @@ KINDS: dict[str, str] = {
     "conduction": "thermaltool.responses.conduction:Conduction",
     "deflection": "thermaltool.responses.deflection:Deflection",
     "joint_deflection": "thermaltool.responses.deflection:JointDeflection",
+    "rational1": "thermaltool.responses.rational:Rational1",
+    "rational2": "thermaltool.responses.rational:Rational2",
+    "rational3": "thermaltool.responses.rational:Rational3",
+    "rational4": "thermaltool.responses.rational:Rational4",
+    "oscillation": "thermaltool.responses.rational:Oscillation",
+    "oscillation1": "thermaltool.responses.rational:Oscillation1",
+    "oscillation2": "thermaltool.responses.rational:Oscillation2",
 }
 
 

@@ -62,3 +62,18 @@ def agreement(measured: Array, computed: Array) -> Agreement:
         fit_percent=100 * (1 - float(np.linalg.norm(error)) / spread) if spread else float("nan"),
         rows=len(y),
     )
+
+
+def improvement(uncompensated: Array, computed: Array) -> float:
+    """imp = 100 − 100·|compensated|/|uncompensated| in means (Mareš et al., (3)) [%].
+
+    Parameters
+    ----------
+    uncompensated, computed : ndarray, shape (n,)
+        The deviation as measured, and what a model would take off it; rows with NaN are left out.
+    """
+    there = np.isfinite(uncompensated) & np.isfinite(computed)
+    before = float(np.mean(np.abs(uncompensated[there]))) if there.any() else 0.0
+    if not before:
+        return float("nan")
+    return 100 - 100 * float(np.mean(np.abs((uncompensated - computed)[there]))) / before

@@ -1,0 +1,186 @@
+"""identify: logs in, transfer functions and a model file out; what is wrong is told in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thermaltool.model import simulate_response
+from thermaltool.responses.rational import Rational2
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+MAPS = Path(__file__).parents[2] / "data_samples" / "maps"
+needs_data = pytest.mark.skipif(not DATA.exists(), reason="measured logs are not copied")
+RESPONSE = Rational2(12.0, 400.0, 5.0, 40.0, 20.0)
+
+
+def write_log(path, columns):
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", fmt="%.10g",
+               header=",".join(columns), comments="")  # fmt: skip
+    return path
+
+
+@pytest.fixture
+def columns():
+    rng = np.random.default_rng(21)
+    time = 5.0 * np.arange(2400)
+    power = np.repeat(rng.uniform(0, 2, 40), 60)
+    power[:10] = 0.0
+    y = simulate_response(RESPONSE, time, power, "zero")
+    return {
+        "time_s": time,
+        "Q_main_W": power,
+        "d_z_um": y + 0.05 * rng.standard_normal(2400) + 3.0,
+    }
+
+
+@pytest.fixture
+def log(tmp_path, columns):
+    return write_log(tmp_path / "run.csv", columns)
+
+
+CALL = ("--input", "Q_main_W", "--output", "d_z_um")
+
+
+def test_json_says_what_was_identified(thermaltool, log):
+    done = thermaltool("identify", log, *CALL, "--split", "0.6", "--json")
+    assert done.code == 0
+    (model,) = done.json["models"]
+    assert model["inputs"] == ["Q_main_W"]
+    assert model["output"] == "d_z_um"
+    assert model["structure"] == "oe"
+    assert model["delay_s"] == 25.0
+    assert model["fit_training_percent"] > 98
+    assert model["fit_validation_percent"] > 98
+    assert model["method"] == "refined instrumental variables"
+    slow, fast = model["time_constants_s"][:2]
+    assert slow == pytest.approx(400, rel=0.05)
+    assert fast == pytest.approx(40, rel=0.1)
+    for each in model["parameters"].values():
+        assert each["interval"][0] < each["value"] < each["interval"][1]
+    assert model["residuals"]["independent_p"]["Q_main_W"] > 1e-3
+    assert model["candidates"][0]["nk"] == [5]
+
+
+@pytest.mark.parametrize("extra", [(), ("--continuous",), ("--structure", "bj"), ("--real-poles",)])
+def test_simulate_takes_the_model(thermaltool, log, tmp_path, extra):
+    model = tmp_path / "model.json"
+    done = thermaltool("identify", log, *CALL, "--orders", "2,2,5", "-o", model, *extra)
+    assert done.code == 0, done.err
+    assert "d_z_um" in done.out
+    assert "residuals" in done.out
+    document = json.loads(model.read_text())
+    assert document["terms"][0]["kind"] == "rational2"
+    assert document["terms"][0]["parameters"]["delay"] == pytest.approx(20.0)
+    done = thermaltool("simulate", model, log, "-o", tmp_path / "out.csv", "--json")
+    assert done.code == 0, done.err
+    assert done.json["d_z_um"]["fit_percent"] > 98
+
+
+def test_validation_on_another_log_and_two_outputs(thermaltool, log, columns, tmp_path):
+    columns["d_x_um"] = 2 * columns["d_z_um"] - 9.0
+    both = write_log(tmp_path / "both.csv", columns)
+    columns["d_z_um"] = columns["d_z_um"] + 50.0  # a displacement has the zero of its log
+    other = write_log(tmp_path / "other.csv", columns)
+    done = thermaltool("identify", both, "--input", "Q_main_W", "--output", "d_z_um", "--output",
+                       "d_x_um", "--orders", "2,2,5", "--validate", other, "--json")  # fmt: skip
+    assert done.code == 0, done.err
+    first, second = done.json["models"]
+    assert first["fit_validation_percent"] == pytest.approx(first["fit_training_percent"], abs=0.5)
+    gains = [m["terms"][0]["gain"]["value"] for m in (first, second)]
+    assert gains[1] == pytest.approx(2 * gains[0], rel=1e-3)
+
+
+def test_a_pause_parts_the_record(thermaltool, columns, tmp_path):
+    kept = np.r_[0:1000, 1400:2400]
+    gappy = write_log(tmp_path / "gap.csv", {n: v[kept] for n, v in columns.items()})
+    done = thermaltool("identify", gappy, *CALL, "--orders", "2,2,5", "--json")
+    assert done.code == 0
+    assert "parted" in done.err
+    assert done.json["models"][0]["fit_training_percent"] > 98
+
+
+BAD = [
+    ({"Q_main_W": lambda c: np.ones(2400)}, (), "Q_main_W does not excite"),
+    ({"d_z_um": lambda c: np.ones(2400)}, (), "d_z_um is constant"),
+    ({}, ("--orders", "2,2,4000"), "longer than the record"),
+    ({}, ("--orders", "2,2,5", "--stop", "60"), "do not carry"),
+    ({"Q_b_W": lambda c: 2 * c["Q_main_W"]}, ("--input", "Q_b_W"), "collinear"),
+    ({"d_z_um": lambda c: np.where(c["time_s"] == 50, np.nan, c["d_z_um"])}, (), "d_z_um"),
+]
+
+
+@pytest.mark.parametrize(("changes", "extra", "message"), BAD)
+def test_bad_input_is_one_clear_line(thermaltool, columns, tmp_path, changes, extra, message):
+    changed = {**columns, **{name: make(columns) for name, make in changes.items()}}
+    path = tmp_path / "bad.csv"
+    write_log(path, changed)
+    path.write_text(path.read_text().replace("nan", ""))
+    done = thermaltool("identify", path, *CALL, *extra)
+    assert done.code == 1
+    assert message in done.err
+    assert done.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("extra", "message"), [
+    (("--orders", "2,2"), "nb,nf,nk"),
+    (("--split", "0.5", "--validate", "-"), "take one"),
+    (("--output", "Q_main_W"), "named twice"),
+    (("--continuous", "--structure", "arx"), "--continuous"),
+])  # fmt: skip
+def test_usage(thermaltool, log, extra, message):
+    done = thermaltool("identify", log, *CALL, *extra)
+    assert done.code == 2
+    assert message in done.err
+
+
+@needs_data
+@pytest.mark.parametrize("structure", ["oe", "arx", "armax"])
+def test_hairdryer_delay_and_free_run(thermaltool, structure):
+    """Three samples of delay; a free run over the second half at 85 % or better."""
+    done = thermaltool("identify", DATA / "daisy/hairdryer_ljung.csv", "--columns",
+                       MAPS / "hairdryer.toml", "--input", "U_heater_V", "--output", "U_air_V",
+                       "--structure", structure, "--split", "0.5", "--json")  # fmt: skip
+    (model,) = done.json["models"]
+    assert round(model["delay_s"] / 0.08) == 3
+    assert model["fit_validation_percent"] >= 85
+
+
+@needs_data
+def test_heating_system_held_out_half(thermaltool):
+    done = thermaltool("identify", DATA / "daisy/heating_system.csv", "--columns",
+                       MAPS / "heating_system.toml", "--input", "U_lamp_V", "--output",
+                       "T_plate_degC", "--split", "0.5", "--real-poles", "--json")  # fmt: skip
+    (model,) = done.json["models"]
+    assert model["fit_validation_percent"] > 86
+    assert all(t > 0 for t in model["time_constants_s"])
+
+
+def test_a_delayed_model_streams_from_a_measured_drive(thermaltool, log, columns, tmp_path):
+    model, design = tmp_path / "model.json", tmp_path / "design.json"
+    assert thermaltool("identify", log, *CALL, "--orders", "2,2,5", "-o", model).code == 0
+    noise = tmp_path / "noise.json"
+    assert thermaltool("noise", log, "-o", noise).code == 0
+    done = thermaltool("regularize", model, "--noise", noise, "-o", design)
+    assert done.code == 0, done.err
+    assert thermaltool("estimate", design, log, "-o", tmp_path / "estimate.csv").code == 0
+    estimated = np.genfromtxt(tmp_path / "estimate.csv", delimiter=",", names=True)
+    name = next(n for n in estimated.dtype.names if "d_z_um" in n)
+    truth = simulate_response(RESPONSE, columns["time_s"], columns["Q_main_W"], "zero")
+    assert np.max(np.abs(estimated[name] - truth)) < 0.1
+
+
+def test_a_drive_cannot_be_estimated_through_a_delay(thermaltool, columns, tmp_path):
+    columns["dT_pair_K"] = columns["d_z_um"]
+    log, model, noise = (tmp_path / name for name in ("log.csv", "model.json", "noise.json"))
+    write_log(log, columns)
+    call = ("--input", "Q_main_W", "--output", "dT_pair_K", "--output", "d_z_um")
+    assert thermaltool("identify", log, *call, "--orders", "2,2,5", "-o", model).code == 0
+    assert thermaltool("noise", log, "-o", noise).code == 0
+    done = thermaltool("regularize", model, "--noise", noise)
+    assert done.code == 1
+    assert "has a delay" in done.err
+    assert done.err.count("\n") == 1

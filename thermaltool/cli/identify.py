@@ -1,0 +1,131 @@
+"""``thermaltool identify``: transfer functions from measured logs."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import click
+
+from thermaltool.cli.calibrate import _reference
+from thermaltool.cli.documents import keep_inputs, one_stdin, warn, write_json
+from thermaltool.cli.fit import Order
+from thermaltool.cli.options import (
+    NUMBER,
+    NumberRange,
+    Source,
+    json_option,
+    log_options,
+    logs_argument,
+    quiet_option,
+)
+from thermaltool.cli.series import one_thread
+
+
+class TransferOrder(click.ParamType):
+    name = "nb,nf,nk"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        parts = [part.strip() for part in value.split(",")]
+        if value == "auto":
+            return None
+        if len(parts) == 3 and all(part.isdigit() for part in parts):
+            return tuple(map(int, parts))
+        self.fail(f"{value!r} is neither {self.name} nor auto", param, ctx)
+
+
+@click.command(
+    epilog="Example: thermaltool identify run.csv --input Q_main_W --output d_z_um --split 0.6 "
+    "-o model.json"
+)
+@logs_argument
+@click.option("--input", "inputs", multiple=True, required=True, metavar="CHANNEL",
+              help="What drives: power, speed, temperature; repeatable.")  # fmt: skip
+@click.option("--output", "outputs", multiple=True, required=True, metavar="CHANNEL",
+              help="What follows: displacement, angle, temperature; repeatable.")  # fmt: skip
+@click.option("--structure", type=click.Choice(["oe", "bj", "arx", "armax"]), default="oe",
+              help="Where the noise enters: at the output (oe), with a model of its own (bj), "
+              "through the denominator (arx), or that with a moving average (armax).")  # fmt: skip
+@click.option("--orders", type=TransferOrder(), multiple=True, metavar="nb,nf,nk|auto",
+              help="Numerator coefficients, order of the denominator, samples of delay; once for "
+              "all inputs or once for each. auto chooses by held-out data.  "
+              "[default: auto]")  # fmt: skip
+@click.option("--noise-orders", type=Order(), default="1,1", metavar="NC,ND",
+              help="Orders of the noise of armax (NC) and bj (NC, ND).")  # fmt: skip
+@click.option("--continuous", is_flag=True,
+              help="In continuous time: simplified refined instrumental variables.")  # fmt: skip
+@click.option("--real-poles", is_flag=True,
+              help="Overdamped models only: real, stable poles.")  # fmt: skip
+@click.option("--initial", type=click.Choice(["auto", "rest", "free"]), default="auto",
+              help="State at the first row: settled, free (estimated), or rest unless free "
+              "is clearly better.")  # fmt: skip
+@click.option("--split", type=NumberRange(min=0, max=1, min_open=True, max_open=True),
+              metavar="SHARE", help="Fit on this first share of the rows, validate on the "
+              "rest.")  # fmt: skip
+@click.option("--validate", "validation", type=Source(), metavar="LOG",
+              help="Validate on another log.")  # fmt: skip
+@click.option("--reference", metavar="first|NUMBER",
+              help="What counts as no input in the model file.  [default: first for T_..._degC, "
+              "else 0]")  # fmt: skip
+@click.option("--start", type=NUMBER, metavar="SECONDS", help="Rows from this time on [s].")
+@click.option("--stop", type=NUMBER, metavar="SECONDS", help="Rows up to this time [s].")
+@log_options
+@click.option("-o", "model_file", metavar="FILE", help="Model file, for simulate and others.")
+@json_option
+@quiet_option
+def command(
+    logs: tuple[str, ...],
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
+    validation: str | None,
+    reference: str | None,
+    model_file: str | None,
+    as_json: bool,
+    quiet: int,
+    **options: Any,
+) -> None:
+    """Transfer functions from measured logs: power, speed or temperature in, displacement out.
+
+    Each output gets one model with all inputs. The offset is estimated, and the state at the start
+    where it is not at rest; gaps part the record. Fits are those of free runs; validation data are
+    not used in the fit. Where refined instrumental variables do not converge, Gauss-Newton goes on,
+    and the output says so.
+    """
+    one_thread()
+    from thermaltool.cli.transfer import load_data, load_validation, run
+    from thermaltool.files import atomic_output
+    from thermaltool.identification.transfer.machine import machine
+    from thermaltool.model import dumps
+    from thermaltool.report.transfer import transfer_document, transfer_table
+
+    if options["split"] is not None and validation is not None:
+        raise click.UsageError("--split and --validate both name the validation data: take one")
+    for name in (*inputs, *outputs):
+        if (*inputs, *outputs).count(name) > 1:
+            raise click.UsageError(f"{name} is named twice: a channel has one role")
+    if len(options["orders"]) > 1 and len(options["orders"]) != len(inputs):
+        raise click.UsageError("--orders: once for all inputs, or once for each")
+    if options["continuous"] and options["structure"] != "oe":
+        raise click.UsageError("--continuous goes with --structure oe")
+    one_stdin(*logs, *([] if validation is None else [validation]))
+    if model_file is not None:
+        keep_inputs(model_file, *logs, *([] if validation is None else [validation]))
+    read, sources, period = load_data(logs, inputs, outputs, options)
+    fresh = load_validation(validation, inputs, outputs, period, options)
+    found = [run(name, read, fresh, options) for name in outputs]
+    if model_file is not None:
+        provenance = {"logs": sources, "command": "thermaltool " + " ".join(sys.argv[1:])}
+        parts = [(each.model, each.continued, each.training, each.data) for each in found]
+        model = machine(parts, _reference(reference), provenance)
+        with atomic_output(model_file) as stream:
+            stream.write(dumps(model).encode())
+    if as_json:
+        write_json(transfer_document(found), "-")
+    elif model_file != "-" and not quiet:
+        click.echo("\n\n".join(transfer_table(each) for each in found))
+    if not quiet:
+        for each in found:
+            for message in each.warnings():
+                warn(message)

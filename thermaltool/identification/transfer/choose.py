@@ -1,0 +1,224 @@
+"""Orders and delays by what the model predicts of data that it has not seen.
+
+Delays first: for each, the loss of a second-order model whose denominator stands; then every order
+around them. Each candidate is fitted on the first part of the record and judged by its free run
+over the rest; of nearly equal ones the criterion takes that with fewer parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermaltool.errors import FitError
+from thermaltool.identification.transfer.data import Data
+from thermaltool.identification.transfer.identify import Structure, identify, orders_of
+from thermaltool.identification.transfer.model import TransferModel
+from thermaltool.identification.transfer.output_error import Orders, Problem
+from thermaltool.identification.transfer.search import search
+
+# Share of each stretch on which candidates are fitted; the rest judges them.
+FITTED = 0.6
+# Candidates are compared on so many samples at most.
+COMPARED = 20000
+# A free state at the start has to lower the squared error by this factor.
+RESTING = 1.25
+LARGEST_ORDER, LARGEST_DELAY = 4, 60
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One choice of orders.
+
+    Attributes
+    ----------
+    nb, nf : int
+    nk : tuple of int
+    fit_percent : float
+        Free run over the part that was not fitted.
+    aic, bic, yic : float
+        On the part that was fitted.
+    score : float
+        ln of the held-out error variance, with ln(N)/N for each parameter.
+    """
+
+    nb: int
+    nf: int
+    nk: tuple[int, ...]
+    fit_percent: float
+    aic: float
+    bic: float
+    yic: float
+    score: float
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The best candidate first."""
+
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def best(self) -> Candidate:
+        return self.candidates[0]
+
+
+def parted(data: Data, share: float) -> tuple[Data, Data]:
+    """The first `share` of the record's rows, and the rest.
+
+    Raises
+    ------
+    FitError
+        Nothing on one side.
+    """
+    wanted, first, rest = round(share * data.size), [], []
+    for s in data.stretches:
+        n = min(max(wanted, 0), len(s))
+        wanted -= n
+        if n:
+            first.append(replace(s, inputs=s.inputs[:, :n], output=s.output[:n]))
+        if n < len(s):
+            begins = s.at_rest and not n
+            rest.append(replace(s, inputs=s.inputs[:, n:], output=s.output[n:], at_rest=begins))
+    if not first or not rest:
+        raise FitError("the split leaves nothing on one side")
+    return replace(data, stretches=tuple(first)), replace(data, stretches=tuple(rest))
+
+
+def choose(
+    data: Data,
+    structure: Structure,
+    least_delay: tuple[int, ...],
+    nc: int = 1,
+    nd: int = 1,
+    real: bool = False,
+) -> Choice:
+    """Orders nb, nf and delays nk of one structure.
+
+    Parameters
+    ----------
+    data : Data
+    structure : Structure
+    least_delay : tuple of int, one for each input
+        1 where the input is held between samples, 0 where it runs on.
+    nc, nd : int
+        Orders of the noise.
+    real : bool
+        Only models whose poles are all real and positive.
+
+    Raises
+    ------
+    FitError
+        No candidate fits.
+    """
+    data.check()
+    short = data if data.size <= COMPARED else data.head(COMPARED)
+    fitted, held = parted(short, FITTED)
+    nk = _delays(fitted, least_delay)
+    found: dict[tuple[int, int, tuple[int, ...]], Candidate] = {}
+    for nb, nf, delays in _grid(nk, least_delay):
+        try:
+            orders = orders_of(structure, (nb,) * len(nk), nf, delays)
+            model = identify(fitted, structure, orders, nc, nd, real)
+        except FitError:
+            continue
+        if real and structure != "oe" and not real_poles(model):
+            continue
+        candidate = _judged(model, fitted, held, nb, nf, delays)
+        if np.isfinite(candidate.score):
+            found[nb, nf, delays] = candidate
+    if not found:
+        raise FitError("no order up to 4 fits these data: give --orders, or more data")
+    return Choice(tuple(sorted(found.values(), key=lambda c: c.score)))
+
+
+def first_that_fits(
+    choice: Choice, structure: Structure, fit: Callable[[Orders], TransferModel]
+) -> TransferModel:
+    """The best candidate that also fits the whole training data.
+
+    Raises
+    ------
+    FitError
+        None does; the message is that of the best.
+    """
+    problem: FitError | None = None
+    for c in choice.candidates:
+        try:
+            return fit(orders_of(structure, (c.nb,) * len(c.nk), c.nf, c.nk))
+        except FitError as error:
+            problem = problem or error
+    raise problem or FitError("there is no candidate")
+
+
+def started(data: Data, least_delay: tuple[int, ...]) -> Data:
+    """The data from rest, unless a free state at the start describes them clearly better.
+
+    Free responses can stand for slow modes: with one step in the record gain, offset, modes and
+    state are confounded, and a free state is preferred for the smallest error of the model. A
+    record that begins within a transient gains far more by it.
+    """
+    data.check()
+    orders = orders_of("oe", (2,) * len(least_delay), 2, least_delay)
+    losses = []
+    for each in (data.from_rest(), data):
+        problem = Problem(each.padded(orders.first), orders)
+        if problem.rows <= problem.linear_count + sum(orders.nf):
+            return data
+        losses.append(search(problem).loss / problem.rows)
+    return data.from_rest() if losses[0] <= RESTING * losses[1] else data
+
+
+def real_poles(model: TransferModel) -> bool:
+    """Whether every pole is real and positive: an overdamped system."""
+    poles = [np.roots(f) for f in model.F if len(f) > 1]
+    return all(bool(np.all((p.imag == 0) & (p.real > 0))) for p in poles)
+
+
+def _judged(
+    model: TransferModel, fitted: Data, held: Data, nb: int, nf: int, nk: tuple[int, ...]
+) -> Candidate:
+    agreement = model.fit(held)
+    n = max(held.size, 2)
+    variance = float(np.var(fitted.output()))
+    with np.errstate(divide="ignore"):
+        score = 2 * np.log(agreement.rmse) + model.parameters * np.log(n) / n
+    return Candidate(nb, nf, nk, agreement.fit_percent, model.aic, model.bic,
+                     model.yic(variance), float(score))  # fmt: skip
+
+
+def _grid(
+    nk: tuple[int, ...], least: tuple[int, ...]
+) -> Iterator[tuple[int, int, tuple[int, ...]]]:
+    """Orders, at the delays found and one sample beside them."""
+    for shift in (0, -1, 1):
+        moved = tuple(max(k + shift, low) for k, low in zip(nk, least, strict=True))
+        if shift and moved == nk:
+            continue
+        for nf in range(1, LARGEST_ORDER + 1):
+            for nb in range(1, nf + 1):
+                yield nb, nf, moved
+
+
+def _delays(data: Data, least: tuple[int, ...]) -> tuple[int, ...]:
+    """Delay of each input, the others held, until none changes."""
+    most = min(LARGEST_DELAY, max(4, data.longest // 8))
+    nk = least
+    for _ in range(3):
+        before = nk
+        for k, low in enumerate(least):
+            losses = []
+            orders = orders_of("oe", (3,) * len(nk), 2, nk)
+            problem = Problem(data.padded(orders.first), orders)
+            F = search(problem).F
+            for delay in range(low, most + 1):
+                tried = (*nk[:k], delay, *nk[k + 1 :])
+                orders = orders_of("oe", (2,) * len(nk), 2, tried)
+                candidate = Problem(data.padded(orders.first), orders)
+                losses.append(candidate.project(F, keep=False).loss / max(candidate.rows, 1))
+            nk = (*nk[:k], low + int(np.argmin(losses)), *nk[k + 1 :])
+        if nk == before:
+            break
+    return nk

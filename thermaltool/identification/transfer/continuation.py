@@ -1,0 +1,91 @@
+"""A discrete transfer function as responses in continuous time, for the model document."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermaltool.errors import ModelError
+from thermaltool.identification.transfer.data import Array
+from thermaltool.identification.transfer.model import TransferModel
+from thermaltool.responses import Response, response_class
+from thermaltool.responses.modes import Hold
+
+# The steps of both forms are compared over so many slowest time constants, and samples at most.
+SPAN, MOST = 8, 20000
+_KINDS = {(1, 0): "rational1", (2, 0): "rational2", (3, 0): "rational3", (4, 0): "rational4",
+          (0, 1): "oscillation", (1, 1): "oscillation1", (2, 1): "oscillation2"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Continued:
+    """One input's way to the output in continuous time.
+
+    Attributes
+    ----------
+    response : Response
+    mismatch : float
+        Largest difference of the step responses at the samples, as a share of the largest value.
+        Zero to rounding where the discrete form is a sampled continuous one.
+    """
+
+    response: Response
+    mismatch: float
+
+
+def continued(model: TransferModel, k: int, hold: Hold) -> Continued:
+    """The response of input k: poles z → ln z/dt, gains by least squares on the step.
+
+    Parameters
+    ----------
+    model : TransferModel
+    k : int
+    hold : "zero" or "first"
+        Of the input between samples. A held input reaches the next sample first: of nk samples
+        of delay one is the sampling's own.
+
+    Raises
+    ------
+    ModelError
+        A pole without an equivalent, more poles than a kind holds, no denominator.
+    """
+    poles = model.poles(model.group_of(k))
+    place = f"{model.names[k]} → {model.target}"
+    for z in poles:
+        if z.imag == 0 and z.real <= 0:
+            raise ModelError(
+                f"{place}: a pole at z = {z.real:.3g} has no equivalent in continuous time: "
+                "take a lower order"
+            )
+    s = np.log(poles) / model.dt
+    real, pairs = s[s.imag == 0].real, s[s.imag > 0]
+    kind = _KINDS.get((len(real), len(pairs)))
+    if kind is None:
+        raise ModelError(f"{place}: no kind of response has {len(real)} lags and {len(pairs)} "
+                         "oscillations")  # fmt: skip
+    cls = response_class(kind)
+    searched = {f"tau{i + 1}": float(-1 / p) for i, p in enumerate(real)}
+    for p in pairs:
+        searched |= {"omega": float(abs(p)), "zeta": float(-p.real / abs(p))}
+    lead = 1 if hold == "zero" else 0
+    delay = max(model.orders.nk[k] - lead, 0) * model.dt
+    samples = int(min(SPAN * max(-1 / s.real) / model.dt + model.orders.first + 10, MOST))
+    time, u = model.dt * np.arange(samples), np.ones(samples)
+    u[0] = 0.0
+    wanted = _alone(model, k, u)
+    shapes = []
+    for name in cls.gains:
+        gains = {other: float(other == name) for other in cls.gains}
+        shapes.append(cls(**searched, **gains, delay=delay).modes(model.dt).run(time, u, hold))
+    rows = np.array(shapes)
+    gains_found = np.linalg.lstsq(rows.T, wanted, rcond=1e-12)[0]
+    left = np.max(np.abs(wanted - gains_found @ rows)) / np.max(np.abs(wanted))
+    named = {name: float(g) for name, g in zip(cls.gains, gains_found, strict=True)}
+    return Continued(cls(**searched, **named, delay=delay), float(left))
+
+
+def _alone(model: TransferModel, k: int, u: Array) -> Array:
+    inputs = np.zeros((len(model.names), len(u)))
+    inputs[k] = u
+    return model.respond(inputs)

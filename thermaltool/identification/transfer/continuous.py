@@ -1,0 +1,190 @@
+"""OE in continuous time by simplified refined instrumental variables (SRIVC; Young 2011, 8).
+
+The same search as in discrete time with the filters s^j/A(s) in place of lags: those of an input
+are exact between its samples (held or joined by lines), those of the output join it by lines. Time
+counts in samples within the search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from thermaltool.errors import FitError
+from thermaltool.identification.transfer.data import Array, Data
+from thermaltool.identification.transfer.identify import check_orders, coloured_gram, settles
+from thermaltool.identification.transfer.model import TransferModel
+from thermaltool.identification.transfer.output_error import Orders, Problem, solve
+from thermaltool.identification.transfer.search import overdamped, search
+from thermaltool.responses.modes import Hold
+
+# Relative step of the derivatives that carry the covariance to the discrete coefficients.
+STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class ContinuousProblem(Problem):
+    """Denominators A(s) = s^n + a1 s^(n−1) + ... + an, as (1, a1, ..., an), s in 1/samples.
+
+    Attributes
+    ----------
+    holds : tuple of "zero" or "first"
+        Of each input.
+    """
+
+    holds: tuple[Hold, ...] = ()
+
+    def recursion(self, f: Array) -> Array:
+        return np.asarray(np.poly(np.exp(np.roots(f))).real)
+
+    def start(self, lags: Array) -> Array:
+        return np.asarray(np.poly(-1 / np.asarray(lags, float)).real)
+
+    def _numerators(self, u: Array, f: Array, i: int, out: Array) -> None:
+        n = len(u) - self.orders.first
+        # A held input reaches the next sample first: the filter has that sample in it.
+        begin = self.orders.first - self.orders.nk[i] + (self.holds[i] == "zero")
+        numerators, denominator = sampled(f, self.holds[i])
+        for j, row in enumerate(out):
+            row[:] = lfilter(numerators[j], denominator, u)[begin : begin + n]
+
+    def _follow(self, x: Array, f: Array, out: Array) -> None:
+        numerators, denominator = sampled(f, "first")
+        for j, row in enumerate(out):
+            row[:] = -lfilter(numerators[len(out) - 1 - j], denominator, x)
+
+    def step_between(self, f: Array, after: Array) -> Array:
+        return (after - f)[1:]
+
+    def moved(self, F: Sequence[Array], step: Array) -> tuple[Array, ...]:
+        result, at = [], 0
+        for f in F:
+            n = len(f) - 1
+            after = np.concatenate([[1.0], f[1:] + step[at : at + n]])
+            if np.isfinite(after).all():
+                poles = np.roots(after)
+                after = np.poly(np.where(poles.real > 0, -poles.conj(), poles)).real
+            result.append(after)
+            at += n
+        return tuple(result)
+
+
+def sampled(f: Array, hold: Hold) -> tuple[Array, Array]:
+    """s^j/A(s), j = 0 ... n−1, over one sample: numerators (n, n + 1), denominator (n + 1).
+
+    By the exponential of the companion matrix with the input's own course (Van Loan 1978).
+    """
+    n = len(f) - 1
+    whole = np.zeros((n + 2, n + 2))
+    whole[: n - 1, 1:n] = np.eye(n - 1)
+    whole[n - 1, :n] = -f[:0:-1]
+    whole[n - 1, n] = whole[n, n + 1] = 1.0
+    M = expm(whole)
+    A, held, ramp = M[:n, :n], M[:n, n], M[:n, n + 1]
+    before, now = (held, np.zeros(n)) if hold == "zero" else (held - ramp, ramp)
+    denominator = np.poly(A).real
+    markov, x = [now], before + A @ now
+    for _ in range(n):
+        markov.append(x)
+        x = A @ x
+    h = np.array(markov).T
+    numerators = np.array([np.convolve(row, denominator)[: n + 1] for row in h])
+    return numerators, np.asarray(denominator)
+
+
+def identify_continuous(
+    data: Data, orders: Orders, holds: Sequence[Hold], real: bool = False
+) -> TransferModel:
+    """A model in continuous time, given as its exact discrete form.
+
+    Parameters
+    ----------
+    data : Data
+    orders : Orders
+        nb coefficients of B(s), at most nf; nk samples of delay, of which a held input has one.
+    holds : sequence of "zero" or "first"
+    real : bool
+        Real poles only.
+
+    Raises
+    ------
+    FitError
+        nb above nf, nf of zero, a held input without delay; as `search`.
+    """
+    data.check()
+    check_orders(data, orders)
+    if any(b > f for b, f in zip(orders.nb, orders.nf, strict=True)):
+        raise FitError("in continuous time nb is at most nf: the response has no direct part")
+    for name, nk, hold in zip(data.names, orders.nk, holds, strict=True):
+        if hold == "zero" and nk < 1:
+            raise FitError(f"{name} is held between samples: its delay nk is at least 1")
+    problem = ContinuousProblem(data.padded(orders.first), orders, holds=tuple(holds))
+    found = search(problem)
+    if real:
+        found = overdamped(problem, found)
+    here = found.projection if found.projection.rows else problem.project(found.F)
+    slopes = problem.slopes(found.F, here, mixed=False)
+    sigma2 = slopes.loss / max(problem.rows - len(slopes.gram), 1)
+    own = orders.parameters
+    inverse = solve(slopes.gram, np.eye(len(slopes.gram)))
+    middle = coloured_gram(problem, found, slopes.gram, sigma2)
+    covariance = (inverse @ middle @ inverse)[:own, :own]
+    theta = np.concatenate([*(f[1:] for f in found.F), here.linear[: sum(orders.nb)]])
+    F, B = _discrete(theta, orders, holds)
+    turn = _turned(theta, orders, holds)
+    edge = sum(orders.nb)
+    for f in F:
+        settles(f)
+    gains = np.array([b.sum() / f.sum() for b, f in zip(B, F, strict=True)])
+    sizes = tuple(len(b) for b in B)
+    return TransferModel(
+        "oe",
+        data.names,
+        data.target,
+        data.dt,
+        replace(orders, nb=sizes),
+        B,
+        F,
+        tuple((here.linear[edge : edge + data.origins] - data.levels() @ gains).tolist()),
+        data.levels(),
+        tuple(here.linear[edge : edge + data.origins].tolist()),
+        sigma2,
+        turn @ covariance @ turn.T,
+        found.method + " in continuous time",
+        found.converged,
+        problem.rows,
+        max(slopes.loss, 1e-300),
+    )
+
+
+def _discrete(
+    theta: Array, orders: Orders, holds: Sequence[Hold]
+) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """F(q) and B(q) of every input, one denominator each."""
+    F, B, at, on = [], [], 0, sum(orders.nf)
+    for n, nb, hold in zip(orders.nf, orders.nb, holds, strict=True):
+        numerators, denominator = sampled(np.concatenate([[1.0], theta[at : at + n]]), hold)
+        b = theta[on : on + nb] @ numerators[:nb]
+        F.append(denominator)
+        B.append(b[1:] if hold == "zero" else b)
+        at, on = at + n, on + nb
+    return tuple(F), tuple(B)
+
+
+def _turned(theta: Array, orders: Orders, holds: Sequence[Hold]) -> Array:
+    """Derivatives of the discrete coefficients by the continuous ones, by central differences."""
+
+    def coefficients(at: Array) -> Array:
+        F, B = _discrete(at, orders, holds)
+        return np.concatenate([*(f[1:] for f in F), *B])
+
+    columns = []
+    for k, value in enumerate(theta):
+        step = np.zeros(len(theta))
+        step[k] = STEP * max(abs(float(value)), 1e-12)
+        columns.append((coefficients(theta + step) - coefficients(theta - step)) / (2 * step[k]))
+    return np.array(columns).T

@@ -1,0 +1,179 @@
+"""Records as the estimators take them: even stretches without holes, and what they cannot carry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import FitError
+
+Array = NDArray[np.float64]
+
+# A step may differ from the period by this share before the clock counts as uneven.
+UNEVEN = 0.02
+# Inputs whose normalized Gram matrix has an eigenvalue below this are the same to rounding.
+COLLINEAR = 1e-9
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Consecutive even samples.
+
+    Attributes
+    ----------
+    inputs : ndarray, shape (m, n)
+    output : ndarray, shape (n,)
+    origin : int
+        The experiment it belongs to: one offset each.
+    at_rest : bool
+        Settled at its first inputs when it begins; else its state there is unknown.
+    """
+
+    inputs: Array
+    output: Array
+    origin: int = 0
+    at_rest: bool = False
+
+    def __post_init__(self) -> None:
+        if self.inputs.ndim != 2 or self.inputs.shape[1:] != self.output.shape:
+            raise FitError(
+                f"inputs {self.inputs.shape} and output {self.output.shape} differ in length"
+            )
+
+    def __len__(self) -> int:
+        return len(self.output)
+
+
+@dataclass(frozen=True)
+class Data:
+    """What is fitted.
+
+    Attributes
+    ----------
+    stretches : tuple of Stretch
+    dt : float [s]
+    names : tuple of str
+        Of the inputs.
+    target : str
+        Name of the output.
+    """
+
+    stretches: tuple[Stretch, ...]
+    dt: float
+    names: tuple[str, ...]
+    target: str = "the output"
+
+    @property
+    def size(self) -> int:
+        return sum(len(s) for s in self.stretches)
+
+    @property
+    def longest(self) -> int:
+        return max(len(s) for s in self.stretches)
+
+    @property
+    def origins(self) -> int:
+        return 1 + max(s.origin for s in self.stretches)
+
+    def output(self) -> Array:
+        """All output samples in a row."""
+        return np.concatenate([s.output for s in self.stretches])
+
+    def head(self, most: int) -> Data:
+        """The first `most` samples of the longest stretch."""
+        whole = max(self.stretches, key=len)
+        part = replace(whole, inputs=whole.inputs[:, :most], output=whole.output[:most], origin=0)
+        return replace(self, stretches=(part,))
+
+    def from_rest(self) -> Data:
+        """The same, every experiment settled at its first inputs when it begins."""
+        seen: set[int] = set()
+        parts = []
+        for s in self.stretches:
+            parts.append(replace(s, at_rest=s.origin not in seen))
+            seen.add(s.origin)
+        return replace(self, stretches=tuple(parts))
+
+    def levels(self) -> Array:
+        """First inputs of each experiment, shape (origins, m)."""
+        found: dict[int, Array] = {}
+        for s in self.stretches:
+            found.setdefault(s.origin, s.inputs[:, 0])
+        return np.array([found[k] for k in range(self.origins)])
+
+    def padded(self, rows: int) -> Data:
+        """With inputs relative to the first of each experiment, and their past where it is known.
+
+        What begins at rest gets `rows` of input zero in front, so that no row is lost to lags.
+        """
+        levels, parts = self.levels(), []
+        for s in self.stretches:
+            u, n = s.inputs - levels[s.origin][:, None], rows if s.at_rest else 0
+            u = np.hstack([np.zeros((len(u), n)), u])
+            parts.append(replace(s, inputs=u, output=np.concatenate([np.zeros(n), s.output])))
+        return replace(self, stretches=tuple(parts))
+
+    def check(self) -> None:
+        """Refuse what says nothing of a transfer function.
+
+        Raises
+        ------
+        FitError
+            An input that never moves, an output that never moves, inputs that are combinations of
+            each other (named).
+        """
+        output = self.output()
+        if not np.ptp(output) > 0:
+            raise FitError(f"{self.target} is constant: there is nothing to identify")
+        inputs = np.hstack([s.inputs - s.inputs.mean(1, keepdims=True) for s in self.stretches])
+        power = np.sqrt(np.sum(inputs**2, axis=1))
+        scale = np.sqrt(np.sum(np.hstack([s.inputs for s in self.stretches]) ** 2, axis=1))
+        for name, moved, size in zip(self.names, power, scale, strict=True):
+            if not moved > 1e-12 * size:
+                raise FitError(f"{name} does not excite: it never moves within the record")
+        unit = inputs / power[:, None]
+        values, vectors = np.linalg.eigh(unit @ unit.T)
+        if len(values) > 1 and values[0] < COLLINEAR:
+            part = np.abs(vectors[:, 0])
+            named = [n for n, share in zip(self.names, part, strict=True) if share > 1e-3]
+            raise FitError(f"collinear inputs: {', '.join(named)} are combinations of each other")
+
+
+def even_stretches(
+    time: Array,
+    inputs: Array,
+    output: Array,
+    segments: Sequence[slice],
+    dt: float,
+    origin: int = 0,
+) -> Iterator[Stretch]:
+    """A log as even stretches: cut at pauses and at missing readings, drawn onto one clock.
+
+    Where the steps are not all `dt` a straight line between the readings is taken on the even
+    clock; a step above 1.5 periods parts the record.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,) [s]
+    inputs : ndarray, shape (m, n)
+    output : ndarray, shape (n,)
+    segments : sequence of slice
+    dt : float [s]
+    """
+    there = np.isfinite(output) & np.isfinite(inputs).all(axis=0)
+    for part in segments:
+        rows = np.arange(part.start, part.stop)[there[part]]
+        if not len(rows):
+            continue
+        breaks = np.flatnonzero(np.diff(time[rows]) > 1.5 * dt) + 1
+        for piece in np.split(rows, breaks):
+            t = time[piece]
+            if len(piece) < 2 or np.max(np.abs(np.diff(t) - dt)) <= UNEVEN * dt:
+                yield Stretch(inputs[:, piece], output[piece], origin)
+                continue
+            clock = t[0] + dt * np.arange(int((t[-1] - t[0]) / dt + 1e-9) + 1)
+            drawn = np.array([np.interp(clock, t, u) for u in inputs[:, piece]])
+            yield Stretch(drawn, np.interp(clock, t, output[piece]), origin)

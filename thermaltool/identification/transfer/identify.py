@@ -1,0 +1,252 @@
+"""From records and orders to a transfer function, by the structure's own estimator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from scipy.signal import lfilter
+
+from thermaltool.errors import FitError
+from thermaltool.identification.arma.ar import burg
+from thermaltool.identification.arma.fit import fit_arma
+from thermaltool.identification.arma.record import NEW_START, Record
+from thermaltool.identification.transfer.data import Array, Data
+from thermaltool.identification.transfer.equation_error import Regression, armax, arx
+from thermaltool.identification.transfer.model import TransferModel
+from thermaltool.identification.transfer.output_error import Orders, Problem, solve
+from thermaltool.identification.transfer.polynomials import difference_basis
+from thermaltool.identification.transfer.search import Found, overdamped, refine, search
+
+Structure = Literal["oe", "bj", "arx", "armax"]
+STRUCTURES: tuple[Structure, ...] = ("oe", "bj", "arx", "armax")
+
+# Longest AR description of the errors from which an OE model's intervals are corrected.
+COLOUR = 12
+# Plant and noise of a Box-Jenkins model are alternated at most so often.
+ALTERNATIONS = 8
+
+
+def orders_of(
+    structure: Structure, nb: tuple[int, ...], nf: int | tuple[int, ...], nk: tuple[int, ...]
+) -> Orders:
+    """Orders of a structure: ARX and ARMAX share one denominator, OE and BJ have one per input.
+
+    Raises
+    ------
+    FitError
+        An order that is none.
+    """
+    if any(b < 1 for b in nb) or any(k < 0 for k in nk):
+        raise FitError("nb counts from 1, nk from 0")
+    each = (nf,) * len(nb) if isinstance(nf, int) else nf
+    if any(f < 0 for f in each):
+        raise FitError("nf counts from 0")
+    if structure in ("arx", "armax"):
+        return Orders(nb, (max(each),), nk, (tuple(range(len(nb))),))
+    return Orders(nb, each, nk, tuple((k,) for k in range(len(nb))))
+
+
+def identify(
+    data: Data,
+    structure: Structure,
+    orders: Orders,
+    nc: int = 1,
+    nd: int = 1,
+    real: bool = False,
+) -> TransferModel:
+    """Fit one structure of given orders.
+
+    Parameters
+    ----------
+    data : Data
+    structure : {"oe", "bj", "arx", "armax"}
+    orders : Orders
+    nc, nd : int
+        Orders of the noise: C of ARMAX; C and D of BJ.
+    real : bool
+        Real poles only (OE).
+
+    Raises
+    ------
+    FitError
+        Data that carry no transfer function (`Data.check`), a delay beyond the record, more
+        parameters than rows.
+    """
+    data.check()
+    check_orders(data, orders)
+    if structure in ("arx", "armax"):
+        found = arx(data, orders) if structure == "arx" else armax(data, orders, nc)
+        return _equation_model(data, structure, orders, found)
+    problem = Problem(data.padded(orders.first), orders)
+    found_oe = search(problem)
+    if structure == "oe":
+        found_oe = overdamped(problem, found_oe) if real else found_oe
+        return _output_model(problem, found_oe, "oe", data)
+    return _box_jenkins(problem, found_oe, data, nc, nd)
+
+
+def check_orders(data: Data, orders: Orders) -> None:
+    """Refuse a delay beyond the record, and more parameters than it carries (FitError)."""
+    for name, nk in zip(data.names, orders.nk, strict=True):
+        if nk >= data.longest:
+            raise FitError(
+                f"{name}: a delay of {nk} samples is longer than the record ({data.longest})"
+            )
+    need = orders.parameters + data.origins + sum(orders.nf)
+    rows = Problem(data, orders).rows
+    if rows < 2 * need:
+        raise FitError(
+            f"{rows} rows do not carry orders of {need} parameters: take lower orders or more data"
+        )
+
+
+def settles(F: Array) -> None:
+    """Refuse F(1) = 0: a model that integrates has no steady state (FitError)."""
+    if abs(float(F.sum())) < 1e-15:
+        raise FitError("the fit has a pole at 1, it integrates: take a lower order")
+
+
+def _numerators(problem: Problem, linear: Array) -> tuple[Array, ...]:
+    edges = np.cumsum([0, *problem.orders.nb])
+    return tuple(linear[a:b] @ difference_basis(b - a) for a, b in pairwise(edges))
+
+
+def _lag_map(orders: Orders) -> Array:
+    """From parameters in differences to those by lags: denominators, then numerators."""
+    blocks = [difference_basis(n) for n in (*orders.nf, *orders.nb)]
+    size = sum(len(b) for b in blocks)
+    result, at = np.zeros((size, size)), 0
+    for block in blocks:
+        result[at : at + len(block), at : at + len(block)] = block.T
+        at += len(block)
+    return result
+
+
+def _output_model(
+    problem: Problem, found: Found, structure: Structure, data: Data,
+    C: Array | None = None, D: Array | None = None,
+) -> TransferModel:  # fmt: skip
+    here, orders = problem.project(found.F), problem.orders
+    slopes = problem.slopes(found.F, here, mixed=False)
+    count = len(slopes.gram)
+    sigma2 = slopes.loss / max(problem.rows - count, 1)
+    inverse = solve(slopes.gram, np.eye(count))
+    if structure == "oe":
+        middle = coloured_gram(problem, found, slopes.gram, sigma2)
+        covariance = inverse @ middle @ inverse
+    else:
+        covariance = sigma2 * inverse
+    own = sum(orders.nf) + sum(orders.nb)
+    turn = _lag_map(orders)
+    edge = sum(orders.nb)
+    B = _numerators(problem, here.linear)
+    of = {k: found.F[g] for g, inputs in enumerate(orders.groups) for k in inputs}
+    for f in found.F:
+        settles(f)
+    gains = np.array([b.sum() / of[k].sum() for k, b in enumerate(B)])
+    return TransferModel(
+        structure,
+        data.names,
+        data.target,
+        data.dt,
+        orders,
+        B,
+        found.F,
+        tuple((here.linear[edge : edge + data.origins] - data.levels() @ gains).tolist()),
+        data.levels(),
+        tuple(here.linear[edge : edge + data.origins].tolist()),
+        sigma2,
+        turn @ covariance[:own, :own] @ turn.T,
+        found.method,
+        found.converged,
+        problem.rows,
+        max(slopes.loss, 1e-300),
+        np.ones(1) if C is None else C,
+        np.ones(1) if D is None else D,
+    )
+
+
+def error_record(errors: list[Array]) -> Record:
+    """Errors of all stretches as one record of separate runs."""
+    starts = np.cumsum([0, *(len(e) + 1 for e in errors)])[:-1].tolist()
+    return Record(tuple(errors), tuple(starts), (0, *(NEW_START,) * (len(errors) - 1)))
+
+
+def coloured_gram(problem: Problem, found: Found, gram: Array, sigma2: float) -> Array:
+    """Covariance of the score: Z Zᵀ σ² for white errors; else through an AR model of them.
+
+    With e = H·white, E[Z e eᵀ Zᵀ] is the Gram matrix of Z filtered by H backwards in time
+    (Ljung 1999, 9.4). The AR order is the best by BIC; zero leaves the plain form.
+    """
+    here = problem.project(found.F)
+    errors = [e for e, _ in problem.errors(here)]
+    most = min(COLOUR, min(len(e) for e in errors) // 10)
+    if most < 1 or sigma2 <= 0:
+        return gram * sigma2
+    table = burg(error_record(errors), most)
+    bic = table.samples * np.log(table.variance) + np.log(table.samples) * np.arange(most + 1.0)
+    best = int(np.argmin(bic))
+    if not best:
+        return gram * sigma2
+    ar = np.concatenate([[1.0], -table.coefficients[best]])
+    result = np.zeros_like(gram)
+    for place, rows, _ in problem.instruments(found.F, here):
+        Z = lfilter([1.0], ar, rows[:, ::-1])
+        result[np.ix_(place, place)] += Z @ Z.T
+    return result * float(table.variance[best])
+
+
+def _box_jenkins(problem: Problem, found: Found, data: Data, nc: int, nd: int) -> TransferModel:
+    """Refined instrumental variables with a noise model (RIV; Young 2011, chapter 7).
+
+    An ARMA model of the errors whitens all rows of the next plant estimate, until the plant stands.
+    """
+    C = D = np.ones(1)
+    for _ in range(ALTERNATIONS):
+        plain = replace(problem, whitening=None)
+        errors = [e for e, _ in plain.errors(plain.project(found.F))]
+        noise = fit_arma(error_record(errors), nd, nc, degree=-1)
+        C = np.concatenate([[1.0], noise.ma])
+        D = np.concatenate([[1.0], -noise.ar])
+        problem = replace(problem, whitening=(D, C))
+        before = found
+        found = refine(problem, found.F)
+        if all(np.allclose(a, b, rtol=1e-6, atol=1e-9) for a, b in
+               zip(found.F, before.F, strict=True)):  # fmt: skip
+            break
+    return _output_model(problem, found, "bj", data, C, D)
+
+
+def _equation_model(
+    data: Data, structure: Structure, orders: Orders, found: Regression
+) -> TransferModel:
+    sigma2 = found.loss / max(found.rows - len(found.gram), 1)
+    own = orders.parameters
+    turn = _lag_map(orders)
+    inverse = solve(found.gram, np.eye(len(found.gram)))[:own, :own]
+    settles(found.F)
+    at_rest = float(found.F.sum())
+    offsets = np.array(found.constants) / at_rest
+    gains = np.array([b.sum() / at_rest for b in found.numerators])
+    return TransferModel(
+        structure,
+        data.names,
+        data.target,
+        data.dt,
+        orders,
+        found.numerators,
+        (found.F,),
+        tuple(offsets.tolist()),
+        data.levels(),
+        tuple((offsets + data.levels() @ gains).tolist()),
+        sigma2,
+        sigma2 * turn @ inverse @ turn.T,
+        "least squares" if structure == "arx" else "Gauss-Newton from two regressions",
+        found.converged,
+        found.rows,
+        max(found.loss, 1e-300),
+        found.C,
+    )

@@ -1,0 +1,96 @@
+"""Identified transfer functions as a model document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from thermaltool.effects.dynamics import hold_of
+from thermaltool.errors import ModelError
+from thermaltool.identification.transfer.continuation import Continued
+from thermaltool.identification.transfer.data import Data
+from thermaltool.identification.transfer.model import TransferModel
+from thermaltool.model import Drive, Model, Output, Role, Term
+from thermaltool.signals.agreement import Agreement
+from thermaltool.units import parse_channel
+
+Reference = float | Literal["first"]
+
+
+def machine(
+    found: Sequence[tuple[TransferModel, Sequence[Continued | str], Agreement, Data]],
+    reference: Reference | None,
+    provenance: Mapping[str, Any],
+) -> Model:
+    """All outputs with their terms in continuous time.
+
+    Parameters
+    ----------
+    found : sequence of (model, its inputs in continuous time, training fit, training data)
+    reference : "first", float or None
+        What counts as no drive; None is "first" for an absolute temperature and 0 otherwise.
+
+    Raises
+    ------
+    ModelError
+        A term that has no form in continuous time.
+    """
+    drives: dict[str, Drive] = {}
+    outputs, terms = [], []
+    for model, ways, training, data in found:
+        for k, name in enumerate(model.names):
+            rest = _reference(name, reference)
+            drives[name] = Drive(name, hold_of(name), rest, _extent(data, k, rest))
+        for name, way in zip(model.names, ways, strict=True):
+            if isinstance(way, str):
+                raise ModelError(way)
+            terms.append(Term(name, model.target, way.response))
+        outputs.append(_output(model, training, data, drives))
+    return Model(tuple(drives.values()), tuple(outputs), tuple(terms),
+                 found[0][0].dt, provenance)  # fmt: skip
+
+
+def _reference(channel: str, given: Reference | None) -> Reference:
+    if given is not None:
+        return given
+    return "first" if parse_channel(channel).dimension == "temperature" else 0.0
+
+
+def _extent(data: Data, k: int, rest: Reference) -> tuple[float, float]:
+    values = [s.inputs[k] - (s.inputs[k][0] if rest == "first" else rest) for s in data.stretches]
+    joined = np.concatenate(values)
+    return float(joined.min()), float(joined.max())
+
+
+def _output(
+    model: TransferModel, training: Agreement, data: Data, drives: Mapping[str, Drive]
+) -> Output:
+    """The output with its value at rest: what the offset and the drives at rest give.
+
+    A displacement has no zero of its own, and a drive that starts from anywhere leaves none.
+    """
+    arbitrary = parse_channel(model.target).dimension in ("length", "angle")
+    rests = [drives[name].reference for name in model.names]
+    offset: Reference = "first"
+    if not arbitrary and "first" not in rests:
+        gains = [model.gain(k).value for k in range(len(model.names))]
+        moved = sum(g * float(r) for g, r in zip(gains, rests, strict=True))
+        offset = float(np.mean(model.offsets)) + moved
+    values = [s.output - (s.output[0] if offset == "first" else offset) for s in data.stretches]
+    joined = np.concatenate(values)
+    role: Role = "deflection" if arbitrary else "sensor"
+    return Output(
+        model.target,
+        role,
+        offset,
+        (float(joined.min()), float(joined.max())),
+        {
+            "rmse": training.rmse,
+            "max_error": training.max_error,
+            "fit_percent": training.fit_percent,
+            "rows": training.rows,
+            "method": model.method,
+        },
+    )

@@ -1,0 +1,253 @@
+"""An identified transfer function: its polynomials, what they mean, and how sure they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.signal import lfilter
+
+from thermaltool.identification.transfer.data import Array, Data, Stretch
+from thermaltool.identification.transfer.output_error import Orders, solve
+from thermaltool.signals.agreement import Agreement, agreement
+
+# Half the width of a 95 % interval in standard errors.
+NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class TransferModel:
+    """y(k) = Σ_i B_i(q)/F_i(q) u_i(k − nk_i) + offset + noise, sampled at dt.
+
+    Attributes
+    ----------
+    structure : {"oe", "bj", "arx", "armax"}
+        The noise is white, (C/D) white, (1/F) white, (C/F) white.
+    names : tuple of str
+        Inputs.
+    target : str
+        Output.
+    dt : float [s]
+    orders : Orders
+    B : tuple of ndarray
+        Numerator of each input, from its first coefficient after the delay on.
+    F : tuple of ndarray
+        Denominator of each group of inputs, leading 1 included.
+    C, D : ndarray
+        Noise polynomials, leading 1 included.
+    offsets : tuple of float, one for each experiment
+    levels : ndarray, shape (experiments, m)
+        Inputs about which each experiment was fitted, and
+    zeros : tuple of float
+        its output where they stand for ever; `offsets` are those of inputs of zero.
+    sigma2 : float [unit²]
+        Variance of the white noise.
+    covariance : ndarray, shape (p, p)
+        Of the coefficients of all F without their 1, then of all B.
+    method : str
+    converged : bool
+    rows : int
+        Samples that count.
+    loss : float [unit²]
+        Sum of the squared one-step errors.
+    """
+
+    structure: str
+    names: tuple[str, ...]
+    target: str
+    dt: float
+    orders: Orders
+    B: tuple[Array, ...]
+    F: tuple[Array, ...]
+    offsets: tuple[float, ...]
+    levels: Array
+    zeros: tuple[float, ...]
+    sigma2: float
+    covariance: Array
+    method: str
+    converged: bool
+    rows: int
+    loss: float
+    C: Array = field(default_factory=lambda: np.ones(1))
+    D: Array = field(default_factory=lambda: np.ones(1))
+
+    def group_of(self, k: int) -> int:
+        """Which denominator belongs to input k."""
+        return next(g for g, inputs in enumerate(self.orders.groups) if k in inputs)
+
+    def denominator(self, k: int) -> Array:
+        return self.F[self.group_of(k)]
+
+    @property
+    def coefficients(self) -> Array:
+        """Of all F without their 1, then of all B."""
+        return np.concatenate([*(f[1:] for f in self.F), *self.B])
+
+    @property
+    def parameters(self) -> int:
+        """Coefficients of all polynomials and the offsets."""
+        return len(self.coefficients) + len(self.C) + len(self.D) - 2 + len(self.offsets)
+
+    @property
+    def aic(self) -> float:
+        """N ln(loss/N) + 2p (Akaike 1974, up to a constant)."""
+        return self.rows * float(np.log(self.loss / self.rows)) + 2.0 * self.parameters
+
+    @property
+    def bic(self) -> float:
+        """N ln(loss/N) + p ln N (Schwarz 1978, up to a constant)."""
+        weight = float(np.log(self.rows))
+        return self.rows * float(np.log(self.loss / self.rows)) + weight * self.parameters
+
+    def yic(self, variance: float) -> float:
+        """ln(σ²/σ²_y) + ln(mean of p_ii/θ_i²) for an output of this `variance` (Young 2011)."""
+        share = np.diag(self.covariance) / np.maximum(self.coefficients**2, 1e-300)
+        return float(np.log(self.sigma2 / variance) + np.log(np.mean(share)))
+
+    def respond(self, inputs: Array) -> Array:
+        """Noise-free output from rest, without the offset; inputs (m, n) before the record: zero.
+
+        Parameters
+        ----------
+        inputs : ndarray, shape (m, n)
+        """
+        y = np.zeros(inputs.shape[1])
+        for k, (b, nk) in enumerate(zip(self.B, self.orders.nk, strict=True)):
+            numerator = np.concatenate([np.zeros(nk), b])
+            y += lfilter(numerator, self.denominator(k), inputs[k])
+        return y
+
+    def simulate(self, stretch: Stretch, free_offset: bool = False) -> Array:
+        """Free run over a stretch; the state at its start is estimated from it.
+
+        Parameters
+        ----------
+        stretch : Stretch
+        free_offset : bool
+            Estimate the offset too, as for another log of a channel without a zero of its own.
+
+        Returns
+        -------
+        y : ndarray, shape (n,)
+            NaN on the first rows, whose inputs are not all in the record.
+        """
+        # About the levels of the fit: slow poles make gains too large to be taken off again.
+        at = min(stretch.origin, len(self.levels) - 1)
+        settled = self.respond(stretch.inputs - self.levels[at][:, None]) + self.zeros[at]
+        if stretch.at_rest:
+            left = stretch.output - settled
+            return settled + (float(np.mean(left)) if free_offset else 0.0)
+        first = self.orders.first
+        y = np.full(len(stretch), np.nan)
+        if len(stretch) <= first + sum(self.orders.nf) + 1:
+            return y
+        inner = settled[first:]
+        columns = [r for f in self.F for r in _free_responses(f, len(inner))]
+        if free_offset:
+            columns.append(np.ones(len(inner)))
+        if columns:
+            rows = np.array(columns)
+            left = stretch.output[first:] - inner
+            inner = inner + solve(rows @ rows.T, rows @ left) @ rows
+        y[first:] = inner
+        return y
+
+    def _offset(self, stretch: Stretch) -> float:
+        """That of its experiment; of one that was not fitted, the last."""
+        return self.offsets[min(stretch.origin, len(self.offsets) - 1)]
+
+    def fit(self, data: Data, free_offset: bool = False) -> Agreement:
+        """How far the free run is from the output over all stretches."""
+        computed = [self.simulate(s, free_offset) for s in data.stretches]
+        return agreement(data.output(), np.concatenate(computed))
+
+    def residuals(self, data: Data) -> list[Array]:
+        """One-step errors of each stretch: white where the model holds."""
+        result = []
+        for s in data.stretches:
+            first = self.orders.first
+            if self.structure in ("arx", "armax"):
+                error = s.output - self.respond(s.inputs) - self._offset(s)
+                error = lfilter(self.F[0], [1.0], error)[first + len(self.F[0]) - 1 :]
+                result.append(np.asarray(lfilter([1.0], self.C, error)))
+            else:
+                error = (s.output - self.simulate(s))[0 if s.at_rest else first :]
+                if not np.isnan(error).any():
+                    result.append(np.asarray(lfilter(self.D, self.C, error)))
+        return [r for r in result if len(r)]
+
+    def poles(self, group: int = 0) -> Array:
+        """Roots of a denominator in z, the slowest first."""
+        z = np.roots(self.F[group]).astype(complex)
+        return z[np.argsort(-np.abs(z), kind="stable")]
+
+    def time_constants(self, group: int = 0) -> tuple[Estimate, ...]:
+        """−dt/ln|z| of every pole, the slowest first, with intervals by the delta method [s].
+
+        Of a pair it is the decay of its envelope. The interval is symmetric in the logarithm.
+        """
+        start = sum(len(f) - 1 for f in self.F[:group])
+        n = len(self.F[group]) - 1
+        block = self.covariance[start : start + n, start : start + n]
+        slope = np.polyder(self.F[group])
+        found = []
+        for z in self.poles(group):
+            tau = _decay(abs(z), self.dt)
+            # F(z) = 0: ∂z/∂f_i = −z^(n−i)/F'(z); ln|z| changes by the real part of ∂z/z.
+            change = -(z ** np.arange(n - 1.0, -1.0, -1.0)) / np.polyval(slope, z) / z
+            variance = max(float(change.real @ block @ change.real), 0.0)
+            deviation = math.sqrt(variance) * tau / self.dt
+            spread = math.exp(min(NORMAL_95 * deviation, 700.0))
+            found.append(Estimate(tau, tau / spread, tau * spread))
+        return tuple(found)
+
+    def gain(self, k: int) -> Estimate:
+        """Steady state of the output per unit of input k, B(1)/F(1)."""
+        g = self.group_of(k)
+        b, f = self.B[k], self.F[g]
+        value = float(b.sum() / f.sum())
+        at_f = sum(len(each) - 1 for each in self.F[:g])
+        at_b = sum(len(each) - 1 for each in self.F) + sum(len(each) for each in self.B[:k])
+        slope = np.zeros(len(self.covariance))
+        slope[at_f : at_f + len(f) - 1] = -value / f.sum()
+        slope[at_b : at_b + len(b)] = 1 / f.sum()
+        half = NORMAL_95 * math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
+        return Estimate(value, value - half, value + half)
+
+    def named(self) -> Iterator[tuple[str, Estimate]]:
+        """Every coefficient by name, with its 95 % interval."""
+        letter = "a" if self.structure in ("arx", "armax") else "f"
+        several = len(self.names) > 1
+        labels = []
+        for group, f in zip(self.orders.groups, self.F, strict=True):
+            own = f"[{self.names[group[0]]}]" if len(self.F) > 1 else ""
+            labels += [f"{letter}{j}{own}" for j in range(1, len(f))]
+        for name, b, nk in zip(self.names, self.B, self.orders.nk, strict=True):
+            labels += [f"b{nk + j}" + (f"[{name}]" if several else "") for j in range(len(b))]
+        half = NORMAL_95 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        for label, value, h in zip(labels, self.coefficients, half, strict=True):
+            yield label, Estimate(float(value), float(value - h), float(value + h))
+
+
+def _decay(size: float, dt: float) -> float:
+    """−dt/ln|z| [s]; a pole at the origin decays within the sample."""
+    return float(-dt / np.log(min(max(size, 1e-300), 1 - 1e-16)))
+
+
+def _free_responses(F: Array, n: int) -> list[Array]:
+    """What a state of 1/F leaves behind, one row for each of its dimensions."""
+    impulse = np.zeros(n)
+    impulse[:1] = 1.0
+    response = lfilter([1.0], F, impulse)
+    return [np.concatenate([np.zeros(j), response[: n - j]]) for j in range(len(F) - 1)]

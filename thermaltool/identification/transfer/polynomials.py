@@ -1,0 +1,42 @@
+"""Denominators in the shift operator: F(q) = 1 + f1 q^-1 + ... + fn q^-n, as (1, f1, ..., fn)."""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Poles are kept inside this radius, so that a simulation over any record stays finite.
+LARGEST_POLE = 1 - 1e-6
+
+
+def stabilized(F: Array) -> Array:
+    """Poles outside the unit circle reflected into it."""
+    poles = np.roots(F)
+    size = np.abs(poles)
+    if not len(poles) or np.max(size) < LARGEST_POLE:
+        return F
+    poles = np.where(size > 1, poles / np.maximum(size, 1e-300) ** 2, poles)
+    size = np.abs(poles)
+    poles = np.where(size > LARGEST_POLE, poles / size * LARGEST_POLE, poles)
+    return np.asarray(np.poly(poles).real)
+
+
+def difference_basis(n: int) -> Array:
+    """Row j: (1 − q^-1)^j in powers of q^-1, shape (n, n).
+
+    Slow poles make the lags of a signal nearly equal; its differences are not, and the normal
+    equations in them stay well conditioned at fast sampling.
+    """
+    rows = np.zeros((n, n))
+    for j in range(n):
+        rows[j, : j + 1] = [(-1) ** k * comb(j, k) for k in range(j + 1)]
+    return rows
+
+
+def from_lags(tau: Array) -> Array:
+    """The denominator with real poles exp(−1/τ), τ in samples."""
+    return np.asarray(np.poly(np.exp(-1.0 / np.asarray(tau, float))))

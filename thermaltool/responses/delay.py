@@ -1,0 +1,140 @@
+"""Relaxation modes behind a dead time, H(s) e^(−Ls).
+
+The delay need not be a whole number of samples: with L = m·dt − h, 0 <= h < dt, the output at
+t_k is that of the undelayed modes at t_(k−m) + h, which their own state and the input of one more
+sample give exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from thermaltool.errors import ModelError
+from thermaltool.responses.modes import CLOCK_STEP, Complex, Float, Hold, Modes, Recursion
+
+
+@dataclass(frozen=True)
+class DelayedModes(Modes):
+    """Modes whose input acts `delay` [s] later.
+
+    Attributes
+    ----------
+    delay : float [s], above zero
+    """
+
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < self.delay < np.inf:
+            raise ModelError(f"a delay must be a finite time above zero (delay={self.delay:g})")
+
+    def prompt(self) -> Modes:
+        """The same modes without the delay."""
+        return Modes(self.poles, self.weights, self.double)
+
+    def transfer(self, s: Complex) -> Complex:
+        return np.asarray(super().transfer(s) * np.exp(-np.asarray(s, complex) * self.delay))
+
+    def step(self, t: Float) -> Float:
+        return super().step(np.asarray(t, float) - self.delay)
+
+    def discretize(self, dt: float, hold: Hold = "zero") -> Recursion:
+        """The recursion with the inputs of the dead time as further states.
+
+        States: those of the modes at t_(k−m), then the inputs u_(k−m) ... u_(k−1), and u_k where
+        lines join the samples. Before the first sample the input counts as zero.
+        """
+        samples, ahead = _parts(self.delay, dt)
+        inner, to_come = self.prompt().discretize(dt, hold), _shifted(self.prompt(), ahead)
+        seen = to_come.discretize(dt, hold).C[0]
+        d0, d1 = _within(self.prompt(), ahead, dt, hold)
+        n, kept = len(inner.F), samples + (hold == "first")
+        F, G0, G1 = np.zeros((n + kept,) * 2), np.zeros(n + kept), np.zeros(n + kept)
+        F[:n, :n], F[:n, n] = inner.F, inner.G0[:, 0]
+        if hold == "first":
+            F[:n, n + 1] = inner.G1[:, 0]
+            G1[-1] = 1.0
+        for k in range(samples - 1):
+            F[n + k, n + k + 1] = 1.0
+        G0[n + samples - 1] = 1.0
+        C = np.concatenate([seen, np.zeros(kept)])
+        C[n] += d0
+        if hold == "first":
+            C[n + 1] += d1
+        return Recursion(F, G0[:, None], G1[:, None], C[None, :])
+
+    def run(self, time: Float, u: Float, hold: Hold) -> Float:
+        """As `Modes.run`: exact on an even clock, and on any other where the input is known."""
+        steps = np.diff(time)
+        if len(steps) and np.ptp(steps) < CLOCK_STEP:
+            return self._shifted_run(time, u, hold, float(np.mean(steps)))
+        # The union of the clock and of the moments that the outputs stem from.
+        moments = np.maximum(time - self.delay, time[0])
+        both = np.unique(np.concatenate([time, moments]))
+        row = np.clip(np.searchsorted(time, both, side="right") - 1, 0, len(time) - 1)
+        known = u[row] if hold == "zero" else np.interp(both, time, u)
+        return self.prompt().run(both, known, hold)[np.searchsorted(both, moments)]
+
+    def _shifted_run(self, time: Float, u: Float, hold: Hold, dt: float) -> Float:
+        samples, ahead = _parts(self.delay, dt)
+        y = np.zeros(len(u))
+        if samples >= len(u):
+            return y
+        before = slice(0, len(u) - samples)
+        y[samples:] = _shifted(self.prompt(), ahead).run(time, u, hold)[before]
+        d0, d1 = _within(self.prompt(), ahead, dt, hold)
+        y[samples:] += d0 * u[before]
+        y[samples:] += d1 * u[1 : len(u) - samples + 1]
+        return y
+
+    def like(self, modes: Modes) -> DelayedModes:
+        """Other modes behind the same delay."""
+        return DelayedModes(modes.poles, modes.weights, modes.double, self.delay)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON: the lists of the modes, and ``delay`` [s]."""
+        return {**self.prompt().document(), "delay": self.delay}
+
+
+def load_modes(document: dict[str, Any]) -> Modes:
+    """Modes, with a delay where the document has one."""
+    lists = {name: values for name, values in document.items() if name != "delay"}
+    modes = Modes.from_document(lists)
+    if "delay" not in document:
+        return modes
+    return DelayedModes(modes.poles, modes.weights, modes.double, float(document["delay"]))
+
+
+def _parts(delay: float, dt: float) -> tuple[int, float]:
+    """L = m·dt − h: (m, h); a rest below the resolution of a clock is none."""
+    samples = max(1, math.ceil(delay / dt - CLOCK_STEP / dt))
+    return samples, max(0.0, samples * dt - delay)
+
+
+def _shifted(modes: Modes, ahead: float) -> Modes:
+    """Modes whose output now is that of `modes` a time `ahead` later without further input."""
+    if not ahead:
+        return modes
+    grown = np.exp(modes.poles * ahead)
+    return Modes(
+        modes.poles,
+        (modes.weights + modes.double * ahead) * grown,
+        modes.double * grown.real,
+    )
+
+
+def _within(modes: Modes, ahead: float, dt: float, hold: Hold) -> tuple[float, float]:
+    """What the inputs at both ends of a sample add to the output at `ahead` into it."""
+    if not ahead:
+        return 0.0, 0.0
+    whole = float(modes.step(np.array(ahead)))
+    if hold == "zero":
+        return whole, 0.0
+    ramp = modes.discretize(ahead, "first")
+    later = float((ramp.C @ ramp.G1)[0, 0]) * ahead / dt
+    return whole - later, later

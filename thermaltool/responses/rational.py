@@ -1,0 +1,258 @@
+"""Rational transfer functions with delay, as sums of first-order lags and one damped oscillation.
+
+Every stable rational function without direct feedthrough and without repeated poles is of this
+form; with real poles it is a table of time constants and weights, as heat conduction has them
+(Zhu, Ni, Shih 2008: T = Σ A_k (1 − e^(−t/τ_k))). Mareš et al. use second order.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from thermaltool.errors import ModelError
+from thermaltool.responses.delay import DelayedModes
+from thermaltool.responses.modes import Complex, Float, Modes, Range
+
+
+class Rational:
+    """H(s) = e^(−Ls) [Σ K_i/(τ_i s + 1) + (K ω² + D ω s)/(s² + 2ζω s + ω²)].
+
+    The kinds below say how many lags there are and whether there is an oscillation.
+
+    Attributes
+    ----------
+    K1, K2, ... : float [unit of the output per unit of the drive]
+    tau1, tau2, ... : float [s]
+    K, D : float [unit of the output per unit of the drive]
+    omega : float [rad/s]
+    zeta : float, between 0 and 1
+    delay : float [s]
+        L. `calibrate` leaves it at zero; ``identify`` finds it.
+    """
+
+    kind: ClassVar[str]
+    searched: ClassVar[tuple[str, ...]]
+    gains: ClassVar[tuple[str, ...]]
+    fixed: ClassVar[dict[str, float]] = {"delay": 0.0}
+    delay: float
+
+    def __post_init__(self) -> None:
+        places = {name: getattr(self, name) for name in self.searched}
+        gains = {name: getattr(self, name) for name in self.gains}
+        if not all(0 < place < np.inf for place in places.values()) or not (
+            places.get("zeta", 0.5) < 1
+        ):
+            raise ModelError(
+                f"{self.kind} needs finite values above zero, and zeta below 1 ({places})"
+            )
+        if not np.isfinite(list(gains.values())).all():
+            raise ModelError(f"{self.kind} needs finite gains ({gains})")
+        if not 0 <= self.delay < np.inf:
+            raise ModelError(f"{self.kind} needs a finite delay of 0 or more ({self.delay:g})")
+
+    def _lags(self) -> Iterator[tuple[float, float]]:
+        """(gain, time constant) of every lag."""
+        for name in self.searched:
+            if name.startswith("tau"):
+                yield getattr(self, "K" + name[3:]), getattr(self, name)
+
+    def _oscillation(self) -> tuple[complex, complex] | None:
+        """Pole with positive imaginary part, and its residue."""
+        if "omega" not in self.searched:
+            return None
+        K, D, w, zeta = (getattr(self, name) for name in ("K", "D", "omega", "zeta"))
+        damped = w * np.sqrt(1 - zeta**2)
+        pole = complex(-zeta * w, damped)
+        return pole, (K * w**2 + D * w * pole) / (2j * damped)
+
+    def transfer(self, s: Complex) -> Complex:
+        """H at complex frequencies, ndarray of any shape [rad/s]."""
+        s = np.asarray(s, complex)
+        value = np.zeros(s.shape, complex)
+        for gain, tau in self._lags():
+            value = value + gain / (tau * s + 1)
+        if "omega" in self.searched:
+            K, D, w, zeta = (getattr(self, name) for name in ("K", "D", "omega", "zeta"))
+            value = value + (K * w**2 + D * w * s) / (s**2 + 2 * zeta * w * s + w**2)
+        return np.asarray(value * np.exp(-s * self.delay))
+
+    def dc_gain(self) -> float:
+        """Sum of the gains."""
+        return float(sum(gain for gain, _ in self._lags()) + getattr(self, "K", 0.0))
+
+    def step(self, t: Float) -> Float:
+        """Unit-step response; zero before the delay has passed."""
+        t = np.maximum(np.asarray(t, float) - self.delay, 0.0)
+        value = np.zeros(t.shape)
+        for gain, tau in self._lags():
+            value = value - gain * np.expm1(-t / tau)
+        section = self._oscillation()
+        if section is not None:
+            pole, residue = section
+            value = value + 2 * (residue / pole * np.expm1(pole * t)).real
+        return np.asarray(value)
+
+    def slowest(self) -> float:
+        """Slowest time constant [s]."""
+        section = self._oscillation()
+        times = [tau for _, tau in self._lags()]
+        return max([*times, *([] if section is None else [-1 / section[0].real])])
+
+    def modes(self, dt: float) -> Modes:
+        """Exact; `dt` does not matter."""
+        poles: list[complex] = [complex(-1 / tau) for _, tau in self._lags()]
+        weights: list[complex] = [complex(gain / tau) for gain, tau in self._lags()]
+        section = self._oscillation()
+        if section is not None:
+            poles.append(section[0])
+            weights.append(section[1])
+        parts = np.array(poles, complex), np.array(weights, complex)
+        return DelayedModes(*parts, delay=self.delay) if self.delay else Modes(*parts)
+
+    @classmethod
+    def search_box(cls, period: float, duration: float, delay: float = 0.0) -> dict[str, Range]:
+        """Where a fit looks, from the sample period and the length of the records [s].
+
+        Raises
+        ------
+        ModelError
+            A delay: the fit's bank of exponentials has none.
+        """
+        if delay:
+            raise ModelError(f"{cls.kind}: calibrate fits no delay; thermaltool identify does")
+        lags, turns = (period / 4, 50 * duration), (0.02 / duration, 4 / period)
+        ranges = {"omega": turns, "zeta": (0.01, 0.999)}
+        return {name: ranges.get(name, lags) for name in cls.searched}
+
+    @classmethod
+    def starts(cls, period: float, duration: float, delay: float = 0.0) -> list[tuple[float, ...]]:
+        """Coarse grid: every choice of distinct time constants; rates and dampings."""
+        lags = sum(name.startswith("tau") for name in cls.searched)
+        count = {0: 0, 1: 12, 2: 7, 3: 6, 4: 6}[lags]
+        times = np.geomspace(duration, max(duration / 300, 2 * period), count).tolist()
+        chosen = list(itertools.combinations(times, lags))
+        if "omega" not in cls.searched:
+            return chosen
+        rates = (1 / np.geomspace(duration, max(duration / 30, 2 * period), 5)).tolist()
+        turns = itertools.product(rates, (0.2, 0.5, 0.8))
+        return [(*turn, *place) for turn, place in itertools.product(turns, chosen)]
+
+
+@dataclass(frozen=True)
+class Rational1(Rational):
+    """One lag."""
+
+    K1: float
+    tau1: float
+    delay: float = 0.0
+
+    kind: ClassVar[str] = "rational1"
+    searched: ClassVar[tuple[str, ...]] = ("tau1",)
+    gains: ClassVar[tuple[str, ...]] = ("K1",)
+
+
+@dataclass(frozen=True)
+class Rational2(Rational):
+    """Two lags."""
+
+    K1: float
+    tau1: float
+    K2: float
+    tau2: float
+    delay: float = 0.0
+
+    kind: ClassVar[str] = "rational2"
+    searched: ClassVar[tuple[str, ...]] = ("tau1", "tau2")
+    gains: ClassVar[tuple[str, ...]] = ("K1", "K2")
+
+
+@dataclass(frozen=True)
+class Rational3(Rational):
+    """Three lags."""
+
+    K1: float
+    tau1: float
+    K2: float
+    tau2: float
+    K3: float
+    tau3: float
+    delay: float = 0.0
+
+    kind: ClassVar[str] = "rational3"
+    searched: ClassVar[tuple[str, ...]] = ("tau1", "tau2", "tau3")
+    gains: ClassVar[tuple[str, ...]] = ("K1", "K2", "K3")
+
+
+@dataclass(frozen=True)
+class Rational4(Rational):
+    """Four lags."""
+
+    K1: float
+    tau1: float
+    K2: float
+    tau2: float
+    K3: float
+    tau3: float
+    K4: float
+    tau4: float
+    delay: float = 0.0
+
+    kind: ClassVar[str] = "rational4"
+    searched: ClassVar[tuple[str, ...]] = ("tau1", "tau2", "tau3", "tau4")
+    gains: ClassVar[tuple[str, ...]] = ("K1", "K2", "K3", "K4")
+
+
+@dataclass(frozen=True)
+class Oscillation(Rational):
+    """One damped oscillation."""
+
+    K: float
+    D: float
+    omega: float
+    zeta: float
+    delay: float = 0.0
+
+    kind: ClassVar[str] = "oscillation"
+    searched: ClassVar[tuple[str, ...]] = ("omega", "zeta")
+    gains: ClassVar[tuple[str, ...]] = ("K", "D")
+
+
+@dataclass(frozen=True)
+class Oscillation1(Rational):
+    """One damped oscillation and one lag."""
+
+    K: float
+    D: float
+    omega: float
+    zeta: float
+    K1: float
+    tau1: float
+    delay: float = 0.0
+
+    kind: ClassVar[str] = "oscillation1"
+    searched: ClassVar[tuple[str, ...]] = ("omega", "zeta", "tau1")
+    gains: ClassVar[tuple[str, ...]] = ("K", "D", "K1")
+
+
+@dataclass(frozen=True)
+class Oscillation2(Rational):
+    """One damped oscillation and two lags."""
+
+    K: float
+    D: float
+    omega: float
+    zeta: float
+    K1: float
+    tau1: float
+    K2: float
+    tau2: float
+    delay: float = 0.0
+
+    kind: ClassVar[str] = "oscillation2"
+    searched: ClassVar[tuple[str, ...]] = ("omega", "zeta", "tau1", "tau2")
+    gains: ClassVar[tuple[str, ...]] = ("K", "D", "K1", "K2")
