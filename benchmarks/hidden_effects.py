@@ -244,6 +244,7 @@ def requirements(scores: Sequence[Score]) -> list[Line]:
         [s for s in scores if s.trial.group == group] for group in ("clean", "pair", "natural")
     )
     lines.append(share_of("clean: false alarms", [s.alarm for s in clean], 0.03, at_most=True))
+    lines.append(share_of("clean: a cause named", [bool(s.named) for s in clean]))
     # A pair counts where each effect has the size that was wanted.
     whole = [s for s in pairs if s.failure or min(s.sizes) >= REACHED * s.trial.size]
     lines.append(share_of("two at 5 × noise: both named", [s.all_named for s in whole], 0.75))
@@ -363,7 +364,8 @@ def draw_power(scores: Sequence[Score]) -> Figure:
         if not len(at):
             continue
         x = at[:, 0] * (1 + 0.02 * (k - 1))
-        ax.errorbar(x, at[:, 1], (at[:, 1] - at[:, 2], at[:, 3] - at[:, 1]), marker="o", ms=5,
+        reach = np.maximum((at[:, 1] - at[:, 2], at[:, 3] - at[:, 1]), 0.0)  # rounding at all hits
+        ax.errorbar(x, at[:, 1], reach, marker="o", ms=5,
                     capsize=3, color=CYCLE[2 - k], label=label)  # fmt: skip
     for size, first in ((2.0, 65.0), (5.0, 85.0)):
         ax.plot(size, first, marker="_", ms=26, mew=2.0, ls="", color=MARK,
@@ -381,7 +383,13 @@ def draw_power(scores: Sequence[Score]) -> Figure:
         xlabel="size of the effect over noise",
         ylabel="share of the logs [%]",
     )
-    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.06))
+    ax.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.02),
+        frameon=True,
+        framealpha=1.0,
+        edgecolor="none",
+    )
     return figure
 
 
