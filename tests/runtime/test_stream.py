@@ -30,7 +30,16 @@ def run(model):
             os.write(inlet, text)
             os.close(inlet)
         else:
-            feeder = threading.Thread(target=feed, args=(inlet, outlet))
+
+            def feeding() -> None:
+                try:
+                    feed(inlet, outlet)
+                except BaseException:
+                    # The stream would wait for the source for ever.
+                    os.close(inlet)
+                    raise
+
+            feeder = threading.Thread(target=feeding)
             feeder.start()
         try:
             number = stream.run()
