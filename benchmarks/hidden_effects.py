@@ -57,7 +57,8 @@ TOLD = f"""\
   count for no size. They are in no pair, nor are other forms of an effect. A log whose effect
   cannot become so large counts for no size either.
 - *Inside the group*: or in a group of at most three names that the tool declares indistinguishable
-  from its first cause. Of two effects, first may be either of them.
+  from its first cause; where it names none, in the group that it suspects. Of two effects, first
+  may be either of them.
 - *Parameter error*: where the first cause has the right name and place, the largest relative error
   of its parameters; of what departs from no effect (a gain of 1.05 taken for 1.06 is 20 % off).
   Times are not compared. *Equivalent*: plant and tool have different laws, and the truth is the

@@ -150,7 +150,7 @@ def score(trial: Trial, model: Model | None = None) -> Score:
     return replace(
         plain,
         first=first,
-        grouped=first or (bool(named) and truth.effect in group_of(answer)),
+        grouped=first or truth.effect in group_of(answer),
         all_named=all(hidden.effect in causes for hidden in found.hidden),
         channel=at_place,
         error=parameter_error(truth, effect, found) if effect and at_place is not False else None,
@@ -164,11 +164,16 @@ def signals(table: Table, rows: slice = slice(None)) -> Signals:
 
 
 def group_of(answer: Diagnosis) -> set[str]:
-    """Names that the tool declares indistinguishable from its first cause, in groups of three."""
-    first, names = answer.causes[0].effect.name, set()
+    """Names that the tool declares indistinguishable from its first cause, in groups of three.
+
+    Of an answer without a cause, the group of those that it suspects.
+    """
+    first = answer.causes[0].effect.name if answer.causes else None
+    kind = "indistinguishable" if answer.causes else "suspected"
+    names: set[str] = set()
     for each in answer.alternatives:
         group = set(each.names)
-        declared = each.kind == "indistinguishable" and each.names[0] == first
+        declared = each.kind == kind and first in (None, each.names[0])
         if declared and len(group) <= LARGEST_GROUP:
             names |= group
     return names

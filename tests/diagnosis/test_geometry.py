@@ -7,7 +7,14 @@ import pytest
 
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.experiments import duration_text, levels_of, library
-from thermaltool.diagnosis.geometry import UNLIKE, alternatives, detectable, invisible
+from thermaltool.diagnosis.geometry import (
+    AGAIN,
+    UNLIKE,
+    alternatives,
+    detectable,
+    invisible,
+    suspected,
+)
 from thermaltool.diagnosis.scan import Candidate, refine
 from thermaltool.diagnosis.sight import Sight, angle, displaced, eliminated, noise_before
 from thermaltool.diagnosis.workbench import Workbench
@@ -96,6 +103,20 @@ def test_what_is_eliminated_twice_or_not_there_changes_nothing():
 
 
 # ---------------------------------------------------------------- what else it could be
+
+
+def test_suspects_are_told_the_likeliest_first_with_what_would_tell():
+    truth = cause("transport_delay", HEAT, delay=4.0)
+    one = bench([NEAR], [truth], noise=0.05)
+    found = fitted(one, truth, cause("sensor_lag", NEAR, time_constant=4.0))
+    (several,) = suspected(one, [*found, found[0]])
+    assert several.kind == "suspected"
+    assert several.names == tuple(c.effect.name for c in found)
+    assert several.separating_experiment
+    (alone,) = suspected(one, found[:1])
+    assert alone.names == (found[0].effect.name,)
+    assert alone.separating_experiment == AGAIN
+    assert suspected(one, []) == []
 
 
 def test_a_delay_and_a_lag_of_the_only_sensor():

@@ -28,8 +28,10 @@ def reports_of(
         Of the worst output.
     """
     reports, share = {}, 1.0
+    # Where what is left was taken for white, its noise is not that of the sensor.
+    judged = first if "white" in last.state else last
     for output, seen in first.observed.items():
-        white = last.evidence[output].base(last.state).white
+        white = judged.evidence[output].base(judged.state).white
         start = first.beginning(output)
         residual = [r - x for r, x in zip(plain.residual(output), start, strict=True)]
         rms = float(np.std(seen.whole(residual)))

@@ -18,7 +18,7 @@ from thermaltool.diagnosis import geometry, heldout
 from thermaltool.diagnosis.answer import curves_of, reports_of
 from thermaltool.diagnosis.correction import corrected, uncorrected
 from thermaltool.diagnosis.evidence import DECISIVE, STRONG, State, released
-from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Gain, Tried
+from thermaltool.diagnosis.result import LEAST_GAIN, Alternative, Cause, Diagnosis, Gain, Tried
 from thermaltool.diagnosis.scan import LEAST, Candidate, refine, scan
 from thermaltool.diagnosis.settling import settled
 from thermaltool.diagnosis.shortlist import (
@@ -38,8 +38,6 @@ from thermaltool.units import printed
 PRACTICAL = 1.0
 # ... or, where that is large, this share of what is wrong now.
 MOST = 0.7
-# Less of the RMS than this is of no practical use.
-LEAST_GAIN = 0.1
 # Causes that are held out at each step before the search is given up.
 HELD_OUT = 4
 MOST_CAUSES = 6
@@ -121,6 +119,7 @@ class _Diagnosing:
         self.masked: Mask = {}
         self.notes: list[str] = []
         self.suspect = ""
+        self.suspects: tuple[Workbench, list[Candidate]] | None = None
         self.unseen: list[Alternative] = []
         self.tried: tuple[Tried, ...] = ()
         self.rivals: list[tuple[Candidate, list[Candidate], Workbench]] = []
@@ -146,12 +145,6 @@ class _Diagnosing:
             # They are left out from here on; whether they are a cause is told at the end.
             self.masked = spikes.masked
             bench = self.ready(self.known)
-        if short_outputs(self.calibrated) and "tight" in self.state:
-            # Known before any log is seen: a calibration that short says little of slow changes.
-            found = self._too_short(bench, released(self.state))
-            if found is not None:
-                causes.append(found[0])
-                bench = found[1]
         for _ in range(MOST_CAUSES):
             found = self._next(bench, first_step=not self.tried)
             if found is None:
@@ -163,7 +156,7 @@ class _Diagnosing:
         if spikes is not None:
             self.masked = {}
             spikes = find_outliers_in(self.ready(bench.model))
-        if spikes is not None and not any(_helps(g) for g in spikes.cause.gain.values()):
+        if spikes is not None and not any(g.useful for g in spikes.cause.gain.values()):
             self.masked = spikes.masked
             self.notes.append("a few readings stand out of their neighbours and are left out")
             bench = self.ready(bench.model)
@@ -221,6 +214,11 @@ class _Diagnosing:
             top = refined[0].evidence if refined else -np.inf
             own_share = top - alone[refined[0].state] if refined else -np.inf
             if alone[best_switch] > DECISIVE and alone[best_switch] > own_share:
+                newly = "released" in best_switch and "tight" in self.state
+                if newly and short_outputs(self.calibrated):
+                    found = self._too_short(bench, best_switch)
+                    if found is not None:
+                        return found
                 bench = self._switched(bench, best_switch)
                 continue
             least = 0.0 if white else STRONG
@@ -232,6 +230,7 @@ class _Diagnosing:
             self.suspect = ""
             if decisive:
                 self._suspect(decisive[0])
+            self.suspects = bench, [c for c in refined if c.evidence > alone[c.state]]
             return None
 
     def _suspect(self, candidate: Candidate) -> None:
@@ -409,6 +408,8 @@ class _Diagnosing:
         if self.suspect:
             self.notes.append(self.suspect)
         alternatives: list[Alternative] = []
+        if self.suspects is not None and not causes:
+            alternatives += geometry.suspected(*self.suspects)
         for candidate, refined, bench in self.rivals:
             self.progress(f"what else could be {candidate.effect.name}")
             alternatives += geometry.alternatives(bench, candidate, refined)
@@ -427,7 +428,7 @@ class _Diagnosing:
 
 def _helps(gain: Gain) -> bool:
     """Whether a gain is sure, and of practical use."""
-    return gain.claimed and gain.rms_after < (1 - LEAST_GAIN) * gain.rms_before
+    return gain.claimed and gain.useful
 
 
 def _as_candidate(effect: Effect, state: State) -> Candidate:

@@ -40,7 +40,7 @@ from thermaltool.diagnosis.visibility import (
 from thermaltool.diagnosis.workbench import Workbench
 from thermaltool.effects.effect import Effect, Float
 
-__all__ = ["Detectable", "alternatives", "detectable", "invisible"]
+__all__ = ["Detectable", "alternatives", "detectable", "invisible", "suspected"]
 
 # A rival that leaves more than half of a cause's power unexplained is no other name for it, but
 # perhaps a second cause [deg].
@@ -55,6 +55,7 @@ ENOUGH = 0.8
 # Another sensor is asked for where no input opens the angle to half of what that would.
 HARDWARE = 0.5
 _SENSOR = ("sensor", "wiring")
+AGAIN = "log as much again with the same kind of input, and diagnose both logs together"
 
 
 def alternatives(
@@ -106,6 +107,39 @@ def alternatives(
             opened,
         )
     ]
+
+
+def suspected(bench: Workbench, candidates: Sequence[Candidate]) -> list[Alternative]:
+    """What may be behind a misfit that is too small, or too little confirmed, to name its cause.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        With evidence, the strongest first.
+
+    Returns
+    -------
+    list of Alternative
+        One, of at most `MOST_NAMES` names, or none.
+    """
+    chosen: list[Candidate] = []
+    for c in candidates:
+        if not any(_same(c.effect, other.effect) for other in chosen):
+            chosen.append(c)
+    chosen = chosen[:MOST_NAMES]
+    if not chosen:
+        return []
+    first, *rest = [c.effect for c in chosen]
+    now, sentence, opened = float("nan"), AGAIN, float("nan")
+    if rest:
+        caused = displaced(bench, first)
+        sight = Sight(bench, chosen[0].state, noise_after(bench, chosen[0].state, caused))
+        groups = [[caused, *reachable(bench, effect)] for effect in rest]
+        now = max(_angle(sight, [sight.present(group)], len(group)) for group in groups)
+        sentence, opened = _separating(sight, first, rest)
+    effects = (first, *rest)
+    names, channels = tuple(e.name for e in effects), tuple(e.channel for e in effects)
+    return [Alternative(names, channels, now, sentence, opened, "suspected")]
 
 
 def _same(effect: Effect, other: Effect) -> bool:

@@ -178,11 +178,12 @@ def _columns(bench: Workbench, output: str) -> tuple[list[Series], Float, Float]
     offsets = bench.offsets()
     columns = [offsets[k] for k in present] + list(bench.accepted(output).values())
     flat = len(columns)
-    root, centre = bench.prior(output, "released" in bench.state)
+    prior_of = bench.prior(output, "released" in bench.state)
+    root, centre = prior_of.root, prior_of.centre
     own = [*bench.sensitivities(output), *bench.lags(output)]
     mixed: list[Series] = [
         [
-            sum((root[j, k] * own[j][log] for j in range(len(own))), np.zeros(()))
+            sum((root[j, k] * own[j][log] for j in range(len(root))), np.zeros(()))
             for log in range(len(bench.logs))
         ]
         for k in range(root.shape[1])
@@ -202,16 +203,16 @@ def _kept(bench: Workbench, output: str) -> Callable[[Float], Float]:
     """Takes out of a fit what the extended model does not hold."""
     present = sum(1 for rows in bench.observed[output].rows if len(rows))
     flat = present + len(bench.accepted(output))
-    root, _ = bench.prior(output, "released" in bench.state)
+    prior = bench.prior(output, "released" in bench.state)
     p = len(bench.own(output))
 
     def only(shift: Float) -> Float:
         result = shift.copy()
-        mixed = slice(flat, flat + len(root))
-        moves = root @ shift[mixed]
+        mixed = slice(flat, flat + len(prior.centre))
+        moves = prior.root @ shift[mixed]
         # Where they are free, the parameters of the model move; the lags beside them never do.
         moves[p if "released" in bench.state else 0 :] = 0.0
-        result[mixed] = np.linalg.solve(root, moves)
+        result[mixed] = prior.inverse @ moves
         return result
 
     return only

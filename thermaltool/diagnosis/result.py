@@ -18,6 +18,9 @@ Interval = tuple[float, float]
 
 FORMAT, VERSION = "thermaltool-diagnosis", 1
 
+# Less of the RMS than this is of no practical use.
+LEAST_GAIN = 0.1
+
 
 @dataclass(frozen=True)
 class Gain:
@@ -48,6 +51,11 @@ class Gain:
     def spoiled(self) -> bool:
         """Whether the interval excludes all but a loss."""
         return self.interval[1] < 0
+
+    @property
+    def useful(self) -> bool:
+        """Whether the gain is of practical use, sure or not."""
+        return self.rms_after < (1 - LEAST_GAIN) * self.rms_before
 
 
 @dataclass(frozen=True)
@@ -121,8 +129,9 @@ class Alternative:
     opened : float [deg]
         The angle that it is predicted to open; NaN where advice is in words alone.
     kind : str
-        ``indistinguishable``, or ``invisible``: these logs show none of the names (one or more),
-        which look like the model's own response.
+        ``indistinguishable``; ``invisible``: these logs show none of the names (one or more), which
+        look like the model's own response; ``suspected``: no cause is sure, and the first name is
+        the likeliest one.
     """
 
     names: tuple[str, ...]

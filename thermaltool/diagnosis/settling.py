@@ -45,8 +45,8 @@ def _own_steps(bench: Workbench, output: str) -> np.ndarray:
     evidence, own = bench.evidence[output], bench.own(output)
     base = evidence.base(bench.state)
     names = np.array(evidence.names)[base.active]
-    root, _ = bench.prior(output, True)
-    steps = (root @ base.fitted[base.level][names == "released"])[: len(own)]
+    root = bench.prior(output, True).root[: len(own)]
+    steps = root @ base.fitted[base.level][names == "released"]
     logs = [abs(s) for s, each in zip(steps, own, strict=True) if each.log]
     return np.asarray(steps * min(1.0, 0.7 / max([*logs, 1e-12])))
 

@@ -170,7 +170,7 @@ class Rehearsal:
         self.private: dict[str, Series] = {}
         self.factors: list[dict[str, Factor]] = []
         for output in outputs:
-            root, _ = old.prior(output, sight.group == "released")
+            root = old.prior(output, sight.group == "released").root
             own = [*self.bench.sensitivities(output), *self.bench.lags(output)]
             free = [*self.bench.offsets(), *self.bench.accepted(output).values()]
             free += [start[output] for start in starts]

@@ -20,6 +20,8 @@ from thermaltool.model import Model
 # Neighbours on either side with which a reading is compared, and the chance to call one of a clean
 # log an outlier.
 NEIGHBOURS, FALSE = 3, 0.01
+# Fewer than this are all left out of more than one in forty draws of a block bootstrap.
+FEW = 4
 # A drive that changes by this share of its range between two rows is switched.
 JUMP = 0.05
 # A calibration that covers fewer of the slowest time constants has not seen the steady state.
@@ -71,7 +73,9 @@ def find_outliers_in(bench: Workbench) -> Spikes | None:
         return None
     effect = effect_class("outliers")(worst, {"share": share, "amplitude": amplitude})
     gain = _masked_gain(bench, masked)
-    if not any(g.claimed for g in gain.values()):
+    # Whether a bootstrap draws a few bad readings at all is a matter of chance.
+    few = sum(int(mask.sum()) for mask in masked.values()) < FEW
+    if not any(g.claimed or (few and g.useful) for g in gain.values()):
         return None
     return Spikes(masked, Cause(effect, total, {}, gain, 0.0))
 

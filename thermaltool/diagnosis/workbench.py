@@ -12,6 +12,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.evidence import OutputEvidence, State
@@ -34,6 +35,10 @@ WIDE_LOG, WIDE_GAIN = 1.0, 1.0
 LIMIT = 2.0
 LEAST_FLOOR = 0.5
 SLOWER = 2.0
+# Where a model is free, one in so many lags.
+SPARSE = 4
+# Directions of a prior that change a whole log by less, over the noise of a reading, are left out.
+UNSEEN = 0.1
 # A sensor's noise may be smaller by this factor than at the calibration.
 QUIETER = 0.7
 
@@ -49,6 +54,25 @@ def kept(method: Callable[[Workbench, str], Value]) -> Callable[[Workbench, str]
         return cast(Value, found[output])
 
     return once
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A Gaussian prior of the `own` parameters and the `lags` of an output.
+
+    Attributes
+    ----------
+    root : ndarray, shape (p + q, r)
+        Of the covariance: what each coordinate of variance one moves.
+    centre : ndarray, shape (r,)
+        Where the model stands in it.
+    inverse : ndarray, shape (r, p + q)
+        From moves to coordinates.
+    """
+
+    root: Float
+    centre: Float
+    inverse: Float
 
 
 @dataclass(frozen=True)
@@ -256,41 +280,64 @@ class Workbench:
         gains = [abs(getattr(response, name)) for name in response.gains]
         return max(gains) or 1.0
 
-    def prior(self, output: str, wide: bool) -> tuple[Float, Float]:
-        """Root of the prior covariance of the `own` parameters and the `lags`.
+    def prior(self, output: str, wide: bool) -> Prior:
+        """What the `own` parameters and the `lags` may be, before these logs are looked at."""
+        return self._wide(output) if wide else self._tight(output)
 
-        Returns
-        -------
-        root : ndarray, shape (p + q, p + q)
-        centre : ndarray, shape (p + q,)
-            Where the model stands in it.
-        """
+    @kept
+    def _wide(self, output: str) -> Prior:
+        at, size = self._moves(output)
+        root = np.diag(size)
+        known = known_discrepancy(self.calibrated, output).get("lags", ())
+        # A lag at the largest drive is of the size of the noise; some of them say what all do.
+        heights = np.array([self.level(drive) for drive, _ in known])
+        lags = np.diag(self.white(output) / heights)[:, ::SPARSE] if known else np.zeros((0, 0))
+        root = block_diag(root, lags)
+        inverse = np.asarray(np.linalg.pinv(root), np.float64)
+        return Prior(root, inverse @ np.append(at, np.zeros(len(known))), inverse)
+
+    @kept
+    def _tight(self, output: str) -> Prior:
         own, known = self.own(output), known_discrepancy(self.calibrated, output)
-        names = [(self.model.terms[e.term].drive, e.name) for e in own]
-        p, q = len(own), len(known.get("lags", ()))
-        at = np.zeros(p + q)
+        at, size = self._moves(output)
+        if not known:
+            covariance = np.zeros((len(own), len(own)))
+            for term in {e.term for e in own}:
+                index = [k for k, e in enumerate(own) if e.term == term]
+                block = self._calibrated_covariance([own[k] for k in index])
+                covariance[np.ix_(index, index)] = block
+        elif [tuple(n) for n in known["parameters"]] != [
+            (self.model.terms[e.term].drive, e.name) for e in own
+        ]:
+            return self._wide(output)
+        else:
+            covariance = np.array(known["covariance"])
+            q = len(covariance) - len(own)
+            at = np.append(at, np.zeros(q))
+            size = np.append(size, np.full(q, known["lag_sigma"]))
+        return self._shown(output, _root(covariance, size), at)
+
+    def _moves(self, output: str) -> tuple[Float, Float]:
+        """How far the `own` parameters are from the calibration, and their sizes."""
+        own = self.own(output)
+        at = np.zeros(len(own))
         for k, each in enumerate(own):
             now = getattr(self.model.terms[each.term].response, each.name)
             was = getattr(self.calibrated.terms[each.term].response, each.name)
             at[k] = np.log(now / was) if each.log else now - was
         size = np.array([WIDE_LOG if e.log else WIDE_GAIN * self._gain_scale(e) for e in own])
-        if not wide and not known:
-            covariance = np.zeros((p, p))
-            for term in {e.term for e in own}:
-                index = [k for k, e in enumerate(own) if e.term == term]
-                block = self._calibrated_covariance([own[k] for k in index])
-                covariance[np.ix_(index, index)] = block
-            root = _root(covariance, size)
-            return root, np.asarray(np.linalg.solve(root, at))
-        if wide or [tuple(n) for n in known.get("parameters", ())] != names:
-            # A lag at the largest drive is then of the size of the noise.
-            heights = [self.level(drive) for drive, _ in known.get("lags", ())]
-            size = np.append(size, self.white(output) / np.array(heights))
-            return np.diag(size), at / size
-        covariance = np.array(known["covariance"])
-        size = np.append(size, np.full(q, known["lag_sigma"]))
-        root = _root(covariance, size)
-        return root, np.asarray(np.linalg.solve(root, at))
+        return at, size
+
+    def _shown(self, output: str, root: Float, at: Float) -> Prior:
+        """A prior by its directions that these logs show, the most visible first."""
+        seen = self.observed[output]
+        series = [*self.sensitivities(output), *self.lags(output)]
+        columns = np.column_stack([seen.whole(each) for each in series[: len(root)]]) @ root
+        columns = columns - columns.mean(axis=0)
+        values, vectors = np.linalg.eigh(columns.T @ columns)
+        turn = vectors[:, values > (UNSEEN * self.white(output)) ** 2][:, ::-1]
+        inverse = turn.T @ np.linalg.inv(root)
+        return Prior(root @ turn, inverse @ at, inverse)
 
     def _calibrated_covariance(self, own: Sequence[Own]) -> Float:
         """Of some parameters of one term, by the fit alone."""
@@ -393,8 +440,7 @@ class Workbench:
         names = np.array(evidence.names)[base.active]
         fitted = base.fitted[base.level]
         group = "released" if "released" in self.state else "tight"
-        root, _ = self.prior(output, group == "released")
-        moves = root @ fitted[names == group]
+        moves = self.prior(output, group == "released").root @ fitted[names == group]
         present = [k for k, rows in enumerate(self.observed[output].rows) if len(rows)]
         columns = [*self.sensitivities(output), *self.lags(output)]
         weights = moves.tolist()
@@ -435,8 +481,9 @@ class Workbench:
             return np.column_stack([seen.gather(series) for series in columns])
 
         own = matrix([*self.sensitivities(output), *self.lags(output)])
-        tight, tight_centre = self.prior(output, False)
-        wide, wide_centre = self.prior(output, True)
+        groups = {"released": self.prior(output, True)}
+        if "tight" in self.state:
+            groups["tight"] = self.prior(output, False)
         present = [k for k, rows in enumerate(seen.rows) if len(rows)]
         offsets = self.offsets()
         residual = seen.gather(self.residual(output))
@@ -446,11 +493,10 @@ class Workbench:
             {
                 "offset": matrix([offsets[k] for k in present]),
                 "accepted": matrix(list(self.accepted(output).values())),
-                "tight": own @ tight,
-                "released": own @ wide,
+                **{group: own @ prior.root for group, prior in groups.items()},
                 "initial": matrix(self.decays(output)),
             },
-            {"tight": tight_centre, "released": wide_centre},
+            {group: prior.centre for group, prior in groups.items()},
             self.white(output),
             self.state,
             self.limit(output) if "tight" in self.state else None,

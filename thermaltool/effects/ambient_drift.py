@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.channels import air_channels, air_is_logged
-from thermaltool.effects.dynamics import time_constants, warmed
+from thermaltool.effects.dynamics import SLOWEST, time_constants, warmed
 from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
 
 
@@ -59,6 +59,11 @@ class AmbientDrift(Effect):
         if gain is None or not self.channel:
             return None
         return gain, self.parameters["time_constant"]
+
+    def plausible(self, scene: Scene) -> bool:
+        # Air that is felt only long after the record would be a trend.
+        slow = self.parameters.get("time_constant", 0.0) > SLOWEST * scene.duration
+        return super().plausible(scene) and not slow
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

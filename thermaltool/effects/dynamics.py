@@ -11,6 +11,8 @@ from thermaltool.responses.modes import CLOCK_STEP, Hold
 from thermaltool.units import parse_channel
 
 HOUR = 3600.0
+# A lag of so many records is a trend.
+SLOWEST = 3.0
 # A jump is looked for between the means of so many readings before and after it, and at so many
 # places for each.
 _SIDES, _PLACES = (2, 8, 32), 3

@@ -12,6 +12,8 @@ from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Si
 
 # The loop is made of plays of these parts of its width.
 _PARTS = np.array([1 / 3, 2 / 3, 1.0])
+# The widest loop, over the largest value of the drive.
+_WIDEST = 1.5
 
 
 class Hysteresis(Effect):
@@ -41,9 +43,14 @@ class Hysteresis(Effect):
         loop = play(u, self.parameters["width"] * _PARTS).mean(axis=0)
         return u + self.parameters.get("share", 1.0) * (loop - u)
 
+    def plausible(self, scene: Scene) -> bool:
+        # A loop lags; one wider than all that the drive goes through never closes.
+        share, width = self.parameters.get("share", 1.0), self.parameters["width"]
+        return share > 0 and width <= _WIDEST * scene.level(self.channel)
+
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         for drive in scene.drives:
             if level := scene.level(drive):
-                for part in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5):
+                for part in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0, _WIDEST):
                     yield cls(drive, {"width": part * level, "share": 1.0})

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.channels import source_channels
-from thermaltool.effects.dynamics import time_constants, warmed
+from thermaltool.effects.dynamics import SLOWEST, time_constants, warmed
 from thermaltool.effects.effect import (
     Effect,
     Float,
@@ -76,14 +76,16 @@ class SecondSource(Effect):
 
     def plausible(self, scene: Scene) -> bool:
         if self.channel:
-            return super().plausible(scene)
-        # Slower than the record, or larger than all that is known, it is a trend and no source.
+            slow = self.parameters["time_constant"] > SLOWEST * scene.duration
+            return super().plausible(scene) and not slow
+        # Slower than what is seen of it, or larger than all that is known, it is a trend.
         reached = all(
             abs(gain) < scene.reach(output)
             for name, gain in self.parameters.items()
             if (output := reference_of(name)[1]) is not None
         )
-        return reached and self.parameters["time_constant"] < scene.duration
+        seen = max(log.time[-1] for log in scene.logs if log.log == self.log)
+        return reached and self.parameters["time_constant"] < seen - self.parameters["start"]
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

@@ -24,8 +24,6 @@ UNSETTLED = 0.1
 # A record shorter than this many of the slowest time constants does not show the steady state:
 # its covariance, linear around the fit, is then too narrow to be believed.
 SETTLED_PERIODS = 3
-# Of the grid's rates every so many-th is a lag of the discrepancy: two a decade.
-LAG_STEP = 4
 # Residuals beyond this many robust standard deviations count linearly (Huber).
 HUBER = 2.5
 
@@ -220,7 +218,7 @@ def _describe(
     own, free = np.arange(len(theta) + gains), np.arange(len(theta) + gains, jacobian.shape[1])
     n = len(problem.grid.rates)
     # Slower than the record is no shape: it would pass for any drift.
-    lags = np.flatnonzero(problem.grid.rates >= 1 / duration)[::LAG_STEP]
+    lags = np.flatnonzero(problem.grid.rates >= 1 / duration)
     bank = problem.design[:, np.concatenate([d * n + lags for d in range(problem.drives)])]
     spread = problem.measured - np.mean(problem.measured)
     variation = float(np.linalg.norm(spread))

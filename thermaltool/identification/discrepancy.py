@@ -20,9 +20,10 @@ from thermaltool.signals.likelihood import ColouredNoise
 # The likelihood works on so many rows at most: more are averaged in groups.
 MOST_ROWS = 3000
 # Prior size of a lag's weight, in units of the white noise; drift over white, in variance.
-_SIZES = (0.3, 1.0, 3.0, 10.0, 30.0)
-# Prior standard deviation of a parameter's move, over its size.
-MOVE = 0.1
+_SIZES = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+# Prior standard deviation of a parameter's move, over its size: its square is far below the noise,
+# so that moves stay within what is linear; the lags say the rest.
+MOVE = 0.003
 _RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 
 
@@ -98,7 +99,6 @@ def discrepancy(
     gram = rows.T @ noise.factor(ratio, tau).solve(rows)
     prior = np.zeros(gram.shape[0] - 1)
     prior[p : p + q] = 1 / size**2
-    # Moves stay within what is linear: the lags say the rest.
     prior[:p] = (white / MOVE) ** 2 / np.maximum(span, 1e-300) ** 2
     A = gram[1:, 1:] + np.diag(prior)
     height = np.sqrt(np.diag(A))

@@ -201,7 +201,9 @@ def _no_cause(document: Document) -> Iterator[str]:
         yield f"{line}."
     elif tried:
         names = {each["name"] for each in tried}
-        yield f"No effect found: {len(names)} causes were tried and none adds anything."
+        suspected = any(each.get("kind") == "suspected" for each in document["alternatives"])
+        adds = "is sure" if suspected else "adds anything"
+        yield f"No effect found: {len(names)} causes were tried and none {adds}."
 
 
 def _unknown(document: Document) -> Iterator[str]:
@@ -220,6 +222,9 @@ def _unknown(document: Document) -> Iterator[str]:
                 f"Not known: this log cannot show {names}, which look like the model's own response"
             )
             aim = "to show them"
+        elif each.get("kind") == "suspected":
+            line = f"Not sure: what is left may be {' or '.join([first, *rest])}"
+            aim = "to find out"
         else:
             line = f"Not known: {first} cannot be told from {' or '.join(rest)} in this log"
             aim = "to tell them apart"

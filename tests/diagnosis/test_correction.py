@@ -1,0 +1,64 @@
+"""What a calibration knows beyond its kind of response has to hold on other inputs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermaltool.diagnosis.correction import corrected
+from thermaltool.diagnosis.workbench import Workbench
+from thermaltool.effects.effect import Signals
+from thermaltool.identification.records import Measurement, Plan, calibrate
+from thermaltool.plants.hidden import hide
+
+TIGHT = frozenset({"offset", "accepted", "tight"})
+HEAT = "Q_main_1"
+
+
+@pytest.fixture(scope="module", params=[7, 8, 9])
+def clean(request):
+    """A machine calibrated on steps, and a clean log of a random duty."""
+    found = hide([], 5.0, request.param, request.param + 100)
+    sensors = [name for name in found.noise if not name.endswith("_um")]
+    deflections = [name for name in found.noise if name.endswith("_um")]
+    log = Measurement(found.calibration["time_s"], found.calibration)
+    model = calibrate(
+        [log], Plan((HEAT,), sensors, deflections, dict.fromkeys(sensors, "deflection"))
+    )
+    return found, model
+
+
+def wrong(found, model, output):
+    """RMS error of a noise-free log about its mean, over the noise of a reading."""
+    simulated = model.simulate(found.log["time_s"], found.log, "log")[output]
+    return np.std(found.clean[output] - simulated) / found.noise[output]
+
+
+def test_the_corrected_model_follows_inputs_that_the_calibration_has_not_seen(clean):
+    found, model = clean
+    better = corrected(model)
+    before = [wrong(found, model, output) for output in found.noise]
+    after = [wrong(found, better, output) for output in found.noise]
+    assert np.mean(after) < 0.7 * np.mean(before)
+    assert max(after) < 1.0
+
+
+def test_what_it_still_gets_wrong_is_what_it_says_that_it_may(clean):
+    """Coordinates of the error in the prior are of the order of one."""
+    found, model = clean
+    known = corrected(model)
+    columns = {name: values for name, values in found.log.items() if name != "time_s"}
+    bench = Workbench(known, [Signals(found.log["time_s"], columns, "log")], known, {}, TIGHT)
+    sizes = []
+    for output in found.noise:
+        own = np.column_stack([s[0] for s in (*bench.sensitivities(output), *bench.lags(output))])
+        moved = own @ bench.prior(output, False).root
+        simulated = known.simulate(found.log["time_s"], found.log, "log")[output]
+        error, noise = found.clean[output] - simulated, found.noise[output]
+        table = np.column_stack([moved, np.ones(len(error))])
+        penalty = np.append(np.ones(moved.shape[1]), 0.0)
+        coordinates = np.linalg.solve(
+            table.T @ table / noise**2 + np.diag(penalty), table.T @ error / noise**2
+        )[:-1]
+        sizes.append(np.sqrt(np.mean(coordinates**2)))
+    assert np.median(sizes) < 2.0
