@@ -248,9 +248,9 @@ def test_commands_that_the_readings_do_not_follow():
 
 
 def test_a_delay_of_thousands_of_samples():
-    code, _, err = run("--delay", "5", "--gain", "1", text=HEADER)
+    code, _, err = run("--delay", "50", "--gain", "1", text=HEADER)
     assert code == 2
-    assert "10000 samples: at most 500" in err[-1]
+    assert "100000 samples: at most 20000" in err[-1]
 
 
 def test_commands_at_their_limit_are_told():
@@ -259,3 +259,26 @@ def test_commands_at_their_limit_are_told():
     )
     assert code == 0
     assert "at the limit in" in err[-1]
+
+
+def test_a_loop_whose_commands_end_early_keeps_what_was_cut(tmp_path):
+    pipe, log = tmp_path / "commands", tmp_path / "cut.csv"
+    os.mkfifo(pipe)
+    plant = subprocess.Popen(
+        [*TOOL, "plant", "boring-bar", "--duration", "1", "--commands", str(pipe), "-o", str(log)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    with open(pipe, "w") as commands:
+        commands.write("time_s,U_command_V\n")
+        commands.writelines(f"{k},0.5\n" for k in range(40))
+    _, told = plant.communicate(timeout=60)
+    assert plant.returncode == 1
+    assert b"ended before the cut: 40 of 2000 samples" in told
+    assert len(log.read_text().splitlines()) == 41
+
+
+def test_an_error_model_that_nobody_can_follow():
+    code, _, err = run("--delay", 0.001, "--gain", 1, "--error-model", "5000", text=HEADER)
+    assert code == 2
+    assert "at most 200 coefficients" in err[-1]

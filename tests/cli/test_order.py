@@ -138,3 +138,10 @@ def test_what_follows_from_the_samples_before_has_no_order(tmp_path, computed):
 def test_samples_without_a_clock_are_told(log):
     assert "no clock" in run(log, "-C", "value").stderr
     assert "no clock" not in run(log, "-C", "value", "--period", 0.5).stderr
+
+
+def test_two_columns_of_one_name(tmp_path):
+    path = tmp_path / "twice.csv"
+    path.write_text("time_s,value,value\n0,1,2\n1,2,3\n")
+    with pytest.raises(LogError, match=r"twice\.csv:1: value: this name is there twice"):
+        run(path, "-C", "value")

@@ -171,3 +171,21 @@ def test_the_gate_follows_a_new_level_and_keeps_out_a_spike():
     steps = [gate.passes(1e4 + e) for e in errors[:10]]
     assert steps == [False] * 3 + [True] * 7
     assert gate.refused == 4
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0012, 0.0025])
+@pytest.mark.parametrize("natural", [np.inf, 753.0])
+def test_what_comes_is_what_the_samples_bring(delay, natural):
+    rng = np.random.default_rng(7)
+    state = ActuatorState(ActuatorModel(gain(1.0), delay, natural), PERIOD)
+    for action in rng.standard_normal(20):
+        state.take(action)
+    for steps in (1, 4, 9, 15):
+        weights, action = state.ahead(steps), float(rng.standard_normal())
+        later = ActuatorState(state.model, PERIOD)
+        later.position, later.rate, later.actions = state.position, state.rate, [*state.actions]
+        for _ in range(steps):
+            brought = later.take(action)
+        assert state.held(action, weights) == pytest.approx(brought, abs=1e-12)
+    horizon = state.default_horizon()
+    assert state.ahead(horizon).fresh >= 0.5 > state.ahead(horizon - 1).fresh

@@ -34,7 +34,7 @@ def forecasts(tmp_path, text, **kept):
 
 
 def rows(lines):
-    assert lines[0] == "time_s,forecast,low,high"
+    assert lines[0] == "time_s,forecast_e_tool_um,low_e_tool_um,high_e_tool_um"
     return np.array([[float(field) for field in line.split(",")] for line in lines[1:]])
 
 
@@ -81,7 +81,7 @@ def test_ndjson(tmp_path):
     lines, messages = forecasts(tmp_path, text, **known(from_format="ndjson", to_format="ndjson"))
     answers = [json.loads(line, parse_constant=pytest.fail) for line in lines]
     assert [answer["time_s"] for answer in answers] == [1.0, 2.0]
-    assert answers[1]["forecast"] == pytest.approx(PHI**2)
+    assert answers[1]["forecast_e_tool_um"] == pytest.approx(PHI**2)
     assert messages == ["<stdin>:2: e_tool_um: empty: its forecast stands in"]
 
 

@@ -166,3 +166,10 @@ def test_foreign_names_scales_and_decimal_commas(tmp_path):
     assert records.record(b"1500;-999").faults[0] == "not a number: '-999'"
     with pytest.raises(LogError, match="no column Zeit"):
         csv(b"Z;Kanal 1", mapping=read_map(str(path)))
+
+
+def test_two_columns_of_one_name():
+    with pytest.raises(LogError, match=r"log\.csv:3: dT_pair1_K: this name is there twice"):
+        CsvRecords(Wanted(PAIR)).open(b"time_s,dT_pair1_K,dT_pair1_K", "log.csv", 3)
+    # One that nobody reads may be there as often as it likes.
+    csv(b"time_s,dT_pair1_K,x,x")

@@ -37,6 +37,10 @@ def write_cut(
         with open(commands, encoding="utf-8") as answers:
             loop = _Loop(answers, speed, period)
             record = bar.cut(PARTS[part], speed, samples, loop.answer, seed)
+        if loop.fault:  # what was cut until then is not lost
+            write_table(record.columns(speed), output, form)
+            raise LogError(f"{loop.fault}: {record.time.size} of {samples} samples are in {output}",
+                           commands)  # fmt: skip
     else:
         record = _open_loop(part, speed, samples, seed, commands)
     write_table(record.columns(speed), output, form)
@@ -53,30 +57,38 @@ def _open_loop(part: str, speed: float, samples: int, seed: int, commands: str |
 
 
 class _Loop:
-    """Lines out and commands in."""
+    """Lines out and commands in; `fault` tells why they have ended before the cut."""
+
+    fault = ""
 
     def __init__(self, answers: IO[str], speed: float, period: float) -> None:
         self._answers, self._speed, self._period = answers, speed, period
         self._count = 0
         self._at = -1
 
-    def answer(self, reading: float) -> float:
-        click.echo(f"{self._count * self._period:.10g},{self._speed:g},{reading!r}")
+    def answer(self, reading: float) -> float | None:
+        try:
+            click.echo(f"{self._count * self._period:.10g},{self._speed:g},{reading!r}")
+        except BrokenPipeError:
+            self.fault = "nobody reads the lines any more"
+            return None
         self._count += 1
         fields = self._fields()
-        if self._at < 0:
-            names = fields
-            if COMMAND not in names:
+        if self._at < 0 and fields is not None:
+            if COMMAND not in fields:
                 raise LogError(f"no column {COMMAND}", self._answers.name)
-            self._at = names.index(COMMAND)
+            self._at = fields.index(COMMAND)
             fields = self._fields()
+        if fields is None:
+            self.fault = "the commands have ended before the cut"
+            return None
         try:
             return float(fields[self._at])
-        except (IndexError, ValueError) as error:
-            raise LogError("not a command", self._answers.name, self._count + 1) from error
+        except (IndexError, ValueError):
+            self.fault = f"line {self._count + 1} is no command"
+            return None
 
-    def _fields(self) -> list[str]:
+    def _fields(self) -> list[str] | None:
+        """Of one line; None where there is none any more."""
         line = self._answers.readline()
-        if not line:
-            raise LogError("the commands have ended before the cut", self._answers.name)
-        return line.rstrip("\n").split(",")
+        return line.rstrip("\n").split(",") if line else None

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @model_argument
 @log_argument
 @series_options
-@click.option("--steps", type=click.IntRange(1), default=1, help="Samples ahead.")
+@click.option("--steps", type=click.IntRange(1, 1_000_000), default=1, help="Samples ahead.")
 @click.option(
     "--level", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95,
     help="Of the intervals.",

@@ -94,13 +94,14 @@ def load_record(series: Series, options: dict[str, Any]) -> tuple[Record, int, i
     """The record without outliers, the degree of its trend, the difference (all told)."""
     from thermaltool.errors import FitError
     from thermaltool.identification.arma.record import record_of
-    from thermaltool.identification.arma.screening import find_outliers, is_computed
+    from thermaltool.identification.arma.screening import check_size, find_outliers, is_computed
 
     difference = options.pop("difference") or 0
     detrend = options.pop("detrend") or ("none" if difference else "mean")
     place = f"{series.name}: {series.channel}"
     try:
         record = record_of(series.values, series.segments, series.places)
+        check_size(record)
         if is_computed(record):
             raise FitError(
                 "each sample follows from those before it to rounding (a line, a sine, a period): "

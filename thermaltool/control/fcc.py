@@ -21,7 +21,7 @@ GATE, REFUSED_RUN, USUAL = 15.0, 3, 50
 # Beyond this, squares of products would overflow: no reading of anything.
 LARGEST = 1e60
 # A delay of more samples is another sample period.
-LONGEST_DELAY = 500
+LONGEST_DELAY = 20_000
 # The default horizon is the first at which the low-pass has answered by this part.
 ANSWERED = 0.5
 
@@ -129,17 +129,25 @@ class ActuatorState:
 
     def ahead(self, steps: int) -> Ahead:
         """What comes `steps` samples on, as weights of what is and of a new action."""
-        entries = len(self.actions)
-        units = [[float(i == k) for i in range(entries + 3)] for k in range(entries + 3)]
-        answers = [self._run(unit[0], unit[1], unit[3:], unit[2], steps) for unit in units]
-        return Ahead(answers[0], answers[1], answers[2], answers[3:])
-
-    def _run(self, y: float, v: float, actions: list[float], fresh: float, steps: int) -> float:
-        """Position after so many samples with the action `fresh`."""
+        late, whole, none = self._late, self.whole, [0.0] * len(self.actions)
+        position, rate, pulse = (1.0, 0.0), (0.0, 1.0), self._b
+        answers = []  # to a pulse, by its age
         for _ in range(steps):
-            actions = [fresh, *actions[:-1]]
-            y, v = self._after(y, v, actions)
-        return y
+            answers.append(pulse[0])
+            position, rate, pulse = (self._after(y, v, none) for y, v in (position, rate, pulse))
+
+        def by_then(sample: int) -> float:
+            """The answer to what acts at a sample from now, 1 to `steps`."""
+            return answers[steps - sample] if 1 <= sample <= steps else 0.0
+
+        # What is taken acts `whole` samples later, its late part one more.
+        actions = [
+            (1 - late) * by_then(whole - k) + late * by_then(whole + 1 - k)
+            for k in range(len(self.actions))
+        ]
+        fresh = math.fsum(map(by_then, range(whole + 2, steps + 1)))
+        fresh += (1 - late) * by_then(whole + 1)
+        return Ahead(position[0], rate[0], fresh, actions)
 
     def held(self, action: float, ahead: Ahead) -> float:
         """The reading's part there, if `action` stays from this sample on."""
@@ -150,8 +158,8 @@ class ActuatorState:
 
     def default_horizon(self) -> int:
         """The first horizon at which a new action has come by `ANSWERED`."""
-        steps = self.whole + 1
-        while self.ahead(steps).fresh < ANSWERED:
+        probe, steps = ActuatorState(self.model, self.period), 1
+        while probe.take(1.0) < ANSWERED:
             steps += 1
         return steps
 

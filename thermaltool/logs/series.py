@@ -127,9 +127,12 @@ def _lenient(
     table = open_table(raw, format_of(source, from_format), ColumnMap())
     if column not in table.names:
         raise LogError(f"no column {column}{hint(column, table.names)}", raw.name)
+    clock, unit = _clock(table.names)
+    for k in (table.names.index(column), clock):
+        if k is not None and table.names.count(table.names[k]) > 1:
+            raise LogError("this name is there twice", raw.name, table.header_line, table.names[k])
     kinds: list[Kind] = [None] * len(table.names)
     kinds[table.names.index(column)] = "number"
-    clock, unit = _clock(table.names)
     if clock is not None:
         kinds[clock] = "text" if unit == "iso" else "number"
     cells = table.cells(kinds)

@@ -36,7 +36,7 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
-Controller = Callable[[float], float]
+Controller = Callable[[float], float | None]
 
 SUBSTEPS = 5
 TAPER_SLOPE = 5.75  # [µm of radius per mm]: 103.5 µm over 18 mm, table 6.1
@@ -174,7 +174,8 @@ class BoringBar:
         speed : float [rev/min]
         samples : int
         controller : callable
-            From each reading [µm] to the command [V] that answers it; None commands 0 V.
+            From each reading [µm] to the command [V] that answers it, or None to end the cut
+            there; without one 0 V.
         seed : int or SeedSequence
             Of phases and of all noise.
         push : (samples,) ndarray [N]
@@ -195,6 +196,10 @@ class BoringBar:
             deflection[k] = state.y
             read = _converted(state.filtered + gauge[k], p.reading_range, p.bits)
             answer = controller(read) if controller else 0.0
+            if answer is None:
+                time, angle, spindle = time[:k], angle[:k], spindle[:k]
+                reading, command, deflection = reading[:k], command[:k], deflection[:k]
+                break
             pending.append(_converted(answer, p.command_range, p.bits))
             reading[k], command[k] = read, pending[-1]
             state.advance(pending.pop(0), depth + error, factor, force)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from thermaltool.identification.arma.cancellation import NeedlessPair, needless_pairs
 from thermaltool.identification.arma.criteria import CRITERIA, Entry
+from thermaltool.identification.arma.likelihood import with_trend
 from thermaltool.identification.arma.model import ArmaModel
 from thermaltool.identification.arma.order import OrderTable
-from thermaltool.identification.arma.polynomials import cancelling
 from thermaltool.identification.arma.record import Record
 from thermaltool.identification.arma.roots import Mode, modes, near_unit
 from thermaltool.identification.arma.screening import DICKEY_FULLER, unit_root_statistic
@@ -20,6 +21,7 @@ from thermaltool.report.text import aligned
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_NAMES = {"aic": "AIC", "aicc": "AICc", "bic": "BIC", "gao": "Gao's AIC"}
 _LISTED = 6  # entries of the text table for each criterion
 
 
@@ -66,6 +68,7 @@ def order_warnings(
 ) -> list[str]:
     """What a user must know before believing the best orders."""
     messages = []
+    data = with_trend(record, degree)
     told: set[tuple[int, int]] = set()
     for name in names:
         best = table.best(name)
@@ -75,14 +78,11 @@ def order_warnings(
                 "--max-p or --max-q may be better"
             )
         fit = table.fits[best.p, best.q]
-        pairs = cancelling(fit.ar, fit.ma)
-        if pairs and (best.p, best.q) not in told:
+        if (best.p, best.q) not in told:
             told.add((best.p, best.q))
-            messages.append(
-                f"the model {best.p},{best.q} (best by {name}) has {len(pairs)} nearly cancelling "
-                f"AR and MA roots ({_root(pairs[0][0])} and {_root(pairs[0][1])}): a smaller order "
-                "may do"
-            )
+            of = f"the model {best.p},{best.q} (best by {name}): "
+            pairs = needless_pairs(data, fit.ar, fit.ma, best.deviance)
+            messages += [of + _needless(pair) for pair in pairs]
     messages += _stationarity(record, degree, difference)
     return messages
 
@@ -97,6 +97,14 @@ def _stationarity(record: Record, degree: int, difference: int) -> list[str]:
     ]
 
 
+def _needless(pair: NeedlessPair) -> str:
+    return (
+        f"AR root {_root(pair.ar_root)} and MA root {_root(pair.ma_root)} nearly cancel; without "
+        f"them -2 log L is {pair.rise:.1f} higher, which noise does below {pair.usual:.1f}: a "
+        "smaller order may do"
+    )
+
+
 def _root(root: complex) -> str:
     if root.imag == 0.0:
         return f"{root.real:.3f}"
@@ -106,15 +114,15 @@ def _root(root: complex) -> str:
 def fit_warnings(model: ArmaModel, record: Record, degree: int) -> list[str]:
     """What is not as it should be in a fit."""
     messages = []
-    if near_unit(model.ar):
+    if near_unit(model.ar, record.size, degree):
         messages.append(
             "an AR root is as good as 1: not told from a random walk; try --difference "
             f"{model.difference + 1}"
         )
     else:
         messages += _stationarity(record, degree, model.difference)
-    for one, other in cancelling(model.ar, model.ma):
-        messages.append(f"AR root {_root(one)} and MA root {_root(other)} nearly cancel")
+    data = with_trend(record, degree)
+    messages += map(_needless, needless_pairs(data, model.ar, model.ma, model.entry.deviance))
     if model.covariance is None:
         messages.append("the likelihood is flat: no standard errors; a smaller order may do")
     return messages
@@ -180,20 +188,25 @@ def _error(value: float) -> str:
 
 
 def draw_orders(title: str, table: OrderTable, names: Sequence[str]) -> Figure:
-    """Criteria above their best against the AR order, one curve for each MA order."""
+    """Criteria above their best against the AR order, one curve for each MA order; exact ones."""
     figure = new_figure(f"Orders of {title}", 4.6 * len(names), 4.2)
     axes = figure.subplots(1, len(names), squeeze=False)[0]
     for ax, name in zip(axes, names, strict=True):
         best = table.best(name)
         least = CRITERIA[name](best)
-        shown = [e for e in table.entries if e.exact]
-        for k, q in enumerate(sorted({e.q for e in shown})):
-            line = [e for e in shown if e.q == q]
+        shown = {(e.p, e.q): CRITERIA[name](e) - least for e in table.entries if e.exact}
+        orders = np.arange(table.max_p + 1)
+        for k, q in enumerate(sorted({q for _, q in shown})):
+            # What lies between two orders that are exact is not: no line over it.
+            line = [shown.get((p, q), np.nan) for p in orders.tolist()]
             style = ("-", "--", ":")[k // len(CYCLE) % 3]
-            ax.plot([e.p for e in line], [CRITERIA[name](e) - least for e in line],
-                    style, marker=".", color=CYCLE[k % len(CYCLE)], label=f"q = {q}")  # fmt: skip
-        ax.plot(best.p, 0.0, "o", ms=9, mfc="none", color=MARK, label=f"best {best.p},{best.q}")
-        ax.set(title=plain(name), xlabel="AR order p", ylabel=f"{name} above the best")
+            ax.plot(orders, line, style, marker=".", color=CYCLE[k % len(CYCLE)], label=f"q = {q}")
+        ax.plot(best.p, 0.0, "o", ms=9, mfc="none", color=MARK, label="best")
+        title = f"{_NAMES.get(name, name)}: best {best.p},{best.q}"
+        ax.set(title=plain(title), xlabel="AR order p", ylabel="above the best",
+               xlim=(-0.5, table.max_p + 0.5))  # fmt: skip
+        ax.xaxis.get_major_locator().set_params(integer=True)
         ax.set_yscale("symlog", linthresh=10.0)
+        ax.set_ylim(-1.5, 2.0 * max(*shown.values(), 5.0))
     axes[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
     return figure

@@ -20,10 +20,9 @@ from thermaltool.identification.recursive.arma import RecursiveArma
 from thermaltool.identification.recursive.direct import DirectForecast
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.compensator import Compensator, Policy
-from thermaltool.runtime.layout import Wanted
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
-from thermaltool.runtime.records import CsvRecords, NdjsonRecords
+from thermaltool.runtime.records import open_records
 from thermaltool.runtime.sensors import ANYTHING, Interval, Sensor
 from thermaltool.runtime.settings import SLEW_PERIODS
 from thermaltool.runtime.stream import Stream, Writer
@@ -241,8 +240,9 @@ def open_fcc(
     sensors = [_sensor(settings.channel, settings.bounds, hold, messages)]
     if isinstance(settings.spindle, str):
         sensors.append(_sensor(settings.spindle, ANYTHING, hold, messages))
+    horizon = settings.horizon or ActuatorState(settings.actuator, period).default_horizon()
     control = ForecastingControl(
-        settings.actuator, _forecaster(settings), period, settings.horizon, setpoint.value
+        settings.actuator, _forecaster(settings, horizon), period, horizon, setpoint.value
     )
     controller = Controller(control, sensors[0], setpoint, round(max_gap / period), name)
     compensator = Compensator(
@@ -253,20 +253,15 @@ def open_fcc(
         Policy(1.0, settings.safe, hold, max_gap, SLEW_PERIODS * period),
         messages,
     )
-    mapping = None
-    if settings.columns is not None:
-        # Imported for a map alone: the package reads whole logs.
-        from thermaltool.logs.columns import read_map
-
-        mapping = read_map(settings.columns)
-    wanted = Wanted(
-        tuple(sensor.channel for sensor in sensors),
-        mapping,
-        None if settings.has_clock else period,
-    )
     stream = Stream(
         pipe=LinePipe(source, sink),
-        records=(CsvRecords if settings.from_format == "csv" else NdjsonRecords)(wanted),
+        records=open_records(
+            settings.from_format,
+            tuple(sensor.channel for sensor in sensors),
+            settings.columns,
+            None if settings.has_clock else period,
+            mend="--clock none counts one --period for each line",
+        ),
         writer=Writer(settings.to_format, [settings.command, *(ALSO if settings.also else ())]),
         compensator=compensator,
         messages=messages,
@@ -286,14 +281,11 @@ def _turn(speed: float, period: float) -> float:
     return 2 * math.pi * speed / 60 * period
 
 
-def _forecaster(settings: FccSettings) -> Forecaster:
+def _forecaster(settings: FccSettings, horizon: int) -> Forecaster:
     if settings.order is not None:
         return RecursiveArma(*settings.order, forgetting=settings.forgetting)
     harmonics = 0 if settings.spindle is None else settings.harmonics
     known = settings.spindle if isinstance(settings.spindle, float) else 0.0
-    horizon = (
-        settings.horizon or ActuatorState(settings.actuator, settings.period).default_horizon()
-    )
     return DirectForecast(
         horizon,
         settings.lags,

@@ -9,10 +9,9 @@ from typing import Literal
 
 from thermaltool.errors import LogError
 from thermaltool.identification.recursive.arma import LARGEST, KnownModel, RecursiveArma
-from thermaltool.runtime.layout import Wanted
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
-from thermaltool.runtime.records import CsvRecords, NdjsonRecords, Record, Records
+from thermaltool.runtime.records import Record, open_records
 from thermaltool.runtime.stream import BYTE_ORDER_MARK, Writer
 
 COLUMNS = ("forecast", "low", "high")
@@ -135,18 +134,14 @@ class _Forecasts:
         )
         if settings.start is not None:
             self.model.begin(settings.start, settings.fitted)
-        mapping = None
-        if settings.columns is not None:
-            # Imported for a map alone: the package reads whole logs.
-            from thermaltool.logs.columns import read_map
-
-            mapping = read_map(settings.columns)
         self.period = settings.period
         period = None if settings.has_clock else settings.period
-        wanted = Wanted((settings.channel,), mapping, period)
-        form = CsvRecords if settings.from_format == "csv" else NdjsonRecords
-        self.records: Records = form(wanted)
-        self.writer = Writer(settings.to_format, COLUMNS)
+        self.records = open_records(
+            settings.from_format, (settings.channel,), settings.columns, period
+        )
+        # As in a batch.
+        names = [f"{column}_{settings.channel}" for column in COLUMNS]
+        self.writer = Writer(settings.to_format, names)
 
     def run(self) -> int:
         with self.pipe:
@@ -190,11 +185,9 @@ class _Forecasts:
         if not start or start.startswith(b"#"):
             return b""
         if self.records.clock is None:
-            try:
-                if not self.records.open(line):
-                    return b""
-            except LogError as error:
-                raise LogError(error.message, self.messages.source, self.messages.line) from error
+            opened = self.records.open(line, self.messages.source, self.messages.line)
+            if not opened:
+                return b""
         return self._forecast(self.records.record(line))
 
     def _forecast(self, record: Record) -> bytes:

@@ -27,12 +27,15 @@ class Wanted:
         Of a stream without a clock.
     arrival : float [s] or None
         Grid of arrival times, where these are the clock.
+    mend : str
+        What a user can do about a stream without a clock.
     """
 
     sensors: tuple[str, ...]
     mapping: ColumnMap | None = None
     period: float | None = None
     arrival: float | None = None
+    mend: str = "--period gives one to a stream without"
 
 
 @dataclass(frozen=True)
@@ -104,10 +107,7 @@ def _clock(keys: Mapping[str, Any], wanted: Wanted, number: Callable[[Any], floa
             return ColumnClock(keys[f"time_{unit}"], number, factor)
     if "time" in keys:
         return StampClock(keys["time"])
-    raise LogError(
-        f"no clock: no column time_s or time{_hint('time_s', keys)}; --period gives one to a "
-        "stream without, --clock arrival takes the time of arrival"
-    )
+    raise LogError(f"no clock: no column time_s or time{_hint('time_s', keys)}; {wanted.mend}")
 
 
 def _hint(name: str, known: Iterable[str]) -> str:

@@ -28,12 +28,13 @@ class Records(Protocol):
     """Reads the lines of one format.
 
     `clock` is None until `open` has seen the line that shows the names; `open` says whether that
-    line is a record too.
+    line is a record too, and raises LogError, placed in `source` at `number`, where it is no such
+    line.
     """
 
     clock: Clock | None
 
-    def open(self, line: bytes) -> bool: ...
+    def open(self, line: bytes, source: str | None = None, number: int | None = None) -> bool: ...
     def record(self, line: bytes) -> Record: ...
 
 
@@ -46,6 +47,15 @@ class _Fields:
         self.wanted = wanted
         self._sensed: tuple[Sensed, ...] = ()
         self._good = ("",) * len(wanted.sensors)
+
+    def open(self, line: bytes, source: str | None = None, number: int | None = None) -> bool:
+        try:
+            return self._open(line)
+        except LogError as error:
+            raise LogError(error.message, source, number, error.column) from error
+
+    def _open(self, line: bytes) -> bool:
+        raise NotImplementedError
 
     def _lay_out(self, keys: dict[str, Any], number: Callable[[Any], float]) -> None:
         layout = find_layout(keys, self.wanted, number)
@@ -90,6 +100,41 @@ class _Fields:
         return Record(time, [math.nan] * sensors, (fault,) * sensors)
 
 
+def open_records(
+    form: str,
+    sensors: tuple[str, ...],
+    columns: str | None,
+    period: float | None,
+    **clock: Any,
+) -> Records:
+    """Records of one format.
+
+    Parameters
+    ----------
+    form : "csv" or "ndjson"
+    sensors : tuple of str
+    columns : str or None
+        File of a column map.
+    period : float [s] or None
+        Of a stream without a clock.
+    clock
+        The other attributes of `Wanted`.
+
+    Raises
+    ------
+    LogError
+        The column map cannot be read.
+    """
+    mapping = None
+    if columns is not None:
+        # Imported for a map alone: the package reads whole logs.
+        from thermaltool.logs.columns import read_map
+
+        mapping = read_map(columns)
+    wanted = Wanted(sensors, mapping, period, **clock)
+    return CsvRecords(wanted) if form == "csv" else NdjsonRecords(wanted)
+
+
 class CsvRecords(_Fields):
     """CSV: the first line names the columns."""
 
@@ -100,7 +145,7 @@ class CsvRecords(_Fields):
         self._parse = csv_number(dialect.decimal, dialect.missing) if dialect else plain_number
         self._width = 0
 
-    def open(self, line: bytes) -> bool:
+    def _open(self, line: bytes) -> bool:
         try:
             text = line.decode()
         except UnicodeDecodeError as error:
@@ -110,6 +155,9 @@ class CsvRecords(_Fields):
         names = [name.strip() for name in self._unquoted(text)]
         self._width = len(names)
         self._lay_out({name: k for k, name in enumerate(names)}, self._parse)
+        for name in (names[key] for key in self._keys):
+            if names.count(name) > 1:
+                raise LogError("this name is there twice", column=name)
         return False
 
     def record(self, line: bytes) -> Record:
@@ -131,7 +179,7 @@ class CsvRecords(_Fields):
 class NdjsonRecords(_Fields):
     """One JSON object per line; the first shows the names."""
 
-    def open(self, line: bytes) -> bool:
+    def _open(self, line: bytes) -> bool:
         try:
             fields = json.loads(line)
         except (ValueError, RecursionError) as error:

@@ -14,10 +14,9 @@ from thermaltool.inverse.losses import LossyEstimator
 from thermaltool.model import Model
 from thermaltool.runtime.checkpoint import Checkpoint, design_digest
 from thermaltool.runtime.compensator import Compensator, Pass, Policy
-from thermaltool.runtime.layout import Wanted
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
-from thermaltool.runtime.records import CsvRecords, NdjsonRecords
+from thermaltool.runtime.records import open_records
 from thermaltool.runtime.sensors import ANYTHING, Interval, Report, Sensor
 from thermaltool.runtime.stepper import LossyStepper, Stepper
 from thermaltool.runtime.stream import Stream, Writer
@@ -163,19 +162,18 @@ def open_stream(
         messages,
         **_around(chain),
     )
-    mapping = None
-    if settings.columns is not None:
-        # Imported for a map alone: the package reads whole logs.
-        from thermaltool.logs.columns import read_map
-
-        mapping = read_map(settings.columns)
-    wanted = Wanted(
-        chain.columns, mapping, settings.period, ARRIVAL_STEP if settings.arrival else None
-    )
     names = [setpoint_name(estimator.estimates[k]) for k in followed]
     return Stream(
         pipe=LinePipe(source, sink),
-        records=(CsvRecords if settings.from_format == "csv" else NdjsonRecords)(wanted),
+        records=open_records(
+            settings.from_format,
+            chain.columns,
+            settings.columns,
+            settings.period,
+            arrival=ARRIVAL_STEP if settings.arrival else None,
+            mend="--period gives one to a stream without, --clock arrival takes the time of "
+            "arrival",
+        ),
         writer=Writer(
             settings.to_format, [*names, *(estimator.estimates if settings.estimates else ())]
         ),

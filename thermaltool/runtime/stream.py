@@ -134,10 +134,7 @@ class Stream:
         return self._state_line(self.compensator.time)
 
     def _open(self, line: bytes) -> bool:
-        try:
-            is_record = self.records.open(line)
-        except LogError as error:
-            raise LogError(error.message, self.messages.source, self.messages.line) from error
+        is_record = self.records.open(line, self.messages.source, self.messages.line)
         if self._kept and self.records.clock and self.compensator.time is not None:
             with self._whole_checkpoint():
                 self.records.clock.resume(self._kept["clock"], self.compensator.time)

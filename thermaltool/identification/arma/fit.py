@@ -15,11 +15,12 @@ from thermaltool.identification.arma.criteria import Entry
 from thermaltool.identification.arma.hannan import hannan_rissanen
 from thermaltool.identification.arma.innovations import innovations
 from thermaltool.identification.arma.likelihood import Data, evaluate, with_trend
-from thermaltool.identification.arma.maximum import Maximum, climb, information, start
+from thermaltool.identification.arma.maximum import Maximum, climb, information
 from thermaltool.identification.arma.model import ArmaModel
 from thermaltool.identification.arma.order import detrended
 from thermaltool.identification.arma.polynomials import is_stationary
 from thermaltool.identification.arma.record import Record
+from thermaltool.identification.arma.starts import all_starts
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,7 @@ _AR_ONLY: Mapping[str, Callable[..., Any]] = {
     "yule-walker": yule_walker,
     "least-squares": least_squares,
 }
+_ROUNDS = ((8, 5), (3, 45))  # starts that go on, and their steps
 METHODS = ("ml", *_AR_ONLY, "hannan-rissanen", "innovations")
 
 
@@ -124,20 +126,14 @@ def _estimate(
 
 def _maximum(data: Data, centred: Record, p: int, q: int, begin: Maximum | None) -> Maximum:
     """The best of the maxima from several starts: the likelihood can have more than one."""
-    starts = [(np.zeros(p), np.zeros(q))]
-    methods = ["yule-walker"] if q == 0 else ["innovations", "hannan-rissanen"]
-    for method in methods:
-        for correct in (False, True)[: 1 + (method == "hannan-rissanen")]:
-            try:
-                starts.append(_estimate(centred, p, q, method, None, correct))
-            except (FitError, np.linalg.LinAlgError):
-                continue
-    begins = [start(data, ar, ma) for ar, ma in starts]
+    begins = all_starts(data, centred, p, q)
     if begin is not None:
         begins.append(replace(begin, converged=p + q == 0))
-    # Coarse first: most starts lead to the same maximum.
-    coarse = [climb(data, each, 50, 1e-3)[0] for each in begins]
-    best = min(coarse, key=lambda each: each.deviance)
+    # Coarse first: most starts lead to the same maximum, and most of the others fall behind soon.
+    for count, steps in _ROUNDS:
+        begins = sorted(begins, key=lambda each: each.deviance)[:count]
+        begins = [climb(data, each, steps, 1e-3)[0] for each in begins]
+    best = min(begins, key=lambda each: each.deviance)
     return climb(data, replace(best, converged=p + q == 0))[0]
 
 

@@ -158,8 +158,9 @@ def _concentrated(products: Array, logdet: float, size: int) -> Likelihood:
 
 @dataclass(frozen=True)
 class _Step:
-    """One run: products of the innovations, log determinant, state after it."""
+    """One run: innovations (of samples and regressors), their products, log determinant, state."""
 
+    innovations: Array
     products: Array
     logdet: float
     mean: Array
@@ -180,7 +181,7 @@ def _filter(columns: Array, phi: Array, theta: Array, mean: Array, covariance: A
         passed = np.linalg.matrix_power(_companion(-theta[1:]), size) @ root
         mean_after = mean_after + passed @ z
         covariance_after = passed @ np.linalg.solve(A, passed.T)
-    return _Step(products, float(np.linalg.slogdet(A)[1]), mean_after, covariance_after)
+    return _Step(a, products, float(np.linalg.slogdet(A)[1]), mean_after, covariance_after)
 
 
 def _smoothed(a: Array, past: Shifted, root: Array, A: Array) -> tuple[Array, Array]:
@@ -286,11 +287,12 @@ class Slope:
 
 
 def residuals(data: Data, ar: Array, ma: Array, coefficients: Array) -> Array:
-    """Innovations of all runs in a row, each from zero past, ndarray (size,) [unit]."""
-    phi, theta = np.concatenate(([1.0], -ar)), np.concatenate(([1.0], ma))
-    return np.concatenate(
-        [lfilter(phi, theta, without(columns, coefficients)) for columns in data.columns]
-    )
+    """Innovations of all runs in a row, ndarray (size,) [unit].
+
+    The state before each run is the most likely one, given the run.
+    """
+    steps = _steps(data, ar, ma)
+    return np.concatenate([without(step.innovations, coefficients) for step in steps])
 
 
 def without(columns: Array, coefficients: Array) -> Array:
@@ -326,8 +328,7 @@ def slope(data: Data, ar: Array, ma: Array) -> Slope:
 
     x, a = without(columns, at.coefficients), without(a0, at.coefficients)
     w = past.against(a[None])[:, 0]
-    u = lfilter([1.0], theta, x)
-    v = lfilter([1.0], theta, a) if q else a
+    u, v = lfilter([1.0], theta, np.stack((x, a))) if q else (x, a)
     slopes = [inner(a[i:], u[: size - i]) for i in range(1, p + 1)]
     slopes += [inner(a[j:], v[: size - j]) for j in range(1, q + 1)]
     posterior = root @ np.linalg.solve(A, root.T)
@@ -358,9 +359,11 @@ def _through_covariance(phi: Array, theta: Array, covariance: Array, weight: Arr
 
 def _through_responses(theta: Array, past: Shifted, weight: Array) -> Array:
     """Σ weight_ij ∂G_ij in ma, ndarray (r,), for a symmetric `weight`; ∂h/∂ma_j = -B^j h/θ."""
-    order = past.order
-    C = past.products(np.asarray(lfilter([1.0], theta, past.h)), 2 * order)
-    return np.array([-2.0 * np.sum(weight * C[:, j : j + order]) for j in range(1, order + 1)])
+    r = past.order
+    C = weight @ past.products(np.asarray(lfilter([1.0], theta, past.h)), 2 * r)
+    # Sums along the diagonals 1 to r: rows one longer than those of C put each into a column.
+    skewed = np.concatenate((C.ravel(), np.zeros(r))).reshape(r, 2 * r + 1)
+    return np.asarray(-2.0 * skewed.sum(axis=0)[1 : r + 1])
 
 
 def _differenced(data: Data, ar: Array, ma: Array) -> Slope:

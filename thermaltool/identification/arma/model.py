@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import ModelError
 from thermaltool.identification.arma.criteria import Entry
+from thermaltool.identification.arma.polynomials import is_stationary
 
 Array = NDArray[np.float64]
 
@@ -131,8 +132,12 @@ def _load(document: Mapping[str, Any]) -> ArmaModel:
     sigma2, period = float(document["sigma2"]), float(document["period_s"])
     if not (sigma2 >= 0.0 and np.isfinite(sigma2) and period > 0.0):
         raise ValueError("sigma2 and period_s must be numbers above 0")
+    if not (is_stationary(ar) and is_stationary(-ma)):
+        raise ValueError("ar is not stationary, or ma not invertible")
     covariance = document["covariance"]
     size = int(fit["samples"])
+    if size < 1 or int(document["difference"]) < 0:
+        raise ValueError("samples and difference must count something")
     return ArmaModel(
         channel=str(document["channel"]),
         period_s=period,

@@ -1,11 +1,18 @@
-"""Narrow peaks and notches that are left in the innovations: start values for larger models.
+"""Narrow lines that are left in the innovations: start values for larger models.
 
-A pair of nearly cancelling roots, one AR and one MA at the same angle, describes a narrow peak (AR
-root nearer to the circle) or notch. No regression on lags finds it, since at equal radii the pair
-has no effect and its angle is undefined; a maximum of the likelihood stands at each line of the
-spectrum. Here the gain of every angle is computed at once: the filter (1 - αB)/(1 - βB) turned to
-the angle ω changes the power of the innovations to Σ c_k r_k cos kω, with r their autocovariances
-and c those of its weights (Whittle's likelihood).
+A pair of nearly cancelling roots, one AR and one MA at nearly the same angle, describes a narrow
+peak or notch of the spectrum. No regression on lags finds it, and a maximum of the likelihood
+stands at each of many lines. Here the gain of all angles is computed at once, exact but for how
+the two roots of a pair act on each other. With the MA
+root β = r exp(iω) given, whitening e by the pair's factor (1 - αB)/(1 - βB) is linear in what is
+left free:
+
+    a_t = e_t + 2 Re(c s_t - g β^t),   s_t = Σ_{k≥1} β^{k-1} e_{t-k},   c = β - α,
+
+g the state before the first sample, of variance V = |c|²/(1 - |α|²). Its log determinant is
+2 log(1 + V Σ r^{2t}). The sums of products of e, s and β^t are Fourier transforms of e and of its
+autocovariances, so that every angle has its best AR root for O(n log n). At the ends of the
+spectrum the root is real and counts once.
 """
 
 from __future__ import annotations
@@ -14,18 +21,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
 
 Array = NDArray[np.float64]
 
-# Distances from the circle of the wider root, and of the narrower as a share of it. Still narrower
-# lines would gain in long records, but each likelihood would have to follow them to their end.
-_WIDTHS = (0.4, 0.15, 0.07, 0.04, 0.02)
-_SHARES = (0.25, 0.3, 0.4, 0.25, 0.25)
-_RESOLVED = 40.0  # samples times width above which a narrower line can be told
-_NARROWEST = 0.004
-_REACH = 8.0  # time constants after which a filter's weights count as zero
-_EACH = 3  # peaks of the gain that are looked at for each width
-_APART = 0.05  # angles nearer than this to each other, 0 or π count as one [rad]
+# Distances of the MA root from the circle: the narrowest in units of 1/n, and the step to the next.
+_FIRST, _WIDER, _WIDEST = 0.25, 4.0, 0.5
+# Still narrower lines would gain in long records, but each likelihood would have to follow them.
+_NARROWEST = 1e-4
+_REACH = 8.0  # time constants after which the weights of a root count as zero
+_FINE = 4  # angles for each resolved one
+_EACH = 8  # peaks of the gain that are looked at for each width
+_APART = 8.0  # distance in widths, or 1/n, below which two lines count as one
+_LEAST = 2.0  # gain below which a line is none
 
 
 @dataclass(frozen=True)
@@ -38,73 +46,127 @@ class Narrow:
         Of a real root at the ends of the spectrum, else of a pair.
     gain : float
         Fall of the deviance before anything else is adjusted.
+    angle : float
+        [rad]
     """
 
     ar: Array
     ma: Array
     gain: float
+    angle: float
+
+
+@dataclass(frozen=True)
+class _Line:
+    gain: float
+    angle: float
+    width: float
+    ar_root: complex
+    ma_root: complex
 
 
 def narrow_factors(innovations: Array) -> list[Narrow]:
-    """Factors that promise to lower the deviance, best first, at most one for each angle.
+    """Factors that promise to lower the deviance, best first, at most one for each line.
 
     Parameters
     ----------
     innovations : ndarray (n,)
         Of the model that is to be enlarged [unit].
     """
-    found: list[tuple[float, float, float, float]] = []
-    widths = [*zip(_WIDTHS, _SHARES, strict=True)]
-    while innovations.size * widths[-1][0] > _RESOLVED and widths[-1][0] > _NARROWEST:
-        widths.append((0.4 * widths[-1][0], 0.25))
-    longest = int(_REACH / (widths[-1][0] * widths[-1][1])) + 1
-    covariance = _autocovariance(innovations, min(longest, innovations.size))
-    for width, share in widths:
-        wide, close = 1.0 - width, 1.0 - share * width
-        for pole, zero in ((wide, close), (close, wide)):
-            found += _peaks(covariance, innovations.size, pole, zero)
-    found.sort(reverse=True)
-    kept: list[tuple[float, float, float, float]] = []
-    for each in found:
-        if each[0] > 0.0 and all(abs(each[1] - other[1]) > _APART for other in kept):
-            kept.append(each)
+    n = innovations.size
+    width, found = max(_FIRST / n, _NARROWEST), []
+    spectrum = _Sums(innovations, min(int(_REACH / width) + 1, n))
+    while width < _WIDEST:
+        found += _lines(spectrum, width)
+        width *= _WIDER
+    found.sort(key=lambda line: -line.gain)
+    kept: list[_Line] = []
+    for line in found:
+        if all(not _same(line, other, n) for other in kept):
+            kept.append(line)
     return [
-        Narrow(-_factor(angle, zero)[1:], _factor(angle, pole)[1:], gain)
-        for gain, angle, zero, pole in kept
+        Narrow(-_factor(line.ar_root)[1:], _factor(line.ma_root)[1:], line.gain, line.angle)
+        for line in kept
     ]
 
 
-def _autocovariance(e: Array, lags: int) -> Array:
-    size = 1 << int(np.ceil(np.log2(e.size + lags)))
-    power = np.abs(np.fft.rfft(e, size)) ** 2
-    return np.asarray(np.fft.irfft(power)[:lags] / e.size)
+def _same(one: _Line, other: _Line, n: int) -> bool:
+    return abs(one.angle - other.angle) < _APART * max(min(one.width, other.width), 1.0 / n)
 
 
-def _peaks(
-    covariance: Array, size: int, pole: float, zero: float
-) -> list[tuple[float, float, float, float]]:
-    """(gain, angle, zero, pole) at the largest gains of (1 - zero B)/(1 - pole B)."""
-    lags = min(int(_REACH / (1.0 - pole)) + 1, covariance.size)
-    step = pole - zero
-    c = np.empty(lags)
-    c[0] = 1.0 + step**2 / (1.0 - pole**2)
-    c[1:] = 2.0 * step * (1.0 + step * pole / (1.0 - pole**2)) * pole ** np.arange(lags - 1)
-    length = 4 << int(np.ceil(np.log2(lags)))
-    power = np.fft.rfft(c * covariance[:lags], length).real / covariance[0]
-    change = 2.0 * (power - 1.0)  # a pair counts twice, a root at the ends once
-    change[[0, -1]] *= 0.5
-    gain = -size * np.log1p(np.maximum(change, -0.9))
-    angle = np.linspace(0.0, np.pi, gain.size)
+class _Sums:
+    """Innovations and the transforms that all widths share."""
+
+    def __init__(self, e: Array, lags: int) -> None:
+        self.e, self.lags, self.length = e, lags, next_fast_len(e.size + lags, real=True)
+        self.transform = rfft(e, self.length)
+        self.covariance = self.against(self.transform)
+
+    def against(self, transform: NDArray[np.complex128]) -> Array:
+        """Σ_t y_t e_{t-k}, ndarray (lags,), for the transform of y."""
+        return np.asarray(irfft(transform * self.transform.conj(), self.length)[: self.lags])
+
+    def weighted(self, weights: Array, width: float) -> Array:
+        """Σ_t W_t e_t e_{t-k}, ndarray (lags,); W is 1/(2 width) but near the end."""
+        if width * self.e.size > _REACH**2:
+            return weights[0] * self.covariance
+        return self.against(rfft(weights * self.e, self.length))
+
+
+def _lines(sums: _Sums, width: float) -> list[_Line]:
+    """The largest gains over the angles for MA roots at `width` from the circle."""
+    e, n = sums.e, sums.e.size
+    r, lags = 1.0 - width, min(int(_REACH / width) + 1, sums.lags)
+    length = 2 * next_fast_len(_FINE * lags // 2, real=True)  # even: the last angle is π
+    decay = r ** np.arange(lags)
+    span = 1.0 - r * r
+    weights = -np.expm1(2.0 * np.log(r) * (n - 1.0 - np.arange(n))) / span  # Σ r^2k to the end
+    angle = 2.0 * np.pi * np.arange(length // 2 + 1) / length
+    root = r * np.exp(1j * angle)
+    # <s, e>, <s, s>, <β^t, e>, <β^t, s>, <β^t, β^t>.
+    se = rfft(sums.covariance[1:lags] * decay[:-1], length)
+    halved = sums.weighted(weights, width)[:lags] * decay
+    halved[0] *= 0.5
+    ss = 2.0 * rfft(halved, length).real
+    he = rfft(decay * e[:lags], length)
+    hs = root.conj() * rfft(decay * (weights * e)[:lags], length)
+    hh = -np.expm1(2.0 * n * np.log(r)) / span
+    step = -(se - hs.conj() * he / hh) / (ss - np.abs(hs) ** 2 / hh)
+    ar_root = root - step
+    ar_root *= np.minimum(1.0, (1.0 - _FIRST / n) / np.abs(ar_root))
+    step = root - ar_root
+    power = np.abs(step) ** 2
+    variance = power / (1.0 - np.abs(ar_root) ** 2)
+    square = 2.0 * (step.conj() * se).real + power * ss
+    square -= np.abs(he + step * hs) ** 2 * variance / (1.0 + variance * hh)
+    count = np.full(angle.size, 2.0)
+    count[[0, -1]] = 1.0  # a pair counts twice, a root at the ends once
+    left = np.maximum(1.0 + count * square / sums.covariance[0], 1e-3)
+    gain = -n * np.log(left) - count * np.log1p(variance * hh)
+    return [
+        _Line(float(gain[i]), float(angle[i]), width, complex(ar_root[i]), complex(root[i]))
+        for i in _peaks(gain, angle, _APART * max(width, 1.0 / n))
+    ]
+
+
+def _peaks(gain: Array, angle: Array, margin: float) -> list[int]:
+    """Places of the largest gains: both ends, and maxima not nearer to them than `margin`."""
     inner = gain[1:-1]
     peaks = 1 + np.flatnonzero((inner > gain[:-2]) & (inner >= gain[2:]))
-    peaks = peaks[(angle[peaks] > _APART) & (angle[peaks] < np.pi - _APART)]
+    peaks = peaks[(angle[peaks] > margin) & (angle[peaks] < np.pi - margin)]
     peaks = peaks[np.argsort(-gain[peaks])[:_EACH]]
-    places = [0, *peaks.tolist(), gain.size - 1]
-    return [(float(gain[i]), float(angle[i]), zero, pole) for i in places]
+    return [i for i in (0, *peaks.tolist(), gain.size - 1) if gain[i] > _LEAST]
 
 
-def _factor(angle: float, radius: float) -> Array:
-    """1 - radius B at the ends, else the pair at ± angle."""
-    if min(angle, np.pi - angle) < 1e-9:
-        return np.array([1.0, -radius * np.cos(angle)])
-    return np.array([1.0, -2.0 * radius * np.cos(angle), radius**2])
+def _factor(root: complex) -> Array:
+    """1 - root B of a real root, else the factor of the pair."""
+    if abs(root.imag) < 1e-9:
+        return np.array([1.0, -root.real])
+    return np.array([1.0, -2.0 * root.real, abs(root) ** 2])
+
+
+def with_line(ar: Array, ma: Array, line: Narrow) -> tuple[Array, Array]:
+    """`ar` and `ma` of a model times a narrow line."""
+    phi, theta = np.concatenate(([1.0], -ar)), np.concatenate(([1.0], ma))
+    larger = -np.convolve(phi, np.concatenate(([1.0], -line.ar)))[1:]
+    return larger, np.convolve(theta, np.concatenate(([1.0], line.ma)))[1:]

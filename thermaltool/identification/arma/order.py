@@ -24,24 +24,37 @@ from thermaltool.identification.arma.hannan import corrected, gram_matrix
 from thermaltool.identification.arma.lagged import inner, products_of
 from thermaltool.identification.arma.likelihood import Data, residuals, slope, with_trend, without
 from thermaltool.identification.arma.maximum import Maximum, climb, start
-from thermaltool.identification.arma.narrow import narrow_factors
-from thermaltool.identification.arma.polynomials import CANCELLING, cancelling, without_root
+from thermaltool.identification.arma.narrow import narrow_factors, with_line
+from thermaltool.identification.arma.polynomials import (
+    CANCELLING,
+    cancelling,
+    is_stationary,
+    without_root,
+)
 from thermaltool.identification.arma.record import Record
+from thermaltool.identification.arma.starts import all_starts, as_difference, summed
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]
 
 # Slopes of the likelihood that the search may take: the cost of a slope grows with the record.
-BUDGET = 60
-_FIRST_STEPS = 1  # from a regression
-_STEPS = 12  # of one visit to a model
-_TOLERANCE = 1e-2  # of the deviance
-_LAST_STEPS, _LAST_TOLERANCE = 50, 1e-5  # for the best model
+BUDGET = 55
+_FIRST_STEPS = 0  # from a regression
+_STEPS = 8  # of one visit to a model
+_TOLERANCE = 2e-2  # of the deviance
+_LAST_STEPS, _LAST_TOLERANCE = 25, 1e-5  # for the best model
 _HOPE = 3.0  # by which a model may end better than its linear prediction says
+# By which a start may miss what was hoped for, and still be climbed from at once; else so far.
+_FALSE, _FALSE_STEPS = 10.0, 3
+_LINE_HOPE = 1.5  # the same of a narrow line, whose gain is known better
+_INTERACT = 30.0  # distance of lines, times samples [rad], below which their gains do not add
 _CLOSE = 4.0  # models this near to the best propose others
 _PATIENCE = 3.0  # the search ends where no proposal hopes to come this near to the best
+# Short records have more maxima: there the best few small models start again from elsewhere.
+_SHORT, _LEADING = 500, 3
 _SEEDS = 4  # starts from the regressions for each criterion
 _SMALL = 7  # orders p + q up to this are all looked at
+_WANDERS = 0.9  # correlation of neighbours above which the series may be a difference
 # Each run costs a filter of its own: where there are more, fewer models are looked at.
 _FEW_RUNS, _TINY = 20, 2
 _PER_PARAMETER = 3  # samples that a model needs for each parameter
@@ -112,12 +125,13 @@ def select_order(
 
 @dataclass(frozen=True)
 class _Proposal:
-    """A model to be fitted, the deviance that it may reach, and its likelihood where known."""
+    """A model to be fitted, the deviance and criteria that it may reach; its fit where known."""
 
     pair: Pair
     ar: Array
     ma: Array
     hope: float
+    values: tuple[float, ...]
     known: Maximum | None = None
 
 
@@ -139,10 +153,13 @@ class _Search:
         self.seen: set[Pair] = set()
         self.finished: set[Pair] = set()
         self.best = dict.fromkeys(self.criteria, np.inf)
-        self._regressions(centred, power)
+        self.centred = centred
+        self._regressions(power)
+        self._differences()
 
-    def _regressions(self, centred: Record, power: float) -> None:
+    def _regressions(self, power: float) -> None:
         """Every pair from the Gram matrix; the promising ones are proposed."""
+        centred = self.centred
         gram = gram_matrix(centred, self.max_p, self.max_q)
         starts: dict[Pair, tuple[Array, Array]] = {}
         for p in range(self.max_p + 1):
@@ -151,8 +168,7 @@ class _Search:
                 # What no regression can reach counts as what rounding leaves.
                 sigma2 = max(sigma2, 1e-14 * power)
                 starts[p, q] = ar, ma
-                deviance = centred.size * (np.log(2.0 * np.pi * sigma2) + 1.0)
-                self.entries[p, q] = self._entry((p, q), deviance, sigma2, False)
+                self.entries[p, q] = self._entry((p, q), self._deviance(sigma2), sigma2, False)
         autoregressions = burg(centred, self.max_p)
         for p in range(1, self.max_p + 1):
             starts[p, 0] = autoregressions.coefficients[p], np.empty(0)
@@ -174,7 +190,30 @@ class _Search:
             at, _ = climb(self.data, start(self.data, ar, ma), _FIRST_STEPS, _TOLERANCE)
             self._keep(pair, at)
             hope = at.deviance - max(_HOPE, 1.5 * at.promise)
-            self.proposals.append(_Proposal(pair, at.ar, at.ma, hope, at))
+            self._propose(pair, at.ar, at.ma, hope, at)
+
+    def _differences(self) -> None:
+        """Where the series wanders, models with an MA root at 1 from the orders of its sum."""
+        x = self.centred.values
+        if self.max_q == 0 or inner(x[1:], x[:-1]) < _WANDERS * inner(x, x):
+            return
+        sums = summed(self.centred)
+        try:
+            gram = gram_matrix(sums, self.max_p, self.max_q)
+        except FitError:
+            return
+        found = {}
+        for p, q in self.entries:
+            if q:
+                ar, ma, sigma2 = gram.solve(p, q - 1)
+                found[p, q] = ar, ma, self._entry((p, q), self._deviance(sigma2), sigma2, False)
+        chosen: set[Pair] = set()
+        for name in self.criteria:
+            chosen |= set(sorted(found, key=lambda pair: CRITERIA[name](found[pair][2]))[:2])
+        for pair in sorted(chosen):
+            better = corrected(sums, *found[pair][:2])
+            at = start(self.data, better.ar, as_difference(better.ma))
+            self._propose(pair, at.ar, at.ma, at.deviance - _HOPE)
 
     def _entry(self, pair: Pair, deviance: float, sigma2: float, exact: bool) -> Entry:
         return Entry(*pair, float(deviance), float(sigma2), self.data.size, self.data.regressors,
@@ -191,14 +230,22 @@ class _Search:
             self.best[name] = min(self.best[name], CRITERIA[name](entry))
         return True
 
-    def _propose(self, pair: Pair, ar: Array, ma: Array, hope: float) -> None:
+    def _propose(
+        self, pair: Pair, ar: Array, ma: Array, hope: float, known: Maximum | None = None
+    ) -> None:
         if min(pair) >= 0 and pair in self.entries:
-            self.proposals.append(_Proposal(pair, ar, ma, hope))
+            entry = self._entry(pair, hope, self._sigma2(hope), True)
+            values = tuple(CRITERIA[name](entry) for name in self.criteria)
+            self.proposals.append(_Proposal(pair, ar, ma, hope, values, known))
 
     def _excess(self, name: str, pair: Pair, deviance: float) -> float:
         """By how much a deviance misses the best in one criterion."""
         entry = self._entry(pair, deviance, self._sigma2(deviance), True)
         return CRITERIA[name](entry) - self.best[name]
+
+    def _deviance(self, sigma2: float) -> float:
+        """Deviance of white noise with this variance."""
+        return self.data.size * (float(np.log(2.0 * np.pi * sigma2)) + 1.0)
 
     def _sigma2(self, deviance: float) -> float:
         """Variance of white noise with this deviance."""
@@ -215,22 +262,33 @@ class _Search:
         return cut_short
 
     def _finish(self, value: Callable[[Entry], float]) -> None:
-        """Climb on until the best model is at its maximum."""
+        """Climb on until the best model is at its maximum; the best few of a short record anew."""
+        count = _LEADING if self.data.size <= _SHORT else 1
         while True:
-            pair = min(self.fits, key=lambda each: value(self.entries[each]))
-            if pair in self.finished:
+            leading = sorted(self.fits, key=lambda each: value(self.entries[each]))[:count]
+            left = [pair for pair in leading if pair not in self.finished]
+            if not left:
                 return
-            fit = replace(self.fits.pop(pair), converged=sum(pair) == 0)
-            fit, _ = climb(self.data, fit, _LAST_STEPS, _LAST_TOLERANCE)
-            # A maximum on the unit circle is approached for ever: this near will do.
-            self._keep(pair, replace(fit, converged=True))
-            self.finished.add(pair)
+            self._complete(left[0])
+
+    def _complete(self, pair: Pair) -> None:
+        fit = replace(self.fits.pop(pair), converged=sum(pair) == 0)
+        few = len(self.data.columns) <= _FEW_RUNS
+        if few and self.data.size <= _SHORT and sum(pair) <= _SMALL:
+            others = [climb(self.data, each, _STEPS, _TOLERANCE)[0]
+                      for each in all_starts(self.data, self.centred, *pair)]  # fmt: skip
+            fit = min(fit, *others, key=lambda each: each.deviance)
+            fit = replace(fit, converged=sum(pair) == 0)
+        fit, _ = climb(self.data, fit, _LAST_STEPS, _LAST_TOLERANCE)
+        # A maximum on the unit circle is approached for ever: this near will do.
+        self._keep(pair, replace(fit, converged=True))
+        self.finished.add(pair)
 
     def _search(self, budget: int) -> bool:
-        idle, names = 0, cycle(self.criteria)
+        idle, names = 0, cycle(enumerate(self.criteria))
         while budget > 0:
-            name = next(names)
-            excess = [self._excess(name, each.pair, each.hope) for each in self.proposals]
+            k, name = next(names)
+            excess = [each.values[k] - self.best[name] for each in self.proposals]
             first = int(np.argmin(excess)) if excess else 0
             idle = 0 if excess and excess[first] < _PATIENCE else idle + 1
             if idle == 0:
@@ -243,15 +301,16 @@ class _Search:
         """Fit one proposal and let it propose others; the slopes that it took."""
         pair = proposal.pair
         begin = proposal.known or start(self.data, proposal.ar, proposal.ma)
-        fit, slopes = climb(self.data, begin, _STEPS, _TOLERANCE)
+        false = begin.deviance > proposal.hope + _FALSE
+        fit, slopes = climb(self.data, begin, _FALSE_STEPS if false else _STEPS, _TOLERANCE)
         known = self.fits.get(pair)
         fresh = known is None or known.deviance > fit.deviance + _TOLERANCE or pair not in self.seen
         self.seen.add(pair)
         self._keep(pair, fit)
         if not fit.converged:
             won = begin.deviance - fit.deviance
-            hope = fit.deviance - min(0.5 * won, _HOPE)
-            self.proposals.append(_Proposal(pair, fit.ar, fit.ma, hope, fit))
+            hope = fit.deviance - min(won, fit.promise, _FALSE)
+            self._propose(pair, fit.ar, fit.ma, hope, fit)
         excess = min(self._excess(name, pair, fit.deviance) for name in self.criteria)
         if fresh and excess < _CLOSE:
             self._neighbours(pair, fit)
@@ -261,13 +320,12 @@ class _Search:
     def _neighbours(self, pair: Pair, fit: Maximum) -> None:
         """Models with one coefficient more or less, and with one narrow line more."""
         p, q = pair
-        e = residuals(self.data, fit.ar, fit.ma, fit.at.coefficients)
-        phi, theta = np.concatenate(([1.0], -fit.ar)), np.concatenate(([1.0], fit.ma))
-        for factor in narrow_factors(e):
-            ar = -np.convolve(phi, np.concatenate(([1.0], -factor.ar)))[1:]
-            ma = np.convolve(theta, np.concatenate(([1.0], factor.ma)))[1:]
-            self._propose((ar.size, ma.size), ar, ma, fit.deviance - factor.gain - _HOPE)
+        if p + 2 <= self.max_p and q + 2 <= self.max_q:
+            self._lines(fit)
         for root, other in cancelling(fit.ar, fit.ma, 2.0 * CANCELLING):
+            fewer = 1 + (root.imag != 0.0)
+            if (p - fewer, q - fewer) in self.seen:
+                continue
             less = start(self.data, without_root(fit.ar, root), -without_root(-fit.ma, other))
             pair_less = less.ar.size, less.ma.size
             self._propose(pair_less, less.ar, less.ma, less.deviance - _HOPE)
@@ -280,11 +338,27 @@ class _Search:
             step = -np.linalg.solve(_ridged(wide.curvature, index), wide.gradient[index])
             gain = -0.5 * float(wide.gradient[index] @ step)
             more = both[index] + step
-            self._propose(pair_more, more[: pair_more[0]], more[pair_more[0] :],
-                          fit.deviance - gain - 0.5)  # fmt: skip
+            ar, ma = more[: pair_more[0]], more[pair_more[0] :]
+            if not (is_stationary(ar) and is_stationary(-ma)):
+                gain = min(gain, _HOPE)  # nothing is known of the likelihood out there
+            self._propose(pair_more, ar, ma, fit.deviance - gain - 0.5)
         if own:
             inverse = np.asarray(np.linalg.inv(_ridged(wide.curvature, np.array(own))), float)
             self._smaller(pair, fit, inverse)
+
+    def _lines(self, fit: Maximum) -> None:
+        """Models with one narrow line more, and with the first few lines at once."""
+        e = residuals(self.data, fit.ar, fit.ma, fit.at.coefficients)
+        several, hope, angles = (fit.ar, fit.ma), fit.deviance - _LINE_HOPE, np.empty(0)
+        for line in narrow_factors(e):
+            ar, ma = with_line(fit.ar, fit.ma, line)
+            self._propose((ar.size, ma.size), ar, ma, fit.deviance - line.gain - _LINE_HOPE)
+            if np.any(np.abs(angles - line.angle) < _INTERACT / self.data.size):
+                continue
+            angles = np.append(angles, line.angle)
+            several, hope = with_line(*several, line), hope - line.gain
+            if angles.size > 1:
+                self._propose((several[0].size, several[1].size), *several, hope)
 
     def _smaller(self, pair: Pair, fit: Maximum, inverse: Array) -> None:
         p, q = pair

@@ -137,4 +137,6 @@ def without_root(ar: Array, root: complex) -> Array:
     factor = [1.0, -root.real]
     if root.imag != 0.0:
         factor = [1.0, -2.0 * root.real, abs(root) ** 2]
-    return -np.asarray(np.polydiv(np.concatenate(([1.0], -ar)), factor)[0][1:], dtype=float)
+    # The first terms of the power series are the quotient.
+    quotient = lfilter([1.0], factor, np.concatenate(([1.0], -ar)))
+    return -np.asarray(quotient[1 : ar.size + 2 - len(factor)], dtype=float)

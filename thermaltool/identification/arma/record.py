@@ -61,6 +61,22 @@ class Record:
         cut = tuple(values[a:b] for a, b in pairwise(edges))
         return Record(cut, self.starts, self.gaps)
 
+    def bridged(self) -> Record:
+        """The record with straight lines over its holes; itself where there are none."""
+        if all(gap <= 0 for gap in self.gaps):
+            return self
+        first = [k for k, gap in enumerate(self.gaps) if gap == NEW_START]
+        runs = []
+        for a, b in pairwise([*first, len(self.runs)]):
+            end = self.starts[b - 1] + self.runs[b - 1].size
+            there = np.concatenate(
+                [start + np.arange(run.size) for start, run in
+                 zip(self.starts[a:b], self.runs[a:b], strict=True)]
+            )  # fmt: skip
+            runs.append(np.interp(np.arange(self.starts[a], end), there,
+                                  np.concatenate(self.runs[a:b])))  # fmt: skip
+        return Record(tuple(runs), tuple(self.starts[k] for k in first), (NEW_START,) * len(first))
+
     def difference(self, order: int) -> Record:
         """The `order`-th difference; a run loses its first `order` samples.
 

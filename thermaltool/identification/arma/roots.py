@@ -13,8 +13,9 @@ from thermaltool.identification.arma.polynomials import characteristic_roots
 
 Array = NDArray[np.float64]
 
-# An AR root this near to the unit circle is as good as one on it.
-UNIT = 0.02
+# 5 % points of samples times (root - 1) for long records: W. A. Fuller, Introduction to Statistical
+# Time Series (1976), table 8.5.1, by the degree of the trend.
+UNIT = {-1: -8.1, 0: -14.1, 1: -21.8}
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,11 @@ def _mode(root: complex, change: NDArray[np.complex128], model: ArmaModel, z: fl
     )
 
 
-def near_unit(ar: Array, distance: float = UNIT) -> bool:
-    """Whether a real AR root is as good as 1: the series wanders like a random walk."""
+def near_unit(ar: Array, size: int, degree: int = 0) -> bool:
+    """Whether a real AR root is not told from 1 by so many samples: a random walk.
+
+    By its distance from 1 in units of 1/size (Fuller's coefficient test).
+    """
     roots = characteristic_roots(ar)
-    return bool(np.any((roots.imag == 0.0) & (roots.real > 1.0 - distance)))
+    limit = 1.0 + UNIT[degree] / size
+    return bool(np.any((roots.imag == 0.0) & (roots.real > limit)))

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.special import ndtri
 
+from thermaltool.errors import FitError
 from thermaltool.identification.arma.ar import burg
 from thermaltool.identification.arma.lagged import lagged_products, lagged_sums
 from thermaltool.identification.arma.record import Record
@@ -19,6 +20,8 @@ _MARGIN = 1.25  # over the largest of so many Gaussian innovations
 _SHARE = 0.01  # of the samples that may stand out; more is the nature of the series
 _LARGEST_ORDER = 20
 
+LARGEST = 1e100
+
 # 5 % points of the t statistic of the level for long records: J. G. MacKinnon, Critical values for
 # cointegration tests (1991), by the degree of the trend.
 DICKEY_FULLER = {-1: -1.94, 0: -2.86, 1: -3.41}
@@ -26,6 +29,20 @@ DICKEY_FULLER = {-1: -1.94, 0: -2.86, 1: -3.41}
 
 # A sample that the few before it give to this share of the deviation is computed, not measured.
 PREDICTED, _BEFORE = 1e-9, 8
+
+
+def check_size(record: Record) -> None:
+    """Refuse numbers whose squares are none.
+
+    Raises
+    ------
+    FitError
+    """
+    largest = float(np.abs(record.values).max())
+    spread = float(np.ptp(record.values))
+    if largest > LARGEST or 0.0 < spread < 1.0 / LARGEST:
+        told = largest if largest > LARGEST else spread
+        raise FitError(f"sums of squares of {told:.3g} are out of range: take another unit")
 
 
 def is_computed(record: Record) -> bool:
@@ -53,9 +70,9 @@ def find_outliers(record: Record) -> NDArray[np.intp]:
     """Samples that stand alone against a robust AR model; rows of `record.values`.
 
     An additive outlier at t shows in the innovations as the AR weights from t on; its size is
-    estimated from all of them, and the largest is taken out first (Chang, Tiao, Chen, Technometrics
-    30 (1988) 193). A shock that the series follows is none. Where more than a hundredth stands
-    out, none is reported: then that is what the series is like.
+    estimated from all of them, and the largest of outliers and shocks is taken out first (Chang,
+    Tiao, Chen, Technometrics 30 (1988) 193). A shock, which the series follows, is no outlier.
+    Where more than a hundredth stands out, none is reported: that is what the series is like.
     """
     if record.size < 20:
         return np.empty(0, np.intp)
@@ -75,6 +92,7 @@ def find_outliers(record: Record) -> NDArray[np.intp]:
     e[unpredicted] *= min(_MAD_TO_SIGMA * float(np.median(np.abs(e))) / scale, 1.0)
     threshold = -_MARGIN * float(ndtri(0.005 / record.size))
     found: list[int] = []
+    shocks = 0
     # Near the end fewer of its consequences are there.
     power = np.cumsum(weights**2)[np.minimum(np.arange(e.size)[::-1], weights.size - 1)]
     while True:
@@ -84,9 +102,13 @@ def find_outliers(record: Record) -> NDArray[np.intp]:
         padded = np.concatenate((e, np.zeros(weights.size - 1)))
         effect = np.correlate(padded, weights, "valid") / power
         additive, shock = np.abs(effect) * np.sqrt(power) / sigma, np.abs(e) / sigma
-        worst = int(np.argmax(additive))
-        if additive[worst] <= threshold or additive[worst] < shock[worst] or worst in found:
+        worst, largest = int(np.argmax(additive)), int(np.argmax(shock))
+        if additive[worst] <= threshold or worst in found or shocks > limit:
             return np.sort(np.array(found, np.intp))
+        if shock[largest] > additive[worst]:
+            # The series follows it; what it explains must not be laid on a sample beside it.
+            e[largest], shocks = 0.0, shocks + 1
+            continue
         if len(found) == limit:
             return np.empty(0, np.intp)
         found.append(worst)

@@ -18,6 +18,8 @@ START = 20
 # Beyond this, squares of products would overflow: no reading of anything.
 LARGEST = 1e60
 SMALLEST = LARGEST**-2
+# Work and memory grow with the square of the order.
+LARGEST_ORDER = 200
 # After so many refused samples in a row the level has changed, and is followed.
 REFUSED_RUN = 3
 # A moving average that is not invertible is drawn in by this factor per lag until it is.
@@ -90,6 +92,11 @@ class RecursiveArma:
             raise ValueError(f"no model of order {self.p},{self.q}")
         if not 0 < self.forgetting <= 1:
             raise ValueError(f"forgetting factor {self.forgetting:g} is not above 0 and at most 1")
+        if self.p + self.q > LARGEST_ORDER:
+            raise ValueError(
+                f"a model of order {self.p},{self.q} is followed in no reasonable time: "
+                f"at most {LARGEST_ORDER} coefficients"
+            )
         self._forecast = forecast_function(self.p, self.q)
         self._size = self.p + self.q + self.intercept
         self._start: list[float] = []
