@@ -59,6 +59,7 @@ study: $(READY)
 	@$(BIN)/python benchmarks/orders.py study
 	@$(BIN)/python benchmarks/identify.py coverage
 	@$(BIN)/python benchmarks/identify.py measured
+	@$(BIN)/python benchmarks/heaters.py
 	@$(MAKE) --no-print-directory hidden
 	@$(MAKE) --no-print-directory measured
 

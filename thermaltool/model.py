@@ -19,6 +19,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from thermaltool.effects import load_effect
+from thermaltool.effects.band import Band, load_band
 from thermaltool.effects.effect import SIDES, Effect, Signals, reference_of
 from thermaltool.errors import ModelError
 from thermaltool.responses import Response, parameter_names, response_class
@@ -85,6 +86,8 @@ class Term:
     covariance : ndarray, shape (n, n), or None
         Of the fitted parameters, in the order of `covariance_names`.
     covariance_names : tuple of str
+    band : Band or None
+        Its place among terms that are scheduled by level.
     """
 
     drive: str
@@ -92,6 +95,7 @@ class Term:
     response: Response
     covariance: Float | None = None
     covariance_names: tuple[str, ...] = ()
+    band: Band | None = None
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,10 @@ class Model:
     @property
     def deflections(self) -> tuple[Output, ...]:
         return tuple(o for o in self.outputs if o.role == "deflection")
+
+    def reference(self, channel: str) -> float | Literal["first"]:
+        """What counts as zero of a channel that is read: that of a drive, else 0."""
+        return next((d.reference for d in self.drives if d.channel == channel), 0.0)
 
     def with_design(self, design: Mapping[str, Any]) -> Model:
         """The same model with an estimator, tied to the parameters that it was designed for."""
@@ -172,6 +180,7 @@ class Model:
     def needs(self) -> tuple[str, ...]:
         """Channels that a simulation reads: drives, and what the effects need."""
         own = [*(d.channel for d in self.drives), *(c for e in self.effects for c in e.needs())]
+        own += [term.band.channel for term in self.terms if term.band is not None]
         return tuple(dict.fromkeys(own))
 
 
@@ -204,13 +213,14 @@ def respond(model: Model, effects: Sequence[Effect], signals: Signals) -> dict[s
     """Sums of the terms of every output: what the machine does, before sources and sensors."""
     inputs = driven(model, effects, signals)
     holds = {d.channel: d.hold for d in model.drives}
+    shares = [taken(model, term, inputs, signals) for term in model.terms]
     lossy = [e for e in effects if e.side == "state"]
 
     def sums(cooling: Float | None) -> dict[str, Float]:
         outputs = {output.channel: np.zeros(len(signals.time)) for output in model.outputs}
-        for term in model.terms:
+        for term, u in zip(model.terms, shares, strict=True):
             outputs[term.output] += simulate_response(
-                term.response, signals.time, inputs[term.drive], holds[term.drive], cooling
+                term.response, signals.time, u, holds[term.drive], cooling
             )
         return outputs
 
@@ -224,6 +234,15 @@ def respond(model: Model, effects: Sequence[Effect], signals: Signals) -> dict[s
             break
         outputs = sums(cooling)
     return outputs
+
+
+def taken(model: Model, term: Term, inputs: Mapping[str, Float], signals: Signals) -> Float:
+    """What a term takes of its drive, one of `inputs`: all of it, or its level's share."""
+    if term.band is None:
+        return inputs[term.drive]
+    chooser = term.band.channel
+    values = relative(signals.column(chooser), model.reference(chooser))
+    return inputs[term.drive] * term.band.share(values)
 
 
 def read_outputs(
@@ -426,6 +445,7 @@ def to_document(model: Model) -> dict[str, Any]:
 
 def _term_document(term: Term) -> dict[str, Any]:
     response = term.response
+    band = {} if term.band is None else {"band": term.band.document()}
     return {
         "drive": term.drive,
         "output": term.output,
@@ -433,6 +453,7 @@ def _term_document(term: Term) -> dict[str, Any]:
         "parameters": {name: getattr(response, name) for name in parameter_names(response.kind)},
         "covariance": None if term.covariance is None else np.asarray(term.covariance).tolist(),
         "covariance_names": list(term.covariance_names),
+        **band,
     }
 
 
@@ -539,4 +560,5 @@ def _load_term(document: Mapping[str, Any]) -> Term:
         response,
         None if covariance is None else np.array(covariance, float),
         tuple(document.get("covariance_names", ())),
+        load_band(document.get("band")),
     )

@@ -145,3 +145,33 @@ def test_classic_series_load_as_they_are() -> None:
         log = read_log(str(path), columns=str(MAPS / "series.toml"))
         assert list(log.columns) == ["x_series_1"]
         assert log.time[-1] == len(log) - 1
+
+
+ANGLES = '[angles]\nphi_x_urad = { probes = ["d_1_um", "d_2_mm"], distance_mm = 200 }\n'
+
+
+def test_an_angle_from_two_probes(mapped) -> None:
+    """φ = (δ2 − δ1)/Δ: 4 µm over 200 mm are 20 µrad."""
+    log = mapped("time_s,d_1_um,d_2_mm\n0,1,0.005\n1,,0\n", ANGLES)
+    np.testing.assert_allclose(log.column("phi_x_urad"), [20.0, np.nan], rtol=1e-12)
+    assert log.channels["phi_x_urad"].dimension == "angle"
+    other = ANGLES.replace("phi_x_urad", "phi_x_rad")
+    log = mapped("time_s,d_1_um,d_2_mm\n0,1,0.005\n1,,0\n", other)
+    assert log.column("phi_x_rad")[0] == pytest.approx(20e-6)
+
+
+@pytest.mark.parametrize(
+    ("toml", "message"),
+    [
+        (ANGLES.replace("d_1_um", "d_3_um"), "no column d_3_um"),
+        (ANGLES.replace("d_1_um", "T_a_degC"), "T_a_degC is no displacement"),
+        (ANGLES.replace("d_1_um", "d_2_mm"), "names two columns"),
+        (ANGLES.replace("phi_x_urad", "phi_x_um"), "no angle by its name"),
+        (ANGLES.replace("200", "0"), "distance_mm must be above 0"),
+        (ANGLES.replace("distance_mm", "distance"), "knows no 'distance'"),
+        (ANGLES.replace("phi_x_urad", "phi_y_urad"), "has this column"),
+    ],
+)
+def test_angles_that_cannot_be(mapped, toml, message) -> None:
+    with pytest.raises(LogError, match=message):
+        mapped("time_s,d_1_um,d_2_mm,phi_y_urad\n0,1,0.005,3\n1,1,0,3\n", toml)

@@ -57,6 +57,22 @@ def read_model(path: str) -> Model:
     return loads(read_text(path), "<stdin>" if path == "-" else path)
 
 
+def write_combined(
+    combine: Callable[[list[Model]], Model], models: tuple[str, ...], output: str
+) -> None:
+    """Read several models, and write the one that is made of them."""
+    from dataclasses import replace
+
+    from thermaltool.model import dumps
+
+    one_stdin(*models)
+    keep_inputs(output, *models)
+    made = combine([read_model(path) for path in models])
+    provenance = {**made.provenance, "command": "thermaltool " + " ".join(sys.argv[1:])}
+    with atomic_output(output) as stream:
+        stream.write(dumps(replace(made, provenance=provenance)).encode())
+
+
 def write_json(document: Mapping[str, Any], target: str) -> None:
     """Sorted keys, null for what is missing, never NaN."""
     text = json.dumps(document, sort_keys=True, indent=1, allow_nan=False) + "\n"

@@ -79,7 +79,8 @@ def command(
     settled = initial == "settled"
     rests = {o.channel: o.offset for o in document.outputs}
     behind = dict(data.columns)
-    for name, inlet, truth in zip(chain.estimator.sensors, chain.inlets, truths.T, strict=True):
+    # Sensors come first; of a scheduled drive the estimator takes more than its one column.
+    for name, inlet, truth in zip(chain.estimator.sensors, chain.inlets, truths.T, strict=False):
         if len(none := np.flatnonzero(np.isnan(truth))):
             raise LogError(f"no truth gives this reading ({len(none)} rows)", data.name,
                            int(data.lines[none[0]]), inlet.column)  # fmt: skip

@@ -15,34 +15,40 @@ from thermaltool.cli.options import (
     output_option,
     to_option,
 )
-from thermaltool.plants import PLANTS
+from thermaltool.plants import HEATED, PLANTS
 
+HEATERS = ("causal", "stabilization")
 SHAPES = ("step", "idle", "triangle", "duty")
 BORING_BAR = "boring-bar"
 # Where no --duration is given [s].
-USUAL_DURATION, USUAL_CUT = 9000.0, 4.0
+USUAL_DURATION, USUAL_CUT, USUAL_START, USUAL_PERIOD = 9000.0, 4.0, 60.0, 0.5
+WARMED = ", ".join(HEATED)
 
 
 @click.command(
     epilog="Example: thermaltool plant frame --input triangle --duration 1800 | thermaltool check -"
 )
-@click.argument("name", type=click.Choice([*PLANTS, BORING_BAR]))
+@click.argument("name", type=click.Choice([*PLANTS, *HEATED, BORING_BAR]))
 @click.option(
     "--input",
     "shape",
     default="step",
     metavar="|".join((*SHAPES, "FILE")),
-    help="Heat: a shape, or a log with Q_main_1 (and T_ambient_degC), held between its rows.",
+    help="Heat: a shape, or a log with Q_main_1 (and T_ambient_degC), held between its rows; "
+    f"{WARMED}: step, A, B, quick, mixed, or a log with Q_causal_W, Q_stabilization_W.",
 )
 @click.option("--level", type=NOT_NEGATIVE, default=1.0, help="Factor on the heat [1].")
-@click.option("--start", type=NOT_NEGATIVE, default=60.0, help="Idle time before the input [s].")
+@click.option("--start", type=NOT_NEGATIVE,
+              help=f"Idle time before the input [s].  [default: {USUAL_START:g}; {WARMED}: "
+              "1800]")  # fmt: skip
 @click.option(
     "--duration",
     type=POSITIVE,
     help=f"Length, idle time included [s].  [default: {USUAL_DURATION:g}; {BORING_BAR}: "
-    f"{USUAL_CUT:g}]",
+    f"{USUAL_CUT:g}; {WARMED}: 43200]",
 )
-@click.option("--dt", type=POSITIVE, default=0.5, help="Sample period [s].")
+@click.option("--dt", type=POSITIVE,
+              help=f"Sample period [s].  [default: {USUAL_PERIOD:g}; {WARMED}: 60]")  # fmt: skip
 @click.option("--ambient", type=NUMBER, default=20.0, help="Air temperature [degC].")
 @click.option("--seed", type=click.IntRange(min=0), default=1, help="Seed of noise and of duty.")
 @click.option("--sigma", type=NOT_NEGATIVE, default=0.02, help="White noise of temperatures [K].")
@@ -63,6 +69,12 @@ USUAL_DURATION, USUAL_CUT = 9000.0, 4.0
     metavar="FILE",
     help=f"{BORING_BAR}: log with U_command_V; of a named pipe, one line answers each line.",
 )
+@click.option("--heater", type=click.Choice([*HEATERS, "both"]), default="causal",
+              help=f"{WARMED}: which one is on; both have courses of their own.")  # fmt: skip
+@click.option("--power", type=POSITIVE,
+              help=f"{WARMED}: the largest power that is set [W].  [default: all]")  # fmt: skip
+@click.option("--swing", type=NOT_NEGATIVE, default=0.5,
+              help=f"{WARMED}: drift of the air [K].")  # fmt: skip
 @to_option
 @json_lines_option
 @output_option
@@ -70,9 +82,9 @@ def command(
     name: str,
     shape: str,
     level: float,
-    start: float,
+    start: float | None,
     duration: float | None,
-    dt: float,
+    dt: float | None,
     ambient: float,
     seed: int,
     sigma: float,
@@ -83,6 +95,9 @@ def command(
     speed: float,
     part: str,
     commands: str | None,
+    heater: str,
+    power: float | None,
+    swing: float,
     to_format: str | None,
     as_json: bool,
     output: str,
@@ -96,11 +111,23 @@ def command(
     and the trace that it cuts; of the options above only --duration and --seed are its own. With
     --commands PIPE the lines on stdout are time, speed and error, each waits for its command, and
     -o FILE takes the whole log.
+
+    quill and c-frame have two heaters behind regulators that are not straight, two temperatures and
+    three displacement probes with noise of their own: step is a calibration, A holds its steps for
+    8 h, B is random with quick changes at its end, quick changes within minutes, mixed at many
+    rates. Of the options above they take --input, --start, --duration, --dt, --ambient, --seed and
+    --clean.
     """
+    form = "ndjson" if as_json else to_format
+    if name in HEATED:
+        from thermaltool.cli.heaters import write_heated
+
+        write_heated(name, shape, heater, power, (duration, start, dt), (ambient, swing), seed,
+                     clean, output, form)  # fmt: skip
+        return
     if name == BORING_BAR:
         from thermaltool.cli.boring_bar import write_cut
 
-        form = "ndjson" if as_json else to_format
         write_cut(part, speed, duration or USUAL_CUT, seed, commands, output, form)
         return
     import numpy as np
@@ -110,12 +137,13 @@ def command(
     from thermaltool.plants.excitation import INPUTS, hold, sample_times
     from thermaltool.plants.noise import Sensor, read_sensors
 
+    dt, start = dt or USUAL_PERIOD, USUAL_START if start is None else start
     time = sample_times(duration or USUAL_DURATION, dt)
     air = np.full_like(time, ambient)
     if shape in INPUTS:
         heat = INPUTS[shape](time - start, seed)
     else:
-        log = _read_input(shape)
+        log = read_input(shape, SHAPES, ("Q_main_1",))
         elapsed = log.time - log.time[0] + start
         heat = hold(time, elapsed, log.column("Q_main_1"), before=0.0)
         if "T_ambient_degC" in log.columns:
@@ -128,20 +156,19 @@ def command(
         sensors = {"degC": temperature, "K": temperature, "um": Sensor(sigma_d, decimals=2)}
         columns = read_sensors(columns, sensors, dt, seed)
     table = {"time_s": time, "Q_main_1": heat, "T_ambient_degC": air, **columns}
-    write_table(table, output, "ndjson" if as_json else to_format)
+    write_table(table, output, form)
 
 
-def _read_input(source: str) -> Any:
+def read_input(source: str, shapes: tuple[str, ...], need: tuple[str, ...]) -> Any:
     """The log that ``--input`` names."""
     from thermaltool.errors import LogError
     from thermaltool.logs import read_log
 
     if source != "-" and not os.path.exists(source):
-        shapes = ", ".join(SHAPES)
         raise click.BadParameter(
-            f"{source!r} is no file and none of {shapes}", param_hint="--input"
+            f"{source!r} is no file and none of {', '.join(shapes)}", param_hint="--input"
         )
-    log = read_log(source, need=("Q_main_1",))
+    log = read_log(source, need=need)
     if not len(log):
         raise LogError("no rows to take the heat from", log.name)
     return log

@@ -91,6 +91,8 @@ def _check(model: Model, logs: Sequence[Signals]) -> None:
     outputs = [o.channel for o in model.outputs]
     if not any(o in log.columns for o in outputs for log in logs):
         raise ModelError(f"no output of the model in the logs: {', '.join(outputs)}")
+    if any(term.band is not None for term in model.terms):
+        raise ModelError("a schedule of transfer functions: diagnose its members one by one")
     for o in outputs:
         there = [log.columns[o] for log in logs if o in log.columns]
         if there and not any(np.isfinite(values).sum() >= 20 for values in there):

@@ -41,19 +41,31 @@ CATALOGUE: dict[str, str] = {
     "outliers": "Outliers",
 }
 
+# What ``thermaltool correct`` adds to a model: module and class. No cause, so that no diagnosis
+# tries them.
+CORRECTIONS: dict[str, tuple[str, str]] = {
+    "drive_curve": ("curve", "DriveCurve"),
+    "output_curve": ("curve", "OutputCurve"),
+}
+
 
 def effect_class(name: str) -> type[Effect]:
-    """The class of a cause by name.
+    """The class of a cause or a correction by name.
 
     Raises
     ------
     ModelError
         Unknown cause; the message lists the known ones.
     """
-    if name not in CATALOGUE:
-        raise ModelError(f"unknown effect {name!r}; known: {', '.join(CATALOGUE)}")
+    if name in CORRECTIONS:
+        module, class_name = CORRECTIONS[name]
+    elif name in CATALOGUE:
+        module, class_name = name, CATALOGUE[name]
+    else:
+        known = ", ".join((*CATALOGUE, *CORRECTIONS))
+        raise ModelError(f"unknown effect {name!r}; known: {known}")
     cls: type[Effect] = getattr(
-        importlib.import_module(f"thermaltool.effects.{name}"), CATALOGUE[name]
+        importlib.import_module(f"thermaltool.effects.{module}"), class_name
     )
     return cls
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermaltool.effects.band import Band
 from thermaltool.errors import ModelError
 from thermaltool.inverse.estimator import (
     Estimator,
@@ -34,6 +35,25 @@ from thermaltool.responses.modes import Float
 
 
 @dataclass(frozen=True)
+class Feed:
+    """One input of the estimator.
+
+    Attributes
+    ----------
+    inlet : int
+        The column from which it comes.
+    band : Band or None
+        Only this level's share of it,
+    by : int
+        by what this inlet reads.
+    """
+
+    inlet: int
+    band: Band | None = None
+    by: int = 0
+
+
+@dataclass(frozen=True)
 class Chain:
     """A model's estimator with all that is around it.
 
@@ -41,13 +61,16 @@ class Chain:
     ----------
     estimator : Estimator
     inlets : tuple of Inlet
-        In the order of ``estimator.sensors``.
+        One for each column that is read, the sensors first.
+    feeds : tuple of Feed
+        What the estimator takes, in the order of ``estimator.sensors``.
     told : tuple of tuple of callable
         For each estimate, the steps from it to what is told.
     """
 
     estimator: Estimator
     inlets: tuple[Inlet, ...]
+    feeds: tuple[Feed, ...]
     told: tuple[tuple[Static, ...], ...]
 
     @staticmethod
@@ -72,10 +95,13 @@ class Chain:
             )
             for sensor in design["sensors"]
         ]
+        feeds = [Feed(k) for k in range(len(inlets))]
         if isinstance(linear, WithKnown):
-            inlets += [_known_inlet(model, known) for known in linear.known]
+            added, taken = _known_inlets(model, linear.known, len(inlets))
+            inlets += added
+            feeds += taken
         told = tuple(told_of(model, name) for name in linear.estimates)
-        return Chain(_with_losses(model, linear), tuple(inlets), told)
+        return Chain(_with_losses(model, linear), tuple(inlets), tuple(feeds), told)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -106,9 +132,11 @@ class Chain:
         -------
         ndarray, shape (n, n_estimates)
         """
-        inputs = truths.copy()
-        for k, inlet in enumerate(self.inlets):
-            inputs[:, k] = through(inlet.ahead, truths[:, k])
+        acting = [through(inlet.ahead, truths[:, k]) for k, inlet in enumerate(self.inlets)]
+        inputs = np.empty((len(truths), len(self.feeds)))
+        for k, feed in enumerate(self.feeds):
+            share = 1.0 if feed.band is None else feed.band.share(truths[:, feed.by])
+            inputs[:, k] = acting[feed.inlet] * share
         if isinstance(self.estimator, LossyEstimator):
             estimates = self.estimator.run(time, inputs, settled)
         else:
@@ -120,7 +148,19 @@ class Chain:
     def inputs(self, truths: Sequence[float]) -> list[float]:
         """What acts of the truths of one sample."""
         steps = (inlet.ahead for inlet in self.inlets)
-        return [_at_once(each, value) for each, value in zip(steps, truths, strict=True)]
+        acting = [_at_once(each, value) for each, value in zip(steps, truths, strict=True)]
+        return [
+            acting[feed.inlet]
+            if feed.band is None
+            else acting[feed.inlet] * float(feed.band.share(np.array(truths[feed.by])))
+            for feed in self.feeds
+        ]
+
+    @property
+    def straight(self) -> bool:
+        """Whether the estimator takes the truths as they are."""
+        bent = any(inlet.ahead for inlet in self.inlets)
+        return not bent and all(feed.band is None for feed in self.feeds)
 
     def tell(self, estimates: Sequence[float]) -> list[float]:
         """What is told of the estimates of one sample."""
@@ -129,6 +169,35 @@ class Chain:
 
 def _at_once(steps: tuple[Static, ...], value: float) -> float:
     return float(through(steps, np.array(value))) if steps else value
+
+
+def _known_inlets(
+    model: Model, known: Sequence[Known], first: int
+) -> tuple[list[Inlet], list[Feed]]:
+    """Inlets of known columns, each in each role once, and what they feed; numbered from `first`.
+
+    Raises
+    ------
+    ModelError
+        A schedule by a channel that is not read.
+    """
+    places: dict[tuple[str, str], int] = {}
+    inlets: list[Inlet] = []
+    for each in known:
+        if (each.channel, each.role) not in places:
+            places[each.channel, each.role] = first + len(inlets)
+            inlets.append(_known_inlet(model, each))
+    feeds = []
+    for each in known:
+        inlet, by = places[each.channel, each.role], 0
+        if each.band is not None:
+            chooser = each.band.channel
+            at = places.get((chooser, "drive"), places.get((chooser, "state")))
+            if at is None:
+                raise ModelError(f"the schedule by {chooser} has no column: run regularize again")
+            by = at
+        feeds.append(Feed(inlet, each.band, by))
+    return inlets, feeds
 
 
 def _known_inlet(model: Model, known: Known) -> Inlet:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from thermaltool.effects.band import Band, load_band
 from thermaltool.errors import ModelError
 from thermaltool.responses.delay import load_modes
 from thermaltool.responses.modes import CLOCK_STEP, Float, Hold, Modes, Recursion
@@ -34,12 +35,20 @@ class Known:
     hold : "zero" or "first"
     role : "drive", "source" or "state"
         A drive of the model, relative to its reference; the channel of a source, relative to its
-        first value; a state on which the loss of heat depends, as it is.
+        first value; a state on which the loss of heat or a schedule depends, as it is.
+    band : Band or None
+        Of a drive: only this level's share of it.
     """
 
     channel: str
     hold: Hold
     role: Role
+    band: Band | None = None
+
+    def document(self) -> dict[str, Any]:
+        """As JSON."""
+        band = {} if self.band is None else {"band": self.band.document()}
+        return {"channel": self.channel, "hold": self.hold, "role": self.role, **band}
 
 
 # (target, known column, response), or a gain where it acts at once.
@@ -138,8 +147,7 @@ class WithKnown:
         return {
             **self.inner.document(),
             "known": {
-                "columns": [{"channel": k.channel, "hold": k.hold, "role": k.role}
-                            for k in self.known],
+                "columns": [k.document() for k in self.known],
                 "to_sensors": [_way_document(way) for way in self.to_sensors],
                 "to_outputs": [_way_document(way) for way in self.to_outputs],
             },
@@ -167,7 +175,10 @@ def load_known(inner: Estimator, document: dict[str, Any]) -> WithKnown:
     ModelError, KeyError, TypeError, ValueError
         A part missing or not sound.
     """
-    known = tuple(Known(k["channel"], k["hold"], k["role"]) for k in document["columns"])
+    known = tuple(
+        Known(k["channel"], k["hold"], k["role"], load_band(k.get("band")))
+        for k in document["columns"]
+    )
     for k in known:
         if k.hold not in get_args(Hold) or k.role not in get_args(Role):
             raise ModelError(f"a known column {k.channel} of hold {k.hold!r}, role {k.role!r}")

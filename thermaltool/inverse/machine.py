@@ -115,6 +115,7 @@ class Machine:
         if not outputs:
             raise ModelError("the model has no deflection to estimate")
         given = tuple(every if not model.sensors else measured)
+        _examine_bands(model, given)
         notes, losses = examine(model, given), losses_of(model)
         examine_losses(model, given)
         sensors = tuple(o.channel for o in model.sensors) if set(every) - set(given) else ()
@@ -221,3 +222,17 @@ class Machine:
 
 def _behind(noise: SensorNoise, slope: float) -> SensorNoise:
     return SensorNoise(slope * noise.white, slope * noise.drift, noise.drift_time)
+
+
+def _examine_bands(model: Model, measured: Sequence[str]) -> None:
+    """A schedule bends its drives: they are read, and what chooses is read or no drive."""
+    drives = [d.channel for d in model.drives]
+    for term in model.terms:
+        if term.band is None:
+            continue
+        for channel in (term.drive, term.band.channel):
+            if channel in drives and channel not in measured:
+                raise ModelError(
+                    f"{channel} has a schedule of transfer functions: it cannot be estimated; "
+                    f"where it is measured: --measured {channel}"
+                )

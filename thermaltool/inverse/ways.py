@@ -51,9 +51,18 @@ class Ways:
     @cached_property
     def known(self) -> tuple[Known, ...]:
         """Columns to be read, each in each role once."""
-        drives = (d for d in self.model.drives if d.channel in self.measured)
-        acting = {t.drive for t in self.model.terms if t.output in (*self.sensors, *self.outputs)}
-        found = [Known(d.channel, d.hold, "drive") for d in drives if d.channel in acting]
+        drives = {d.channel: d for d in self.model.drives if d.channel in self.measured}
+        acting = [t for t in self.model.terms if t.output in (*self.sensors, *self.outputs)]
+        found = [
+            Known(d.channel, d.hold, "drive", band)
+            for d in drives.values()
+            for band in dict.fromkeys(t.band for t in acting if t.drive == d.channel)
+        ]
+        for chooser in (t.band.channel for t in acting if t.band is not None):
+            drive = drives.get(chooser)
+            hold = hold_of(chooser) if drive is None else drive.hold
+            if drive is None or chooser not in {k.channel for k in found}:
+                found.append(Known(chooser, hold, "state" if drive is None else "drive"))
         found += [_source(e) for e in self._sources()]
         found += [Known(c, hold_of(c), "state") for e in losses_of(self.model) for c in e.needs()]
         return tuple(dict.fromkeys(found))
@@ -69,7 +78,8 @@ class Ways:
         ways: list[Way] = []
         for term in self.model.terms:
             for source, known in enumerate(self.known):
-                if term.output in targets and (term.drive, "drive") == (known.channel, known.role):
+                own = Known(known.channel, known.hold, "drive", term.band)
+                if term.output in targets and term.drive == known.channel and known == own:
                     ways.append((targets.index(term.output), source, self.response(term)))
         for effect in self._sources():
             source = self.known.index(_source(effect))

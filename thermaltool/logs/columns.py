@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from thermaltool.errors import LogError, UnitError
-from thermaltool.logs.log import hint
+from thermaltool.logs.log import Array, hint
 from thermaltool.units import UNITS, parse_channel
 
 
@@ -34,6 +36,21 @@ class Rename:
 
 
 @dataclass(frozen=True)
+class Angle:
+    """An angle from two probes at a `distance` [mm]: φ = (δ2 − δ1)/Δ (Mareš et al.)."""
+
+    name: str
+    probes: tuple[str, str]
+    distance: float
+
+    def of(self, first: Array, second: Array) -> Array:
+        """φ in the unit of its name, from what both probes read."""
+        lengths = [UNITS[parse_channel(probe).unit][1] for probe in self.probes]  # [µm]
+        radians = (lengths[1] * second - lengths[0] * first) / (1e3 * self.distance)
+        return np.asarray(1e6 * radians / UNITS[parse_channel(self.name).unit][1], float)
+
+
+@dataclass(frozen=True)
 class Dialect:
     """How the numbers of a foreign CSV file are written."""
 
@@ -46,7 +63,8 @@ class Dialect:
 class ColumnMap:
     """What a map file says; the default changes nothing.
 
-    `columns` gives None for a column that is left out; `unmapped` is ``keep`` or ``drop``.
+    `columns` gives None for a column that is left out; `unmapped` is ``keep`` or ``drop``. `angles`
+    are computed from mapped columns.
     """
 
     file: str | None = None
@@ -54,6 +72,7 @@ class ColumnMap:
     columns: Mapping[str, Rename | None] = field(default_factory=dict)
     unmapped: str = "keep"
     dialect: Dialect = Dialect()
+    angles: tuple[Angle, ...] = ()
 
     def rename(self, name: str) -> Rename | None:
         """What becomes of column `name`; None leaves it out."""
@@ -85,7 +104,7 @@ def read_map(path: str) -> ColumnMap:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise LogError(f"not TOML: {error}", path) from error
     try:
-        _keys("the map", document, ("time", "columns", "unmapped", *Dialect.__dataclass_fields__))
+        _keys("the map", document, _KEYS)
         columns = _typed("columns", document.get("columns", {}), dict)
         return ColumnMap(
             file=path,
@@ -93,11 +112,18 @@ def read_map(path: str) -> ColumnMap:
             columns={name: _rename(name, entry) for name, entry in columns.items()},
             unmapped=_choice("unmapped", document.get("unmapped", "keep"), ("keep", "drop")),
             dialect=_dialect(document),
+            angles=tuple(
+                _angle(name, entry)
+                for name, entry in _typed("angles", document.get("angles", {}), dict).items()
+            ),
         )
     except UnitError as error:
         raise LogError(str(error), path) from error
     except _MapError as error:
         raise LogError(str(error), path) from error
+
+
+_KEYS = ("time", "columns", "unmapped", "angles", *Dialect.__dataclass_fields__)
 
 
 class _MapError(Exception):
@@ -137,6 +163,23 @@ def _rename(name: str, entry: Any) -> Rename | None:
         for key, default in (("scale", 1.0), ("offset", 0.0))
     )
     return Rename(target, scale, offset)
+
+
+def _angle(name: str, entry: Any) -> Angle:
+    place = f"angles.{name}"
+    if parse_channel(name).dimension != "angle":
+        raise _MapError(f"{place} is no angle by its name: it ends with _urad or _rad")
+    _keys(place, _typed(place, entry, dict), ("probes", "distance_mm"))
+    probes = _typed(f"{place}.probes", entry.get("probes"), list)
+    if len(probes) != 2 or probes[0] == probes[1]:
+        raise _MapError(f"{place}.probes names two columns")
+    for probe in probes:
+        if parse_channel(_typed(f"{place}.probes", probe, str)).dimension != "length":
+            raise _MapError(f"{place}: {probe} is no displacement")
+    distance = float(_typed(f"{place}.distance_mm", entry.get("distance_mm"), (int, float)))
+    if not 0 < distance < float("inf"):
+        raise _MapError(f"{place}.distance_mm must be above 0")
+    return Angle(name, (probes[0], probes[1]), distance)
 
 
 def _dialect(document: Mapping[str, Any]) -> Dialect:

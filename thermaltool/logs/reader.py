@@ -85,7 +85,7 @@ def read_log(
         epoch=epoch,
         lines=cells.lines,
     )
-    log = _without_gaps(log, need, nan_policy)
+    log = _without_gaps(_with_angles(log, mapping), need, nan_policy)
     missing = [] if not strict else _first_missing(log, plan.clock.column)
     faults = [*faults, *missing, *_disorder(log, plan.clock.column)]
     if strict and faults:
@@ -216,6 +216,20 @@ def _scaled(values: Array, rename: Rename) -> Array:
     if rename.scale == 1.0 and rename.offset == 0.0:
         return values
     return rename.scale * values + rename.offset
+
+
+def _with_angles(log: Log, mapping: ColumnMap) -> Log:
+    """The angles that a map asks for, beside what was read."""
+    for angle in mapping.angles:
+        if angle.name in log.columns:
+            raise LogError(f"angles.{angle.name}: {log.name} has this column", mapping.file)
+        values = angle.of(*(log.column(probe) for probe in angle.probes))
+        log = replace(
+            log,
+            columns={**log.columns, angle.name: values},
+            channels={**log.channels, angle.name: parse_channel(angle.name)},
+        )
+    return log
 
 
 def _without_gaps(log: Log, need: Sequence[str], policy: str) -> Log:

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+if TYPE_CHECKING:
+    from thermaltool.plants.heated import HeatedPlant
+
 # Name to module; the module's `build()` returns the plant. Imported on use.
 PLANTS = {"frame": "thermaltool.plants.frame"}
+# With two heaters; `build_heated`.
+HEATED = {"quill": "thermaltool.plants.quill", "c-frame": "thermaltool.plants.c_frame"}
 
 
 class Plant(Protocol):
@@ -26,4 +31,10 @@ class Plant(Protocol):
 def build(name: str) -> Plant:
     """Assemble the plant called `name`, a key of `PLANTS`."""
     plant: Plant = importlib.import_module(PLANTS[name]).build()
+    return plant
+
+
+def build_heated(name: str) -> HeatedPlant:
+    """Assemble the plant called `name`, a key of `HEATED`."""
+    plant: HeatedPlant = importlib.import_module(HEATED[name]).build()
     return plant

@@ -120,21 +120,22 @@ class Compensator:
             sensor.take(time, reading, fault)
             lost = lost or sensor.lost
         readings = [sensor.truth - sensor.rest for sensor in self.sensors]
-        self._estimate(ticks, self._inputs(readings))
+        self._estimate(ticks, readings)
         self._move(time, lost or not self._started)
 
     def _estimate(self, ticks: int, readings: list[float]) -> None:
         """Go on, or start from rest as soon as every sensor has given a reading."""
+        inputs = self._inputs(readings)
         if self._started:
-            self.estimates = self._told(self.stepper.step(ticks, readings))
+            self.estimates = self._told(self.stepper.step(ticks, inputs))
             if math.isfinite(sum(self.estimates)):
                 return
             self.report("", "the estimates are not finite: started again from rest")
-        self._started = all(map(math.isfinite, readings))
+        self._started = all(map(math.isfinite, inputs))
         if not self._started:
             self.estimates = self.stepper.rest()
             return
-        self.estimates = self._told(self.stepper.start(readings, self.policy.settled))
+        self.estimates = self._told(self.stepper.start(inputs, self.policy.settled))
         settled = self.policy.settled
         for sensor, reading in zip(self.sensors, readings, strict=True):
             if not settled and sensor.at_rest and away_from_rest(reading, sensor.calibrated):

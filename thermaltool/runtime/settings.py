@@ -192,7 +192,7 @@ def open_stream(
 def _around(chain: Chain) -> dict[str, Pass]:
     """What a sample passes before and behind the estimator; nothing where no effect is there."""
     around: dict[str, Pass] = {}
-    if any(inlet.ahead for inlet in chain.inlets):
+    if not chain.straight:
         around["inputs"] = chain.inputs
     if any(chain.told):
         around["told"] = chain.tell

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from reference.random_systems import case, fit_percent
@@ -68,6 +70,19 @@ def test_a_pole_without_an_equivalent_is_named():
     assert model.F[0][1] == pytest.approx(0.6, abs=1e-6)
     with pytest.raises(ModelError, match=r"z = -0\.6"):
         continued(model, 0, "zero")
+
+
+@pytest.mark.parametrize("turned", [0.0, 1e-9, -1e-9])
+def test_a_pole_that_is_there_twice_becomes_two(turned):
+    """Critical damping, to rounding a pair or two values."""
+    _, _, u, y = thermal("zero", 0.0)
+    found = identify(data(u, y, 5.0).from_rest(), "oe", orders_of("oe", (2,), 2, (1,)))
+    z = np.exp(-5.0 / 200.0)
+    twice = replace(found, F=(np.array([1.0, -2 * z, z * z * (1 + turned)]),))
+    way = continued(twice, 0, "zero")
+    assert way.response.kind == "rational2"
+    assert way.mismatch < 1e-4
+    assert way.response.tau1 == pytest.approx(200.0, rel=2e-2)
 
 
 def test_rest_is_told_from_a_transient():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.errors import ModelError
 from thermaltool.identification.transfer.data import Array
@@ -14,6 +15,9 @@ from thermaltool.responses.modes import Hold
 
 # The steps of both forms are compared over so many slowest time constants, and samples at most.
 SPAN, MOST = 8, 20000
+# Poles nearer to each other than this share of their size are one pole, twice; a pair with a
+# smaller imaginary part than that is two or three real poles, to rounding.
+TWICE, ROUNDED = 1e-3, 1e-2
 _KINDS = {(1, 0): "rational1", (2, 0): "rational2", (3, 0): "rational3", (4, 0): "rational4",
           (0, 1): "oscillation", (1, 1): "oscillation1", (2, 1): "oscillation2"}  # fmt: skip
 
@@ -58,7 +62,7 @@ def continued(model: TransferModel, k: int, hold: Hold) -> Continued:
                 f"{place}: a pole at z = {z.real:.3g} has no equivalent in continuous time: "
                 "take a lower order"
             )
-    s = np.log(poles) / model.dt
+    s = _apart(np.asarray(np.log(poles) / model.dt, complex))
     real, pairs = s[s.imag == 0].real, s[s.imag > 0]
     kind = _KINDS.get((len(real), len(pairs)))
     if kind is None:
@@ -83,6 +87,21 @@ def continued(model: TransferModel, k: int, hold: Hold) -> Continued:
     left = np.max(np.abs(wanted - gains_found @ rows)) / np.max(np.abs(wanted))
     named = {name: float(g) for name, g in zip(cls.gains, gains_found, strict=True)}
     return Continued(cls(**searched, **named, delay=delay), float(left))
+
+
+def _apart(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Poles with those drawn apart that are twice there: no kind has a double pole.
+
+    Critical damping comes out of a search over real poles, to rounding as a pair or as one value.
+    """
+    parted = s.copy()
+    for k in range(len(s) - 1):
+        here, after = parted[k], parted[k + 1]
+        gap, turned = abs(here - after) / abs(here), here.imag != 0 or after.imag != 0
+        if gap < 2 * (ROUNDED if turned else TWICE):
+            middle = float((here + after).real) / 2
+            parted[k], parted[k + 1] = middle * (1 - TWICE), middle * (1 + TWICE)
+    return parted
 
 
 def _alone(model: TransferModel, k: int, u: Array) -> Array:

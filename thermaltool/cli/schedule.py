@@ -1,0 +1,46 @@
+"""``thermaltool schedule``: several models by level."""
+
+from __future__ import annotations
+
+import click
+
+from thermaltool.cli.options import Source, output_option
+
+
+class Levels(click.ParamType):
+    name = "x1,x2,..."
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        try:
+            return tuple(float(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not {self.name}", param, ctx)
+
+
+@click.command(
+    epilog="Example: thermaltool schedule at20.json at40.json at60.json --by Q_heater_W "
+    "-o scheduled.json"
+)
+@click.argument("models", type=Source(), nargs=-1, required=True)
+@click.option("--by", required=True, metavar="CHANNEL",
+              help="What chooses: the drive, or another channel of the log.")  # fmt: skip
+@click.option("--levels", type=Levels(),
+              help="Size of the channel at which each model was found.  "
+              "[default: the largest in its logs]")  # fmt: skip
+@output_option
+def command(
+    models: tuple[str, ...], by: str, levels: tuple[float, ...] | None, output: str
+) -> None:
+    """Several MODELS of the same drives and outputs by level, switched without a bump.
+
+    Each response takes its share of the drive: all of it at its own level, falling straight to none
+    at the neighbours'; beyond the ends the outermost one takes all. What a response has stored goes
+    on decaying in its own way, so that no output jumps. The result simulates and streams as any
+    other model, where the drive and the channel are measured.
+    """
+    from thermaltool.cli.documents import write_combined
+    from thermaltool.identification.combine import scheduled
+
+    write_combined(lambda parts: scheduled(parts, by, levels), models, output)

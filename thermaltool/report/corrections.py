@@ -1,0 +1,62 @@
+"""What ``correct`` reports: fits before and after, on the logs of the fit and on another."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from thermaltool.effects.curve import Curve
+from thermaltool.effects.effect import Signals
+from thermaltool.identification.static import Corrected, judged
+from thermaltool.model import Model
+
+
+def correction_table(found: Corrected, model: Model, fresh: Signals | None) -> list[list[str]]:
+    """Rows of a table: each output, then each curve at its knots."""
+    rows = [["output", "log", "fit before %", "after %", "rmse before", "after"]]
+    for name, before in found.before.items():
+        after = found.after[name]
+        rows.append([name, "fitted", *_fits(before, after)])
+        if fresh is not None:
+            pair = judged(model, [fresh])[name], judged(found.model, [fresh])[name]
+            rows.append([name, "validation", *_fits(*pair)])
+    for curve in _curves(found, model):
+        low, high = _span(found.model, curve)
+        at = np.linspace(low, high, 5)
+        shown = (f"{u:.4g} → {y:.4g}" for u, y in zip(at, curve.bent(at), strict=True))
+        rows.append([curve.channel, curve.name, *list(shown)[1:]])
+    return rows
+
+
+def correction_document(found: Corrected, model: Model, fresh: Signals | None) -> dict[str, Any]:
+    """The same as JSON."""
+    outputs: dict[str, Any] = {
+        name: {"before": before.document(), "after": found.after[name].document()}
+        for name, before in found.before.items()
+    }
+    if fresh is not None:
+        before, after = judged(model, [fresh]), judged(found.model, [fresh])
+        for name, each in outputs.items():
+            each["validation"] = {
+                "before": before[name].document(),
+                "after": after[name].document(),
+            }
+    return {"outputs": outputs, "curves": [c.document() for c in _curves(found, model)]}
+
+
+def _fits(before: Any, after: Any) -> list[str]:
+    return [f"{before.fit_percent:.2f}", f"{after.fit_percent:.2f}",
+            f"{before.rmse:.4g}", f"{after.rmse:.4g}"]  # fmt: skip
+
+
+def _curves(found: Corrected, model: Model) -> list[Curve]:
+    added = found.model.effects[len(model.effects) :]
+    return [effect for effect in added if isinstance(effect, Curve)]
+
+
+def _span(model: Model, curve: Curve) -> tuple[float, float]:
+    ranges = {d.channel: d.range for d in model.drives} | {
+        o.channel: o.range for o in model.outputs
+    }
+    return ranges[curve.channel]
