@@ -21,7 +21,7 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.effects.curve import DriveCurve
+from thermaltool.control.heaters import Stabilizer
 from thermaltool.effects.dynamics import hold_of
 from thermaltool.effects.effect import Signals
 from thermaltool.errors import FitError, ModelError
@@ -32,7 +32,7 @@ from thermaltool.identification.transfer.continuation import continued
 from thermaltool.identification.transfer.data import Data, Stretch
 from thermaltool.identification.transfer.identify import identify, orders_of
 from thermaltool.identification.transfer.machine import machine
-from thermaltool.model import Model, Term
+from thermaltool.model import Model
 from thermaltool.plants import build_heated
 from thermaltool.plants.duties import HOUR, air, settings
 from thermaltool.plants.heated import OUTPUTS, POWERS, SENSORS, HeatedPlant
@@ -40,7 +40,7 @@ from thermaltool.plants.noise import read_sensors
 from thermaltool.signals.agreement import improvement
 
 Array = NDArray[np.float64]
-DT, START, HORIZON = 60.0, 1800.0, 120.0
+DT, START, LEAD = 60.0, 1800.0, 120.0
 QC, QS = POWERS
 TC, TS, ANGLE, LENGTH = "T_causal_degC", "T_stabilization_degC", "phi_x_urad", "d_z_um"
 AIR = "T_ambient_degC"
@@ -126,35 +126,6 @@ def fitted(
     return machine([(found, ways, agreed, data)], None, {}), agreed.fit_percent
 
 
-class Way:
-    """A term in time: what it has stored, and what it will give."""
-
-    def __init__(self, model: Model, term: Term) -> None:
-        modes = term.response.modes(DT)
-        self.poles, self.weights = modes.poles.real, modes.weights.real
-        self.drive, self.band = term.drive, term.band
-        self.curves = [e for e in model.effects
-                       if isinstance(e, DriveCurve) and e.channel == term.drive]  # fmt: skip
-        self.state = np.zeros(len(self.poles))
-        self.later = np.exp(self.poles * HORIZON)
-        self.reach = float(np.sum(self.weights * np.expm1(self.poles * HORIZON) / self.poles))
-
-    def acting(self, u: Array) -> Array:
-        bent = u
-        for curve in self.curves:
-            bent = curve.bent(bent)
-        return bent if self.band is None else bent * self.band.share(u)
-
-    def ahead(self, u: Array) -> Array:
-        """After the horizon, the drive held."""
-        return np.asarray(np.sum(self.later * self.state) + self.reach * self.acting(u))
-
-    def advance(self, u: float) -> None:
-        gain = np.expm1(self.poles * DT) / self.poles
-        acts = float(self.acting(np.array(u)))
-        self.state = np.exp(self.poles * DT) * self.state + self.weights * gain * acts
-
-
 def compensate(bench: Bench, model: Model, spectrum: str, number: int) -> tuple[Signals, Signals]:
     """The spectrum without and with the stabilization heater, as it is (no noise on the angle).
 
@@ -162,10 +133,7 @@ def compensate(bench: Bench, model: Model, spectrum: str, number: int) -> tuple[
     """
     clock, given, around = bench.powers(spectrum, (True, False), SPECTRA[spectrum], number)
     rng = np.random.default_rng([bench.seed, number])
-    ways = [Way(model, term) for term in model.terms if term.output == ANGLE]
-    ours = [way for way in ways if way.drive == QS]
-    others = [way for way in ways if way.drive != QS]
-    choices = np.linspace(0.0, bench.full, 281)
+    held_at_zero = Stabilizer(model, QS, ANGLE, (0.0, bench.full), LEAD)
     run = bench.plant.start(DT, float(around[0]))
     truth, set_ = np.empty((len(clock), len(OUTPUTS))), given.copy()
     first = 0.0
@@ -173,12 +141,13 @@ def compensate(bench: Bench, model: Model, spectrum: str, number: int) -> tuple[
         truth[k] = run.outputs()
         warm = truth[k, 0] + SENSORS["degC"].white * rng.standard_normal()
         first = warm if k == 0 else first
-        drives = {QC: given[k, 0], TC: warm - first}
-        coming = sum(float(way.ahead(np.array(drives[way.drive]))) for way in others)
-        after = coming + sum(way.ahead(choices) for way in ours)
-        set_[k, 1] = choices[int(np.argmin(np.abs(after)))]
-        for way in ways:
-            way.advance(set_[k, 1] if way.drive == QS else drives[way.drive])
+        drives = {QC: float(given[k, 0]), TC: warm - first}
+        readings = {d.channel: drives[d.channel] for d in held_at_zero.read}
+        if k:
+            held_at_zero.advance(DT, readings, float(set_[k - 1, 1]))
+        else:
+            held_at_zero.start(readings)
+        set_[k, 1] = held_at_zero.power()
         run.advance(set_[k], float(around[k]))
     held = {**dict(zip(OUTPUTS, truth.T, strict=True)), AIR: around}
     free = bench.plant.simulate(given, around, DT)

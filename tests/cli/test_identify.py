@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from thermaltool.model import simulate_response
-from thermaltool.responses.rational import Rational2
+from thermaltool.responses.rational import Rational1, Rational2
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 MAPS = Path(__file__).parents[2] / "data_samples" / "maps"
@@ -78,6 +78,37 @@ def test_simulate_takes_the_model(thermaltool, log, tmp_path, extra):
     done = thermaltool("simulate", model, log, "-o", tmp_path / "out.csv", "--json")
     assert done.code == 0, done.err
     assert done.json["d_z_um"]["fit_percent"] > 98
+
+
+@pytest.mark.parametrize("response", [Rational1(0.8, 3000.0, 600.0),
+                                      Rational2(1.0, 6000.0, 0.5, 600.0, 600.0)])  # fmt: skip
+def test_simulate_repeats_the_fit_to_one_step_from_rest(thermaltool, tmp_path, response):
+    rows = np.arange(700)
+    power = np.where(rows < 30, 0.0, 60.0)
+    y = simulate_response(response, 60.0 * rows, power, "zero")
+    y += 5.0 + 0.02 * np.random.default_rng(5).standard_normal(700)
+    log = write_log(tmp_path / "step.csv",
+                    {"time_s": 60.0 * rows, "Q_main_W": power, "d_z_um": y})  # fmt: skip
+    model = tmp_path / "model.json"
+    done = thermaltool("identify", log, *CALL, "-o", model, "--json")
+    assert done.code == 0, done.err
+    assert "--initial rest" not in done.err
+    training = done.json["models"][0]["fit_training_percent"]
+    done = thermaltool("simulate", model, log, "-o", tmp_path / "out.csv", "--json")
+    assert training > 98
+    assert done.json["d_z_um"]["fit_percent"] == pytest.approx(training, abs=1.0)
+
+
+def test_a_fit_that_the_file_does_not_keep_is_told(thermaltool, columns, tmp_path):
+    """A log that begins hot: simulate takes it to begin at rest."""
+    late = {name: values[150:900] for name, values in columns.items()}
+    late["d_z_um"] = late["d_z_um"] + 30.0 * np.exp(-(late["time_s"] - 750.0) / 400.0)
+    log, model = write_log(tmp_path / "late.csv", late), tmp_path / "model.json"
+    done = thermaltool("identify", log, *CALL, "--orders", "2,2,5", "-o", model, "--json")
+    assert done.json["models"][0]["fit_training_percent"] > 97
+    (said,) = [line for line in done.err.splitlines() if "--initial rest" in line]
+    done = thermaltool("simulate", model, log, "-o", tmp_path / "out.csv", "--json")
+    assert f"to {done.json['d_z_um']['fit_percent']:.3g} %" in said
 
 
 def test_validation_on_another_log_and_two_outputs(thermaltool, log, columns, tmp_path):

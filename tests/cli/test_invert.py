@@ -8,6 +8,9 @@ import json
 import numpy as np
 import pytest
 
+from thermaltool.model import Drive, Model, Output, Term, dumps
+from thermaltool.responses.rational import Rational2
+
 
 def test_the_table(thermaltool, files):
     result = thermaltool("invert", files.kernel, "--window", 800)
@@ -78,3 +81,49 @@ def test_a_design_for_other_parameters(thermaltool, files):
     result = thermaltool("invert", files.kernel)
     assert result.code == 1
     assert "designed for other parameters" in result.err
+
+
+POWER_TO_ANGLE = Model(
+    (Drive("Q_heater_W", "zero", 0.0, (0.0, 60.0)),),
+    (Output("phi_x_urad", "deflection", "first", (0.0, 200.0)),),
+    (Term("Q_heater_W", "phi_x_urad", Rational2(2.0, 900.0, 1.0, 5000.0)),),
+    60.0,
+)
+
+
+def test_an_inverse_transfer_function_simulates(thermaltool, tmp_path):
+    model, inverse, log = (tmp_path / n for n in ("model.json", "inverse.json", "log.csv"))
+    model.write_text(dumps(POWER_TO_ANGLE))
+    rows = "".join(f"{60 * k},{50.0 * (k > 9)}\n" for k in range(600))
+    log.write_text("time_s,Q_heater_W\n" + rows)
+    done = thermaltool("invert", model, "--filter", "300", "-o", inverse)
+    assert (done.code, done.out) == (0, "")
+    # (2 (5000 s + 1) + 900 s + 1): zero at −3/10900.
+    assert "filter of 300, 150 s; zeros at -0.000275 1/s; steady gain 0.3333" in done.err
+    angle = tmp_path / "angle.csv"
+    assert thermaltool("simulate", model, log, "-o", angle).code == 0
+    done = thermaltool("simulate", inverse, angle)
+    assert done.code == 0, done.err
+    names, *lines = done.out.splitlines()
+    assert names == "time_s,Q_heater_W"
+    assert float(lines[0].split(",")[1]) == 0.0
+    assert float(lines[-1].split(",")[1]) == pytest.approx(50.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--filter", "0"), "0.0 is not in the range"),
+        (("--filter", "60", "--dt", "1"), "--filter goes with MODEL"),
+        (("--drive", "Q_heater_W"), "--drive goes with --filter"),
+        (("--filter", "60", "--sensor", "d_z_um"), "no such way: Q_heater_W → phi_x_urad"),
+    ],
+)
+def test_bad_input_of_an_inverse_transfer_function(thermaltool, tmp_path, arguments, message):
+    model, kept = tmp_path / "model.json", tmp_path / "kept.json"
+    model.write_text(dumps(POWER_TO_ANGLE))
+    kept.write_text("kept")
+    done = thermaltool("invert", model, *arguments, "-o", kept)
+    assert done.code in (1, 2)
+    assert message in done.err.splitlines()[-1]
+    assert kept.read_text() == "kept"

@@ -66,7 +66,17 @@ class Safe(click.ParamType):
     default="column",
     help="Time from the input, or of its arrival (to 1 ms).",
 )
-@click.option("--also", type=click.Choice(["estimates"]), help="Add columns: heat and deflections.")
+@click.option("--heater", metavar="CHANNEL",
+              help="Set this drive, a heater, in place of offsets.")  # fmt: skip
+@click.option("--target", metavar="OUTPUT",
+              help="What the heater holds at zero.  [default: the only deflection]")  # fmt: skip
+@click.option("--lead", type=POSITIVE, metavar="S", help="How far it is foretold for the heater, "
+              "beyond its delay [s].  [default: 2 sample periods]")  # fmt: skip
+@click.option(
+    "--also",
+    type=click.Choice(["estimates"]),
+    help="Add columns: heat and deflections; the power wanted and the output.",
+)
 @click.option(
     "--sign",
     type=click.Choice(["-1", "1"]),
@@ -109,7 +119,11 @@ class Safe(click.ParamType):
     "  [default: as --hold]",
 )
 @click.option(
-    "--limit", "limits", type=Interval(), default=":", help="Range of the setpoints [um]."
+    "--limit",
+    "limits",
+    type=Interval(),
+    default=":",
+    help="Range of the setpoints [um]; a heater's is 0 to what the calibration has seen [W].",
 )
 @click.option(
     "--slew",
@@ -158,6 +172,10 @@ def command(model: str, log: str, **options: Any) -> None:
     end.
     Each deflection d_PLACE_um gives a column offset_PLACE_um; --limit, --slew, --step and --safe
     count in its unit.
+
+    With --heater MODEL is one from identify, correct, schedule or superpose: LOG has its other
+    drives, and the power of the heater comes out that brings --target to zero after --lead, for the
+    limits that it has. Here the safe setpoint is no power.
     """
     # One small product per line: threads would only cost memory. Read when numpy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -165,6 +183,11 @@ def command(model: str, log: str, **options: Any) -> None:
     from thermaltool.runtime.settings import Settings, open_stream
 
     one_stdin(model, log)
+    alone = options["heater"] is None
+    if alone and (options["target"] or options["lead"]):
+        raise click.UsageError("--target and --lead go with --heater")
+    if not alone and options["sign"] != "-1":
+        raise click.UsageError("--sign is for offsets: it does not go with --heater")
     quiet = options.pop("quiet")
     if options.pop("as_json"):
         options["to_format"] = "ndjson"

@@ -96,7 +96,7 @@ def command(
     one_thread()
     from thermaltool.cli.transfer import load_data, load_validation, run
     from thermaltool.files import atomic_output
-    from thermaltool.identification.transfer.machine import machine
+    from thermaltool.identification.transfer.machine import in_use, machine
     from thermaltool.model import dumps
     from thermaltool.report.transfer import transfer_document, transfer_table
 
@@ -114,18 +114,18 @@ def command(
         keep_inputs(model_file, *logs, *([] if validation is None else [validation]))
     read, sources, period = load_data(logs, inputs, outputs, options)
     fresh = load_validation(validation, inputs, outputs, period, options)
-    found = [run(name, read, fresh, options) for name in outputs]
+    found, told = [run(name, read, fresh, options) for name in outputs], []
     if model_file is not None:
         provenance = {"logs": sources, "command": "thermaltool " + " ".join(sys.argv[1:])}
         parts = [(each.model, each.continued, each.training, each.data) for each in found]
         model = machine(parts, _reference(reference), provenance)
         with atomic_output(model_file) as stream:
             stream.write(dumps(model).encode())
+        told = [each.in_use(in_use(model, each.data)) for each in found]
     if as_json:
         write_json(transfer_document(found), "-")
     elif model_file != "-" and not quiet:
         click.echo("\n\n".join(transfer_table(each) for each in found))
     if not quiet:
-        for each in found:
-            for message in each.warnings():
-                warn(message)
+        for message in [*(m for each in found for m in each.warnings()), *filter(None, told)]:
+            warn(message)

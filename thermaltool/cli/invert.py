@@ -40,6 +40,11 @@ if TYPE_CHECKING:
     metavar="A B C",
     help="f_R = (At + Bt²)e^(−ct).  [default: that of the model's design]",
 )
+@click.option("--filter", "filter_time", type=POSITIVE, metavar="SECONDS",
+              help="Inverse transfer function in place of a kernel: a model file for simulate, "
+              "behind a filter with this slowest lag [s].")  # fmt: skip
+@click.option("--drive", metavar="CHANNEL",
+              help="Which drive --filter gives.  [default: the only one]")  # fmt: skip
 @output_option
 @to_option
 @json_option
@@ -49,6 +54,8 @@ def command(
     window: int,
     sensor: str | None,
     regularization: tuple[float, float, float] | None,
+    filter_time: float | None,
+    drive: str | None,
     output: str,
     to_format: str | None,
     as_json: bool,
@@ -59,7 +66,19 @@ def command(
     integral of the kernel over a sample, with ΔT a straight line between samples. The lag of a
     sensor, an effect of the model, is part of what is inverted. A0, A1, the
     estimated error and the share of the steady state that the window keeps go to stderr.
+
+    With --filter the inverse of a rational response (identify) as a model: the output drives it,
+    and the power follows that would have caused it, behind first-order lags of SECONDS, SECONDS/2,
+    ..., one more than the response falls off with. Zeros in the right half-plane and delays are
+    refused.
     """
+    if filter_time is not None:
+        if regularization or dt or to_format or as_json:
+            raise click.UsageError("--filter goes with MODEL, --sensor, --drive and -o alone")
+        _rational(model, filter_time, sensor, drive, output)
+        return
+    if drive is not None:
+        raise click.UsageError("--drive goes with --filter")
     import numpy as np
 
     from thermaltool.inverse.cascade import lagged_modes
@@ -137,3 +156,21 @@ def command(
         f"A0 = {kernel.A0:.6g}, A1 = {kernel.A1:.6g} s, error of a weight below "
         f"{kernel.error:.1e}; a window of {window} keeps {100 * kept:.2f} % of the steady state"
     )
+
+
+def _rational(
+    model: str, filter_time: float, sensor: str | None, drive: str | None, output: str
+) -> None:
+    from thermaltool.files import atomic_output
+    from thermaltool.inverse.rational import inverse_model
+    from thermaltool.model import dumps
+
+    document = read_model(model)
+    keep_inputs(output, model)
+    found = inverse_model(document, filter_time, sensor, drive)
+    with atomic_output(output) as stream:
+        stream.write(dumps(found.model).encode())
+    lags = ", ".join(f"{lag:.4g}" for lag in found.inverse.filter_lags)
+    zeros = ", ".join(f"{z:.3g}" if z.imag else f"{z.real:.3g}" for z in found.inverse.zeros)
+    warn(f"filter of {lags} s; zeros at {zeros or 'none'} 1/s; steady gain "
+         f"{found.inverse.response.dc_gain():.4g}")  # fmt: skip

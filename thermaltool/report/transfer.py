@@ -23,6 +23,8 @@ from thermaltool.units import parse_channel, printed
 DOUBTFUL = 0.01
 # Difference of the continuous from the discrete step, as a share, that is told.
 MISMATCH = 0.01
+# Points of fit that the model file loses from rest, that are told.
+LOST = 10.0
 # Candidates of the choice of orders that are listed.
 _LISTED = 5
 
@@ -85,6 +87,17 @@ class Identified:
                 f"({span:.3g} s): the gain is not settled by it"
             )
         return told
+
+    def in_use(self, from_rest: Agreement) -> str:
+        """A sentence where the model file, `from_rest`, fits much worse; else nothing."""
+        if not self.training.fit_percent - from_rest.fit_percent > LOST:
+            return ""
+        return (
+            f"{self.model.target}: the model file fits the training data to "
+            f"{from_rest.fit_percent:.3g} % where simulate takes them to begin at rest, and to "
+            f"{self.training.fit_percent:.3g} % with the state at the start estimated: if the "
+            "machine was at rest there, use --initial rest"
+        )
 
 
 def transfer_document(found: Sequence[Identified]) -> dict[str, Any]:

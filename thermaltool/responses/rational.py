@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -103,15 +103,21 @@ class Rational:
         times = [tau for _, tau in self._lags()]
         return max([*times, *([] if section is None else [-1 / section[0].real])])
 
-    def modes(self, dt: float) -> Modes:
-        """Exact; `dt` does not matter."""
+    def partial_fractions(self) -> tuple[Complex, Complex]:
+        """Poles p and residues w of Σ w/(s − p) without the delay, both of a pair [1/s]."""
         poles: list[complex] = [complex(-1 / tau) for _, tau in self._lags()]
         weights: list[complex] = [complex(gain / tau) for gain, tau in self._lags()]
         section = self._oscillation()
         if section is not None:
-            poles.append(section[0])
-            weights.append(section[1])
-        parts = np.array(poles, complex), np.array(weights, complex)
+            poles += [section[0], section[0].conjugate()]
+            weights += [section[1], section[1].conjugate()]
+        return np.array(poles), np.array(weights)
+
+    def modes(self, dt: float) -> Modes:
+        """Exact; `dt` does not matter."""
+        poles, weights = self.partial_fractions()
+        kept = poles.imag >= 0
+        parts = poles[kept], weights[kept]
         return DelayedModes(*parts, delay=self.delay) if self.delay else Modes(*parts)
 
     @classmethod
@@ -256,3 +262,10 @@ class Oscillation2(Rational):
     kind: ClassVar[str] = "oscillation2"
     searched: ClassVar[tuple[str, ...]] = ("omega", "zeta", "tau1", "tau2")
     gains: ClassVar[tuple[str, ...]] = ("K", "D", "K1", "K2")
+
+
+# By their number of lags and of oscillations.
+KINDS: dict[tuple[int, int], Any] = {
+    (sum(name.startswith("tau") for name in cls.searched), int("omega" in cls.searched)): cls
+    for cls in (Rational1, Rational2, Rational3, Rational4, Oscillation, Oscillation1, Oscillation2)
+}

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from thermaltool.control.heaters import Stabilizer, parts_of
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.errors import ModelError
-from thermaltool.inverse.chain import Chain
+from thermaltool.inverse.chain import Chain, Inlet
 from thermaltool.inverse.losses import LossyEstimator
 from thermaltool.model import Model
 from thermaltool.runtime.checkpoint import Checkpoint, design_digest
 from thermaltool.runtime.compensator import Compensator, Pass, Policy
+from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
 from thermaltool.runtime.records import open_records
@@ -64,6 +66,13 @@ class Settings:
         The machine has stood at the first readings for long; else it is at rest there.
     checkpoint : str or None
     checkpoint_every : float
+    heater : str or None
+        The drive that is set so that an output stays at zero, in place of offsets. No design is
+        needed then.
+    target : str or None
+        That output; None for the model's only deflection.
+    lead : float or None
+        How far it is foretold [s]; None for two sample periods.
     """
 
     sign: float = -1.0
@@ -85,6 +94,31 @@ class Settings:
     settled: bool = False
     checkpoint: str | None = None
     checkpoint_every: float = 10.0
+    heater: str | None = None
+    target: str | None = None
+    lead: float | None = None
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What makes setpoints of readings.
+
+    Attributes
+    ----------
+    compensator : Compensator
+    columns : tuple of str
+        That are read.
+    names, told : list of str
+        Of the setpoints, and of the estimates.
+    digest : str
+        Tells a checkpoint of this loop from others.
+    """
+
+    compensator: Compensator
+    columns: tuple[str, ...]
+    names: list[str]
+    told: list[str]
+    digest: str
 
 
 def default_hold(period: float) -> float:
@@ -128,46 +162,15 @@ def open_stream(
     ValueError
         Limits without a multiple of the step between them, or a safe setpoint outside.
     """
-    design = model.estimator_design()
-    chain = Chain.of(model)
-    estimator = chain.estimator
-    # That of regularize --dt, which may not be that of the calibration.
-    period = settings.period or float(design.get("sample_period_s", model.sample_period))
-    if not 0 < period < math.inf:
-        raise ModelError("sample_period_s of the design is not above 0")
-    hold = default_hold(period) if settings.hold is None else settings.hold
-    max_gap = default_hold(period) if settings.max_gap is None else settings.max_gap
-    # A stall must not save up way for one large step.
-    slew_gap = SLEW_PERIODS * period if settings.max_gap is None else settings.max_gap
+    period = _period(model, settings)
     timeout = default_hold(period) if settings.timeout is None else settings.timeout
     messages = Messages(emit, name)
-    deflections = {output.channel for output in model.deflections}
-    followed = [k for k, name in enumerate(estimator.estimates) if name in deflections]
-    if not followed:
-        raise ModelError("the model's design estimates no deflection: nothing to compensate")
-    limits = Limits(*settings.limits)
-    if settings.safe is not None and limits.clip(settings.safe) != settings.safe:
-        raise ValueError(f"the safe setpoint {settings.safe:g} is outside the limits")
-    setpoints = [
-        Setpoint(limits, settings.slew, settings.step, settings.safe or 0.0) for _ in followed
-    ]
-    compensator = Compensator(
-        LossyStepper(estimator, period)
-        if isinstance(estimator, LossyEstimator)
-        else Stepper(estimator, period),
-        _sensors(chain, hold, settings, messages),
-        followed,
-        setpoints,
-        Policy(settings.sign, settings.safe, hold, max_gap, slew_gap, settings.settled),
-        messages,
-        **_around(chain),
-    )
-    names = [setpoint_name(estimator.estimates[k]) for k in followed]
+    loop = (_offsets if settings.heater is None else _heater)(model, settings, period, messages)
     return Stream(
         pipe=LinePipe(source, sink),
         records=open_records(
             settings.from_format,
-            chain.columns,
+            loop.columns,
             settings.columns,
             settings.period,
             arrival=ARRIVAL_STEP if settings.arrival else None,
@@ -175,18 +178,94 @@ def open_stream(
             "arrival",
         ),
         writer=Writer(
-            settings.to_format, [*names, *(estimator.estimates if settings.estimates else ())]
+            settings.to_format, [*loop.names, *(loop.told if settings.estimates else ())]
         ),
-        compensator=compensator,
+        compensator=loop.compensator,
         messages=messages,
         estimates=settings.estimates,
         timeout=timeout or math.inf,
         tick=period,
-        checkpoint=Checkpoint(settings.checkpoint, design_digest(design))
-        if settings.checkpoint
-        else None,
+        checkpoint=Checkpoint(settings.checkpoint, loop.digest) if settings.checkpoint else None,
         checkpoint_every=settings.checkpoint_every,
     )
+
+
+def _period(model: Model, settings: Settings) -> float:
+    """That of regularize --dt, which may not be that of the calibration; of a heater the latter."""
+    period = settings.period or model.sample_period
+    if not settings.period and settings.heater is None:
+        period = float(model.estimator_design().get("sample_period_s", period))
+    if not 0 < period < math.inf:
+        raise ModelError("sample_period_s of the design is not above 0")
+    return period
+
+
+def _offsets(model: Model, settings: Settings, period: float, messages: Messages) -> Loop:
+    """Offsets that cancel the deflections which the model's design estimates."""
+    chain = Chain.of(model)
+    estimator = chain.estimator
+    deflections = {output.channel for output in model.deflections}
+    followed = [k for k, name in enumerate(estimator.estimates) if name in deflections]
+    if not followed:
+        raise ModelError("the model's design estimates no deflection: nothing to compensate")
+    setpoints = [_setpoint(settings.limits, settings) for _ in followed]
+    policy = _policy(settings, period, settings.sign)
+    compensator = Compensator(
+        LossyStepper(estimator, period)
+        if isinstance(estimator, LossyEstimator)
+        else Stepper(estimator, period),
+        _sensors(chain.inlets, policy.hold, settings, messages),
+        followed,
+        setpoints,
+        policy,
+        messages,
+        **_around(chain),
+    )
+    names = [setpoint_name(estimator.estimates[k]) for k in followed]
+    told = list(estimator.estimates)
+    return Loop(compensator, chain.columns, names, told, design_digest(model.estimator_design()))
+
+
+def _heater(model: Model, settings: Settings, period: float, messages: Messages) -> Loop:
+    """The power of a heater that holds an output at zero."""
+    assert settings.heater is not None
+    target = held_output(model, settings.target)
+    parts_of(model, settings.heater, target)
+    limits = powers(model, settings.heater, settings.limits)
+    lead = LEAD_PERIODS * period if settings.lead is None else settings.lead
+    stabilizer = Stabilizer(model, settings.heater, target, limits, lead)
+    inlets = tuple(
+        Inlet(d.channel, d.reference, d.range, False, d.hold == "zero") for d in stabilizer.read
+    )
+    setpoint, policy = _setpoint(limits, settings), _policy(settings, period, 1.0)
+    compensator = Compensator(
+        HeaterStepper(stabilizer, lambda: setpoint.value),
+        _sensors(inlets, policy.hold, settings, messages),
+        [0],
+        [setpoint],
+        policy,
+        messages,
+    )
+    digest = {"heater": settings.heater, "lead": lead, "parameters": model.parameters_digest(),
+              "target": target}  # fmt: skip
+    told = [f"wanted_{settings.heater}", target]
+    columns = tuple(inlet.column for inlet in inlets)
+    return Loop(compensator, columns, [settings.heater], told, design_digest(digest))
+
+
+def _policy(settings: Settings, period: float, sign: float) -> Policy:
+    hold = default_hold(period) if settings.hold is None else settings.hold
+    max_gap = default_hold(period) if settings.max_gap is None else settings.max_gap
+    # A stall must not save up way for one large step.
+    slew_gap = SLEW_PERIODS * period if settings.max_gap is None else settings.max_gap
+    return Policy(sign, settings.safe, hold, max_gap, slew_gap, settings.settled)
+
+
+def _setpoint(limits: Interval, settings: Settings) -> Setpoint:
+    allowed = Limits(*limits)
+    if settings.safe is not None and allowed.clip(settings.safe) != settings.safe:
+        raise ValueError(f"the safe setpoint {settings.safe:g} is outside the limits")
+    return Setpoint(allowed, settings.slew, settings.step, settings.safe or 0.0)
 
 
 def _around(chain: Chain) -> dict[str, Pass]:
@@ -199,13 +278,15 @@ def _around(chain: Chain) -> dict[str, Pass]:
     return around
 
 
-def _sensors(chain: Chain, hold: float, settings: Settings, report: Report) -> list[Sensor]:
-    """The columns that a chain reads, with their rest and range from the model."""
+def _sensors(
+    inlets: Sequence[Inlet], hold: float, settings: Settings, report: Report
+) -> list[Sensor]:
+    """The columns that are read, with their rest and range from the model."""
+    columns = [inlet.column for inlet in inlets]
     for channel in settings.ranges:
-        if channel not in chain.columns:
+        if channel not in columns:
             raise ModelError(
-                f"a range for {channel}, but the sensors of the model are "
-                f"{', '.join(chain.columns)}"
+                f"a range for {channel}, but the sensors of the model are {', '.join(columns)}"
             )
     return [
         Sensor(
@@ -220,5 +301,5 @@ def _sensors(chain: Chain, hold: float, settings: Settings, report: Report) -> l
             back=inlet.back,
             at_rest=inlet.sensor,
         )
-        for inlet in chain.inlets
+        for inlet in inlets
     ]

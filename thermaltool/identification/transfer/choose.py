@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermaltool.errors import FitError
-from thermaltool.identification.transfer.data import Data
+from thermaltool.identification.transfer.data import Array, Data
 from thermaltool.identification.transfer.identify import Structure, identify, orders_of
 from thermaltool.identification.transfer.model import TransferModel
 from thermaltool.identification.transfer.output_error import Orders, Problem
 from thermaltool.identification.transfer.search import search
+from thermaltool.signals.detrend import difference_sigma
 
 # Share of each stretch on which candidates are fitted; the rest judges them.
 FITTED = 0.6
@@ -25,6 +26,10 @@ FITTED = 0.6
 COMPARED = 20000
 # A free state at the start has to lower the squared error by this factor.
 RESTING = 1.25
+# A signal stands still while it moves by less than this share of its range, or than its noise in
+# so many standard deviations; so many rows of that are needed,
+# and the output is compared over as many parts.
+STILL, NOISE, IDLE = 0.01, 4.0, 5
 LARGEST_ORDER, LARGEST_DELAY = 4, 60
 
 
@@ -158,9 +163,12 @@ def started(data: Data, least_delay: tuple[int, ...]) -> Data:
 
     Free responses can stand for slow modes: with one step in the record gain, offset, modes and
     state are confounded, and a free state is preferred for the smallest error of the model. A
-    record that begins within a transient gains far more by it.
+    record that begins within a transient gains far more by it. Records whose signals all stand
+    still at first are at rest whatever the losses say: a delay alone can make a free state better.
     """
     data.check()
+    if standing(data):
+        return data.from_rest()
     orders = orders_of("oe", (2,) * len(least_delay), 2, least_delay)
     losses = []
     for each in (data.from_rest(), data):
@@ -169,6 +177,27 @@ def started(data: Data, least_delay: tuple[int, ...]) -> Data:
             return data
         losses.append(search(problem).loss / problem.rows)
     return data.from_rest() if losses[0] <= RESTING * losses[1] else data
+
+
+def standing(data: Data) -> bool:
+    """Whether every experiment begins idle: inputs and output stand still, within their noise."""
+    begins = {s.origin: s for s in reversed(data.stretches)}
+    return all(_stands(s.inputs, s.output) for s in begins.values())
+
+
+def _stands(inputs: Array, output: Array) -> bool:
+    moved = np.abs(inputs - inputs[:, :1]) > [[_blur(u)] for u in inputs]
+    rows = int(np.argmax(moved.any(axis=0))) if moved.any() else inputs.shape[1]
+    if rows < IDLE:
+        return False
+    parts = [float(part.mean()) for part in np.array_split(output[:rows], IDLE)]
+    return float(np.ptp(parts)) <= _blur(output, rows // IDLE)
+
+
+def _blur(signal: Array, averaged: int = 1) -> float:
+    """What two means of so many readings may differ where the signal stands still."""
+    chance = NOISE * np.sqrt(2.0 / averaged) * difference_sigma(signal)
+    return max(STILL * float(np.ptp(signal)), float(chance))
 
 
 def real_poles(model: TransferModel) -> bool:

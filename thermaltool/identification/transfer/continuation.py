@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 from thermaltool.errors import ModelError
 from thermaltool.identification.transfer.data import Array
 from thermaltool.identification.transfer.model import TransferModel
-from thermaltool.responses import Response, response_class
+from thermaltool.responses import Response
 from thermaltool.responses.modes import Hold
+from thermaltool.responses.rational import KINDS
 
 # The steps of both forms are compared over so many slowest time constants, and samples at most.
 SPAN, MOST = 8, 20000
 # Poles nearer to each other than this share of their size are one pole, twice; a pair with a
 # smaller imaginary part than that is two or three real poles, to rounding.
 TWICE, ROUNDED = 1e-3, 1e-2
-_KINDS = {(1, 0): "rational1", (2, 0): "rational2", (3, 0): "rational3", (4, 0): "rational4",
-          (0, 1): "oscillation", (1, 1): "oscillation1", (2, 1): "oscillation2"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -64,11 +63,10 @@ def continued(model: TransferModel, k: int, hold: Hold) -> Continued:
             )
     s = _apart(np.asarray(np.log(poles) / model.dt, complex))
     real, pairs = s[s.imag == 0].real, s[s.imag > 0]
-    kind = _KINDS.get((len(real), len(pairs)))
-    if kind is None:
+    cls = KINDS.get((len(real), len(pairs)))
+    if cls is None:
         raise ModelError(f"{place}: no kind of response has {len(real)} lags and {len(pairs)} "
                          "oscillations")  # fmt: skip
-    cls = response_class(kind)
     searched = {f"tau{i + 1}": float(-1 / p) for i, p in enumerate(real)}
     for p in pairs:
         searched |= {"omega": float(abs(p)), "zeta": float(-p.real / abs(p))}

@@ -12,8 +12,8 @@ from thermaltool.errors import ModelError
 from thermaltool.identification.transfer.continuation import Continued
 from thermaltool.identification.transfer.data import Data
 from thermaltool.identification.transfer.model import TransferModel
-from thermaltool.model import Drive, Model, Output, Role, Term
-from thermaltool.signals.agreement import Agreement
+from thermaltool.model import Drive, Model, Output, Role, Term, relative
+from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.units import parse_channel
 
 Reference = float | Literal["first"]
@@ -50,6 +50,28 @@ def machine(
         outputs.append(_output(model, training, data, drives))
     return Model(tuple(drives.values()), tuple(outputs), tuple(terms),
                  found[0][0].dt, provenance)  # fmt: skip
+
+
+def in_use(model: Model, data: Data) -> Agreement:
+    """How far the model document, from rest, is from the output of `data`.
+
+    That is what ``simulate`` gives: it takes every log to begin at rest, where a fit may have
+    estimated the state.
+
+    Parameters
+    ----------
+    model : Model
+    data : Data
+        Of one of its outputs; the first stretch of each experiment counts.
+    """
+    begins = {s.origin: s for s in reversed(data.stretches)}
+    output = next(o for o in model.outputs if o.channel == data.target)
+    measured, computed = [], []
+    for s in begins.values():
+        columns = dict(zip(data.names, s.inputs, strict=True))
+        computed.append(model.simulate(data.dt * np.arange(0.0, len(s)), columns)[data.target])
+        measured.append(relative(s.output, output.offset))
+    return agreement(np.concatenate(measured), np.concatenate(computed))
 
 
 def _reference(channel: str, given: Reference | None) -> Reference:
