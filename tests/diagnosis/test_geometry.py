@@ -210,7 +210,10 @@ def test_another_part_of_the_residual_is_no_other_name():
     made = bench([NEAR, FAR], two, state=TIGHT)
     found = fitted(made, *two)
     close = [Candidate(c.effect, 100.0, 50.0, c.state, c.amplitudes) for c in found]
-    assert alternatives(made, close[0], close) == []
+    assert alternatives(made, close[0], close, two) == []
+    # The second is not named beside the first: it is what else may have done it.
+    (group,) = alternatives(made, close[0], close, two[:1])
+    assert group.names == ("sensor_drift", "sensor_gain")
 
 
 # ---------------------------------------------------------------- what cannot be seen

@@ -69,6 +69,16 @@ def test_heat_goes_with_the_square():
     np.testing.assert_allclose(y[X], 2.0 * 0.0625 * RESPONSES[X].step(TIME), atol=1e-9)
 
 
+@pytest.mark.parametrize("curvature", [-0.4, 0.6])
+def test_a_parabola_is_taken_back(curvature):
+    effect = make("drive_nonlinearity", HEAT, curvature=curvature, level=2.0)
+    u = np.linspace(-2, 2, 41)
+    acting = effect.drive(None, u)
+    np.testing.assert_allclose(acting[[0, 20, -1]], [-2 - 2 * curvature, 0, 2 + 2 * curvature])
+    assert (np.diff(acting) > 0).all()
+    np.testing.assert_allclose(effect.undone(acting), u, atol=1e-14)
+
+
 def test_a_saturated_step_is_the_limit_in_both_directions():
     limited = make("actuator_saturation", HEAT, limit=0.8, level=1.5)
     for sign in (1, -1):

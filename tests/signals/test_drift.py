@@ -1,11 +1,12 @@
 """Maximum-likelihood drift: against the dense Gaussian likelihood, and by simulation."""
 
+import mpmath
 import numpy as np
 import pytest
 
 from thermaltool.signals.allan import allan_deviation
 from thermaltool.signals.drift import DriftFit, fit_drift, model_allan, model_density
-from thermaltool.signals.likelihood import RestrictedLikelihood
+from thermaltool.signals.likelihood import ColouredNoise, RestrictedLikelihood
 
 ONE_BLOCK = np.array([0])
 
@@ -127,3 +128,26 @@ def test_model_curves_agree_with_measurement(drifting):
 def test_no_scatter():
     with pytest.raises(ValueError, match="scatter"):
         fit_drift(np.arange(100.0), np.ones(100), ONE_BLOCK)
+
+
+def test_slow_signals_under_a_large_drift_keep_their_digits():
+    """Beside the dense matrix in 40 digits: the products that a diagnosis compares."""
+    time = np.cumsum(np.random.default_rng(5).choice([20.0, 40.0, 40.0, 80.0], 60))
+    starts, tau, ratio = np.array([0, 25]), 5e4, 1e6
+    columns = np.column_stack([20 * np.exp(-time / 1e5), np.full(60, 3.0), time / 1e3])
+    weight = np.where(np.arange(60) % 3, 1.0, 0.5)
+    solved = ColouredNoise(time, starts, weight).factor(ratio, tau).solve(columns)
+    with mpmath.workdps(40):
+        block = np.searchsorted(starts, np.arange(60), side="right")
+        dense = mpmath.matrix(60, 60)
+        for i in range(60):
+            for j in range(60):
+                if block[i] == block[j]:
+                    apart = abs(mpmath.mpf(time[i]) - time[j])
+                    dense[i, j] = ratio * mpmath.exp(-apart / tau)
+            dense[i, i] += mpmath.mpf(weight[i])
+        exact = [mpmath.lu_solve(dense, mpmath.matrix(c)) for c in columns.T.tolist()]
+    exact = np.array([list(c) for c in exact], float).T
+    scale = np.sqrt(np.diag(columns.T @ exact))
+    error = columns.T @ (solved - exact) / np.outer(scale, scale)
+    assert np.abs(error).max() < 1e-11

@@ -18,7 +18,7 @@ from thermaltool.diagnosis import geometry, heldout
 from thermaltool.diagnosis.answer import curves_of, reports_of
 from thermaltool.diagnosis.correction import corrected, uncorrected
 from thermaltool.diagnosis.evidence import DECISIVE, STRONG, State, released
-from thermaltool.diagnosis.result import LEAST_GAIN, Alternative, Cause, Diagnosis, Gain, Tried
+from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Gain, Tried
 from thermaltool.diagnosis.scan import LEAST, Candidate, refine, scan
 from thermaltool.diagnosis.settling import settled
 from thermaltool.diagnosis.shortlist import (
@@ -348,7 +348,7 @@ class _Diagnosing:
 
     def _practical(self, bench: Workbench, gain: Mapping[str, Gain]) -> bool:
         # What helps one output and spoils another is no cause.
-        if any(g.spoiled and g.rms_after > (1 + LEAST_GAIN) * g.rms_before for g in gain.values()):
+        if any(g.harmful for g in gain.values()):
             return False
         for output, g in gain.items():
             white = bench.evidence[output].base(self.state).white
@@ -414,7 +414,8 @@ class _Diagnosing:
             alternatives += geometry.suspected(*self.suspects)
         for candidate, refined, bench in self.rivals:
             self.progress(f"what else could be {candidate.effect.name}")
-            alternatives += geometry.alternatives(bench, candidate, refined)
+            named = [c.effect for c in causes]
+            alternatives += geometry.alternatives(bench, candidate, refined, named)
         return Diagnosis(
             adequate,
             float(np.clip(share, 0.0, 1.0)),

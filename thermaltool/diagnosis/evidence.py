@@ -36,6 +36,11 @@ DECISIVE = 10.0
 FLAT = ("offset", "accepted")
 # A signature of which less than this share is left after projection cannot be seen.
 INVISIBLE = 1e-5
+# Eigenvalues of the scaled nuisance: what is below is left out, and where the digits of the
+# products no longer carry the whole projection.
+SINGULAR, COLLINEAR = 1e-13, 1e-7
+# How much larger the discrepancy of a clean log may be than expected: a deviation of its logarithm.
+SPREAD = 0.3
 _RATIOS = 10.0 ** np.arange(-2, 7)
 _NEAR_RATIOS = (0.003, 0.02, 0.1, 0.35, 1.0, 3.0)
 _NEAR_TAUS = (0.1, 0.33, 1.0, 3.0)
@@ -47,6 +52,7 @@ class Level:
 
     ratio: float
     tau: float
+    odds: float  # logarithm, against it
     factor: Factor
     solved: Float  # (n, 1 + c)
     gram: Float  # (1 + c, 1 + c)
@@ -85,9 +91,10 @@ class OutputEvidence:
         White noise of a reading, from the differences of neighbours.
     state : frozenset of str
         Groups in use at first.
-    limit : callable, optional
-        Largest discrepancy of a time constant [s] that a clean log may show; with it the white
-        noise, too, is held near `white` (by as many rows as there are). Without it both are free.
+    expected : callable, optional
+        Discrepancy of a clean log by its time constant [s]: a larger one has the odds of `SPREAD`
+        against it; with it the white noise, too, is held near `white` (by as many rows as there
+        are). Without it both are free.
     """
 
     def __init__(
@@ -98,7 +105,7 @@ class OutputEvidence:
         centre: Mapping[str, Float],
         white: float,
         state: State,
-        limit: Callable[[float], float] | None = None,
+        expected: Callable[[float], float] | None = None,
     ) -> None:
         self.observed, self.residual = observed, residual
         self.names = [name for name, block in nuisance.items() for _ in range(block.shape[1])]
@@ -110,13 +117,12 @@ class OutputEvidence:
         # Of the rows, as independent readings: below one where slow misfit is taken for white.
         self.share: float
         self._bases: dict[State, Base] = {}
-        self.trust = 0 if limit is None else self.observed.size
+        self.trust = 0 if expected is None else self.observed.size
+        self.expected = expected
         noise = observed.noise
 
-        def allowed(points: list[tuple[float, float]]) -> list[Level]:
-            if limit is not None:
-                points = [(min(r, (limit(t) / white) ** 2), t) for r, t in points]
-            return [self._level(0.0, 1.0), *(self._level(*p) for p in dict.fromkeys(points))]
+        def levels(points: list[tuple[float, float]]) -> list[Level]:
+            return [self._level(0.0, 1.0), *(self._level(*p) for p in points)]
 
         if "white" in state:
             self.levels = [self._level(0.0, 1.0)]
@@ -126,15 +132,15 @@ class OutputEvidence:
             return
         self.share = 1.0
         taus = np.geomspace(3 * noise.period, max(noise.span / 2, 6 * noise.period), 7).tolist()
-        self.levels = allowed([(r, t) for r in _RATIOS for t in taus])
-        if limit is None:
+        self.levels = levels([(r, t) for r in _RATIOS for t in taus])
+        if expected is None:
             for _ in range(2):
                 self.white = self.base(state).white
                 self._bases.clear()
         best = self.levels[self.base(state).level]
         tau = best.tau if best.ratio else float(np.sqrt(taus[0] * taus[-1]))
         ratio = best.ratio or 0.1
-        self.levels = allowed([(r * ratio, t * tau) for r in _NEAR_RATIOS for t in _NEAR_TAUS])
+        self.levels = levels([(r * ratio, t * tau) for r in _NEAR_RATIOS for t in _NEAR_TAUS])
         self._bases.clear()
 
     def _effective(self, state: State) -> float:
@@ -147,7 +153,11 @@ class OutputEvidence:
     def _level(self, ratio: float, tau: float) -> Level:
         factor = self.observed.noise.factor(ratio, tau)
         solved = factor.solve(self.columns)
-        return Level(ratio, tau, factor, solved, self.columns.T @ solved)
+        odds = 0.0
+        if self.expected is not None and ratio:
+            over = np.log(np.sqrt(ratio) * self.white / self.expected(tau))
+            odds = 0.5 * float(max(over, 0.0) / SPREAD) ** 2
+        return Level(ratio, tau, odds, factor, solved, self.columns.T @ solved)
 
     def active(self, state: State) -> Index:
         return np.array([k for k, name in enumerate(self.names) if name in state], int)
@@ -163,30 +173,46 @@ class OutputEvidence:
         flat = np.array([self.names[k] in FLAT for k in active], bool)
         prior = self._precision(active)
         centre = np.where(flat, 0.0, self.centre[active])
-        square, logdet, inverse, fitted = [], [], [], []
+        square, logdet, whitening, fitted = [], [], [], []
         for level in self.levels:
-            gram = level.gram[np.ix_(active + 1, active + 1)]
-            size = np.sqrt(np.diag(gram) + prior)
-            size[size == 0] = 1.0
-            scaled = (gram + np.diag(prior)) / np.outer(size, size)
-            values, vectors = np.linalg.eigh(scaled)
-            half = vectors[:, values > 1e-13] / size[:, None]
-            inner = (half / values[values > 1e-13]) @ half.T
-            pull = level.gram[0, active + 1] - prior * centre
-            square.append(level.gram[0, 0] + float(prior @ centre**2) - float(pull @ inner @ pull))
-            logdet.append(
-                level.factor.logdet
-                + float(np.sum(np.log(np.maximum(values, 1e-13))))
-                + 2 * float(np.sum(np.log(size)))
-                - float(np.sum(np.log(prior[~flat])))
-            )
-            inverse.append(inner)
-            fitted.append(inner @ pull)
+            half, spread = self._whitening(level, active, prior)
+            pull = half.T @ (level.gram[0, active + 1] - prior * centre)
+            square.append(level.gram[0, 0] + float(prior @ centre**2) - float(pull @ pull))
+            given = 2 * level.odds - float(np.sum(np.log(prior[~flat])))
+            logdet.append(level.factor.logdet + spread + given)
+            whitening.append(half)
+            fitted.append(half @ pull)
         dof = self.observed.size - int(flat.sum()) + self.trust
         known = self.trust * self.white**2
         least = known + max(1e-4 * self.observed.size * self.white**2, 1e-300)
         squares = np.maximum(np.array(square) + known, least)
-        return Base(squares, np.array(logdet), dof, least, active, inverse, np.array(fitted))
+        return Base(squares, np.array(logdet), dof, least, active, whitening, np.array(fitted))
+
+    def _whitening(self, level: Level, active: Index, prior: Float) -> tuple[Float, float]:
+        """Combinations of the active nuisance that are orthonormal under a level and its prior.
+
+        Returns
+        -------
+        ndarray, shape (c, r)
+            A root of the inverse of the nuisance's precision.
+        float
+            Log determinant of the precision.
+        """
+        gram = level.gram[np.ix_(active + 1, active + 1)]
+        size = np.sqrt(np.diag(gram) + prior)
+        size[size == 0] = 1.0
+        values, vectors = np.linalg.eigh((gram + np.diag(prior)) / np.outer(size, size))
+        spread = float(np.sum(np.log(np.maximum(values, SINGULAR)))) + 2 * float(np.log(size).sum())
+        kept = values > SINGULAR
+        half = vectors[:, kept] / size[:, None] / np.sqrt(values[kept])
+        if np.any(values[kept] < COLLINEAR):
+            # Once more from the columns themselves (Cholesky QR twice: Yamamoto et al. 2015).
+            columns = self.columns[:, active + 1] @ half
+            again = columns.T @ level.factor.solve(columns) + half.T @ (prior[:, None] * half)
+            values, vectors = np.linalg.eigh((again + again.T) / 2)
+            half = half @ (vectors / np.sqrt(values))
+            spread += float(np.log(values).sum())
+        return half, spread
 
     def _precision(self, active: Index) -> Float:
         """Of the priors of the active nuisance, in units of the white noise."""
@@ -228,19 +254,18 @@ class OutputEvidence:
         products_pairs = products_pairs.reshape(len(self.levels), -1)
         for g, level in enumerate(self.levels):
             cross = products.nuisance[g][:, base.active + 1]
-            through = cross @ base.inverse[g]
-            left_over = products.own[g] - np.einsum("ij,ij->i", through, cross)
+            through = cross @ base.whitening[g]
+            left_over = products.own[g] - np.einsum("ij,ij->i", through, through)
             # What the nuisance can say as well is no evidence.
             seen = left_over > INVISIBLE * products.own[g]
-            with_residual = products.nuisance[g][:, 0] - through @ (
-                level.gram[0, base.active + 1] - shift
-            )
+            pull = base.whitening[g].T @ (level.gram[0, base.active + 1] - shift)
+            with_residual = products.nuisance[g][:, 0] - through @ pull
             b.append(np.where(seen, with_residual, 0.0))
             own.append(np.where(seen, left_over, products.own[g]))
             pairs.append(
                 np.where(
                     seen[left] & seen[right],
-                    products_pairs[g] - np.einsum("ij,ij->i", through[left], cross[right]),
+                    products_pairs[g] - np.einsum("ij,ij->i", through[left], through[right]),
                     0.0,
                 )
             )

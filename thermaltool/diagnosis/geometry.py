@@ -42,13 +42,13 @@ from thermaltool.effects.effect import Effect, Float
 
 __all__ = ["Detectable", "alternatives", "detectable", "invisible", "suspected"]
 
-# A rival that leaves more than half of a cause's power unexplained is no other name for it, but
-# perhaps a second cause [deg].
+# A rival that leaves more than half of a cause's power unexplained is no other name for it, but a
+# second cause if it is named beside it [deg].
 UNLIKE = 45.0
 # No model of a structure is exact to 5 %: what differs by less is not told apart by any evidence
 # [deg].
 ALIKE = 3.0
-# Names in a group, the accepted one included.
+# Names in a group, the accepted one included; one may stand for several channels.
 MOST_NAMES = 3
 # A shorter input is preferred to one that opens the angle by less than a quarter more.
 ENOUGH = 0.8
@@ -59,13 +59,17 @@ AGAIN = "log as much again with the same kind of input, and diagnose both logs t
 
 
 def alternatives(
-    bench: Workbench, chosen: Candidate, rivals: Sequence[Candidate]
+    bench: Workbench,
+    chosen: Candidate,
+    rivals: Sequence[Candidate],
+    named: Sequence[Effect] = (),
 ) -> list[Alternative]:
     """What else the accepted cause could be, and the input that would tell.
 
     A rival is told from it by decisive evidence, unless the two differ by less than models of
-    structures are exact (`ALIKE`). One that is no decisive evidence behind is still another cause
-    where it could not do half of what the accepted one does (`UNLIKE`).
+    structures are exact (`ALIKE`). One that is no decisive evidence behind is a cause of its own
+    where it could not do half of what the accepted one does (`UNLIKE`) and is `named` beside it;
+    where it is not, nothing was left for it to explain, and it is what else could have been.
 
     Parameters
     ----------
@@ -74,6 +78,8 @@ def alternatives(
     chosen : Candidate
     rivals : sequence of Candidate
         Refined on the same bench; the accepted one may be among them.
+    named : sequence of Effect
+        All that is accepted in the end.
 
     Returns
     -------
@@ -91,18 +97,18 @@ def alternatives(
         behind = chosen.said - rival.said
         signatures = [caused, *reachable(bench, rival.effect)]
         now = _angle(sight, [sight.present(signatures)], len(signatures))
-        if now < ALIKE or (behind < DECISIVE and now < UNLIKE):
+        apart = now >= UNLIKE and any(_same(rival.effect, effect) for effect in named)
+        if now < ALIKE or (behind < DECISIVE and not apart):
             close.append((behind, now, rival.effect))
-    close = close[: MOST_NAMES - 1]
-    if not close:
+    effects = _few_names([chosen.effect, *(effect for _, _, effect in close)])[1:]
+    if not effects:
         return []
-    effects = [effect for _, _, effect in close]
     sentence, opened = _separating(sight, chosen.effect, effects)
     return [
         Alternative(
             (chosen.effect.name, *(e.name for e in effects)),
             (chosen.effect.channel, *(e.channel for e in effects)),
-            max(now for _, now, _ in close),
+            max(now for _, now, effect in close if effect in effects),
             sentence,
             opened,
         )
@@ -126,10 +132,9 @@ def suspected(bench: Workbench, candidates: Sequence[Candidate]) -> list[Alterna
     for c in candidates:
         if not any(_same(c.effect, other.effect) for other in chosen):
             chosen.append(c)
-    chosen = chosen[:MOST_NAMES]
     if not chosen:
         return []
-    first, *rest = [c.effect for c in chosen]
+    first, *rest = _few_names([c.effect for c in chosen])
     now, sentence, opened = float("nan"), AGAIN, float("nan")
     if rest:
         caused = displaced(bench, first)
@@ -140,6 +145,13 @@ def suspected(bench: Workbench, candidates: Sequence[Candidate]) -> list[Alterna
     effects = (first, *rest)
     names, channels = tuple(e.name for e in effects), tuple(e.channel for e in effects)
     return [Alternative(names, channels, now, sentence, opened, "suspected")]
+
+
+def _few_names(effects: Sequence[Effect]) -> list[Effect]:
+    """Those before a name too many."""
+    names = list(dict.fromkeys(e.name for e in effects))[:MOST_NAMES]
+    kept = [e.name in names for e in effects]
+    return list(effects[: kept.index(False)] if False in kept else effects)
 
 
 def _same(effect: Effect, other: Effect) -> bool:

@@ -114,12 +114,11 @@ def _predicted(bench: Workbench, output: str, events: bool, told: bool) -> Float
     seen, evidence = bench.observed[output], bench.evidence[output]
     columns, prior, centre = _columns(bench, output)
     kept = _kept(bench, output) if told else _all
-    residual = bench.residual(output)
+    table = [np.column_stack(pair) for pair in zip(bench.residual(output), columns, strict=True)]
     base = evidence.base(bench.state)
     level = evidence.levels[base.level]
     prior = prior * base.white**2
-    coarse = np.column_stack([seen.gather(residual), *(seen.gather(c) for c in columns)])
-    fine = np.column_stack([seen.whole(residual), *(seen.whole(c) for c in columns)])
+    coarse, fine = seen.gather(table), seen.whole(table)
     error = np.empty(len(fine))
     group = np.repeat(np.arange(seen.size), np.diff(np.append(seen.first, len(fine))))
     for k in range(len(bench.logs)):
@@ -171,28 +170,24 @@ def _fit(
     return np.asarray((inner @ ((gram[0, 1:] - prior * centre) / size)) / size)
 
 
-def _columns(bench: Workbench, output: str) -> tuple[list[Series], Float, Float]:
-    """Sensitivities that a fold may use, with the precision and centre of their priors."""
+def _columns(bench: Workbench, output: str) -> tuple[Series, Float, Float]:
+    """Sensitivities (n, c) of each log that a fold may use; precision and centre of their priors.
+
+    Of the offsets, of the effects, of what the calibration leaves open, of the start.
+    """
     seen = bench.observed[output]
     present = [k for k, rows in enumerate(seen.rows) if len(rows)]
     offsets = bench.offsets()
-    columns = [offsets[k] for k in present] + list(bench.accepted(output).values())
-    flat = len(columns)
-    prior_of = bench.prior(output, "released" in bench.state)
-    root, centre = prior_of.root, prior_of.centre
-    own = [*bench.sensitivities(output), *bench.lags(output)]
-    mixed: list[Series] = [
-        [
-            sum((root[j, k] * own[j][log] for j in range(len(root))), np.zeros(()))
-            for log in range(len(bench.logs))
-        ]
-        for k in range(root.shape[1])
-    ]
-    columns += mixed
+    flat = [*(offsets[k] for k in present), *bench.accepted(output).values()]
+    prior = bench.prior(output, "released" in bench.state)
     extra = bench.decays(output) if "initial" in bench.state else []
-    columns += extra
-    prior = np.concatenate([np.zeros(flat), np.ones(len(mixed) + len(extra))])
-    return columns, prior, np.concatenate([np.zeros(flat), centre, np.zeros(len(extra))])
+    columns = [
+        np.column_stack([*(c[k] for c in flat), own @ prior.root, *(c[k] for c in extra)])
+        for k, own in enumerate(bench.movements(output))
+    ]
+    free, known = np.zeros(len(flat)), np.zeros(len(extra))
+    precision = np.concatenate([free, np.ones_like(prior.centre), np.ones(len(extra))])
+    return columns, precision, np.concatenate([free, prior.centre, known])
 
 
 def _all(shift: Float) -> Float:

@@ -28,7 +28,8 @@ class Base:
     dof : int
     least : float
         Sum of squares that stands for rounding: nothing is explained better than that.
-    inverse : list of ndarray (c, c), of the active nuisance
+    whitening : list of ndarray, shape (c, r)
+        Combinations of the active nuisance that are orthonormal, priors included.
     fitted : ndarray, shape (levels, c)
         Best nuisance.
     """
@@ -38,7 +39,7 @@ class Base:
     dof: float
     least: float
     active: Index
-    inverse: list[Float]
+    whitening: list[Float]
     fitted: Float
 
     def negative_log(self, square: Float) -> Float:

@@ -53,6 +53,11 @@ class Gain:
         return self.interval[1] < 0
 
     @property
+    def harmful(self) -> bool:
+        """Whether a loss is sure, and of practical size."""
+        return self.spoiled and self.rms_after > (1 + LEAST_GAIN) * self.rms_before
+
+    @property
     def useful(self) -> bool:
         """Whether the gain is of practical use, sure or not."""
         return self.rms_after < (1 - LEAST_GAIN) * self.rms_before

@@ -22,6 +22,8 @@ from thermaltool.errors import ModelError
 
 # Trials that promise less evidence than this are not fitted.
 LEAST = -10.0
+# Of a search: a value for what no machine has, that can be subtracted.
+IMPLAUSIBLE = 1e300
 # First step of a search, of a logarithm.
 STEP = 0.3
 
@@ -285,7 +287,7 @@ def refine(bench: Workbench, candidate: Candidate) -> Candidate:
         key = tuple(trial.parameters[n] for n in names)
         if key not in seen:
             seen[key] = evaluate(trial)
-        return -seen[key].gain
+        return min(-seen[key].gain, IMPLAUSIBLE)
 
     minimize(
         objective,

@@ -171,13 +171,10 @@ class Rehearsal:
         self.factors: list[dict[str, Factor]] = []
         for output in outputs:
             root = old.prior(output, sight.group == "released").root
-            own = [*self.bench.sensitivities(output), *self.bench.lags(output)]
+            own = self.bench.movements(output)
             free = [*self.bench.offsets(), *self.bench.accepted(output).values()]
             free += [start[output] for start in starts]
-            self.shared[output] = [
-                each.means(np.column_stack([c[k] for c in own])) @ root
-                for k, each in enumerate(experiments)
-            ]
+            self.shared[output] = [each.means(own[k]) @ root for k, each in enumerate(experiments)]
             self.private[output] = [
                 each.means(np.column_stack([c[k] for c in free]))
                 for k, each in enumerate(experiments)

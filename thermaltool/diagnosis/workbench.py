@@ -35,8 +35,8 @@ WIDE_LOG, WIDE_GAIN = 1.0, 1.0
 LIMIT = 2.0
 LEAST_FLOOR = 0.5
 SLOWER = 2.0
-# Where a model is free, one in so many lags.
-SPARSE = 4
+# Where a model is free, its lags are so many times apart.
+APART = 3.0
 # Directions of a prior that change a whole log by less, over the noise of a reading, are left out.
 UNSEEN = 0.1
 # A sensor's noise may be smaller by this factor than at the calibration.
@@ -152,9 +152,9 @@ class Workbench:
             return least
         return max(float(known["drift_sigma"]), least)
 
-    def limit(self, output: str) -> Callable[[float], float]:
-        """Largest discrepancy of a clean log by its time constant."""
-        slow, fast = LIMIT * self.floor(output), LIMIT * self.floor(output, 0.0)
+    def expected(self, output: str) -> Callable[[float], float]:
+        """Discrepancy of a clean log by its time constant."""
+        slow, fast = self.floor(output), self.floor(output, 0.0)
         known = known_discrepancy(self.calibrated, output)
         shown = SLOWER * known["drift_time_s"] if known else 0.0
         return lambda tau: fast if tau <= shown else slow
@@ -291,8 +291,8 @@ class Workbench:
         known = known_discrepancy(self.calibrated, output).get("lags", ())
         # A lag at the largest drive is of the size of the noise; some of them say what all do.
         heights = np.array([self.level(drive) for drive, _ in known])
-        lags = np.diag(self.white(output) / heights)[:, ::SPARSE] if known else np.zeros((0, 0))
-        root = block_diag(root, lags)
+        lags = np.diag(self.white(output) / heights) if known else np.zeros((0, 0))
+        root = block_diag(root, lags[:, _apart(known)])
         inverse = np.asarray(np.linalg.pinv(root), np.float64)
         return Prior(root, inverse @ np.append(at, np.zeros(len(known))), inverse)
 
@@ -331,8 +331,7 @@ class Workbench:
     def _shown(self, output: str, root: Float, at: Float) -> Prior:
         """A prior by its directions that these logs show, the most visible first."""
         seen = self.observed[output]
-        series = [*self.sensitivities(output), *self.lags(output)]
-        columns = np.column_stack([seen.whole(each) for each in series[: len(root)]]) @ root
+        columns = seen.whole(self.movements(output)) @ root
         columns = columns - columns.mean(axis=0)
         values, vectors = np.linalg.eigh(columns.T @ columns)
         turn = vectors[:, values > (UNSEEN * self.white(output)) ** 2][:, ::-1]
@@ -362,6 +361,12 @@ class Workbench:
             ]
             for drive, tau in known_discrepancy(self.calibrated, output).get("lags", ())
         ]
+
+    @kept
+    def movements(self, output: str) -> Series:
+        """Change of an output per unit of each of its `own` parameters and `lags`, (n, p + q)."""
+        columns = [*self.sensitivities(output), *self.lags(output)]
+        return [np.column_stack([c[k] for c in columns]) for k in range(len(self.logs))]
 
     def decays(self, output: str) -> list[Series]:
         """What a machine that was not at rest at the first row adds, per log."""
@@ -409,7 +414,8 @@ class Workbench:
                 continue
             places = np.flatnonzero(np.array(evidence.names)[base.active] == "accepted")
             index = places[[k for k, (e, _) in enumerate(self.accepted(output)) if e == at]]
-            block = base.inverse[base.level][np.ix_(index, index)] * base.white**2
+            half = base.whitening[base.level][index]
+            block = half @ half.T * base.white**2
             rows = [names.index(name) for name in own]
             size = np.sqrt(np.maximum(np.diag(block), 1e-300))
             inverse = np.linalg.pinv(block / np.outer(size, size), hermitian=True)
@@ -442,15 +448,13 @@ class Workbench:
         group = "released" if "released" in self.state else "tight"
         moves = self.prior(output, group == "released").root @ fitted[names == group]
         present = [k for k, rows in enumerate(self.observed[output].rows) if len(rows)]
-        columns = [*self.sensitivities(output), *self.lags(output)]
-        weights = moves.tolist()
-        if "initial" in self.state:
-            columns += self.decays(output)
-            weights += fitted[names == "initial"].tolist()
         offsets = dict(zip(present, fitted[names == "offset"].tolist(), strict=True))
+        start = fitted[names == "initial"].tolist()
         result = []
         for k, residual in enumerate(self.residual(output)):
-            known = sum((w * c[k] for w, c in zip(weights, columns, strict=True)), np.zeros(()))
+            known = self.movements(output)[k] @ moves
+            for weight, decay in zip(start, self.decays(output) if start else [], strict=True):
+                known = known + weight * decay[k]
             result.append(residual - known - offsets.get(k, 0.0))
         return result
 
@@ -480,7 +484,7 @@ class Workbench:
                 return np.zeros((seen.size, 0))
             return np.column_stack([seen.gather(series) for series in columns])
 
-        own = matrix([*self.sensitivities(output), *self.lags(output)])
+        own = seen.gather(self.movements(output))
         groups = {"released": self.prior(output, True)}
         if "tight" in self.state:
             groups["tight"] = self.prior(output, False)
@@ -499,7 +503,7 @@ class Workbench:
             {group: prior.centre for group, prior in groups.items()},
             self.white(output),
             self.state,
-            self.limit(output) if "tight" in self.state else None,
+            self.expected(output) if "tight" in self.state else None,
         )
 
     def white(self, output: str) -> float:
@@ -558,6 +562,16 @@ class Workbench:
                 for o in self.observed
             },
         )
+
+
+def _apart(lags: Sequence[tuple[str, float]]) -> list[int]:
+    """Which of the lags to keep, of every drive the first and what is far from the one before."""
+    kept: list[int] = []
+    for k, (drive, tau) in enumerate(lags):
+        last = next((lags[j][1] for j in reversed(kept) if lags[j][0] == drive), 0.0)
+        if not last or max(tau, last) >= APART * min(tau, last):
+            kept.append(k)
+    return kept
 
 
 def _root(covariance: Float, size: Float) -> Float:

@@ -1,4 +1,4 @@
-"""Static nonlinearity of the drive: power law, or dead band."""
+"""Static nonlinearity of the drive: power law, dead band, or parabola."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Si
 class DriveNonlinearity(Effect):
     """What acts is sign(u)·|u|^exponent beyond a dead band, scaled to agree at the largest level.
 
-    Heat by a voltage or a current goes with its square, friction with a power of the speed.
+    Or u·(1 + curvature·|u|/level). Heat by a voltage or a current goes with its square, friction
+    with a power of the speed, the torque of a motor has a share of both.
     """
 
     name: ClassVar[str] = "drive_nonlinearity"
@@ -31,19 +32,27 @@ class DriveNonlinearity(Effect):
     known: ClassVar = {
         "exponent": Parameter("1", neutral=1.0, low=0.2, high=5.0, log=True),
         "dead_band": Parameter("{channel}", low=0.0),
+        # Below, more of the drive would be less of what acts.
+        "curvature": Parameter("1", low=-0.45, high=5.0, linear=True),
         "level": Parameter("{channel}", fixed=True),
     }
 
     def drive(self, signals: Signals, u: Float) -> Float:
         level = self.parameters["level"]
+        if "curvature" in self.parameters:
+            return u + self.parameters["curvature"] * u * np.abs(u) / level
         beyond = self.parameters.get("dead_band", 0.0)
         exponent = self.parameters.get("exponent", 1.0)
         size = np.maximum(np.abs(u) - beyond, 0.0) / max(level - beyond, 1e-12 * level)
         return np.sign(u) * level * size**exponent
 
     def undone(self, values: Float) -> Float:
-        """Of a dead band, inside which nothing acts, the middle."""
+        """Of a dead band, inside which nothing acts, the middle; of a parabola, its near side."""
         level = self.parameters["level"]
+        curvature = self.parameters.get("curvature", 0.0)
+        if curvature:
+            root = np.sqrt(np.maximum(1 + 4 * curvature * np.abs(values) / level, 0.0))
+            return 2 * values / (1 + root)
         beyond = self.parameters.get("dead_band", 0.0)
         size = (np.abs(values) / level) ** (1 / self.parameters.get("exponent", 1.0))
         return np.sign(values) * (beyond + (level - beyond) * size)
@@ -58,3 +67,4 @@ class DriveNonlinearity(Effect):
                 yield cls(drive, {"exponent": exponent, "level": level})
             for share in (0.02, 0.05, 0.1, 0.2, 0.4):
                 yield cls(drive, {"dead_band": share * level, "level": level})
+            yield cls(drive, {"curvature": 0.1, "level": level})

@@ -42,7 +42,7 @@ class ColouredNoise:
         weight: Array | None = None,
         period: float | None = None,
     ) -> None:
-        self.size = time.size
+        self.size, self.starts = time.size, starts
         self.weight = np.ones(self.size) if weight is None else weight
         first, last = time[starts], time[np.append(starts[1:], self.size) - 1]
         self.span = float(np.max(last - first))
@@ -60,7 +60,7 @@ class ColouredNoise:
         """For a drift of variance `ratio` (in units of the white variance) and constant `tau`."""
         logdet = float(np.log(self.weight).sum())
         if ratio <= 0.0:
-            return Factor(self.weight, None, logdet)
+            return Factor(self.weight, None, None, logdet)
         decay = np.exp(-self.steps / tau)
         loss = -np.expm1(-2.0 * self.steps / tau)
         coupling = np.append(decay / (loss * ratio), 0.0)[self.which]
@@ -71,7 +71,52 @@ class ColouredNoise:
         d, e, _ = dpttrf(diagonal, -coupling, overwrite_d=True, overwrite_e=True)
         log_loss = float(np.dot(self.counts, np.log(loss)))
         logdet += float(np.log(d).sum() + self.size * np.log(ratio) + log_loss)
-        return Factor(self.weight, (d, e), logdet)
+        drift = Drift(
+            np.append(decay, 0.0)[self.which],
+            np.append(-np.expm1(-self.steps / tau), 0.0)[self.which],
+            np.append(1.0 / (loss * ratio), 0.0)[self.which],
+            self.starts,
+            ratio,
+        )
+        return Factor(self.weight, (d, e), drift, logdet)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """The inverse covariance of an Ornstein-Uhlenbeck drift, as what each step adds.
+
+    Attributes
+    ----------
+    decay, lost : ndarray (n - 1,)
+        What is left of a value at the next sample, and one less that.
+    inverse : ndarray (n - 1,)
+        One over the variance of a step; zero between blocks.
+    starts : ndarray (b,) of int
+    ratio : float
+        Variance of the first sample of a block.
+    """
+
+    decay: Array
+    lost: Array
+    inverse: Array
+    starts: NDArray[np.int64]
+    ratio: float
+
+    def times(self, columns: Array) -> Array:
+        """The inverse covariance times `columns`, ndarray (n, c), from differences of neighbours.
+
+        The tridiagonal matrix itself would take nearly equal numbers from each other, and the
+        slow signals that are compared here would lose half of their digits.
+        """
+        steps = np.diff(columns, axis=0)
+        steps += self.lost[:, None] * columns[:-1]
+        steps *= self.inverse[:, None]
+        result = np.zeros(columns.shape, order="F")
+        result[self.starts] = columns[self.starts] / self.ratio
+        result[1:] += steps
+        steps *= self.decay[:, None]
+        result[:-1] -= steps
+        return result
 
 
 @dataclass(frozen=True)
@@ -82,21 +127,23 @@ class Factor:
     ----------
     weight : ndarray (n,)
     triangle : (ndarray, ndarray) or None
-        Factors of the tridiagonal inverse; None for white noise alone.
+        Factors of the tridiagonal sum of both inverses; None for white noise alone.
+    drift : Drift or None
     logdet : float
     """
 
     weight: Array
     triangle: tuple[Array, Array] | None
+    drift: Drift | None
     logdet: float
 
     def solve(self, columns: Array) -> Array:
         """Inverse covariance times `columns`, ndarray (n, c)."""
-        scaled = np.asfortranarray(columns / self.weight[:, None])
-        if self.triangle is None:
-            return scaled
-        solved, _ = dpttrs(*self.triangle, scaled)
-        return np.asarray(scaled - solved / self.weight[:, None])
+        if self.triangle is None or self.drift is None:
+            return columns / self.weight[:, None]
+        columns = np.asfortranarray(columns)
+        solved, _ = dpttrs(*self.triangle, self.drift.times(columns), overwrite_b=True)
+        return np.asarray(solved / self.weight[:, None])
 
 
 class RestrictedLikelihood:
