@@ -120,7 +120,7 @@ class _Diagnosing:
         self.known = model if self.own else corrected(model)
         self.masked: Mask = {}
         self.notes: list[str] = []
-        self.suspect = ""
+        self.unconfirmed: Candidate | None = None
         self.suspects: tuple[Workbench, list[Candidate]] | None = None
         self.unseen: list[Alternative] = []
         self.tried: tuple[Tried, ...] = ()
@@ -229,23 +229,9 @@ class _Diagnosing:
                 found = self._accepted(bench, candidate, refined)
                 if found is not None:
                     return found
-            self.suspect = ""
-            if decisive:
-                self._suspect(decisive[0])
+            self.unconfirmed = decisive[0] if decisive else None
             self.suspects = bench, [c for c in refined if c.evidence > alone[c.state]]
             return None
-
-    def _suspect(self, candidate: Candidate) -> None:
-        """Tell of the strongest cause that unseen data did not confirm."""
-        effect = candidate.effect
-        told = ", ".join(
-            f"{name} {effect.parameters[name]:.3g} {printed(effect.unit(name))}".rstrip()
-            for name in (*effect.linear(), *effect.searched())
-        )
-        self.suspect = (
-            f"what is left looks most like {effect.name} ({effect.channel or 'no channel'}: "
-            f"{told}), but rows that its fit has not seen do not confirm it"
-        )
 
     def _too_short(self, bench: Workbench, state: State) -> tuple[Cause, Workbench] | None:
         """A short calibration as the cause, where setting the parameters free helps unseen rows."""
@@ -407,8 +393,8 @@ class _Diagnosing:
         adequate = not causes and share >= ADEQUATE
         if not causes and not adequate:
             self.notes.append("misfit found, no cause in the catalogue explains it")
-        if self.suspect:
-            self.notes.append(self.suspect)
+        if self.unconfirmed is not None:
+            self.notes.append(_unconfirmed(self.unconfirmed.effect))
         alternatives: list[Alternative] = []
         if self.suspects is not None and not causes:
             alternatives += geometry.suspected(*self.suspects)
@@ -432,6 +418,18 @@ class _Diagnosing:
 def _helps(gain: Gain) -> bool:
     """Whether a gain is sure, and of practical use."""
     return gain.claimed and gain.useful
+
+
+def _unconfirmed(effect: Effect) -> str:
+    """Tell of the strongest cause that unseen data did not confirm."""
+    told = ", ".join(
+        f"{name} {effect.parameters[name]:.3g} {printed(effect.unit(name))}".rstrip()
+        for name in (*effect.linear(), *effect.searched())
+    )
+    return (
+        f"what is left looks most like {effect.name} ({effect.channel or 'no channel'}: "
+        f"{told}), but rows that its fit has not seen do not confirm it"
+    )
 
 
 def _as_candidate(effect: Effect, state: State) -> Candidate:

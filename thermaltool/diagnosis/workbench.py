@@ -12,11 +12,12 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
+from thermaltool.diagnosis import prior
 from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.evidence import OutputEvidence, State
 from thermaltool.diagnosis.observed import Observed, measured_rows
+from thermaltool.diagnosis.prior import Prior
 from thermaltool.diagnosis.profile import Part, Reduced
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Effect, Float, Scene, Signals, reference_of
@@ -35,8 +36,6 @@ WIDE_LOG, WIDE_GAIN = 1.0, 1.0
 LIMIT = 2.0
 LEAST_FLOOR = 0.5
 SLOWER = 2.0
-# Where a model is free, its lags are so many times apart.
-APART = 3.0
 # Directions of a prior that change a whole log by less, over the noise of a reading, are left out.
 UNSEEN = 0.1
 # A sensor's noise may be smaller by this factor than at the calibration.
@@ -54,25 +53,6 @@ def kept(method: Callable[[Workbench, str], Value]) -> Callable[[Workbench, str]
         return cast(Value, found[output])
 
     return once
-
-
-@dataclass(frozen=True)
-class Prior:
-    """A Gaussian prior of the `own` parameters and the `lags` of an output.
-
-    Attributes
-    ----------
-    root : ndarray, shape (p + q, r)
-        Of the covariance: what each coordinate of variance one moves.
-    centre : ndarray, shape (r,)
-        Where the model stands in it.
-    inverse : ndarray, shape (r, p + q)
-        From moves to coordinates.
-    """
-
-    root: Float
-    centre: Float
-    inverse: Float
 
 
 @dataclass(frozen=True)
@@ -287,14 +267,10 @@ class Workbench:
     @kept
     def _wide(self, output: str) -> Prior:
         at, size = self._moves(output)
-        root = np.diag(size)
-        known = known_discrepancy(self.calibrated, output).get("lags", ())
-        # A lag at the largest drive is of the size of the noise; some of them say what all do.
-        heights = np.array([self.level(drive) for drive, _ in known])
-        lags = np.diag(self.white(output) / heights) if known else np.zeros((0, 0))
-        root = block_diag(root, lags[:, _apart(known)])
-        inverse = np.asarray(np.linalg.pinv(root), np.float64)
-        return Prior(root, inverse @ np.append(at, np.zeros(len(known))), inverse)
+        lags = known_discrepancy(self.calibrated, output).get("lags", ())
+        # A lag at the largest drive is of the size of the noise.
+        heights = np.array([self.white(output) / self.level(drive) for drive, _ in lags])
+        return prior.wide(at, size, lags, heights)
 
     @kept
     def _tight(self, output: str) -> Prior:
@@ -315,7 +291,8 @@ class Workbench:
             q = len(covariance) - len(own)
             at = np.append(at, np.zeros(q))
             size = np.append(size, np.full(q, known["lag_sigma"]))
-        return self._shown(output, _root(covariance, size), at)
+        columns = self.observed[output].whole(self.movements(output))
+        return prior.visible(covariance, size, at, columns, UNSEEN * self.white(output))
 
     def _moves(self, output: str) -> tuple[Float, Float]:
         """How far the `own` parameters are from the calibration, and their sizes."""
@@ -327,16 +304,6 @@ class Workbench:
             at[k] = np.log(now / was) if each.log else now - was
         size = np.array([WIDE_LOG if e.log else WIDE_GAIN * self._gain_scale(e) for e in own])
         return at, size
-
-    def _shown(self, output: str, root: Float, at: Float) -> Prior:
-        """A prior by its directions that these logs show, the most visible first."""
-        seen = self.observed[output]
-        columns = seen.whole(self.movements(output)) @ root
-        columns = columns - columns.mean(axis=0)
-        values, vectors = np.linalg.eigh(columns.T @ columns)
-        turn = vectors[:, values > (UNSEEN * self.white(output)) ** 2][:, ::-1]
-        inverse = turn.T @ np.linalg.inv(root)
-        return Prior(root @ turn, inverse @ at, inverse)
 
     def _calibrated_covariance(self, own: Sequence[Own]) -> Float:
         """Of some parameters of one term, by the fit alone."""
@@ -562,23 +529,6 @@ class Workbench:
                 for o in self.observed
             },
         )
-
-
-def _apart(lags: Sequence[tuple[str, float]]) -> list[int]:
-    """Which of the lags to keep, of every drive the first and what is far from the one before."""
-    kept: list[int] = []
-    for k, (drive, tau) in enumerate(lags):
-        last = next((lags[j][1] for j in reversed(kept) if lags[j][0] == drive), 0.0)
-        if not last or max(tau, last) >= APART * min(tau, last):
-            kept.append(k)
-    return kept
-
-
-def _root(covariance: Float, size: Float) -> Float:
-    """A root of a covariance; never wider than `size`, never exactly known."""
-    scaled = covariance / np.outer(size, size)
-    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
-    return np.asarray(size[:, None] * vectors * np.sqrt(np.clip(values, 1e-12, 1.0)))
 
 
 def _moves(log: Signals, channel: str) -> bool:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
 
 from thermaltool.effects.channels import air_channels, air_is_logged
-from thermaltool.effects.dynamics import SLOWEST, time_constants, warmed
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Signals
+from thermaltool.effects.source import Source
 
 
-class AmbientDrift(Effect):
+class AmbientDrift(Source):
     """Outputs follow the air through a lag; where nobody logged it, one slow swing moves them.
 
     The swing has one course for all outputs, since there is one air, and a size for each. It is
@@ -20,7 +20,6 @@ class AmbientDrift(Effect):
     """
 
     name: ClassVar[str] = "ambient_drift"
-    side: ClassVar[Side] = "source"
     explanation: ClassVar[str] = (
         "the air around the machine warms or cools, and frame, column and sensors follow it"
     )
@@ -37,40 +36,17 @@ class AmbientDrift(Effect):
         "phase": Parameter("rad"),
     }
 
-    @property
-    def everywhere(self) -> bool:
-        return not self.channel
-
-    def needs(self) -> tuple[str, ...]:
-        return (self.channel,) if self.channel else ()
-
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
-        if (gain := self.parameters.get(f"gain[{name}]")) is not None:
-            air = warmed(signals, self.channel, self.parameters["time_constant"])
-            return outputs[name] + gain * air
-        if (swing := self.parameters.get(f"swing[{name}]")) is not None:
-            phase = self.parameters["phase"]
-            since = (signals.time - signals.time[0]) / self.parameters["period"]
-            return outputs[name] + swing * (np.sin(2 * np.pi * since + phase) - np.sin(phase))
-        return outputs[name]
-
-    def path(self, output: str) -> tuple[float, float] | None:
-        gain = self.parameters.get(f"gain[{output}]")
-        if gain is None or not self.channel:
-            return None
-        return gain, self.parameters["time_constant"]
-
-    def plausible(self, scene: Scene) -> bool:
-        # Air that is felt only long after the record would be a trend.
-        slow = self.parameters.get("time_constant", 0.0) > SLOWEST * scene.duration
-        return super().plausible(scene) and not slow
+    def unlogged(self, name: str, signals: Signals) -> Float | float:
+        swing = self.parameters.get(f"swing[{name}]")
+        if swing is None:
+            return 0.0
+        phase = self.parameters["phase"]
+        since = (signals.time - signals.time[0]) / self.parameters["period"]
+        return swing * (np.sin(2 * np.pi * since + phase) - np.sin(phase))
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
-        gains = {f"gain[{output}]": 1.0 for output in scene.outputs}
-        for channel in air_channels(scene):
-            for tau in time_constants(scene.period, scene.duration):
-                yield cls(channel, {**gains, "time_constant": tau})
+        yield from cls.logged(scene, air_channels(scene))
         # One slow swing in a single output would be a sensor's.
         if air_is_logged(scene) or len(scene.outputs) < 2:
             return

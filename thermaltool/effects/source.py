@@ -1,0 +1,57 @@
+"""Heat from beside the drives: what the causes have in common whose source may be logged."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from typing import ClassVar
+
+from thermaltool.effects.dynamics import SLOWEST, time_constants, warmed
+from thermaltool.effects.effect import Effect, Float, Scene, Side, Signals
+
+
+class Source(Effect):
+    """A channel beside the drives moves outputs by `gain` through a first-order lag.
+
+    A source that nobody logged has no channel; what it does is the subclass's.
+    """
+
+    side: ClassVar[Side] = "source"
+
+    @property
+    def everywhere(self) -> bool:
+        return not self.channel
+
+    def needs(self) -> tuple[str, ...]:
+        return (self.channel,) if self.channel else ()
+
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+        if not self.channel:
+            return outputs[name] + self.unlogged(name, signals)
+        if (followed := self.path(name)) is None:
+            return outputs[name]
+        gain, tau = followed
+        return outputs[name] + gain * warmed(signals, self.channel, tau)
+
+    @abstractmethod
+    def unlogged(self, name: str, signals: Signals) -> Float | float:
+        """What a source without a channel adds to an output."""
+
+    def path(self, output: str) -> tuple[float, float] | None:
+        gain = self.parameters.get(f"gain[{output}]")
+        if gain is None or not self.channel:
+            return None
+        return gain, self.parameters["time_constant"]
+
+    def plausible(self, scene: Scene) -> bool:
+        # What is felt only long after the record would be a trend.
+        slow = self.channel and self.parameters["time_constant"] > SLOWEST * scene.duration
+        return super().plausible(scene) and not slow
+
+    @classmethod
+    def logged(cls, scene: Scene, channels: Sequence[str]) -> Iterator[Effect]:
+        """Every one of `channels` with every lag that is worth a trial."""
+        gains = {f"gain[{output}]": 1.0 for output in scene.outputs}
+        for channel in channels:
+            for tau in time_constants(scene.period, scene.duration):
+                yield cls(channel, {**gains, "time_constant": tau})
