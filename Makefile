@@ -17,6 +17,9 @@ READY := .venv/.ready
 # The peers' own packages, apart from those of the project.
 BENCH := .venv-bench/bin
 BENCH_READY := .venv-bench/.ready
+# Those of `identify` apart again: one of them admits no newer numpy.
+BENCH_IDENTIFY := .venv-bench-identify/bin
+BENCH_IDENTIFY_READY := .venv-bench-identify/.ready
 TOOLS := THERMALTOOL=$(CURDIR)/$(BIN)/thermaltool PYTHON=$(CURDIR)/$(BIN)/python
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
@@ -31,6 +34,11 @@ $(BENCH_READY): requirements-bench.lock
 	$(BENCH)/python -m pip install --quiet --require-hashes -r requirements-bench.lock
 	touch $@
 
+$(BENCH_IDENTIFY_READY): requirements-bench-identify.lock
+	$(PYTHON) -m venv .venv-bench-identify
+	$(BENCH_IDENTIFY)/python -m pip install --quiet --require-hashes -r requirements-bench-identify.lock
+	touch $@
+
 demo: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/demo.mk $(TOOLS)
 
@@ -43,12 +51,12 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(READY) $(BENCH_READY)
+bench: $(READY) $(BENCH_READY) $(BENCH_IDENTIFY_READY)
 	@$(BIN)/python benchmarks/speed.py
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/peers.py
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/orders.py speed
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/streaming.py
-	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/identify.py speed
+	@PYTHONPATH=$(CURDIR) $(BENCH_IDENTIFY)/python benchmarks/identify.py speed
 
 DESIGNS := demo/far_kalman.json demo/far_kernel.json demo/all_kalman.json
 
@@ -79,6 +87,7 @@ docs: $(READY)
 lock:
 	uv pip compile --universal --generate-hashes --no-emit-index-url --group dev pyproject.toml -o requirements.lock
 	uv pip compile --universal --generate-hashes --no-emit-index-url --group bench -c requirements.lock pyproject.toml -o requirements-bench.lock
+	uv pip compile --universal --generate-hashes --no-emit-index-url --group bench-identify pyproject.toml -o requirements-bench-identify.lock
 
 clean:
 	rm -rf demo build dist

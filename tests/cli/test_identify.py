@@ -125,6 +125,26 @@ def test_validation_on_another_log_and_two_outputs(thermaltool, log, columns, tm
     assert gains[1] == pytest.approx(2 * gains[0], rel=1e-3)
 
 
+@pytest.mark.parametrize("extra", [(), ("--continuous",)])
+def test_a_held_and_a_running_input_together(thermaltool, columns, tmp_path, extra):
+    """Power is held between rows, a temperature runs on; it is no fallback that both are joined."""
+    rng = np.random.default_rng(4)
+    air = 20 + np.convolve(rng.standard_normal(2410), np.ones(11) / 11, "valid")
+    columns["T_air_degC"] = air
+    columns["d_z_um"] = columns["d_z_um"] + simulate_response(
+        Rational1(6.0, 200.0, 0.0), columns["time_s"], air - air[0], "first"
+    )
+    log = write_log(tmp_path / "two.csv", columns)
+    done = thermaltool("identify", log, *CALL, "--input", "T_air_degC", *extra, "--orders", "2,2,5",
+                       "--orders", "1,1,0", "--initial", "free", "--json")  # fmt: skip
+    assert done.code == 0, done.err
+    (model,) = done.json["models"]
+    assert "of each input" in model["method"]
+    assert "did not settle" not in done.err
+    assert model["fit_training_percent"] > 98
+    assert model["terms"][1]["gain"]["value"] == pytest.approx(6.0, rel=0.1)
+
+
 def test_a_pause_parts_the_record(thermaltool, columns, tmp_path):
     kept = np.r_[0:1000, 1400:2400]
     gappy = write_log(tmp_path / "gap.csv", {n: v[kept] for n, v in columns.items()})

@@ -13,7 +13,7 @@ from thermaltool.identification.transfer.continuation import Continued
 from thermaltool.identification.transfer.data import Data
 from thermaltool.identification.transfer.model import Estimate, TransferModel
 from thermaltool.identification.transfer.residuals import ResidualTests
-from thermaltool.identification.transfer.search import GAUSS_NEWTON
+from thermaltool.identification.transfer.search import FALLBACK, SEPARATE
 from thermaltool.report.orders import aligned
 from thermaltool.responses import parameter_names
 from thermaltool.signals.agreement import Agreement
@@ -69,7 +69,7 @@ class Identified:
         m, target, told = self.model, self.model.target, []
         if not m.converged:
             told.append(f"{target}: the search did not converge ({m.method})")
-        if GAUSS_NEWTON in m.method and m.structure == "oe":
+        if m.structure == "oe" and FALLBACK in m.method and SEPARATE not in m.method:
             told.append(f"{target}: refined instrumental variables did not settle: {m.method}")
         for way in self.continued:
             if isinstance(way, str):

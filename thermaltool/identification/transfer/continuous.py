@@ -19,6 +19,7 @@ from thermaltool.identification.transfer.data import Array, Data
 from thermaltool.identification.transfer.identify import check_orders, coloured_gram, settles
 from thermaltool.identification.transfer.model import TransferModel
 from thermaltool.identification.transfer.output_error import Orders, Problem, solve
+from thermaltool.identification.transfer.polynomials import partial_fractions
 from thermaltool.identification.transfer.search import overdamped, search
 from thermaltool.responses.modes import Hold
 
@@ -44,7 +45,14 @@ class ContinuousProblem(Problem):
     def start(self, lags: Array) -> Array:
         return np.asarray(np.poly(-1 / np.asarray(lags, float)).real)
 
-    def _numerators(self, u: Array, f: Array, i: int, out: Array) -> None:
+    def only(self, inputs: Sequence[int], data: Data, orders: Orders) -> ContinuousProblem:
+        holds = tuple(self.holds[i] for i in inputs)
+        return replace(self, data=data, orders=orders, holds=holds)
+
+    def parts(self, lags: Array, nb: int) -> Array:
+        return partial_fractions(-1.0 / lags, range(nb))
+
+    def numerators(self, u: Array, f: Array, i: int, out: Array) -> None:
         n = len(u) - self.orders.first
         # A held input reaches the next sample first: the filter has that sample in it.
         begin = self.orders.first - self.orders.nk[i] + (self.holds[i] == "zero")

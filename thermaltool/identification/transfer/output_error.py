@@ -13,7 +13,8 @@ is searched by two kinds of step that share all their filters:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from thermaltool.identification.transfer.data import Array, Data, Stretch
 from thermaltool.identification.transfer.polynomials import (
     difference_basis,
     from_lags,
+    partial_fractions,
     stabilized,
 )
 
@@ -49,12 +51,12 @@ class Orders:
     nk: tuple[int, ...]
     groups: tuple[tuple[int, ...], ...]
 
-    @property
+    @cached_property
     def first(self) -> int:
         """First row whose inputs are all in the record."""
         return max(b + k for b, k in zip(self.nb, self.nk, strict=True)) - 1
 
-    @property
+    @cached_property
     def parameters(self) -> int:
         return sum(self.nb) + sum(self.nf)
 
@@ -121,26 +123,28 @@ class Problem:
             self._basis[n] = difference_basis(n)
         return self._basis[n]
 
-    @property
+    @cached_property
     def rows(self) -> int:
         """Rows that count."""
         return sum(max(0, len(s) - self.orders.first) for s in self.data.stretches)
 
+    @cached_property
     def used(self) -> list[Stretch]:
         """Stretches long enough to say anything."""
         least = self.orders.first + sum(self.orders.nf) + 1
         return [s for s in self.data.stretches if len(s) > least]
 
-    @property
+    @cached_property
     def linear_count(self) -> int:
-        free = sum(not s.at_rest for s in self.used()) * sum(self.orders.nf)
+        free = sum(not s.at_rest for s in self.used) * sum(self.orders.nf)
         return sum(self.orders.nb) + self.data.origins + free
 
+    @cached_property
     def places(self) -> list[NDArray[np.intp]]:
         """Where the linear columns of each used stretch stand."""
         own, starts = sum(self.orders.nb), sum(self.orders.nf)
         begin, found = own + self.data.origins, []
-        for s in self.used():
+        for s in self.used:
             free = np.arange(begin, begin + (0 if s.at_rest else starts))
             found.append(np.concatenate([np.arange(own), [own + s.origin], free]).astype(np.intp))
             begin += len(free)
@@ -157,7 +161,7 @@ class Problem:
         impulse[0] = 1.0
         for group, f in zip(o.groups, F, strict=True):
             for i in group:
-                self._numerators(stretch.inputs[i], f, i, rows[at[i] : at[i + 1]])
+                self.numerators(stretch.inputs[i], f, i, rows[at[i] : at[i + 1]])
             response = lfilter([1.0], self.recursion(f), impulse)
             for j in range(0 if stretch.at_rest else len(f) - 1):
                 rows[free, :j] = 0.0
@@ -173,7 +177,27 @@ class Problem:
         """A denominator of these time constants, in samples."""
         return from_lags(lags)
 
-    def _numerators(self, u: Array, f: Array, i: int, out: Array) -> None:
+    def only(self, inputs: Sequence[int], data: Data, orders: Orders) -> Problem:
+        """The same problem of some of the inputs."""
+        return replace(self, data=data, orders=orders)
+
+    def parts(self, lags: Array, nb: int) -> Array:
+        """The numerators q^0, q^-1, ... over poles of these time constants in partial fractions.
+
+        Parameters
+        ----------
+        lags : ndarray, shape (..., nf) [samples]
+            Distinct.
+        nb : int
+            Of those above nf only nf are made: what is left are plain lags of the input.
+
+        Returns
+        -------
+        parts : ndarray, shape (..., min(nb, nf), nf)
+        """
+        return partial_fractions(np.exp(-1.0 / lags), range(lags.shape[-1] - 1, -1, -1)[:nb])
+
+    def numerators(self, u: Array, f: Array, i: int, out: Array) -> None:
         """(1 − q^-1)^j u/F, delayed, on the rows that count; into the rows `out`."""
         x = lfilter([1.0], f, u)
         n = len(x) - self.orders.first
@@ -197,16 +221,16 @@ class Problem:
             self._follow(x, f, out[at : at + len(f) - 1])
             at += len(f) - 1
 
-    def _white(self, rows: Array) -> Array:
+    def white(self, rows: Array) -> Array:
         return rows if self.whitening is None else lfilter(*self.whitening, rows)
 
     def project(self, F: Sequence[Array], keep: bool = True) -> Projection:
         """Numerators, offsets and free responses by least squares."""
         n, searched = self.linear_count, sum(self.orders.nf)
         gram, right, power, kept = np.zeros((n, n)), np.zeros(n), 0.0, []
-        for s, place in zip(self.used(), self.places(), strict=True):
-            columns, y = self._columns(s, F), self._white(s.output[self.orders.first :])
-            rows = self._white(columns[searched:])
+        for s, place in zip(self.used, self.places, strict=True):
+            columns, y = self._columns(s, F), self.white(s.output[self.orders.first :])
+            rows = self.white(columns[searched:])
             gram[np.ix_(place, place)] += rows @ rows.T
             right[place] += rows @ y
             power += float(y @ y)
@@ -222,14 +246,14 @@ class Problem:
         gram, cross = np.zeros((size, size)), np.zeros((size, searched))
         score, loss = np.zeros(size), 0.0
         for place, Z, error in self.instruments(F, here):
-            Z, e = self._white(Z), self._white(error)
+            Z, e = self.white(Z), self.white(error)
             gram[np.ix_(place, place)] += Z @ Z.T
             score[place] += Z @ e
             loss += float(e @ e)
             if mixed:
                 carried = np.empty((searched, len(error)))
                 self.denominators([error] * len(F), F, carried)
-                cross[place] += Z @ self._white(carried).T
+                cross[place] += Z @ self.white(carried).T
         whole = gram.copy()
         whole[:, :searched] += cross
         return Slopes(gram, whole, score, loss, searched)
@@ -240,7 +264,7 @@ class Problem:
         """For each used stretch: places of its columns, the columns, the error."""
         searched = sum(self.orders.nf)
         for k, (place, (error, signals)) in enumerate(
-            zip(self.places(), self.errors(here), strict=True)
+            zip(self.places, self.errors(here), strict=True)
         ):
             self.denominators(signals, F, here.rows[k][:searched])
             yield np.concatenate([np.arange(searched), searched + place]), here.rows[k], error
@@ -249,7 +273,7 @@ class Problem:
         """For each used stretch: its error, and the response of each group without the offset."""
         o, searched = self.orders, sum(self.orders.nf)
         edges = np.cumsum([0, *o.nb])
-        for k, (s, at) in enumerate(zip(self.used(), self.places(), strict=True)):
+        for k, (s, at) in enumerate(zip(self.used, self.places, strict=True)):
             rows, theta = here.rows[k][searched:], here.linear[at]
             error = s.output[o.first :] - theta @ rows
             signals, free = [], sum(o.nb) + 1

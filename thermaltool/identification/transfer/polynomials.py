@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import comb
 
 import numpy as np
@@ -15,14 +16,25 @@ LARGEST_POLE = 1 - 1e-6
 
 def stabilized(F: Array) -> Array:
     """Poles outside the unit circle reflected into it."""
+    if _inside(F, LARGEST_POLE):
+        return F
     poles = np.roots(F)
     size = np.abs(poles)
-    if not len(poles) or np.max(size) < LARGEST_POLE:
-        return F
     poles = np.where(size > 1, poles / np.maximum(size, 1e-300) ** 2, poles)
     size = np.abs(poles)
     poles = np.where(size > LARGEST_POLE, poles / size * LARGEST_POLE, poles)
     return np.asarray(np.poly(poles).real)
+
+
+def _inside(F: Array, radius: float) -> bool:
+    """Whether all poles are inside this radius: all reflection coefficients below one (Jury)."""
+    f = [float(c) / radius**k for k, c in enumerate(F)][1:]
+    while f:
+        last = f.pop()
+        if not abs(last) < 1:
+            return False
+        f = [(a - last * b) / (1 - last * last) for a, b in zip(f, f[::-1], strict=True)]
+    return True
 
 
 def difference_basis(n: int) -> Array:
@@ -40,3 +52,19 @@ def difference_basis(n: int) -> Array:
 def from_lags(tau: Array) -> Array:
     """The denominator with real poles exp(−1/τ), τ in samples."""
     return np.asarray(np.poly(np.exp(-1.0 / np.asarray(tau, float))))
+
+
+def partial_fractions(roots: Array, powers: Iterable[int]) -> Array:
+    """Residues of x^k / Π(x − root) at distinct roots, for powers k below their count.
+
+    Parameters
+    ----------
+    roots : ndarray, shape (..., n)
+    powers : iterable of int, m of them
+
+    Returns
+    -------
+    residues : ndarray, shape (..., m, n)
+    """
+    between = roots[..., :, None] - roots[..., None, :] + np.eye(roots.shape[-1])
+    return np.stack([roots**k for k in powers], axis=-2) / np.prod(between, axis=-1)[..., None, :]

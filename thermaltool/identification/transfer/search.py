@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,17 +11,29 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.identification.transfer.data import Array
 from thermaltool.identification.transfer.output_error import Orders, Problem, Projection, solve
+from thermaltool.identification.transfer.starts import Grid, grid
 
 # A loss that changes by less than this many error variances: a hundredth of a standard error.
 SETTLED = 1e-4
 # A loss below this share of the signal is rounding.
 EXACT = 1e-22
 REFINED = "refined instrumental variables"
+SEPARATE = f"{REFINED} of each input"
 GAUSS_NEWTON = "Gauss-Newton"
+# Where refined instrumental variables alone do not lead to the end.
+FALLBACK = f"{GAUSS_NEWTON} from {REFINED}"
 # Starts are compared on a record of at most so many samples.
 SHORT = 20000
-# Times that several inputs are fitted one by one for a start.
+# Times that each of several inputs is searched wholly, where roughly is not enough.
 SWEEPS = 2
+# Inputs are fitted one by one for a start, until the loss changes by so few error variances.
+ROUGH = 1.0
+# A start counts as nearly as good up to this multiple of the loss.
+NEAR = 1.01
+# A minimum is another one where its loss differs by so many error variances.
+APART = 1e-2
+# Steps of refined instrumental variables without a better point, after which they are lost.
+PATIENCE = 5
 # Longest time constant of an overdamped model, in lengths of the record.
 SLOWEST = 10
 # Loss by which a fit may lie above the best one known before it counts as stuck.
@@ -57,8 +69,8 @@ def search(problem: Problem) -> Found:
     """The denominators of least output error.
 
     Starts are compared on a short record; refined instrumental variables go on from the best.
-    Where they do not converge, or stay above a loss that is known to be within reach,
-    Gauss-Newton takes over from the best of all points seen.
+    Where they do not converge Gauss-Newton takes over from the best points seen. Several
+    denominators are refined one by one, and by Gauss-Newton together.
 
     Raises
     ------
@@ -68,39 +80,33 @@ def search(problem: Problem) -> Found:
     if not any(problem.orders.nf):
         return Found(_plain(problem.orders), problem.project(_plain(problem.orders)),
                      "least squares", True, 0)  # fmt: skip
+    several = len(problem.orders.groups) > 1
     short = problem
     if problem.data.size > 2 * SHORT and problem.data.longest > SHORT:
         short = replace(problem, data=problem.data.head(SHORT))
-    ranked = _ranked(short) if len(problem.orders.groups) == 1 else _swept(short)
-    if not ranked:
-        raise FitError("no start of the search has a finite error")
-    tries = [refine(short, F) for _, F in ranked[:1]]
-    # A second start tells whether the first one was caught beside the minimum.
-    tries += [refine(short, F) for _, F in ranked[1:2]]
-    best = min(tries, key=lambda found: found.loss)
-    if not best.converged or not all(t.loss < STUCK * best.loss for t in tries):
-        tries += [refine(short, F) for _, F in ranked[2:5]]
-        best = min(tries, key=lambda found: found.loss)
+    best = _together(short) if several else _single(short)
     if short is not problem:
         best = _at_full_length(problem, best)
-    known = best.loss
-    if best.converged and len(problem.orders.groups) == 1:
-        return best
-    polished = gauss_newton(problem, best)
-    if best.converged and polished.loss > known * (1 - SETTLED / problem.rows):
-        return best
-    return polished
+        if not best.converged and not several:
+            best = gauss_newton(problem, best)
+    return best
 
 
-def _at_full_length(problem: Problem, best: Found) -> Found:
+def _at_full_length(problem: Problem, short: Found) -> Found:
     """Go on with the whole record, also from slower poles than a short one shows."""
-    whole = refine(problem, best.F)
+    whole = _gone_on(problem, short, short.F)
     for tau in np.geomspace(SHORT, problem.data.longest, 3)[:2]:
-        F = tuple(_with_slow_pole(problem, f, float(tau)) if len(f) > 1 else f for f in best.F)
+        F = tuple(_with_slow_pole(problem, f, float(tau)) if len(f) > 1 else f for f in short.F)
         if problem.project(F, keep=False).loss < whole.loss:
-            other = refine(problem, F)
-            whole = min(whole, other, key=lambda found: found.loss)
+            whole = min(whole, _gone_on(problem, short, F), key=lambda found: found.loss)
     return whole
+
+
+def _gone_on(problem: Problem, short: Found, F: tuple[Array, ...]) -> Found:
+    """The last search of a shorter record, over this one."""
+    if len(F) == 1:
+        return refine(problem, F)
+    return gauss_newton(problem, Found(F, problem.project(F), SEPARATE, False, short.steps))
 
 
 def _with_slow_pole(problem: Problem, F: Array, tau: float) -> Array:
@@ -110,11 +116,17 @@ def _with_slow_pole(problem: Problem, F: Array, tau: float) -> Array:
     return problem.start(np.append(lags, tau))
 
 
-def refine(problem: Problem, F: tuple[Array, ...], most: int = 20) -> Found:
-    """Refined instrumental variables from one start."""
+def refine(
+    problem: Problem, F: tuple[Array, ...], most: int = 20, settled: float = SETTLED
+) -> Found:
+    """Refined instrumental variables from one start.
+
+    Settled is a loss that changes by less than `settled` error variances. A rough search is given
+    up where it has not come below its best point for a while.
+    """
     here = problem.project(F)
     best = Found(F, here, REFINED, False, 0)
-    floor = EXACT * sum(float(s.output @ s.output) for s in problem.used())
+    floor = EXACT * sum(float(s.output @ s.output) for s in problem.used)
     for k in range(1, most + 1):
         slopes = problem.slopes(F, here)
         n = slopes.searched
@@ -126,8 +138,10 @@ def refine(problem: Problem, F: tuple[Array, ...], most: int = 20) -> Found:
         change, here = abs(there.loss - here.loss), there
         if here.loss < best.loss:
             best = Found(F, here, REFINED, False, k)
-        if change <= SETTLED * here.loss / problem.rows or here.loss <= floor:
+        if change <= settled * here.loss / problem.rows or here.loss <= floor:
             return replace(best, converged=here.loss <= best.loss * (1 + 1e-2 / problem.rows))
+        if settled > SETTLED and k >= best.steps + PATIENCE:
+            break
     return best
 
 
@@ -224,67 +238,137 @@ def _plain(orders: Orders) -> tuple[Array, ...]:
     return tuple(np.ones(1) for _ in orders.groups)
 
 
-def _ranked(problem: Problem) -> list[tuple[float, tuple[Array, ...]]]:
-    """Starts by their loss, the best first."""
-    found = []
-    for F in _starts(problem):
-        loss = problem.project(F, keep=False).loss
-        if np.isfinite(loss):
-            found.append((loss, F))
-    return sorted(found, key=lambda pair: pair[0])
+def _single(problem: Problem) -> Found:
+    """One denominator: refined instrumental variables from the best starts."""
+    outputs = [s.output[problem.orders.first :] for s in problem.used]
+    ranked = [(s.F,) for s in grid(problem).ranked(outputs, 5)]
+    if not ranked:
+        raise FitError("no start of the search has a finite error")
+    # A second start tells whether the first one was caught beside the minimum.
+    tries = [refine(problem, F) for F in ranked[:2]]
+    best = min(tries, key=lambda found: found.loss)
+    if not best.converged or not all(t.loss < STUCK * best.loss for t in tries):
+        tries += [refine(problem, F) for F in ranked[2:5]]
+        best = min(tries, key=lambda found: found.loss)
+    if not best.converged:
+        # Which of the points leads to the least is not seen from their losses.
+        best = min((gauss_newton(problem, t) for t in tries), key=lambda found: found.loss)
+    return best
 
 
-def _swept(problem: Problem) -> list[tuple[float, tuple[Array, ...]]]:
-    """Starts of several denominators, the best first: input by input, the others taken off.
+def _together(problem: Problem) -> Found:
+    """Several denominators: input by input, what the others explain taken off; then together.
 
-    Each input then has the choice of starts of its own, which no coarse grid of all has.
+    Each input then has the choice of starts of its own, which no coarse grid of all has. Where one
+    of them does not settle so, all are searched again with more effort.
     """
-    o = problem.orders
-    F = [np.eye(1, n + 1)[0] for n in o.nf]
-    shares = [[np.zeros(len(s)) for s in problem.used()] for _ in o.groups]
-    found: list[tuple[float, tuple[Array, ...]]] = []
+    start, settled = _swept(problem)
+    best = gauss_newton(problem, Found(start, problem.project(start), SEPARATE, False, 0))
+    lower = beside(problem, best)
+    if lower is not None:
+        other = Found(lower, problem.project(lower), SEPARATE, False, best.steps)
+        best = min(best, gauss_newton(problem, other), key=lambda found: found.loss)
+    if settled and best.converged:
+        return best
+    tries = [replace(refine(problem, F), method=SEPARATE) for F in thorough(problem)]
+    ends = [best, *(gauss_newton(problem, each) for each in tries)]
+    return min(ends, key=lambda found: found.loss)
+
+
+def _swept(problem: Problem) -> tuple[tuple[Array, ...], bool]:
+    """Each input roughly, the one that explains most first; and whether that one settled."""
+    whole = [s.output[problem.orders.first :] for s in problem.used]
+    parts = [_alone(problem, g, whole) for g in range(len(problem.orders.groups))]
+    grids = [grid(part) if any(part.orders.nf) else None for part in parts]
+    losses = [_best_loss(each, whole) for each in grids]
+    order = sorted(range(len(parts)), key=lambda g: losses[g])
+    F, left, settled = [np.ones(1) for _ in parts], whole, []
+    for g in order:
+        alone = _alone(problem, g, left)
+        one = _rough(alone, grids[g], left)
+        F[g] = one.F[0]
+        settled.append(one.converged)
+        left = [
+            y - signals[0]
+            for y, (_, signals) in zip(left, alone.errors(one.projection), strict=True)
+        ]
+    return tuple(F), settled[0]
+
+
+def thorough(problem: Problem) -> list[tuple[Array, ...]]:
+    """The same with a whole search for each input, and with what the later ones explain."""
+    whole = [s.output[problem.orders.first :] for s in problem.used]
+    groups = range(len(problem.orders.groups))
+    F = [np.ones(1) for _ in groups]
+    shares = [[np.zeros_like(y) for y in whole] for _ in groups]
+    found = []
     for _ in range(SWEEPS):
-        for g, group in enumerate(o.groups):
-            others = [
-                np.sum([each[k] for h, each in enumerate(shares) if h != g], axis=0)
-                for k in range(len(shares[g]))
-            ]
-            alone = _alone(problem, group, g, others)
+        for g in groups:
+            left = [y - sum(shares[h][k] for h in groups if h != g) for k, y in enumerate(whole)]
+            alone = _alone(problem, g, left)
             one = search(alone)
             F[g] = one.F[0]
-            skip = alone.orders.first
-            for k, (_, signals) in enumerate(alone.errors(one.projection)):
-                shares[g][k] = np.concatenate([np.zeros(skip), signals[0]])
-        loss = problem.project(tuple(F), keep=False).loss
-        if np.isfinite(loss):
-            found.append((loss, tuple(F)))
-    return sorted(found, key=lambda pair: pair[0])
+            shares[g] = [signals[0] for _, signals in alone.errors(one.projection)]
+        found.append(tuple(F))
+    return found
 
 
-def _alone(problem: Problem, group: tuple[int, ...], g: int, others: list[Array]) -> Problem:
-    """One group of inputs, and what the others leave of the output."""
+def _best_loss(starts: Grid | None, outputs: list[Array]) -> float:
+    ranked = starts.ranked(outputs, 1) if starts else []
+    return ranked[0].loss if ranked else float("inf")
+
+
+def _rough(problem: Problem, starts: Grid | None, outputs: list[Array]) -> Found:
+    """One input of several, from the best starts."""
+    if starts is None:
+        return Found((np.ones(1),), problem.project((np.ones(1),)), REFINED, True, 0)
+    tries: list[Found] = []
+    for start in starts.ranked(outputs, 3):
+        tries.append(refine(problem, (start.F,), settled=ROUGH))
+        if tries[-1].converged:
+            break
+    if not tries:
+        raise FitError("no start of the search has a finite error")
+    return min(tries, key=lambda found: found.loss)
+
+
+def beside(problem: Problem, found: Found) -> tuple[Array, ...] | None:
+    """Denominators of less loss with another pole of one input, where there are any.
+
+    An input that explains little has several minima nearly as deep: where a start comes near the
+    loss that was found, it is refined too.
+    """
+    F = list(found.F)
+    errors = list(problem.errors(found.projection))
+    for g, f in enumerate(found.F):
+        poles = np.roots(problem.recursion(f))
+        if not len(poles) or not np.all((poles.imag == 0) & (poles.real > 0)):
+            continue
+        left = [error + signals[g] for error, signals in errors]
+        alone = _alone(problem, g, left)
+        for start in grid(alone, -1 / np.log(poles.real)).ranked(left, 2):
+            if start.loss > NEAR * found.loss:
+                break
+            other = refine(alone, (start.F,), settled=ROUGH)
+            if other.loss < found.loss * (1 - APART / problem.rows):
+                F[g] = other.F[0]
+                break
+    return tuple(F) if any(f is not own for f, own in zip(F, found.F, strict=True)) else None
+
+
+def _alone(problem: Problem, g: int, outputs: list[Array]) -> Problem:
+    """One group of inputs, for other outputs of the used stretches on the rows that count."""
     o = problem.orders
-    rows = list(group)
-    stretches = tuple(
-        replace(s, inputs=s.inputs[rows], output=s.output - other)
-        for s, other in zip(problem.used(), others, strict=True)
-    )
-    names = tuple(problem.data.names[i] for i in group)
-    orders = Orders(
-        tuple(o.nb[i] for i in group), (o.nf[g],), tuple(o.nk[i] for i in group),
-        (tuple(range(len(group))),),
+    rows = list(o.groups[g])
+    own = Orders(
+        tuple(o.nb[i] for i in rows), (o.nf[g],), tuple(o.nk[i] for i in rows),
+        (tuple(range(len(rows))),),
     )  # fmt: skip
-    return replace(problem, data=replace(problem.data, stretches=stretches, names=names),
-                   orders=orders)  # fmt: skip
-
-
-def _starts(problem: Problem) -> Iterator[tuple[Array, ...]]:
-    """Real poles on a coarse grid of time constants, and those of a least-squares ARX model."""
-    longest = max(problem.data.longest / 2.0, 8.0)
-    # Poles with a time constant below a sample are as good as delays.
-    count = max(3, min(7, round(np.log(longest) / np.log(4)) + 1))
-    tau = np.geomspace(0.7, longest, count)
-    largest = max(problem.orders.nf)
-    for chosen in itertools.combinations(tau, min(largest, 2)):
-        lags = [*chosen, *[chosen[0] * 0.5**k for k in range(1, largest - 1)]]
-        yield tuple(problem.start(np.array(lags[:n])) for n in problem.orders.nf)
+    stretches = tuple(
+        replace(s, inputs=s.inputs[rows, o.first - own.first :],
+                output=np.concatenate([np.zeros(own.first), y]))
+        for s, y in zip(problem.used, outputs, strict=True)
+    )  # fmt: skip
+    names = tuple(problem.data.names[i] for i in rows)
+    data = replace(problem.data, stretches=stretches, names=names)
+    return problem.only(rows, data, own)
