@@ -17,6 +17,7 @@ from pathlib import Path
 # One core; before numpy loads.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+import network
 import numpy as np
 from identify_cases import NOISE, driven, response, system
 from identify_peers import Array
@@ -81,6 +82,8 @@ def measured() -> None:
             u = np.array([column[name] - column[name][0] for name in inputs])
             held = int(inputs == ("spindle_rpm",))
             _measured("cnc_spindle", target, inputs, u, column[target], 15.0, held, 0.6)
+    network.spindle(column, 15.0)
+    network.heating(DATA / "daisy/heating_system.csv")
 
 
 def _measured(
@@ -113,8 +116,12 @@ def main() -> None:
     print(f"## Transfer functions: {chosen.what} (seed {chosen.seed})\n")
     if chosen.what == "speed":
         speed(chosen.seed, chosen.systems, chosen.long)
+        print("\nThree modes shared by two outputs:\n")
+        network.speed(chosen.seed)
     elif chosen.what == "coverage":
         coverage(chosen.seed, chosen.repeats)
+        print("\nThree modes shared by two outputs whose errors are correlated (0.6):\n")
+        network.coverage(chosen.seed, chosen.repeats)
     else:
         measured()
 

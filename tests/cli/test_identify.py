@@ -235,3 +235,115 @@ def test_a_drive_cannot_be_estimated_through_a_delay(thermaltool, columns, tmp_p
     assert done.code == 1
     assert "has a delay" in done.err
     assert done.err.count("\n") == 1
+
+
+SHARED = ("--input", "Q_main_W", "--output", "d_z_um", "--output", "dT_pair_K",
+          "--structure", "network")  # fmt: skip
+
+
+@pytest.fixture
+def pair(columns):
+    """A displacement and a temperature with the same two time constants, without delay."""
+    rng = np.random.default_rng(22)
+    for name, response in (("d_z_um", Rational2(12.0, 400.0, 5.0, 40.0)),
+                           ("dT_pair_K", Rational2(0.4, 400.0, 1.6, 40.0))):  # fmt: skip
+        y = simulate_response(response, columns["time_s"], columns["Q_main_W"], "zero")
+        columns[name] = y + 0.005 * rng.standard_normal(2400)
+    return columns
+
+
+def test_a_network_shares_its_time_constants(thermaltool, pair, tmp_path):
+    log, model = write_log(tmp_path / "pair.csv", pair), tmp_path / "model.json"
+    done = thermaltool("identify", log, *SHARED, "--split", "0.6", "-o", model, "--json")
+    assert done.code == 0, done.err
+    first, second = done.json["models"]
+    assert [m["output"] for m in (first, second)] == ["d_z_um", "dT_pair_K"]
+    assert first["shared_with"] == ["dT_pair_K"]
+    assert first["orders"] == {"modes": 2}
+    assert first["time_constants_s"] == second["time_constants_s"]
+    assert first["time_constants_s"] == pytest.approx([400, 40], rel=0.02)
+    for each in (first, second):
+        assert each["structure"] == "network"
+        assert each["delay_s"] == 0.0
+        assert each["fit_validation_percent"] > 98
+        assert each["candidates"][0]["modes"] == 2
+        for estimate in each["parameters"].values():
+            assert estimate["interval"][0] < estimate["value"] < estimate["interval"][1]
+    document = json.loads(model.read_text())
+    assert [t["kind"] for t in document["terms"]] == ["rational2", "rational2"]
+    covariance = np.array(document["terms"][0]["covariance"])
+    assert covariance.shape == (4, 4)
+    assert np.all(np.linalg.eigvalsh(covariance) > 0)
+    done = thermaltool("simulate", model, log, "-o", tmp_path / "out.csv", "--json")
+    assert min(each["fit_percent"] for each in done.json.values()) > 98
+
+
+def test_other_commands_take_a_network(thermaltool, pair, tmp_path):
+    """The power from the temperature, the displacement with it; its inverse; with a curve."""
+    log, model, noise = (tmp_path / n for n in ("pair.csv", "model.json", "noise.json"))
+    write_log(log, pair)
+    done = thermaltool("identify", log, *SHARED, "--modes", "2", "-o", model)
+    assert done.code == 0, done.err
+    assert "2 shared modes" in done.out
+    assert thermaltool("noise", log, "-o", noise).code == 0
+    design, estimate = tmp_path / "design.json", tmp_path / "estimate.csv"
+    # The power as it is read, and the power as the temperature tells it, late by its lags.
+    for measured, share in ((("--measured", "Q_main_W"), 0.01), ((), 0.15)):
+        done = thermaltool("regularize", model, "--noise", noise, *measured, "-o", design)
+        assert done.code == 0, done.err
+        assert thermaltool("estimate", design, log, "-o", estimate).code == 0
+        table = np.genfromtxt(estimate, delimiter=",", names=True)
+        left = pair["d_z_um"] - table["d_z_um"]
+        assert np.std(left) < share * np.std(pair["d_z_um"])
+    inverse = tmp_path / "inverse.json"
+    done = thermaltool("invert", model, "--sensor", "d_z_um", "--filter", "20", "-o", inverse)
+    assert done.code == 0, done.err
+    assert thermaltool("correct", model, log, "-o", tmp_path / "bent.json").code == 0
+    low, high = (tmp_path / f"{n}.json" for n in ("low", "high"))
+    for path in (low, high):
+        path.write_text(model.read_text())
+    done = thermaltool("schedule", low, high, "--by", "Q_main_W", "--levels", "0.5,1.5",
+                       "-o", tmp_path / "levels.json")  # fmt: skip
+    assert done.code == 0, done.err
+
+
+def test_a_network_finds_its_delay(thermaltool, log):
+    done = thermaltool("identify", log, *CALL, "--structure", "network", "--delay", "auto",
+                       "--json")  # fmt: skip
+    (model,) = done.json["models"]
+    assert model["delay_s"] == 20.0
+    assert model["time_constants_s"] == pytest.approx([400, 40], rel=0.05)
+
+
+@pytest.mark.parametrize(("changes", "extra", "message"), [
+    ({"Q_main_W": lambda c: np.ones(2400)}, (), "Q_main_W does not excite"),
+    ({"dT_pair_K": lambda c: np.ones(2400)}, (), "dT_pair_K is constant"),
+    ({}, ("--modes", "5"), "the data carry fewer"),
+    ({}, ("--stop", "90", "--modes", "6", "--initial", "rest"), "do not carry 6 modes"),
+    ({}, ("--delay", "40000"), "longer than the record"),
+    ({"Q_b_W": lambda c: 2 * c["Q_main_W"]}, ("--input", "Q_b_W"), "collinear"),
+    ({"d_z_um": lambda c: np.where(c["time_s"] == 50, np.nan, c["d_z_um"])}, (), "d_z_um"),
+])  # fmt: skip
+def test_bad_input_of_a_network_is_one_clear_line(
+    thermaltool, pair, tmp_path, changes, extra, message
+):
+    changed = {**pair, **{name: make(pair) for name, make in changes.items()}}
+    path = write_log(tmp_path / "bad.csv", changed)
+    path.write_text(path.read_text().replace("nan", ""))
+    done = thermaltool("identify", path, *SHARED, *extra)
+    assert done.code == 1
+    assert message in done.err
+    assert done.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("extra", "message"), [
+    (("--structure", "network", "--orders", "2,2,1"), "--modes and --delay"),
+    (("--modes", "2"), "--structure network"),
+    (("--structure", "network", "--modes", "7"), "--modes"),
+    (("--structure", "network", "--delay", "-5"), "below 0"),
+    (("--structure", "network", "--delay", "soon"), "soon"),
+])  # fmt: skip
+def test_usage_of_a_network(thermaltool, log, extra, message):
+    done = thermaltool("identify", log, *CALL, *extra)
+    assert done.code == 2
+    assert message in done.err

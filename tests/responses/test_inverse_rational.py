@@ -14,6 +14,7 @@ from thermaltool.responses.rational import (
     Rational2,
     Rational3,
     Rational4,
+    Rational6,
 )
 
 S = 1j * np.geomspace(1e-6, 1.0, 40)
@@ -23,6 +24,7 @@ RESPONSES = {
     "lags of opposite sign": Rational3(1.0, 300.0, 2.0, 2000.0, -0.5, 9000.0),
     "no zero, falling off twice": Rational2(2.0, 900.0, -2.0 * 5000.0 / 900.0, 5000.0),
     "a zero at the filter's pole": Rational2(1.0, 40.0, 1.0, 200.0),
+    "four lags": Rational4(1.0, 9e3, 1.0, 2e3, 1.0, 300.0, 1.0, 40.0),
     "oscillation": Oscillation(1.0, 0.1, 0.002, 0.4),
     "complex zeros": Oscillation1(0.5, 0.1, 0.002, 0.4, 1.0, 900.0),
 }
@@ -56,7 +58,10 @@ def test_a_zero_on_a_lag_of_the_filter_moves_the_lag():
         (Rational2(1.0, 300.0, -1.0, 20.0), "zeros at"),
         (Rational2(1.0, 300.0, 1.0, 20.0, 45.0), "delay has no causal inverse: 45 s"),
         (Rational1(0.0, 300.0), "a response of zero"),
-        (Rational4(1.0, 9e3, 1.0, 2e3, 1.0, 300.0, 1.0, 40.0), "5 lags and 0 oscillations"),
+        (
+            Rational6(1.0, 9e3, 1.0, 2e3, 1.0, 700.0, 1.0, 300.0, 1.0, 90.0, 1.0, 40.0),
+            "7 lags and 0 oscillations",
+        ),
     ],
 )
 def test_what_has_no_stable_inverse_is_refused_with_the_reason(response, message):

@@ -36,6 +36,18 @@ class TransferOrder(click.ParamType):
         self.fail(f"{value!r} is neither {self.name} nor auto", param, ctx)
 
 
+class Delay(click.ParamType):
+    name = "SECONDS|auto"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if value == "auto" or not isinstance(value, str):
+            return value
+        seconds = NUMBER.convert(value, param, ctx)
+        if seconds < 0:
+            self.fail(f"{value!r} is below 0", param, ctx)
+        return seconds
+
+
 @click.command(
     epilog="Example: thermaltool identify run.csv --input Q_main_W --output d_z_um --split 0.6 "
     "-o model.json"
@@ -45,13 +57,19 @@ class TransferOrder(click.ParamType):
               help="What drives: power, speed, temperature; repeatable.")  # fmt: skip
 @click.option("--output", "outputs", multiple=True, required=True, metavar="CHANNEL",
               help="What follows: displacement, angle, temperature; repeatable.")  # fmt: skip
-@click.option("--structure", type=click.Choice(["oe", "bj", "arx", "armax"]), default="oe",
-              help="Where the noise enters: at the output (oe), with a model of its own (bj), "
-              "through the denominator (arx), or that with a moving average (armax).")  # fmt: skip
+@click.option("--structure", type=click.Choice(["oe", "bj", "arx", "armax", "network"]),
+              default="oe", help="Where the noise enters: at the output (oe), with a model of its "
+              "own (bj), through the denominator (arx), or that with a moving average (armax); or "
+              "first-order modes that all outputs share (network).")  # fmt: skip
 @click.option("--orders", type=TransferOrder(), multiple=True, metavar="nb,nf,nk|auto",
               help="Numerator coefficients, order of the denominator, samples of delay; once for "
               "all inputs or once for each. auto chooses by held-out data.  "
               "[default: auto]")  # fmt: skip
+@click.option("--modes", type=click.IntRange(1, 6), metavar="N",
+              help="Shared modes of a network.  [default: chosen by held-out data]")  # fmt: skip
+@click.option("--delay", type=Delay(), metavar="SECONDS|auto",
+              help="Dead time of a network; auto finds it for each input and output.  "
+              "[default: 0]")  # fmt: skip
 @click.option("--noise-orders", type=Order(), default="1,1", metavar="NC,ND",
               help="Orders of the noise of armax (NC) and bj (NC, ND).")  # fmt: skip
 @click.option("--continuous", is_flag=True,
@@ -88,18 +106,45 @@ def command(
 ) -> None:
     """Transfer functions from measured logs: power, speed or temperature in, displacement out.
 
-    Each output gets one model with all inputs. The offset is estimated, and the state at the start
-    where it is not at rest; gaps part the record. Fits are those of free runs; validation data are
-    not used in the fit. Where refined instrumental variables do not converge, Gauss-Newton goes on,
-    and the output says so.
+    Each output gets one model with all inputs; in a network they share their time constants. The
+    offset is estimated, and the state at the start where it is not at rest; gaps part the record.
+    Fits are those of free runs; validation data are not used in the fit. Where refined instrumental
+    variables do not converge, Gauss-Newton goes on, and the output says so.
     """
     one_thread()
-    from thermaltool.cli.transfer import load_data, load_validation, run
+    from thermaltool.cli.network import identify_shared
+    from thermaltool.cli.transfer import identify_each
     from thermaltool.files import atomic_output
-    from thermaltool.identification.transfer.machine import in_use, machine
+    from thermaltool.identification.transfer.machine import machine
     from thermaltool.model import dumps
-    from thermaltool.report.transfer import transfer_document, transfer_table
 
+    _agree(inputs, outputs, validation, options)
+    every = (*logs, *([] if validation is None else [validation]))
+    one_stdin(*every)
+    if model_file is not None:
+        keep_inputs(model_file, *every)
+    run = identify_shared if options["structure"] == "network" else identify_each
+    found, told = run(logs, inputs, outputs, validation, options), []
+    if model_file is not None:
+        provenance = {"logs": found.sources, "command": "thermaltool " + " ".join(sys.argv[1:])}
+        model = machine(found.parts, _reference(reference), provenance)
+        with atomic_output(model_file) as stream:
+            stream.write(dumps(model).encode())
+        told = found.in_use(model)
+    if as_json:
+        write_json(found.document, "-")
+    elif model_file != "-" and not quiet:
+        click.echo(found.table)
+    if not quiet:
+        for message in [*found.warnings, *told]:
+            warn(message)
+
+
+def _agree(
+    inputs: tuple[str, ...], outputs: tuple[str, ...], validation: str | None, options: Any
+) -> None:
+    """Refuse options that contradict each other (UsageError)."""
+    shared = options["structure"] == "network"
     if options["split"] is not None and validation is not None:
         raise click.UsageError("--split and --validate both name the validation data: take one")
     for name in (*inputs, *outputs):
@@ -109,23 +154,7 @@ def command(
         raise click.UsageError("--orders: once for all inputs, or once for each")
     if options["continuous"] and options["structure"] != "oe":
         raise click.UsageError("--continuous goes with --structure oe")
-    one_stdin(*logs, *([] if validation is None else [validation]))
-    if model_file is not None:
-        keep_inputs(model_file, *logs, *([] if validation is None else [validation]))
-    read, sources, period = load_data(logs, inputs, outputs, options)
-    fresh = load_validation(validation, inputs, outputs, period, options)
-    found, told = [run(name, read, fresh, options) for name in outputs], []
-    if model_file is not None:
-        provenance = {"logs": sources, "command": "thermaltool " + " ".join(sys.argv[1:])}
-        parts = [(each.model, each.continued, each.training, each.data) for each in found]
-        model = machine(parts, _reference(reference), provenance)
-        with atomic_output(model_file) as stream:
-            stream.write(dumps(model).encode())
-        told = [each.in_use(in_use(model, each.data)) for each in found]
-    if as_json:
-        write_json(transfer_document(found), "-")
-    elif model_file != "-" and not quiet:
-        click.echo("\n\n".join(transfer_table(each) for each in found))
-    if not quiet:
-        for message in [*(m for each in found for m in each.warnings()), *filter(None, told)]:
-            warn(message)
+    if shared and options["orders"]:
+        raise click.UsageError("--orders: a network takes --modes and --delay")
+    if not shared and (options["modes"], options["delay"]) != (None, None):
+        raise click.UsageError("--modes and --delay go with --structure network")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,16 +23,72 @@ from thermaltool.identification.transfer.continuation import Continued, continue
 from thermaltool.identification.transfer.continuous import identify_continuous
 from thermaltool.identification.transfer.data import UNEVEN, Data, even_stretches
 from thermaltool.identification.transfer.identify import identify, orders_of
+from thermaltool.identification.transfer.machine import Identity, in_use
 from thermaltool.identification.transfer.model import TransferModel
 from thermaltool.identification.transfer.output_error import Orders
 from thermaltool.identification.transfer.residuals import residual_tests
 from thermaltool.logs import Log, read_log
 from thermaltool.logs.selection import between
-from thermaltool.report.transfer import Identified
-from thermaltool.signals.agreement import improvement
+from thermaltool.model import Model
+from thermaltool.report.transfer import Identified, transfer_document, transfer_table
+from thermaltool.signals.agreement import Agreement, improvement
 from thermaltool.units import parse_channel
 
 Logs = Mapping[str, Data]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What the command writes, whatever the structure.
+
+    Attributes
+    ----------
+    sources : list of mapping
+        Logs and their digests.
+    parts : sequence of (model, its inputs in continuous time, training fit, training data)
+        Of every output, for `machine`.
+    document : mapping
+    table : str
+    warnings : list of str
+    in_use : callable
+        Sentences where a model document fits much worse from rest.
+    """
+
+    sources: list[dict[str, str]]
+    parts: Sequence[tuple[Identity, Sequence[Continued | str], Agreement, Data]]
+    document: Mapping[str, Any]
+    table: str
+    warnings: list[str]
+    in_use: Callable[[Model], list[str]]
+
+
+def identify_each(
+    logs: tuple[str, ...],
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
+    validation: str | None,
+    options: Mapping[str, Any],
+) -> Findings:
+    """A model for each output.
+
+    Raises
+    ------
+    FitError
+        As `identify` and `choose`, with the name of the output.
+    LogError
+        As `load_data`.
+    """
+    read, sources, period = load_data(logs, inputs, outputs, options)
+    fresh = load_validation(validation, inputs, outputs, period, options)
+    found = [run(name, read, fresh, options) for name in outputs]
+    return Findings(
+        sources,
+        [(each.model, each.continued, each.training, each.data) for each in found],
+        transfer_document(found),
+        "\n\n".join(transfer_table(each) for each in found),
+        [m for each in found for m in each.warnings()],
+        lambda model: [t for e in found if (t := e.in_use(in_use(model, e.data)))],
+    )
 
 
 def load_data(
@@ -52,7 +108,7 @@ def load_data(
     stretches: dict[str, list[Any]] = {name: [] for name in outputs}
     sources = []
     for origin, name in enumerate(logs):
-        log = _read(name, (*inputs, *outputs), options)
+        log = read_one(name, (*inputs, *outputs), options)
         dt = log.period
         if period is None:
             period = dt
@@ -81,7 +137,7 @@ def load_validation(
     return None if log is None else load_data((log,), inputs, outputs, options, period)[0]
 
 
-def _read(name: str, need: tuple[str, ...], options: Mapping[str, Any]) -> Log:
+def read_one(name: str, need: tuple[str, ...], options: Mapping[str, Any]) -> Log:
     kept = {key: options[key] for key in ("columns", "from_format", "nan_policy", "max_gap")}
     log = between(read_log(name, **kept, need=need), options["start"], options["stop"])
     if len(log) < 2:

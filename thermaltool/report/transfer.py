@@ -90,14 +90,19 @@ class Identified:
 
     def in_use(self, from_rest: Agreement) -> str:
         """A sentence where the model file, `from_rest`, fits much worse; else nothing."""
-        if not self.training.fit_percent - from_rest.fit_percent > LOST:
-            return ""
-        return (
-            f"{self.model.target}: the model file fits the training data to "
-            f"{from_rest.fit_percent:.3g} % where simulate takes them to begin at rest, and to "
-            f"{self.training.fit_percent:.3g} % with the state at the start estimated: if the "
-            "machine was at rest there, use --initial rest"
-        )
+        return lost_from_rest(self.model.target, self.training, from_rest)
+
+
+def lost_from_rest(target: str, training: Agreement, from_rest: Agreement) -> str:
+    """A sentence where a model fits much worse from rest than with the state at the start."""
+    if not training.fit_percent - from_rest.fit_percent > LOST:
+        return ""
+    return (
+        f"{target}: the model file fits the training data to "
+        f"{from_rest.fit_percent:.3g} % where simulate takes them to begin at rest, and to "
+        f"{training.fit_percent:.3g} % with the state at the start estimated: if the "
+        "machine was at rest there, use --initial rest"
+    )
 
 
 def transfer_document(found: Sequence[Identified]) -> dict[str, Any]:
@@ -123,30 +128,26 @@ def _model_document(found: Identified) -> dict[str, Any]:
         "sample_period_s": m.dt,
         "delay_s": delays[0] if single else delays,
         "time_constants_s": [e.value for g in range(len(m.F)) for e in m.time_constants(g)],
-        "fit_training_percent": _finite(found.training.fit_percent),
+        "fit_training_percent": finite(found.training.fit_percent),
         "fit_validation_percent": None,
         "improvement_validation_percent": None
         if found.improvement is None
-        else _finite(found.improvement),
-        "parameters": {name: _estimate(e) for name, e in m.named()},
+        else finite(found.improvement),
+        "parameters": {name: estimate_document(e) for name, e in m.named()},
         "noise": {"C": m.C.tolist(), "D": m.D.tolist(), "variance": m.sigma2},
         "offsets": list(m.offsets),
         "method": m.method,
         "converged": m.converged,
-        "criteria": {"aic": m.aic, "bic": m.bic, "yic": _finite(m.yic(found.variance))},
-        "residuals": {
-            "lags": found.tests.lags,
-            "white_p": _finite(found.tests.white_p),
-            "independent_p": {n: _finite(p) for n, p in found.tests.independent_p.items()},
-        },
+        "criteria": {"aic": m.aic, "bic": m.bic, "yic": finite(m.yic(found.variance))},
+        "residuals": residuals_document(found.tests),
         "terms": [_term(found, k) for k in range(len(m.names))],
     }
     if found.validation is not None:
-        document["fit_validation_percent"] = _finite(found.validation.fit_percent)
+        document["fit_validation_percent"] = finite(found.validation.fit_percent)
     if found.choice is not None:
         document["candidates"] = [
-            {"nb": c.nb, "nf": c.nf, "nk": list(c.nk), "fit_percent": _finite(c.fit_percent),
-             "aic": c.aic, "bic": c.bic, "yic": _finite(c.yic)}
+            {"nb": c.nb, "nf": c.nf, "nk": list(c.nk), "fit_percent": finite(c.fit_percent),
+             "aic": c.aic, "bic": c.bic, "yic": finite(c.yic)}
             for c in found.choice.candidates[:20]
         ]  # fmt: skip
     return document
@@ -157,8 +158,8 @@ def _term(found: Identified, k: int) -> dict[str, Any]:
     term: dict[str, Any] = {
         "input": m.names[k],
         "delay_s": m.orders.nk[k] * m.dt,
-        "gain": _estimate(m.gain(k)),
-        "time_constants_s": [_estimate(e) for e in m.time_constants(m.group_of(k))],
+        "gain": estimate_document(m.gain(k)),
+        "time_constants_s": [estimate_document(e) for e in m.time_constants(m.group_of(k))],
         "numerator": m.B[k].tolist(),
         "denominator": m.denominator(k).tolist(),
     }
@@ -174,12 +175,20 @@ def _term(found: Identified, k: int) -> dict[str, Any]:
     return term
 
 
-def _estimate(e: Estimate) -> dict[str, Any]:
+def residuals_document(tests: ResidualTests) -> dict[str, Any]:
+    return {
+        "lags": tests.lags,
+        "white_p": finite(tests.white_p),
+        "independent_p": {name: finite(p) for name, p in tests.independent_p.items()},
+    }
+
+
+def estimate_document(e: Estimate) -> dict[str, Any]:
     sure = bool(np.isfinite([e.low, e.high]).all())
     return {"value": e.value, "interval": [e.low, e.high] if sure else None}
 
 
-def _finite(value: float) -> float | None:
+def finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
@@ -197,15 +206,16 @@ def transfer_table(found: Identified) -> str:
     for k, name in enumerate(m.names):
         n = len(m.denominator(k)) - 1
         first = [name, f"{m.orders.nb[k]},{n},{m.orders.nk[k]}", f"{m.orders.nk[k] * m.dt:g}",
-                 _range(m.gain(k)), printed(f"{unit}/{parse_channel(name).unit}")]  # fmt: skip
+                 with_interval(m.gain(k)),
+                 printed(f"{unit}/{parse_channel(name).unit}")]  # fmt: skip
         constants = m.time_constants(m.group_of(k))
         weights = _weights(found.continued[k], len(constants))
         for j, (e, weight) in enumerate(zip(constants, weights, strict=True)):
-            rows.append([*(first if not j else [""] * 5), _range(e), weight])
+            rows.append([*(first if not j else [""] * 5), with_interval(e), weight])
         if not constants:
             rows.append([*first, "", ""])
     c = f"AIC {m.aic:.1f}  BIC {m.bic:.1f}  YIC {m.yic(found.variance):.2f}"
-    lines = [head, fit, "", aligned(rows), "", c, _told(found.tests)]
+    lines = [head, fit, "", aligned(rows), "", c, residuals_line(found.tests)]
     if found.choice is not None:
         lines += ["", _candidates(found.choice)]
     return "\n".join(lines)
@@ -218,11 +228,11 @@ def _weights(way: Continued | str, count: int) -> list[str]:
     return [f"{getattr(way.response, f'K{j + 1}'):.4g}" for j in range(count)]
 
 
-def _range(e: Estimate) -> str:
+def with_interval(e: Estimate) -> str:
     return f"{e.value:.5g} ({e.low:.4g} to {e.high:.4g})"
 
 
-def _told(tests: ResidualTests) -> str:
+def residuals_line(tests: ResidualTests) -> str:
     def verdict(p: float, good: str, bad: str) -> str:
         return f"{bad if p < DOUBTFUL else good} (p {p:.2g})"
 

@@ -22,6 +22,8 @@ KINDS: dict[str, str] = {
     "rational2": "thermaltool.responses.rational:Rational2",
     "rational3": "thermaltool.responses.rational:Rational3",
     "rational4": "thermaltool.responses.rational:Rational4",
+    "rational5": "thermaltool.responses.rational:Rational5",
+    "rational6": "thermaltool.responses.rational:Rational6",
     "oscillation": "thermaltool.responses.rational:Oscillation",
     "oscillation1": "thermaltool.responses.rational:Oscillation1",
     "oscillation2": "thermaltool.responses.rational:Oscillation2",

@@ -139,7 +139,7 @@ class Rational:
     def starts(cls, period: float, duration: float, delay: float = 0.0) -> list[tuple[float, ...]]:
         """Coarse grid: every choice of distinct time constants; rates and dampings."""
         lags = sum(name.startswith("tau") for name in cls.searched)
-        count = {0: 0, 1: 12, 2: 7, 3: 6, 4: 6}[lags]
+        count = {0: 0, 1: 12, 2: 7, 3: 6, 4: 6, 5: 7, 6: 8}[lags]
         times = np.geomspace(duration, max(duration / 300, 2 * period), count).tolist()
         chosen = list(itertools.combinations(times, lags))
         if "omega" not in cls.searched:
@@ -214,6 +214,50 @@ class Rational4(Rational):
 
 
 @dataclass(frozen=True)
+class Rational5(Rational):
+    """Five lags."""
+
+    K1: float
+    tau1: float
+    K2: float
+    tau2: float
+    K3: float
+    tau3: float
+    K4: float
+    tau4: float
+    K5: float
+    tau5: float
+    delay: float = 0.0
+
+    kind: ClassVar[str] = "rational5"
+    searched: ClassVar[tuple[str, ...]] = ("tau1", "tau2", "tau3", "tau4", "tau5")
+    gains: ClassVar[tuple[str, ...]] = ("K1", "K2", "K3", "K4", "K5")
+
+
+@dataclass(frozen=True)
+class Rational6(Rational):
+    """Six lags."""
+
+    K1: float
+    tau1: float
+    K2: float
+    tau2: float
+    K3: float
+    tau3: float
+    K4: float
+    tau4: float
+    K5: float
+    tau5: float
+    K6: float
+    tau6: float
+    delay: float = 0.0
+
+    kind: ClassVar[str] = "rational6"
+    searched: ClassVar[tuple[str, ...]] = ("tau1", "tau2", "tau3", "tau4", "tau5", "tau6")
+    gains: ClassVar[tuple[str, ...]] = ("K1", "K2", "K3", "K4", "K5", "K6")
+
+
+@dataclass(frozen=True)
 class Oscillation(Rational):
     """One damped oscillation."""
 
@@ -267,5 +311,15 @@ class Oscillation2(Rational):
 # By their number of lags and of oscillations.
 KINDS: dict[tuple[int, int], Any] = {
     (sum(name.startswith("tau") for name in cls.searched), int("omega" in cls.searched)): cls
-    for cls in (Rational1, Rational2, Rational3, Rational4, Oscillation, Oscillation1, Oscillation2)
+    for cls in (
+        Rational1,
+        Rational2,
+        Rational3,
+        Rational4,
+        Rational5,
+        Rational6,
+        Oscillation,
+        Oscillation1,
+        Oscillation2,
+    )
 }

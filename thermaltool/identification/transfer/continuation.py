@@ -31,10 +31,15 @@ class Continued:
     mismatch : float
         Largest difference of the step responses at the samples, as a share of the largest value.
         Zero to rounding where the discrete form is a sampled continuous one.
+    covariance : ndarray, or None
+        Of the response's parameters, in the order of `names`, where it was found in this form.
+    names : tuple of str
     """
 
     response: Response
     mismatch: float
+    covariance: Array | None = None
+    names: tuple[str, ...] = ()
 
 
 def continued(model: TransferModel, k: int, hold: Hold) -> Continued:

@@ -175,6 +175,19 @@ def error_record(errors: list[Array]) -> Record:
     return Record(tuple(errors), tuple(starts), (0, *(NEW_START,) * (len(errors) - 1)))
 
 
+def error_colour(errors: list[Array]) -> tuple[Array, float] | None:
+    """AR polynomial of errors and the variance of what drives them, of least BIC; None if white."""
+    most = min(COLOUR, min(len(e) for e in errors) // 10)
+    if most < 1:
+        return None
+    table = burg(error_record(errors), most)
+    bic = table.samples * np.log(table.variance) + np.log(table.samples) * np.arange(most + 1.0)
+    best = int(np.argmin(bic))
+    if not best:
+        return None
+    return np.concatenate([[1.0], -table.coefficients[best]]), float(table.variance[best])
+
+
 def coloured_gram(problem: Problem, found: Found, gram: Array, sigma2: float) -> Array:
     """Covariance of the score: Z Zᵀ σ² for white errors; else through an AR model of them.
 
@@ -182,21 +195,15 @@ def coloured_gram(problem: Problem, found: Found, gram: Array, sigma2: float) ->
     (Ljung 1999, 9.4). The AR order is the best by BIC; zero leaves the plain form.
     """
     here = problem.project(found.F)
-    errors = [e for e, _ in problem.errors(here)]
-    most = min(COLOUR, min(len(e) for e in errors) // 10)
-    if most < 1 or sigma2 <= 0:
+    colour = error_colour([e for e, _ in problem.errors(here)]) if sigma2 > 0 else None
+    if colour is None:
         return gram * sigma2
-    table = burg(error_record(errors), most)
-    bic = table.samples * np.log(table.variance) + np.log(table.samples) * np.arange(most + 1.0)
-    best = int(np.argmin(bic))
-    if not best:
-        return gram * sigma2
-    ar = np.concatenate([[1.0], -table.coefficients[best]])
+    ar, variance = colour
     result = np.zeros_like(gram)
     for place, rows, _ in problem.instruments(found.F, here):
         Z = lfilter([1.0], ar, rows[:, ::-1])
         result[np.ix_(place, place)] += Z @ Z.T
-    return result * float(table.variance[best])
+    return result * variance
 
 
 def _box_jenkins(problem: Problem, found: Found, data: Data, nc: int, nd: int) -> TransferModel:

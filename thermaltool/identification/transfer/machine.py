@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from thermaltool.effects.dynamics import hold_of
 from thermaltool.errors import ModelError
 from thermaltool.identification.transfer.continuation import Continued
-from thermaltool.identification.transfer.data import Data
-from thermaltool.identification.transfer.model import TransferModel
+from thermaltool.identification.transfer.data import Array, Data
+from thermaltool.identification.transfer.model import Estimate
 from thermaltool.model import Drive, Model, Output, Role, Term, relative
 from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.units import parse_channel
@@ -19,8 +19,24 @@ from thermaltool.units import parse_channel
 Reference = float | Literal["first"]
 
 
+class Identity(Protocol):
+    """What the document takes of an identified model of one output."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def target(self) -> str: ...
+    @property
+    def dt(self) -> float: ...
+    @property
+    def offsets(self) -> tuple[float, ...]: ...
+    @property
+    def method(self) -> str: ...
+    def gain(self, k: int) -> Estimate: ...
+
+
 def machine(
-    found: Sequence[tuple[TransferModel, Sequence[Continued | str], Agreement, Data]],
+    found: Sequence[tuple[Identity, Sequence[Continued | str], Agreement, Data]],
     reference: Reference | None,
     provenance: Mapping[str, Any],
 ) -> Model:
@@ -46,13 +62,13 @@ def machine(
         for name, way in zip(model.names, ways, strict=True):
             if isinstance(way, str):
                 raise ModelError(way)
-            terms.append(Term(name, model.target, way.response))
+            terms.append(Term(name, model.target, way.response, way.covariance, way.names))
         outputs.append(_output(model, training, data, drives))
     return Model(tuple(drives.values()), tuple(outputs), tuple(terms),
                  found[0][0].dt, provenance)  # fmt: skip
 
 
-def in_use(model: Model, data: Data) -> Agreement:
+def in_use(model: Model, data: Data, clocks: Sequence[Array] | None = None) -> Agreement:
     """How far the model document, from rest, is from the output of `data`.
 
     That is what ``simulate`` gives: it takes every log to begin at rest, where a fit may have
@@ -63,13 +79,17 @@ def in_use(model: Model, data: Data) -> Agreement:
     model : Model
     data : Data
         Of one of its outputs; the first stretch of each experiment counts.
+    clocks : sequence of ndarray [s], optional
+        Of every stretch, where it is not even.
     """
-    begins = {s.origin: s for s in reversed(data.stretches)}
+    times = [data.dt * np.arange(0.0, len(s)) for s in data.stretches] if clocks is None else clocks
+    begins = {s.origin: (t, s) for t, s in zip(reversed(times), reversed(data.stretches),
+                                               strict=True)}  # fmt: skip
     output = next(o for o in model.outputs if o.channel == data.target)
     measured, computed = [], []
-    for s in begins.values():
+    for time, s in begins.values():
         columns = dict(zip(data.names, s.inputs, strict=True))
-        computed.append(model.simulate(data.dt * np.arange(0.0, len(s)), columns)[data.target])
+        computed.append(model.simulate(time, columns)[data.target])
         measured.append(relative(s.output, output.offset))
     return agreement(np.concatenate(measured), np.concatenate(computed))
 
@@ -87,7 +107,7 @@ def _extent(data: Data, k: int, rest: Reference) -> tuple[float, float]:
 
 
 def _output(
-    model: TransferModel, training: Agreement, data: Data, drives: Mapping[str, Drive]
+    model: Identity, training: Agreement, data: Data, drives: Mapping[str, Drive]
 ) -> Output:
     """The output with its value at rest: what the offset and the drives at rest give.
 

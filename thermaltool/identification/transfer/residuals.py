@@ -41,6 +41,25 @@ class ResidualTests:
     independent_p: Mapping[str, float]
 
 
+@dataclass(frozen=True)
+class Cause:
+    """An input as the errors may still depend on it.
+
+    Attributes
+    ----------
+    runs : list of ndarray
+        One for each run of errors, ending with it.
+    delay : int
+        Samples before which it acts on nothing.
+    free : int
+        Parameters that were fitted to its way to the output.
+    """
+
+    runs: list[Array]
+    delay: int
+    free: int
+
+
 def residual_tests(model: TransferModel, data: Data) -> ResidualTests:
     """Both tests on a data set.
 
@@ -50,50 +69,58 @@ def residual_tests(model: TransferModel, data: Data) -> ResidualTests:
     data : Data
         Training or validation data.
     """
-    errors = [e - np.mean(e) for e in model.residuals(data)]
+    searched = sum(model.orders.nf) if model.structure == "oe" else 0
+    fitted = len(model.C) + len(model.D) - 2 + (len(model.F[0]) - 1 if model.structure
+                                                in ("arx", "armax") else searched)  # fmt: skip
+    used = [s for s in data.stretches if len(s) > model.orders.first + sum(model.orders.nf) + 1]
+    causes = {}
+    for k, name in enumerate(model.names):
+        runs = [s.inputs[k] - np.mean(s.inputs[k]) for s in used]
+        free = model.orders.nb[k] + len(model.denominator(k)) - 1
+        causes[name] = Cause(runs, model.orders.nk[k], free)
+    return tested(model.residuals(data), causes, fitted)
+
+
+def tested(errors: list[Array], causes: Mapping[str, Cause], fitted: int) -> ResidualTests:
+    """Both tests on one-step errors.
+
+    Parameters
+    ----------
+    errors : list of ndarray
+    causes : mapping of input to Cause
+    fitted : int
+        Parameters that were fitted to the course of the errors.
+    """
+    errors = [e - np.mean(e) for e in errors]
     longest = max((len(e) for e in errors), default=0)
     lags = min(LAGS, longest // 5)
     if lags < 2:
-        return ResidualTests(0, float("nan"), dict.fromkeys(model.names, float("nan")))
+        return ResidualTests(0, float("nan"), dict.fromkeys(causes, float("nan")))
     rows = sum(len(e) for e in errors)
     power = sum(float(e @ e) for e in errors) or 1.0
     r = np.array([sum(float(e[k:] @ e[: len(e) - k]) for e in errors) for k in range(1, lags + 1)])
     statistic = rows * (rows + 2) * np.sum((r / power) ** 2 / (rows - np.arange(1.0, lags + 1)))
-    searched = sum(model.orders.nf) if model.structure == "oe" else 0
-    fitted = len(model.C) + len(model.D) - 2 + (len(model.F[0]) - 1 if model.structure
-                                                in ("arx", "armax") else searched)  # fmt: skip
     white = float(chi2.sf(statistic, max(lags - fitted, 1)))
-    independent = {
-        name: _independence(model, data, errors, k, lags) for k, name in enumerate(model.names)
-    }
+    independent = {name: _independence(errors, cause, lags) for name, cause in causes.items()}
     return ResidualTests(lags, white, independent)
 
 
-def _independence(
-    model: TransferModel, data: Data, errors: list[Array], k: int, lags: int
-) -> float:
-    """N Σ r² of whitened errors with the whitened input, from the model's delay on."""
-    inputs = [
-        s.inputs[k] - np.mean(s.inputs[k])
-        for s in data.stretches
-        if len(s) > model.orders.first + sum(model.orders.nf) + 1
-    ]
-    e, u = _whitened(errors), _whitened(inputs)
-    delay = model.orders.nk[k]
+def _independence(errors: list[Array], cause: Cause, lags: int) -> float:
+    """N Σ r² of whitened errors with the whitened input, from the delay on."""
+    e, u = _whitened(errors), _whitened(cause.runs)
     products = np.zeros(lags)
-    for own, cause in zip(e, u, strict=False):
-        cause = cause[len(cause) - len(own) :]
+    for own, acts in zip(e, u, strict=False):
+        acts = acts[len(acts) - len(own) :]
         for lag in range(lags):
-            at = lag + delay
+            at = lag + cause.delay
             if at < len(own):
-                products[lag] += float(own[at:] @ cause[: len(own) - at])
+                products[lag] += float(own[at:] @ acts[: len(own) - at])
     power = sum(float(x @ x) for x in e) * sum(float(x @ x) for x in u)
     if not power > 0:
         return float("nan")
     rows = sum(len(x) for x in e)
-    free = model.orders.nb[k] + len(model.denominator(k)) - 1
     statistic = rows * float(np.sum(products**2)) / power
-    return float(chi2.sf(statistic, max(lags - free, 1)))
+    return float(chi2.sf(statistic, max(lags - cause.free, 1)))
 
 
 def _whitened(series: list[Array]) -> list[Array]:

@@ -1,0 +1,1 @@
+"""Thermal-network form: first-order modes whose time constants all outputs share."""

@@ -1,0 +1,178 @@
+"""How many modes, which delays, and whether a record begins at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermaltool.errors import FitError
+from thermaltool.identification.network.data import Records
+from thermaltool.identification.network.identify import MOST_MODES, identify_network
+from thermaltool.identification.network.model import Network
+from thermaltool.identification.network.problem import Delays, Problem
+from thermaltool.identification.network.search import THINNED, Found, search
+from thermaltool.identification.transfer.choose import (
+    FITTED,
+    LARGEST_DELAY,
+    RESTING,
+    standing,
+)
+from thermaltool.identification.transfer.data import Array
+
+# Delays and time constants are found in turn at most so often.
+ROUNDS = 5
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One number of modes.
+
+    Attributes
+    ----------
+    modes : int
+    fit_percent : tuple of float, one for each output
+        Free run over the part that was not fitted.
+    bic : float
+        Of all outputs on the part that was fitted.
+    score : float
+        Mean over the outputs of ln of the held-out error variance, with ln(N)/N for each
+        parameter.
+    """
+
+    modes: int
+    fit_percent: tuple[float, ...]
+    bic: float
+    score: float
+
+
+def choose_modes(data: Records, delays: Delays) -> tuple[Candidate, ...]:
+    """Numbers of modes by what they predict of rows that were not fitted, the best first.
+
+    Raises
+    ------
+    FitError
+        No candidate fits.
+    """
+    data.check()
+    fitted, held = data.parted(FITTED)
+    found: list[Candidate] = []
+    problem: FitError | None = None
+    for modes in range(1, MOST_MODES + 1):
+        try:
+            network = identify_network(fitted, modes, delays)
+            candidate = _judged(network, fitted, held, modes)
+        except FitError as error:
+            problem = problem or error
+            continue
+        if np.isfinite(candidate.score):
+            found.append(candidate)
+    if not found:
+        raise problem or FitError("no number of modes fits these data")
+    return tuple(sorted(found, key=lambda c: c.score))
+
+
+def first_that_fits(candidates: tuple[Candidate, ...], fit: Callable[[int], Network]) -> Network:
+    """The best candidate that also fits the whole training data; else the best one's FitError."""
+    problem: FitError | None = None
+    for c in candidates:
+        try:
+            return fit(c.modes)
+        except FitError as error:
+            problem = problem or error
+    raise problem or FitError("there is no candidate")
+
+
+def _judged(network: Network, fitted: Records, held: Records, modes: int) -> Candidate:
+    agreements = network.fit(held)
+    rows = max(held.size, 2)
+    p = len(network.shares)
+    parameters = (modes + sum(s.parameters - modes for s in network.shares)) / p
+    variances = [a.rmse**2 for a in agreements]
+    with np.errstate(divide="ignore"):
+        score = float(np.mean(np.log(variances))) + parameters * float(np.log(rows)) / rows
+    bic = 2 * network.criterion + p * parameters * float(np.log(fitted.size))
+    return Candidate(modes, tuple(a.fit_percent for a in agreements), bic, score)
+
+
+def choose_delays(data: Records) -> Delays:
+    """Dead time of every output behind every input, in whole sample periods.
+
+    By the loss of modes whose time constants stand, the other delays held, until none changes;
+    then all together by a period, with the time constants searched again.
+    """
+    data.check()
+    stride = max(1, data.size // THINNED)
+    longest = max(len(s) for s in data.spans)
+    tried = (data.dt * np.arange(1 + min(LARGEST_DELAY, max(4, longest // 8)))).tolist()
+    delays: Delays = tuple((0.0,) * len(data.names) for _ in data.targets)
+    score, best = _leanest(Problem(data, delays, stride))
+    for _ in range(ROUNDS):
+        before = delays
+        delays = tuple(
+            _own_delays(Problem(data.only(k), (own,), stride), best.lags, tried)
+            for k, own in enumerate(delays)
+        )
+        if delays != before:
+            score, best = _leanest(Problem(data, delays, stride))
+        moved = [_shifted(delays, step) for step in (-data.dt, data.dt)]
+        for other in moved:
+            price, found = _leanest(Problem(data, other, stride))
+            if price < score:
+                delays, score, best = other, price, found
+        if delays == before:
+            break
+    return delays
+
+
+def _own_delays(problem: Problem, lags: Array, tried: list[float]) -> tuple[float, ...]:
+    """Of one output, input by input."""
+    own = list(problem.delays[0])
+    for i in range(len(own)):
+        losses = []
+        for delay in tried:
+            own[i] = delay
+            losses.append(replace(problem, delays=(tuple(own),)).mean_square(lags)[0])
+        own[i] = tried[int(np.argmin(losses))]
+    return tuple(own)
+
+
+def _shifted(delays: Delays, step: float) -> Delays:
+    return tuple(tuple(max(delay + step, 0.0) for delay in own) for own in delays)
+
+
+def _leanest(problem: Problem) -> tuple[float, Found]:
+    """Of one to three modes those of least BIC: a delay stands for modes that are missing."""
+    found = []
+    outputs, inputs = len(problem.delays), len(problem.data.names)
+    rows = sum(problem.rows(k) for k in range(outputs))
+    for modes in (1, 2, 3):
+        try:
+            each = search(problem, modes)
+        except FitError:
+            break
+        found.append((2 * each.criterion + modes * (1 + outputs * inputs) * np.log(rows), each))
+    if not found:
+        raise FitError("no mode fits these data")
+    return min(found, key=lambda pair: pair[0])
+
+
+def started(data: Records) -> Records:
+    """The records from rest, unless a free state at the start describes some output clearly better.
+
+    The rule is that of transfer functions (`transfer.choose.started`), with shared modes.
+    """
+    data.check()
+    if all(standing(data.of(k)) for k in range(len(data.targets))):
+        return data.from_rest()
+    none: Delays = tuple((0.0,) * len(data.names) for _ in data.targets)
+    losses = []
+    for each in (data.from_rest(), data):
+        problem = Problem(each, none)
+        rows = min(problem.rows(k) for k in range(len(data.targets)))
+        if rows <= problem.linear_count(3) + 3:
+            return data
+        found = _leanest(problem)[1].projected
+        losses.append(np.array([f.loss / f.rows for f in found]))
+    return data.from_rest() if np.all(losses[0] <= RESTING * losses[1]) else data
