@@ -398,10 +398,12 @@ class _Diagnosing:
         alternatives: list[Alternative] = []
         if self.suspects is not None and not causes:
             alternatives += geometry.suspected(*self.suspects)
+        named = [c.effect for c in causes]
+        places = [(e.name, e.channel, e.log) for e in named]
         for candidate, refined, bench in self.rivals:
-            self.progress(f"what else could be {candidate.effect.name}")
-            named = [c.effect for c in causes]
-            alternatives += geometry.alternatives(bench, candidate, refined, named)
+            if candidate.place in places:  # not made idle by a later one
+                self.progress(f"what else could be {candidate.effect.name}")
+                alternatives += geometry.alternatives(bench, candidate, refined, named)
         return Diagnosis(
             adequate,
             float(np.clip(share, 0.0, 1.0)),
