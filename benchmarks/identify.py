@@ -24,7 +24,7 @@ from identify_peers import Array
 from identify_speed import speed
 from scipy.signal import lfilter
 
-from thermaltool.identification.transfer.choose import choose, first_that_fits, parted, started
+from thermaltool.identification.transfer.choose import choose, first_that_fits, started
 from thermaltool.identification.transfer.data import Data, Stretch
 from thermaltool.identification.transfer.identify import identify, orders_of
 
@@ -91,13 +91,13 @@ def _measured(
     share: float,
 ) -> None:  # fmt: skip
     data = Data((Stretch(np.atleast_2d(u), y),), dt, inputs, target)
-    training, rest = parted(data, share)
+    training, rest = data.parted(share)
     low = (least,) * len(inputs)
     training = started(training, low)
     for real in (False, True):
         choice = choose(training, "oe", low, real=real)
         fit = partial(identify, training, "oe", real=real)
-        model = first_that_fits(choice, "oe", fit)
+        model = first_that_fits((c.orders("oe") for c in choice.candidates), fit)
         o, poles = model.orders, "real" if real else "any"
         told = f"{o.nb[0]},{o.nf[0]},{'/'.join(map(str, o.nk))}"
         fits = model.fit(training).fit_percent, model.fit(rest).fit_percent

@@ -18,12 +18,13 @@ from scipy.signal import lfilter
 
 from thermaltool.effects.curve import DriveCurve
 from thermaltool.identification.curves import Form, Place
-from thermaltool.identification.network.choose import choose_modes, first_that_fits, started
+from thermaltool.identification.network.choose import choose_modes, started
 from thermaltool.identification.network.data import Records, Span, spans_of
 from thermaltool.identification.network.identify import identify_network
 from thermaltool.identification.network.model import Network
 from thermaltool.identification.network.problem import Problem
 from thermaltool.identification.network.search import refine, search
+from thermaltool.identification.transfer.choose import first_that_fits
 from thermaltool.responses.modes import Hold
 from thermaltool.signals.agreement import agreement
 
@@ -130,7 +131,7 @@ def spindle(column: Mapping[str, Array], period: float) -> None:
         training = started(training)
         delays = tuple((0.0,) * len(names) for _ in targets)
         fit = partial(identify_network, training, delays=delays)
-        network = first_that_fits(choose_modes(training, delays), fit)
+        network = first_that_fits((c.modes for c in choose_modes(training, delays)), fit)
         begins = "rest" if training.spans[0].at_rest else "unknown"
         fits = [
             " / ".join(f"{a.fit_percent:.1f}" for a in network.fit(d)) for d in (training, rest)

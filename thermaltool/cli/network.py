@@ -14,13 +14,13 @@ from thermaltool.identification.network.choose import (
     Candidate,
     choose_delays,
     choose_modes,
-    first_that_fits,
     started,
 )
 from thermaltool.identification.network.data import Records, Span, spans_of
 from thermaltool.identification.network.identify import identify_network
 from thermaltool.identification.network.model import Network
 from thermaltool.identification.network.residuals import network_tests
+from thermaltool.identification.transfer.choose import first_that_fits
 from thermaltool.identification.transfer.machine import in_use
 from thermaltool.model import Model
 from thermaltool.report.network import Shared, network_document, network_table
@@ -93,7 +93,8 @@ def _fitted(
     if options["modes"] is not None:
         return identify_network(data, options["modes"], delays), None
     candidates = choose_modes(data, delays)
-    return first_that_fits(candidates, lambda n: identify_network(data, n, delays)), candidates
+    modes = (c.modes for c in candidates)
+    return first_that_fits(modes, lambda n: identify_network(data, n, delays)), candidates
 
 
 def _judged(

@@ -15,7 +15,6 @@ from thermaltool.identification.transfer.choose import (
     Choice,
     choose,
     first_that_fits,
-    parted,
     real_poles,
     started,
 )
@@ -167,7 +166,7 @@ def run(target: str, read: Logs, fresh: Logs | None, options: Mapping[str, Any])
     data, held = read[target], None
     try:
         if options["split"] is not None:
-            data, held = parted(data, options["split"])
+            data, held = data.parted(options["split"])
         elif fresh is not None:
             held = fresh[target]
         least = tuple(1 if hold_of(name) == "zero" else 0 for name in data.names)
@@ -218,7 +217,7 @@ def _model(
         nb, nf, nk = zip(*each, strict=True)
         return fit(orders_of(structure, nb, nf, nk)), None
     choice = choose(data, structure, least, nc, nd, real)
-    return first_that_fits(choice, structure, fit), choice
+    return first_that_fits((c.orders(structure) for c in choice.candidates), fit), choice
 
 
 def _continued(model: TransferModel, k: int) -> Continued | str:

@@ -173,7 +173,7 @@ class OutputEvidence:
         flat = np.array([self.names[k] in FLAT for k in active], bool)
         prior = self._precision(active)
         centre = np.where(flat, 0.0, self.centre[active])
-        square, logdet, whitening, fitted = [], [], [], []
+        square, logdet, whitening, pulls, fitted = [], [], [], [], []
         for level in self.levels:
             half, spread = self._whitening(level, active, prior)
             pull = half.T @ (level.gram[0, active + 1] - prior * centre)
@@ -181,12 +181,15 @@ class OutputEvidence:
             given = 2 * level.odds - float(np.sum(np.log(prior[~flat])))
             logdet.append(level.factor.logdet + spread + given)
             whitening.append(half)
+            pulls.append(pull)
             fitted.append(half @ pull)
         dof = self.observed.size - int(flat.sum()) + self.trust
         known = self.trust * self.white**2
         least = known + max(1e-4 * self.observed.size * self.white**2, 1e-300)
         squares = np.maximum(np.array(square) + known, least)
-        return Base(squares, np.array(logdet), dof, least, active, whitening, np.array(fitted))
+        return Base(
+            squares, np.array(logdet), dof, least, active, whitening, pulls, np.array(fitted)
+        )
 
     def _whitening(self, level: Level, active: Index, prior: Float) -> tuple[Float, float]:
         """Combinations of the active nuisance that are orthonormal under a level and its prior.
@@ -246,20 +249,18 @@ class OutputEvidence:
     def reduced(self, state: State, products: Products) -> Reduced:
         """The same products with the nuisance of `state` projected out."""
         base = self.base(state)
-        shift = self._precision(base.active) * self.centre[base.active]
         left = np.array([i for i, _ in products.pairs], int)
         right = np.array([j for _, j in products.pairs], int)
         b, own, pairs = [], [], []
         products_pairs = np.array(list(products.pairs.values())).T
         products_pairs = products_pairs.reshape(len(self.levels), -1)
-        for g, level in enumerate(self.levels):
+        for g in range(len(self.levels)):
             cross = products.nuisance[g][:, base.active + 1]
             through = cross @ base.whitening[g]
             left_over = products.own[g] - np.einsum("ij,ij->i", through, through)
             # What the nuisance can say as well is no evidence.
             seen = left_over > INVISIBLE * products.own[g]
-            pull = base.whitening[g].T @ (level.gram[0, base.active + 1] - shift)
-            with_residual = products.nuisance[g][:, 0] - through @ pull
+            with_residual = products.nuisance[g][:, 0] - through @ base.pull[g]
             b.append(np.where(seen, with_residual, 0.0))
             own.append(np.where(seen, left_over, products.own[g]))
             pairs.append(

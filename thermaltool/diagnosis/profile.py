@@ -30,6 +30,8 @@ class Base:
         Sum of squares that stands for rounding: nothing is explained better than that.
     whitening : list of ndarray, shape (c, r)
         Combinations of the active nuisance that are orthonormal, priors included.
+    pull : list of ndarray, shape (r,)
+        Of those combinations by the residual.
     fitted : ndarray, shape (levels, c)
         Best nuisance.
     """
@@ -40,6 +42,7 @@ class Base:
     least: float
     active: Index
     whitening: list[Float]
+    pull: list[Float]
     fitted: Float
 
     def negative_log(self, square: Float) -> Float:

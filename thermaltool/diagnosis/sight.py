@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.diagnosis.evidence import FLAT, Level, State
+from thermaltool.diagnosis.evidence import FLAT, SINGULAR, Level, State
 from thermaltool.diagnosis.experiments import Experiment, away_from_rest
 from thermaltool.diagnosis.profile import profile
 from thermaltool.diagnosis.workbench import Series, Workbench
@@ -23,9 +23,6 @@ from thermaltool.model import respond
 from thermaltool.signals.likelihood import ColouredNoise, Factor
 
 Changes = Mapping[str, Series]
-
-# Scaled eigenvalues below this are rounding.
-_ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -257,7 +254,7 @@ def eliminated(matrix: Float, keep: int) -> Float:
         return head
     scaled = tail[np.ix_(used, used)] / np.outer(size[used], size[used])
     values, vectors = np.linalg.eigh(scaled)
-    kept = values > _ROUNDING * len(values)
+    kept = values > SINGULAR * len(values)
     through = (cross[:, used] / size[used]) @ vectors[:, kept] / np.sqrt(values[kept])
     return np.asarray(head - through @ through.T)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
@@ -10,7 +10,7 @@ from thermaltool.effects.dynamics import SLOWEST, time_constants, warmed
 from thermaltool.effects.effect import Effect, Float, Scene, Side, Signals
 
 
-class Source(Effect):
+class Source(Effect, ABC):
     """A channel beside the drives moves outputs by `gain` through a first-order lag.
 
     A source that nobody logged has no channel; what it does is the subclass's.

@@ -60,25 +60,27 @@ class ColouredNoise:
         """For a drift of variance `ratio` (in units of the white variance) and constant `tau`."""
         logdet = float(np.log(self.weight).sum())
         if ratio <= 0.0:
-            return Factor(self.weight, None, None, logdet)
+            return Factor(self.weight, None, logdet)
         decay = np.exp(-self.steps / tau)
         loss = -np.expm1(-2.0 * self.steps / tau)
         coupling = np.append(decay / (loss * ratio), 0.0)[self.which]
         diagonal = 1.0 / self.weight + 1.0 / ratio
-        forward = np.append(decay**2 / (loss * ratio), 0.0)[self.which]
+        kept = np.append(decay, 0.0)[self.which]
+        forward = kept * coupling
         diagonal[:-1] += forward
         diagonal[1:] += forward
         d, e, _ = dpttrf(diagonal, -coupling, overwrite_d=True, overwrite_e=True)
         log_loss = float(np.dot(self.counts, np.log(loss)))
         logdet += float(np.log(d).sum() + self.size * np.log(ratio) + log_loss)
         drift = Drift(
-            np.append(decay, 0.0)[self.which],
+            (d, e),
+            kept,
             np.append(-np.expm1(-self.steps / tau), 0.0)[self.which],
             np.append(1.0 / (loss * ratio), 0.0)[self.which],
             self.starts,
             ratio,
         )
-        return Factor(self.weight, (d, e), drift, logdet)
+        return Factor(self.weight, drift, logdet)
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,8 @@ class Drift:
 
     Attributes
     ----------
+    triangle : (ndarray, ndarray)
+        Factors of its tridiagonal sum with that of the white noise.
     decay, lost : ndarray (n - 1,)
         What is left of a value at the next sample, and one less that.
     inverse : ndarray (n - 1,)
@@ -96,6 +100,7 @@ class Drift:
         Variance of the first sample of a block.
     """
 
+    triangle: tuple[Array, Array]
     decay: Array
     lost: Array
     inverse: Array
@@ -126,23 +131,21 @@ class Factor:
     Attributes
     ----------
     weight : ndarray (n,)
-    triangle : (ndarray, ndarray) or None
-        Factors of the tridiagonal sum of both inverses; None for white noise alone.
     drift : Drift or None
+        None for white noise alone.
     logdet : float
     """
 
     weight: Array
-    triangle: tuple[Array, Array] | None
     drift: Drift | None
     logdet: float
 
     def solve(self, columns: Array) -> Array:
         """Inverse covariance times `columns`, ndarray (n, c)."""
-        if self.triangle is None or self.drift is None:
+        if self.drift is None:
             return columns / self.weight[:, None]
         columns = np.asfortranarray(columns)
-        solved, _ = dpttrs(*self.triangle, self.drift.times(columns), overwrite_b=True)
+        solved, _ = dpttrs(*self.drift.triangle, self.drift.times(columns), overwrite_b=True)
         return np.asarray(solved / self.weight[:, None])
 
 

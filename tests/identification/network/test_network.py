@@ -7,15 +7,11 @@ import pytest
 from scipy.signal import StateSpace, lfilter, lsim
 
 from thermaltool.errors import FitError
-from thermaltool.identification.network.choose import (
-    choose_delays,
-    choose_modes,
-    first_that_fits,
-    started,
-)
+from thermaltool.identification.network.choose import choose_delays, choose_modes, started
 from thermaltool.identification.network.data import Records, Span, spans_of
 from thermaltool.identification.network.identify import identify_network
 from thermaltool.identification.network.residuals import network_tests
+from thermaltool.identification.transfer.choose import first_that_fits
 
 DT, ROWS = 5.0, 1600
 LAGS = np.array([1200.0, 200.0, 30.0])
@@ -179,7 +175,9 @@ def test_as_many_modes_as_there_are():
     u = power(rng)
     data = records(u, noisy(rng, plant(u)))
     candidates = choose_modes(data, NONE)
-    network = first_that_fits(candidates, lambda n: identify_network(data, n, NONE))
+    network = first_that_fits(
+        (c.modes for c in candidates), lambda n: identify_network(data, n, NONE)
+    )
     assert len(network.lags) == 3
     for tests in network_tests(network, data):
         assert tests.white_p > 1e-3

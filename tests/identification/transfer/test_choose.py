@@ -9,7 +9,7 @@ import pytest
 from reference.random_systems import case, fit_percent
 
 from thermaltool.errors import FitError, ModelError
-from thermaltool.identification.transfer.choose import choose, parted, started
+from thermaltool.identification.transfer.choose import choose, started
 from thermaltool.identification.transfer.continuation import continued
 from thermaltool.identification.transfer.continuous import identify_continuous
 from thermaltool.identification.transfer.data import Data, Stretch, even_stretches
@@ -120,11 +120,11 @@ def test_an_idle_start_that_still_cools_down_is_not_rest():
 
 
 def test_parts_of_a_record():
-    first, rest = parted(data(np.arange(10.0), np.arange(10.0) ** 2), 0.3)
+    first, rest = data(np.arange(10.0), np.arange(10.0) ** 2).parted(0.3)
     assert (first.size, rest.size) == (3, 7)
     assert rest.stretches[0].output[0] == 9.0
     with pytest.raises(FitError, match="split"):
-        parted(data(np.arange(3.0), np.arange(3.0)), 0.01)
+        data(np.arange(3.0), np.arange(3.0)).parted(0.01)
 
 
 def test_an_uneven_clock_is_drawn_and_a_hole_parts():

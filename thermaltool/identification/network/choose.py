@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,17 +70,6 @@ def choose_modes(data: Records, delays: Delays) -> tuple[Candidate, ...]:
     if not found:
         raise problem or FitError("no number of modes fits these data")
     return tuple(sorted(found, key=lambda c: c.score))
-
-
-def first_that_fits(candidates: tuple[Candidate, ...], fit: Callable[[int], Network]) -> Network:
-    """The best candidate that also fits the whole training data; else the best one's FitError."""
-    problem: FitError | None = None
-    for c in candidates:
-        try:
-            return fit(c.modes)
-        except FitError as error:
-            problem = problem or error
-    raise problem or FitError("there is no candidate")
 
 
 def _judged(network: Network, fitted: Records, held: Records, modes: int) -> Candidate:

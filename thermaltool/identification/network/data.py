@@ -8,12 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermaltool.errors import FitError
-from thermaltool.identification.transfer.data import Array, Data, Stretch
+from thermaltool.identification.transfer.data import (
+    Array,
+    Data,
+    Piece,
+    Stretch,
+    first_levels,
+    from_rest,
+    parted,
+)
 from thermaltool.responses.modes import Hold
 
 
 @dataclass(frozen=True)
-class Span:
+class Span(Piece):
     """Consecutive rows on any clock, inputs without holes.
 
     Attributes
@@ -42,15 +50,10 @@ class Span:
                 f"{self.outputs.shape} differ in length"
             )
 
-    def __len__(self) -> int:
-        return len(self.time)
-
     def rows(self, part: slice) -> Span:
-        """Some of its rows; those that follow its first begin in an unknown state."""
-        begins = self.at_rest and not part.start
         return replace(self, time=self.time[part] - self.time[part][0],
                        inputs=self.inputs[:, part], outputs=self.outputs[:, part],
-                       at_rest=begins)  # fmt: skip
+                       at_rest=self.begins(part))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -95,10 +98,7 @@ class Records:
 
     def levels(self) -> Array:
         """First inputs of each experiment, shape (origins, m)."""
-        found: dict[int, Array] = {}
-        for s in self.spans:
-            found.setdefault(s.origin, s.inputs[:, 0])
-        return np.array([found[k] for k in range(self.origins)])
+        return first_levels(self.spans)
 
     def clocks(self, k: int) -> list[Array]:
         """Times of the stretches of `of`."""
@@ -123,12 +123,7 @@ class Records:
 
     def from_rest(self) -> Records:
         """The same, every experiment settled at its first inputs when it begins."""
-        seen: set[int] = set()
-        parts = []
-        for s in self.spans:
-            parts.append(replace(s, at_rest=s.origin not in seen))
-            seen.add(s.origin)
-        return replace(self, spans=tuple(parts))
+        return replace(self, spans=from_rest(self.spans))
 
     def longest(self, most: int) -> Records:
         """The longest spans alone, their experiments numbered anew."""
@@ -146,24 +141,9 @@ class Records:
         return replace(self, spans=spans, targets=(self.targets[k],))
 
     def parted(self, share: float) -> tuple[Records, Records]:
-        """The first `share` of the rows, and the rest.
-
-        Raises
-        ------
-        FitError
-            Nothing on one side.
-        """
-        wanted, first, rest = round(share * self.size), [], []
-        for s in self.spans:
-            n = min(max(wanted, 0), len(s))
-            wanted -= n
-            if n:
-                first.append(s.rows(slice(0, n)))
-            if n < len(s):
-                rest.append(s.rows(slice(n, len(s))))
-        if not first or not rest:
-            raise FitError("the split leaves nothing on one side")
-        return replace(self, spans=tuple(first)), replace(self, spans=tuple(rest))
+        """The first `share` of the rows, and the rest; FitError where one side is empty."""
+        first, rest = parted(self.spans, share)
+        return replace(self, spans=first), replace(self, spans=rest)
 
 
 def spans_of(

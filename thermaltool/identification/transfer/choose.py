@@ -7,8 +7,9 @@ over the rest; of nearly equal ones the criterion takes that with fewer paramete
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -31,6 +32,9 @@ RESTING = 1.25
 # and the output is compared over as many parts.
 STILL, NOISE, IDLE = 0.01, 4.0, 5
 LARGEST_ORDER, LARGEST_DELAY = 4, 60
+
+C = TypeVar("C")
+M = TypeVar("M")
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,9 @@ class Candidate:
     yic: float
     score: float
 
+    def orders(self, structure: Structure) -> Orders:
+        return orders_of(structure, (self.nb,) * len(self.nk), self.nf, self.nk)
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -68,28 +75,6 @@ class Choice:
     @property
     def best(self) -> Candidate:
         return self.candidates[0]
-
-
-def parted(data: Data, share: float) -> tuple[Data, Data]:
-    """The first `share` of the record's rows, and the rest.
-
-    Raises
-    ------
-    FitError
-        Nothing on one side.
-    """
-    wanted, first, rest = round(share * data.size), [], []
-    for s in data.stretches:
-        n = min(max(wanted, 0), len(s))
-        wanted -= n
-        if n:
-            first.append(replace(s, inputs=s.inputs[:, :n], output=s.output[:n]))
-        if n < len(s):
-            begins = s.at_rest and not n
-            rest.append(replace(s, inputs=s.inputs[:, n:], output=s.output[n:], at_rest=begins))
-    if not first or not rest:
-        raise FitError("the split leaves nothing on one side")
-    return replace(data, stretches=tuple(first)), replace(data, stretches=tuple(rest))
 
 
 def choose(
@@ -120,7 +105,7 @@ def choose(
     """
     data.check()
     short = data if data.size <= COMPARED else data.head(COMPARED)
-    fitted, held = parted(short, FITTED)
+    fitted, held = short.parted(FITTED)
     nk = _delays(fitted, least_delay)
     found: dict[tuple[int, int, tuple[int, ...]], Candidate] = {}
     for nb, nf, delays in _grid(nk, least_delay):
@@ -139,10 +124,8 @@ def choose(
     return Choice(tuple(sorted(found.values(), key=lambda c: c.score)))
 
 
-def first_that_fits(
-    choice: Choice, structure: Structure, fit: Callable[[Orders], TransferModel]
-) -> TransferModel:
-    """The best candidate that also fits the whole training data.
+def first_that_fits(candidates: Iterable[C], fit: Callable[[C], M]) -> M:
+    """The model of the first of `candidates`, the best first, that fits the whole training data.
 
     Raises
     ------
@@ -150,9 +133,9 @@ def first_that_fits(
         None does; the message is that of the best.
     """
     problem: FitError | None = None
-    for c in choice.candidates:
+    for each in candidates:
         try:
-            return fit(orders_of(structure, (c.nb,) * len(c.nk), c.nf, c.nk))
+            return fit(each)
         except FitError as error:
             problem = problem or error
     raise problem or FitError("there is no candidate")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +20,78 @@ UNEVEN = 0.02
 COLLINEAR = 1e-9
 
 
+class Piece(ABC):
+    """Consecutive rows of a record, inputs without holes.
+
+    Attributes
+    ----------
+    inputs : ndarray, shape (m, n)
+    origin : int
+        The experiment it belongs to: one offset each.
+    at_rest : bool
+        Settled at its first inputs when it begins; else its state there is unknown.
+    """
+
+    inputs: Array
+    origin: int
+    at_rest: bool
+
+    def __len__(self) -> int:
+        return int(self.inputs.shape[1])
+
+    @abstractmethod
+    def rows(self, part: slice) -> Self:
+        """Some of its rows; those that follow its first begin in an unknown state."""
+
+    def begins(self, part: slice) -> bool:
+        """Whether these rows are at rest when they begin."""
+        return self.at_rest and not part.start
+
+
+P = TypeVar("P", bound=Piece)
+
+
+def from_rest(pieces: Sequence[P]) -> tuple[P, ...]:
+    """The same, every experiment settled at its first inputs when it begins."""
+    seen: set[int] = set()
+    parts = []
+    for piece in pieces:
+        parts.append(replace(piece, at_rest=piece.origin not in seen))  # type: ignore[type-var]
+        seen.add(piece.origin)
+    return tuple(parts)
+
+
+def first_levels(pieces: Sequence[Piece]) -> Array:
+    """First inputs of each experiment, shape (origins, m)."""
+    found: dict[int, Array] = {}
+    for piece in pieces:
+        found.setdefault(piece.origin, piece.inputs[:, 0])
+    return np.array([found[k] for k in range(1 + max(found))])
+
+
+def parted(pieces: Sequence[P], share: float) -> tuple[tuple[P, ...], tuple[P, ...]]:
+    """The first `share` of the rows, and the rest.
+
+    Raises
+    ------
+    FitError
+        Nothing on one side.
+    """
+    wanted, first, rest = round(share * sum(map(len, pieces))), [], []
+    for piece in pieces:
+        n = min(max(wanted, 0), len(piece))
+        wanted -= n
+        if n:
+            first.append(piece.rows(slice(0, n)))
+        if n < len(piece):
+            rest.append(piece.rows(slice(n, len(piece))))
+    if not first or not rest:
+        raise FitError("the split leaves nothing on one side")
+    return tuple(first), tuple(rest)
+
+
 @dataclass(frozen=True)
-class Stretch:
+class Stretch(Piece):
     """Consecutive even samples.
 
     Attributes
@@ -43,8 +115,9 @@ class Stretch:
                 f"inputs {self.inputs.shape} and output {self.output.shape} differ in length"
             )
 
-    def __len__(self) -> int:
-        return len(self.output)
+    def rows(self, part: slice) -> Stretch:
+        return replace(self, inputs=self.inputs[:, part], output=self.output[part],
+                       at_rest=self.begins(part))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -90,19 +163,16 @@ class Data:
 
     def from_rest(self) -> Data:
         """The same, every experiment settled at its first inputs when it begins."""
-        seen: set[int] = set()
-        parts = []
-        for s in self.stretches:
-            parts.append(replace(s, at_rest=s.origin not in seen))
-            seen.add(s.origin)
-        return replace(self, stretches=tuple(parts))
+        return replace(self, stretches=from_rest(self.stretches))
+
+    def parted(self, share: float) -> tuple[Data, Data]:
+        """The first `share` of the rows, and the rest; FitError where one side is empty."""
+        first, rest = parted(self.stretches, share)
+        return replace(self, stretches=first), replace(self, stretches=rest)
 
     def levels(self) -> Array:
         """First inputs of each experiment, shape (origins, m)."""
-        found: dict[int, Array] = {}
-        for s in self.stretches:
-            found.setdefault(s.origin, s.inputs[:, 0])
-        return np.array([found[k] for k in range(self.origins)])
+        return first_levels(self.stretches)
 
     def padded(self, rows: int) -> Data:
         """With inputs relative to the first of each experiment, and their past where it is known.
