@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.cli.transfer import Findings, read_one
+from thermaltool.cli.transfer import Findings, read_one, rests, zero_of
 from thermaltool.effects.dynamics import hold_of
 from thermaltool.errors import FitError
 from thermaltool.identification.network.choose import (
@@ -25,7 +25,6 @@ from thermaltool.identification.transfer.machine import in_use
 from thermaltool.model import Model
 from thermaltool.report.network import Shared, network_document, network_table
 from thermaltool.signals.agreement import improvement
-from thermaltool.units import parse_channel
 
 
 def identify_shared(
@@ -104,17 +103,16 @@ def _judged(
     other_log: bool,
     candidates: tuple[Candidate, ...] | None,
 ) -> Shared:
-    # The zero of a displacement is that of its log.
-    own = tuple(
-        other_log and parse_channel(t).dimension in ("length", "angle") for t in data.targets
-    )
     validation = gained = None
     if held is not None:
-        validation = tuple(network.fit(held, own))
-        gained = tuple(
-            improvement(held.output(k) - share.offsets[-1], y - share.offsets[-1])
-            for k, (share, y) in enumerate(zip(network.shares, network.run(held, own), strict=True))
-        )
+        zeros = tuple(zero_of(target, other_log) for target in data.targets)
+        validation = tuple(network.fit(held, zeros))
+        gains = []
+        for k, (share, y) in enumerate(zip(network.shares, network.run(held, zeros), strict=True)):
+            values = [s.outputs[k] for s in held.spans]
+            rest = rests(held.spans, values, zeros[k], share.offsets)
+            gains.append(improvement(held.output(k) - rest, y - rest))
+        gained = tuple(gains)
     return Shared(network, data, tuple(network.fit(data)), validation, gained,
                   tuple(network_tests(network, data)), candidates)  # fmt: skip
 

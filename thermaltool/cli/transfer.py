@@ -20,7 +20,14 @@ from thermaltool.identification.transfer.choose import (
 )
 from thermaltool.identification.transfer.continuation import Continued, continued
 from thermaltool.identification.transfer.continuous import identify_continuous
-from thermaltool.identification.transfer.data import UNEVEN, Data, even_stretches
+from thermaltool.identification.transfer.data import (
+    UNEVEN,
+    Array,
+    Data,
+    Piece,
+    Zero,
+    even_stretches,
+)
 from thermaltool.identification.transfer.identify import identify, orders_of
 from thermaltool.identification.transfer.machine import Identity, in_use
 from thermaltool.identification.transfer.model import TransferModel
@@ -125,6 +132,26 @@ def load_data(
     return data, sources, period
 
 
+def zero_of(target: str, other_log: bool) -> Zero:
+    """The zero of validation data: that of a displacement is arbitrary in every log."""
+    if not other_log:
+        return "fitted"
+    return "free" if parse_channel(target).dimension in ("length", "angle") else "mean"
+
+
+def rests(
+    pieces: Sequence[Piece], values: Sequence[Array], zero: Zero, offsets: Sequence[float]
+) -> Array:
+    """What counts as no deviation, row by row: the zero, or the first reading of its log."""
+    if zero == "mean":
+        return np.full(sum(map(len, pieces)), np.mean(offsets))
+    own: dict[int, float] = dict(enumerate(offsets)) if zero == "fitted" else {}
+    for piece, row in zip(pieces, values, strict=True):
+        for first in row[np.isfinite(row)][:1].tolist():
+            own.setdefault(piece.origin, first)
+    return np.concatenate([np.full(len(piece), own.get(piece.origin, np.nan)) for piece in pieces])
+
+
 def load_validation(
     log: str | None,
     inputs: tuple[str, ...],
@@ -180,13 +207,12 @@ def run(target: str, read: Logs, fresh: Logs | None, options: Mapping[str, Any])
             raise FitError("not all poles are real: take lower orders, or --structure oe")
     except FitError as error:
         raise FitError(f"{target}: {error}") from error
-    # The zero of a displacement is that of its log.
-    own_zero = parse_channel(target).dimension in ("length", "angle") and fresh is not None
     training, validation, gained = model.fit(data), None, None
     if held is not None:
-        validation = model.fit(held, own_zero)
-        computed = np.concatenate([model.simulate(s, own_zero) for s in held.stretches])
-        gained = improvement(held.output() - model.offsets[-1], computed - model.offsets[-1])
+        zero = zero_of(target, fresh is not None)
+        validation = model.fit(held, zero)
+        rest = rests(held.stretches, [s.output for s in held.stretches], zero, model.offsets)
+        gained = improvement(held.output() - rest, model.run(held, zero) - rest)
     return Identified(
         model,
         data,

@@ -141,7 +141,7 @@ class Records:
         return replace(self, spans=spans, targets=(self.targets[k],))
 
     def parted(self, share: float) -> tuple[Records, Records]:
-        """The first `share` of the rows, and the rest; FitError where one side is empty."""
+        """The first `share` of each experiment, and the rest; FitError where one side is empty."""
         first, rest = parted(self.spans, share)
         return replace(self, spans=first), replace(self, spans=rest)
 

@@ -12,14 +12,12 @@ from thermaltool.identification.network.data import Records
 from thermaltool.identification.network.model import Network, Share
 from thermaltool.identification.network.problem import Delays, Index, Problem
 from thermaltool.identification.network.search import METHOD, Found, search
+from thermaltool.identification.transfer.colour import error_colour
 from thermaltool.identification.transfer.data import Array
-from thermaltool.identification.transfer.identify import error_colour
 from thermaltool.identification.transfer.output_error import solve
 
 # As many as a kind of response holds.
 MOST_MODES = 6
-# Runs of errors without a hole shorter than this say nothing of their colour.
-SHORTEST_RUN = 40
 
 
 def identify_network(data: Records, modes: int, delays: Delays) -> Network:
@@ -141,8 +139,7 @@ class _Scores:
 
     def _colour(self, errors: Sequence[Array]) -> tuple[Array, float]:
         runs = [run for e in errors for run in runs_of(e)]
-        long = [run for run in runs if len(run) >= SHORTEST_RUN]
-        found = error_colour(long) if long else None
+        found = error_colour(runs)
         if found is not None:
             return found
         return np.ones(1), float(np.mean(np.concatenate(runs) ** 2))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from thermaltool.identification.network.data import Records, Span
 from thermaltool.identification.network.problem import Delays, driven, known
-from thermaltool.identification.transfer.data import Array
+from thermaltool.identification.transfer.data import Array, Zero
 from thermaltool.identification.transfer.model import NORMAL_95, Estimate
 from thermaltool.identification.transfer.output_error import solve
 from thermaltool.responses import Response
@@ -166,30 +166,31 @@ class Network:
         each = self.shares[0].time_constants()
         return tuple(e for e in each if e.high > UNTOLD * e.low)
 
-    def simulate(self, span: Span, free_offset: bool = False) -> Array:
+    def simulate(self, span: Span, zero: Zero = "fitted") -> Array:
         """Free run over a span; the state at its start is estimated from it.
 
         Parameters
         ----------
         span : Span
-        free_offset : bool
-            Estimate the offsets too, as for another log of channels without a zero of their own.
+        zero : Zero
 
         Returns
         -------
         y : ndarray, shape (p, n)
             NaN where a delayed input is not in the record.
         """
-        at = min(span.origin, len(self.levels) - 1)
+        at = span.origin if zero == "fitted" else 0
         result = np.full((len(self.shares), len(span)), np.nan)
         decays = np.exp(-span.time / self.lags[:, None])
         for k, share in enumerate(self.shares):
             modes = driven(span, self.levels[at], self.lags, share.delays, self.holds)
             y = share.weights.ravel() @ modes + self.zeros[k, at]
+            if zero == "mean":
+                y += np.mean(share.offsets) - share.offsets[at]
             there = known(span, share.delays)
             judged = there & np.isfinite(span.outputs[k])
             free = [] if span.at_rest else [decays]
-            columns = np.vstack([*free, *([np.ones((1, len(y)))] if free_offset else [])] or
+            columns = np.vstack([*free, *([np.ones((1, len(y)))] if zero == "free" else [])] or
                                 [np.zeros((0, len(y)))])  # fmt: skip
             if len(columns) and int(judged.sum()) > len(columns):
                 own = columns[:, judged]
@@ -198,15 +199,14 @@ class Network:
             result[k] = np.where(there, y, np.nan)
         return result
 
-    def fit(self, data: Records, free_offset: bool | tuple[bool, ...] = False) -> list[Agreement]:
+    def fit(self, data: Records, zeros: Sequence[Zero] | None = None) -> list[Agreement]:
         """How far the free run of every output is from it over all spans."""
-        computed = self.run(data, free_offset)
+        computed = self.run(data, zeros)
         return [agreement(data.output(k), computed[k]) for k in range(len(self.shares))]
 
-    def run(self, data: Records, free_offset: bool | tuple[bool, ...] = False) -> Array:
-        """Free runs over all spans in a row, shape (p, n)."""
-        wanted = set(free_offset if isinstance(free_offset, tuple) else (free_offset,))
-        runs = {w: np.hstack([self.simulate(s, w) for s in data.spans]) for w in wanted}
-        if not isinstance(free_offset, tuple):
-            return runs[free_offset]
-        return np.array([runs[w][k] for k, w in enumerate(free_offset)])
+    def run(self, data: Records, zeros: Sequence[Zero] | None = None) -> Array:
+        """Free runs over all spans in a row, shape (p, n); a zero for each output."""
+        fitted: list[Zero] = ["fitted"]
+        each = zeros or fitted * len(self.shares)
+        runs = {z: np.hstack([self.simulate(s, z) for s in data.spans]) for z in set(each)}
+        return np.array([runs[z][k] for k, z in enumerate(each)])

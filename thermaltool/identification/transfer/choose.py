@@ -104,15 +104,17 @@ def choose(
         No candidate fits.
     """
     data.check()
-    short = data if data.size <= COMPARED else data.head(COMPARED)
+    short = data if data.size <= COMPARED else data.excerpt(COMPARED)
     fitted, held = short.parted(FITTED)
     nk = _delays(fitted, least_delay)
     found: dict[tuple[int, int, tuple[int, ...]], Candidate] = {}
+    problem: FitError | None = None
     for nb, nf, delays in _grid(nk, least_delay):
         try:
             orders = orders_of(structure, (nb,) * len(nk), nf, delays)
             model = identify(fitted, structure, orders, nc, nd, real)
-        except FitError:
+        except FitError as error:
+            problem = problem or error
             continue
         if real and structure != "oe" and not real_poles(model):
             continue
@@ -120,7 +122,9 @@ def choose(
         if np.isfinite(candidate.score):
             found[nb, nf, delays] = candidate
     if not found:
-        raise FitError("no order up to 4 fits these data: give --orders, or more data")
+        raise problem or FitError(
+            "no order up to 4 has real poles on these data: give --orders, or more data"
+        )
     return Choice(tuple(sorted(found.values(), key=lambda c: c.score)))
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Self, TypeVar
+from typing import Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,18 @@ from thermaltool.errors import FitError
 
 Array = NDArray[np.float64]
 
+# Which zero an output has in a free run: that of its experiment in the fit; the mean of all of
+# them, as a model document has it; or one that is estimated from the run.
+Zero = Literal["fitted", "mean", "free"]
+
 # A step may differ from the period by this share before the clock counts as uneven.
 UNEVEN = 0.02
 # Inputs whose normalized Gram matrix has an eigenvalue below this are the same to rounding.
 COLLINEAR = 1e-9
+
+
+# An excerpt excites enough with this share of the power that the best one has.
+EXCITING = 0.1
 
 
 class Piece(ABC):
@@ -70,23 +79,27 @@ def first_levels(pieces: Sequence[Piece]) -> Array:
 
 
 def parted(pieces: Sequence[P], share: float) -> tuple[tuple[P, ...], tuple[P, ...]]:
-    """The first `share` of the rows, and the rest.
+    """The first `share` of the rows of each experiment, and the rest.
 
     Raises
     ------
     FitError
         Nothing on one side.
     """
-    wanted, first, rest = round(share * sum(map(len, pieces))), [], []
+    rows = Counter[int]()
     for piece in pieces:
-        n = min(max(wanted, 0), len(piece))
-        wanted -= n
+        rows[piece.origin] += len(piece)
+    wanted = {origin: round(share * count) for origin, count in rows.items()}
+    if any(not 0 < n < rows[origin] for origin, n in wanted.items()):
+        raise FitError("the split leaves nothing on one side")
+    first, rest = [], []
+    for piece in pieces:
+        n = min(max(wanted[piece.origin], 0), len(piece))
+        wanted[piece.origin] -= n
         if n:
             first.append(piece.rows(slice(0, n)))
         if n < len(piece):
             rest.append(piece.rows(slice(n, len(piece))))
-    if not first or not rest:
-        raise FitError("the split leaves nothing on one side")
     return tuple(first), tuple(rest)
 
 
@@ -155,10 +168,19 @@ class Data:
         """All output samples in a row."""
         return np.concatenate([s.output for s in self.stretches])
 
-    def head(self, most: int) -> Data:
-        """The first `most` samples of the longest stretch."""
+    def excerpt(self, most: int) -> Data:
+        """At most so many samples of the longest stretch, from where the inputs first excite.
+
+        From its beginning where the inputs move in the first half of that about as much as in the
+        best such part.
+        """
         whole = max(self.stretches, key=len)
-        part = replace(whole, inputs=whole.inputs[:, :most], output=whole.output[:most], origin=0)
+        starts = range(0, max(len(whole) - most, 0) + most // 2, most // 2)
+        parts = [whole.inputs[:, a : a + most // 2] for a in starts]
+        power = np.array([[np.sum((u - u.mean()) ** 2) for u in part] for part in parts])
+        least = np.min(power / np.maximum(power.max(axis=0), 1e-300), axis=1)
+        start = starts[int(np.argmax(least >= EXCITING * least.max()))]
+        part = replace(whole.rows(slice(start or None, start + most)), origin=0)
         return replace(self, stretches=(part,))
 
     def from_rest(self) -> Data:
@@ -166,7 +188,7 @@ class Data:
         return replace(self, stretches=from_rest(self.stretches))
 
     def parted(self, share: float) -> tuple[Data, Data]:
-        """The first `share` of the rows, and the rest; FitError where one side is empty."""
+        """The first `share` of each experiment, and the rest; FitError where one side is empty."""
         first, rest = parted(self.stretches, share)
         return replace(self, stretches=first), replace(self, stretches=rest)
 

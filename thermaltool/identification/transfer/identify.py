@@ -10,9 +10,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
-from thermaltool.identification.arma.ar import burg
 from thermaltool.identification.arma.fit import fit_arma
-from thermaltool.identification.arma.record import NEW_START, Record
+from thermaltool.identification.transfer.colour import error_colour, error_record
 from thermaltool.identification.transfer.data import Array, Data
 from thermaltool.identification.transfer.equation_error import Regression, armax, arx
 from thermaltool.identification.transfer.model import TransferModel
@@ -23,8 +22,6 @@ from thermaltool.identification.transfer.search import Found, overdamped, refine
 Structure = Literal["oe", "bj", "arx", "armax"]
 STRUCTURES: tuple[Structure, ...] = ("oe", "bj", "arx", "armax")
 
-# Longest AR description of the errors from which an OE model's intervals are corrected.
-COLOUR = 12
 # Plant and noise of a Box-Jenkins model are alternated at most so often.
 ALTERNATIONS = 8
 
@@ -89,14 +86,25 @@ def identify(
 
 
 def check_orders(data: Data, orders: Orders) -> None:
-    """Refuse a delay beyond the record, and more parameters than it carries (FitError)."""
+    """Refuse what the record does not carry (FitError).
+
+    A delay beyond it, a log in pieces too short to say anything, more parameters than rows.
+    """
     for name, nk in zip(data.names, orders.nk, strict=True):
         if nk >= data.longest:
             raise FitError(
                 f"{name}: a delay of {nk} samples is longer than the record ({data.longest})"
             )
-    need = orders.parameters + data.origins + sum(orders.nf)
-    rows = Problem(data, orders).rows
+    problem = Problem(data.padded(orders.first), orders)
+    if {s.origin for s in problem.used} != set(range(data.origins)):
+        raise FitError(
+            f"{data.target}: a log has no run of more than {orders.shortest} readings without a "
+            "gap, which these orders need: take lower ones; --structure network takes holes"
+        )
+    need = problem.linear_count + sum(orders.nf)
+    # What is known from before the record is no row of it.
+    before = sum(s.at_rest for s in problem.used) * orders.first
+    rows = problem.rows - before
     if rows < 2 * need:
         raise FitError(
             f"{rows} rows do not carry orders of {need} parameters: take lower orders or more data"
@@ -167,25 +175,6 @@ def _output_model(
         np.ones(1) if C is None else C,
         np.ones(1) if D is None else D,
     )
-
-
-def error_record(errors: list[Array]) -> Record:
-    """Errors of all stretches as one record of separate runs."""
-    starts = np.cumsum([0, *(len(e) + 1 for e in errors)])[:-1].tolist()
-    return Record(tuple(errors), tuple(starts), (0, *(NEW_START,) * (len(errors) - 1)))
-
-
-def error_colour(errors: list[Array]) -> tuple[Array, float] | None:
-    """AR polynomial of errors and the variance of what drives them, of least BIC; None if white."""
-    most = min(COLOUR, min(len(e) for e in errors) // 10)
-    if most < 1:
-        return None
-    table = burg(error_record(errors), most)
-    bic = table.samples * np.log(table.variance) + np.log(table.samples) * np.arange(most + 1.0)
-    best = int(np.argmin(bic))
-    if not best:
-        return None
-    return np.concatenate([[1.0], -table.coefficients[best]]), float(table.variance[best])
 
 
 def coloured_gram(problem: Problem, found: Found, gram: Array, sigma2: float) -> Array:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.signal import lfilter
 
-from thermaltool.identification.transfer.data import Array, Data, Stretch
+from thermaltool.identification.transfer.data import Array, Data, Stretch, Zero
 from thermaltool.identification.transfer.output_error import Orders, solve
 from thermaltool.signals.agreement import Agreement, agreement
 
@@ -128,14 +128,13 @@ class TransferModel:
             y += lfilter(numerator, self.denominator(k), inputs[k])
         return y
 
-    def simulate(self, stretch: Stretch, free_offset: bool = False) -> Array:
+    def simulate(self, stretch: Stretch, zero: Zero = "fitted") -> Array:
         """Free run over a stretch; the state at its start is estimated from it.
 
         Parameters
         ----------
         stretch : Stretch
-        free_offset : bool
-            Estimate the offset too, as for another log of a channel without a zero of its own.
+        zero : Zero
 
         Returns
         -------
@@ -143,18 +142,20 @@ class TransferModel:
             NaN on the first rows, whose inputs are not all in the record.
         """
         # About the levels of the fit: slow poles make gains too large to be taken off again.
-        at = min(stretch.origin, len(self.levels) - 1)
+        at = stretch.origin if zero == "fitted" else 0
         settled = self.respond(stretch.inputs - self.levels[at][:, None]) + self.zeros[at]
+        if zero == "mean":
+            settled += np.mean(self.offsets) - self.offsets[at]
         if stretch.at_rest:
             left = stretch.output - settled
-            return settled + (float(np.mean(left)) if free_offset else 0.0)
+            return settled + (float(np.mean(left)) if zero == "free" else 0.0)
         first = self.orders.first
         y = np.full(len(stretch), np.nan)
-        if len(stretch) <= first + sum(self.orders.nf) + 1:
+        if len(stretch) <= self.orders.shortest:
             return y
         inner = settled[first:]
         columns = [r for f in self.F for r in _free_responses(f, len(inner))]
-        if free_offset:
+        if zero == "free":
             columns.append(np.ones(len(inner)))
         if columns:
             rows = np.array(columns)
@@ -163,29 +164,30 @@ class TransferModel:
         y[first:] = inner
         return y
 
-    def _offset(self, stretch: Stretch) -> float:
-        """That of its experiment; of one that was not fitted, the last."""
-        return self.offsets[min(stretch.origin, len(self.offsets) - 1)]
+    def run(self, data: Data, zero: Zero = "fitted") -> Array:
+        """Free runs over all stretches in a row."""
+        return np.concatenate([self.simulate(s, zero) for s in data.stretches])
 
-    def fit(self, data: Data, free_offset: bool = False) -> Agreement:
+    def fit(self, data: Data, zero: Zero = "fitted") -> Agreement:
         """How far the free run is from the output over all stretches."""
-        computed = [self.simulate(s, free_offset) for s in data.stretches]
-        return agreement(data.output(), np.concatenate(computed))
+        return agreement(data.output(), self.run(data, zero))
 
-    def residuals(self, data: Data) -> list[Array]:
-        """One-step errors of each stretch: white where the model holds."""
-        result = []
+    def errors(self, data: Data) -> Iterator[tuple[Stretch, Array]]:
+        """One-step errors, white where the model holds, of each stretch that is long enough.
+
+        They end with the stretch and begin after the rows that its start takes.
+        """
+        equation = self.structure in ("arx", "armax")
         for s in data.stretches:
-            first = self.orders.first
-            if self.structure in ("arx", "armax"):
-                error = s.output - self.respond(s.inputs) - self._offset(s)
-                error = lfilter(self.F[0], [1.0], error)[first + len(self.F[0]) - 1 :]
-                result.append(np.asarray(lfilter([1.0], self.C, error)))
+            if len(s) <= self.orders.shortest and not (s.at_rest and not equation):
+                continue
+            if equation:
+                error = s.output - self.respond(s.inputs) - self.offsets[s.origin]
+                error = lfilter(self.F[0], [1.0], error)[self.orders.first + len(self.F[0]) - 1 :]
+                yield s, np.asarray(lfilter([1.0], self.C, error))
             else:
-                error = (s.output - self.simulate(s))[0 if s.at_rest else first :]
-                if not np.isnan(error).any():
-                    result.append(np.asarray(lfilter(self.D, self.C, error)))
-        return [r for r in result if len(r)]
+                error = (s.output - self.simulate(s))[0 if s.at_rest else self.orders.first :]
+                yield s, np.asarray(lfilter(self.D, self.C, error))
 
     def poles(self, group: int = 0) -> Array:
         """Roots of a denominator in z, the slowest first."""

@@ -57,6 +57,11 @@ class Orders:
         return max(b + k for b, k in zip(self.nb, self.nk, strict=True)) - 1
 
     @cached_property
+    def shortest(self) -> int:
+        """A stretch of no more rows says nothing: its start takes them."""
+        return self.first + sum(self.nf) + 1
+
+    @cached_property
     def parameters(self) -> int:
         return sum(self.nb) + sum(self.nf)
 
@@ -126,13 +131,12 @@ class Problem:
     @cached_property
     def rows(self) -> int:
         """Rows that count."""
-        return sum(max(0, len(s) - self.orders.first) for s in self.data.stretches)
+        return sum(len(s) - self.orders.first for s in self.used)
 
     @cached_property
     def used(self) -> list[Stretch]:
         """Stretches long enough to say anything."""
-        least = self.orders.first + sum(self.orders.nf) + 1
-        return [s for s in self.data.stretches if len(s) > least]
+        return [s for s in self.data.stretches if len(s) > self.orders.shortest]
 
     @cached_property
     def linear_count(self) -> int:

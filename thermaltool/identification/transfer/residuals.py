@@ -6,7 +6,7 @@ Reinsel (2008), 12.1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +14,11 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from thermaltool.identification.arma.ar import burg
+from thermaltool.identification.transfer.colour import LONGEST, error_record, long_runs
 from thermaltool.identification.transfer.data import Array, Data
-from thermaltool.identification.transfer.identify import error_record
 from thermaltool.identification.transfer.model import TransferModel
 
 LAGS = 25
-# Longest AR model by which errors and inputs are made white before they are correlated.
-LONGEST = 15
 
 
 @dataclass(frozen=True)
@@ -41,25 +39,6 @@ class ResidualTests:
     independent_p: Mapping[str, float]
 
 
-@dataclass(frozen=True)
-class Cause:
-    """An input as the errors may still depend on it.
-
-    Attributes
-    ----------
-    runs : list of ndarray
-        One for each run of errors, ending with it.
-    delay : int
-        Samples before which it acts on nothing.
-    free : int
-        Parameters that were fitted to its way to the output.
-    """
-
-    runs: list[Array]
-    delay: int
-    free: int
-
-
 def residual_tests(model: TransferModel, data: Data) -> ResidualTests:
     """Both tests on a data set.
 
@@ -69,58 +48,63 @@ def residual_tests(model: TransferModel, data: Data) -> ResidualTests:
     data : Data
         Training or validation data.
     """
-    searched = sum(model.orders.nf) if model.structure == "oe" else 0
-    fitted = len(model.C) + len(model.D) - 2 + (len(model.F[0]) - 1 if model.structure
-                                                in ("arx", "armax") else searched)  # fmt: skip
-    used = [s for s in data.stretches if len(s) > model.orders.first + sum(model.orders.nf) + 1]
-    causes = {}
-    for k, name in enumerate(model.names):
-        runs = [s.inputs[k] - np.mean(s.inputs[k]) for s in used]
-        free = model.orders.nb[k] + len(model.denominator(k)) - 1
-        causes[name] = Cause(runs, model.orders.nk[k], free)
-    return tested(model.residuals(data), causes, fitted)
+    # What the plant has takes nothing from the course of an output's own errors.
+    fitted = len(model.C) + len(model.D) - 2
+    if model.structure in ("arx", "armax"):
+        fitted += len(model.F[0]) - 1
+    runs = [(error, s.inputs) for s, error in model.errors(data)]
+    return tested(runs, dict(zip(model.names, model.orders.nk, strict=True)), fitted)
 
 
-def tested(errors: list[Array], causes: Mapping[str, Cause], fitted: int) -> ResidualTests:
+def tested(
+    runs: Sequence[tuple[Array, Array]], delays: Mapping[str, int], fitted: int
+) -> ResidualTests:
     """Both tests on one-step errors.
 
     Parameters
     ----------
-    errors : list of ndarray
-    causes : mapping of input to Cause
+    runs : sequence of (errors, inputs)
+        Shapes (n,) and (m, at least n): both end at the same row.
+    delays : mapping of input to int
+        Samples before which each of the m inputs acts on nothing.
     fitted : int
         Parameters that were fitted to the course of the errors.
     """
-    errors = [e - np.mean(e) for e in errors]
-    longest = max((len(e) for e in errors), default=0)
-    lags = min(LAGS, longest // 5)
+    long = [runs[k] for k in long_runs([error for error, _ in runs])]
+    lags = min(LAGS, min((len(error) for error, _ in long), default=0) // 5)
     if lags < 2:
-        return ResidualTests(0, float("nan"), dict.fromkeys(causes, float("nan")))
+        return ResidualTests(0, float("nan"), dict.fromkeys(delays, float("nan")))
+    errors = [error - np.mean(error) for error, _ in long]
     rows = sum(len(e) for e in errors)
     power = sum(float(e @ e) for e in errors) or 1.0
     r = np.array([sum(float(e[k:] @ e[: len(e) - k]) for e in errors) for k in range(1, lags + 1)])
     statistic = rows * (rows + 2) * np.sum((r / power) ** 2 / (rows - np.arange(1.0, lags + 1)))
     white = float(chi2.sf(statistic, max(lags - fitted, 1)))
-    independent = {name: _independence(errors, cause, lags) for name, cause in causes.items()}
+    whitened, independent = _whitened(errors), {}
+    for k, (name, delay) in enumerate(delays.items()):
+        acts = _whitened([u[k] - np.mean(u[k]) for _, u in long])
+        independent[name] = _independence(whitened, acts, delay, lags)
     return ResidualTests(lags, white, independent)
 
 
-def _independence(errors: list[Array], cause: Cause, lags: int) -> float:
-    """N Σ r² of whitened errors with the whitened input, from the delay on."""
-    e, u = _whitened(errors), _whitened(cause.runs)
+def _independence(errors: list[Array], acts: list[Array], delay: int, lags: int) -> float:
+    """N Σ r² of whitened errors with the whitened input, from the delay on.
+
+    Judged as of `lags` free sums: parameters that were fitted make it smaller, by how much hangs
+    on how slow they are, and the test is a little cautious.
+    """
     products = np.zeros(lags)
-    for own, acts in zip(e, u, strict=False):
-        acts = acts[len(acts) - len(own) :]
+    acts = [u[len(u) - len(own) :] for own, u in zip(errors, acts, strict=True)]
+    for own, u in zip(errors, acts, strict=True):
         for lag in range(lags):
-            at = lag + cause.delay
+            at = lag + delay
             if at < len(own):
-                products[lag] += float(own[at:] @ acts[: len(own) - at])
-    power = sum(float(x @ x) for x in e) * sum(float(x @ x) for x in u)
+                products[lag] += float(own[at:] @ u[: len(own) - at])
+    power = sum(float(x @ x) for x in errors) * sum(float(x @ x) for x in acts)
     if not power > 0:
         return float("nan")
-    rows = sum(len(x) for x in e)
-    statistic = rows * float(np.sum(products**2)) / power
-    return float(chi2.sf(statistic, max(lags - cause.free, 1)))
+    rows = sum(len(x) for x in errors)
+    return float(chi2.sf(rows * float(np.sum(products**2)) / power, lags))
 
 
 def _whitened(series: list[Array]) -> list[Array]:

@@ -83,7 +83,7 @@ def search(problem: Problem) -> Found:
     several = len(problem.orders.groups) > 1
     short = problem
     if problem.data.size > 2 * SHORT and problem.data.longest > SHORT:
-        short = replace(problem, data=problem.data.head(SHORT))
+        short = replace(problem, data=problem.data.excerpt(SHORT))
     best = _together(short) if several else _single(short)
     if short is not problem:
         best = _at_full_length(problem, best)
