@@ -29,7 +29,7 @@ def record(seed, structure, rows=4000):
 
 def errors_in_deviations(model, known):
     truth = np.concatenate([known.F[1:], known.B])
-    return (model.coefficients - truth) / np.sqrt(np.diag(model.covariance))
+    return (model.coefficients - truth) / np.sqrt(np.diag(model.coefficient_covariance))
 
 
 @structures

@@ -8,7 +8,7 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.identification.network.data import Records
-from thermaltool.identification.network.identify import MOST_MODES, identify_network
+from thermaltool.identification.network.identify import MOST_MODES, identify_network, runs_of
 from thermaltool.identification.network.model import Network
 from thermaltool.identification.network.problem import Delays, Problem
 from thermaltool.identification.network.search import THINNED, Found, search
@@ -18,7 +18,9 @@ from thermaltool.identification.transfer.choose import (
     RESTING,
     standing,
 )
+from thermaltool.identification.transfer.colour import effective_share
 from thermaltool.identification.transfer.data import Array
+from thermaltool.signals.agreement import Agreement
 
 # Delays and time constants are found in turn at most so often.
 ROUNDS = 5
@@ -37,7 +39,7 @@ class Candidate:
         Of all outputs on the part that was fitted.
     score : float
         Mean over the outputs of ln of the held-out error variance, with ln(N)/N for each
-        parameter.
+        parameter; N are the rows that count, fewer where errors are coloured.
     """
 
     modes: int
@@ -56,32 +58,49 @@ def choose_modes(data: Records, delays: Delays) -> tuple[Candidate, ...]:
     """
     data.check()
     fitted, held = data.parted(FITTED)
-    found: list[Candidate] = []
+    found: list[tuple[Network, tuple[Agreement, ...]]] = []
     problem: FitError | None = None
     for modes in range(1, MOST_MODES + 1):
         try:
             network = identify_network(fitted, modes, delays)
-            candidate = _judged(network, fitted, held, modes)
         except FitError as error:
             problem = problem or error
             continue
-        if np.isfinite(candidate.score):
-            found.append(candidate)
+        agreements = tuple(network.fit(held))
+        if all(np.isfinite(a.rmse) and a.rmse > 0 for a in agreements):
+            found.append((network, agreements))
     if not found:
         raise problem or FitError("no number of modes fits these data")
-    return tuple(sorted(found, key=lambda c: c.score))
+    best = min(found, key=lambda each: _error(each[1]))[0]
+    rows = max(_share(best, held) * held.size, 2.0)
+    ranked = (_judged(network, agreements, fitted, rows) for network, agreements in found)
+    return tuple(sorted(ranked, key=lambda c: c.score))
 
 
-def _judged(network: Network, fitted: Records, held: Records, modes: int) -> Candidate:
-    agreements = network.fit(held)
-    rows = max(held.size, 2)
-    p = len(network.shares)
+def _error(agreements: tuple[Agreement, ...]) -> float:
+    """Mean over the outputs of ln of the error variance."""
+    return float(np.mean([2 * np.log(a.rmse) for a in agreements]))
+
+
+def _judged(
+    network: Network, agreements: tuple[Agreement, ...], fitted: Records, rows: float
+) -> Candidate:
+    p, modes = len(network.shares), len(network.lags)
     parameters = (modes + sum(s.parameters - modes for s in network.shares)) / p
-    variances = [a.rmse**2 for a in agreements]
-    with np.errstate(divide="ignore"):
-        score = float(np.mean(np.log(variances))) + parameters * float(np.log(rows)) / rows
+    score = _error(agreements) + parameters * float(np.log(rows)) / rows
     bic = 2 * network.criterion + p * parameters * float(np.log(fitted.size))
     return Candidate(modes, tuple(a.fit_percent for a in agreements), bic, score)
+
+
+def _share(network: Network, held: Records) -> float:
+    """Share of the rows that count as independent, in the mean over the outputs."""
+    computed = [network.simulate(s) for s in held.spans]
+    shares = []
+    for k in range(len(network.shares)):
+        errors = [s.outputs[k] - y[k] for s, y in zip(held.spans, computed, strict=True)]
+        runs = [run for error in errors for run in runs_of(error)]
+        shares.append(effective_share(runs) if runs else 1.0)
+    return float(np.mean(shares))
 
 
 def choose_delays(data: Records) -> Delays:

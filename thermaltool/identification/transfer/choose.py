@@ -1,19 +1,22 @@
 """Orders and delays by what the model predicts of data that it has not seen.
 
 Delays first: for each, the loss of a second-order model whose denominator stands; then every order
-around them. Each candidate is fitted on the first part of the record and judged by its free run
-over the rest; of nearly equal ones the criterion takes that with fewer parameters.
+around them, and around other delays that are nearly as good. Each candidate is fitted on the first
+part of the record and judged by its free run over the rest; of nearly equal ones the criterion
+takes that with fewer parameters. Errors that drift say less than as many that are white: they
+count for fewer rows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
 from thermaltool.errors import FitError
+from thermaltool.identification.transfer.colour import effective_share
 from thermaltool.identification.transfer.data import Array, Data
 from thermaltool.identification.transfer.identify import Structure, identify, orders_of
 from thermaltool.identification.transfer.model import TransferModel
@@ -50,7 +53,8 @@ class Candidate:
     aic, bic, yic : float
         On the part that was fitted.
     score : float
-        ln of the held-out error variance, with ln(N)/N for each parameter.
+        ln of the held-out error variance, with ln(N)/N for each parameter; N are the rows that
+        count, fewer where errors are coloured.
     """
 
     nb: int
@@ -106,26 +110,24 @@ def choose(
     data.check()
     short = data if data.size <= COMPARED else data.excerpt(COMPARED)
     fitted, held = short.parted(FITTED)
-    nk = _delays(fitted, least_delay)
-    found: dict[tuple[int, int, tuple[int, ...]], Candidate] = {}
+    found: dict[tuple[int, int, tuple[int, ...]], TransferModel] = {}
     problem: FitError | None = None
-    for nb, nf, delays in _grid(nk, least_delay):
+    for nb, nf, delays in _grid(_delays(fitted, least_delay), least_delay):
         try:
-            orders = orders_of(structure, (nb,) * len(nk), nf, delays)
+            orders = orders_of(structure, (nb,) * len(delays), nf, delays)
             model = identify(fitted, structure, orders, nc, nd, real)
         except FitError as error:
             problem = problem or error
             continue
         if real and structure != "oe" and not real_poles(model):
             continue
-        candidate = _judged(model, fitted, held, nb, nf, delays)
-        if np.isfinite(candidate.score):
-            found[nb, nf, delays] = candidate
-    if not found:
+        found[nb, nf, delays] = model
+    candidates = _ranked(found, fitted, held)
+    if not candidates:
         raise problem or FitError(
             "no order up to 4 has real poles on these data: give --orders, or more data"
         )
-    return Choice(tuple(sorted(found.values(), key=lambda c: c.score)))
+    return Choice(candidates)
 
 
 def first_that_fits(candidates: Iterable[C], fit: Callable[[C], M]) -> M:
@@ -193,35 +195,53 @@ def real_poles(model: TransferModel) -> bool:
     return all(bool(np.all((p.imag == 0) & (p.real > 0))) for p in poles)
 
 
-def _judged(
-    model: TransferModel, fitted: Data, held: Data, nb: int, nf: int, nk: tuple[int, ...]
-) -> Candidate:
-    agreement = model.fit(held)
-    n = max(held.size, 2)
+def _ranked(
+    found: Mapping[tuple[int, int, tuple[int, ...]], TransferModel], fitted: Data, held: Data
+) -> tuple[Candidate, ...]:
+    """By their free run over what was not fitted, the best first."""
+    errors = {key: [s.output - model.simulate(s) for s in held.stretches]
+              for key, model in found.items()}  # fmt: skip
+    squares = {key: float(np.nanmean(np.concatenate(e) ** 2)) for key, e in errors.items()}
+    squares = {key: square for key, square in squares.items() if np.isfinite(square)}
+    if not squares:
+        return ()
+    runs = [e[np.isfinite(e)] for e in errors[min(squares, key=lambda key: squares[key])]]
+    rows = max(effective_share(runs) * held.size, 2.0)
     variance = float(np.var(fitted.output()))
-    with np.errstate(divide="ignore"):
-        score = 2 * np.log(agreement.rmse) + model.parameters * np.log(n) / n
-    return Candidate(nb, nf, nk, agreement.fit_percent, model.aic, model.bic,
-                     model.yic(variance), float(score))  # fmt: skip
+    ranked = []
+    for (nb, nf, nk), square in squares.items():
+        model = found[nb, nf, nk]
+        score = np.log(max(square, 1e-300)) + model.parameters * np.log(rows) / rows
+        ranked.append(Candidate(
+            nb, nf, nk, model.fit(held).fit_percent, model.aic, model.bic, model.yic(variance),
+            float(score),
+        ))  # fmt: skip
+    return tuple(sorted(ranked, key=lambda c: c.score))
 
 
 def _grid(
-    nk: tuple[int, ...], least: tuple[int, ...]
+    found: list[tuple[int, ...]], least: tuple[int, ...]
 ) -> Iterator[tuple[int, int, tuple[int, ...]]]:
-    """Orders, at the delays found and one sample beside them."""
-    for shift in (0, -1, 1):
-        moved = tuple(max(k + shift, low) for k, low in zip(nk, least, strict=True))
-        if shift and moved == nk:
-            continue
+    """Orders, at the delays found and one sample beside the best of them."""
+    delays = [*found]
+    for shift in (-1, 1):
+        moved = tuple(max(k + shift, low) for k, low in zip(found[0], least, strict=True))
+        if moved not in delays:
+            delays.append(moved)
+    for nk in delays:
         for nf in range(1, LARGEST_ORDER + 1):
             for nb in range(1, nf + 1):
-                yield nb, nf, moved
+                yield nb, nf, nk
 
 
-def _delays(data: Data, least: tuple[int, ...]) -> tuple[int, ...]:
-    """Delay of each input, the others held, until none changes."""
+def _delays(data: Data, least: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Delay of each input, the others held, until none changes.
+
+    Then what else may be: the least delays, and for each input the best other minimum of the loss,
+    for a delay can stand for poles that a second order has not.
+    """
     most = min(LARGEST_DELAY, max(4, data.longest // 8))
-    nk = least
+    nk, others = least, list(least)
     for _ in range(3):
         before = nk
         for k, low in enumerate(least):
@@ -234,7 +254,17 @@ def _delays(data: Data, least: tuple[int, ...]) -> tuple[int, ...]:
                 orders = orders_of("oe", (2,) * len(nk), 2, tried)
                 candidate = Problem(data.padded(orders.first), orders)
                 losses.append(candidate.project(F, keep=False).loss / max(candidate.rows, 1))
-            nk = (*nk[:k], low + int(np.argmin(losses)), *nk[k + 1 :])
+            minima = _minima(losses)
+            others[k] = low + minima[min(1, len(minima) - 1)]
+            nk = (*nk[:k], low + minima[0], *nk[k + 1 :])
         if nk == before:
             break
-    return nk
+    beside = ((*nk[:k], other, *nk[k + 1 :]) for k, other in enumerate(others))
+    return list(dict.fromkeys([nk, least, *beside]))
+
+
+def _minima(losses: Sequence[float]) -> list[int]:
+    """Places that neither neighbour undercuts, the least first."""
+    values = np.concatenate([[np.inf], losses, [np.inf]])
+    places = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:]))
+    return sorted(places.tolist(), key=lambda k: losses[k])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.signal import freqz
 
 from thermaltool.identification.arma.ar import burg
 from thermaltool.identification.arma.record import NEW_START, Record
@@ -14,6 +15,8 @@ from thermaltool.identification.transfer.data import Array
 LONGEST = 15
 # Runs of errors shorter than this say nothing of their colour beside longer ones.
 SHORTEST_RUN = 40
+# Frequencies at which a spectral density is taken.
+POINTS = 4096
 
 
 def long_runs(runs: Sequence[Array]) -> list[int]:
@@ -26,6 +29,19 @@ def error_record(runs: Sequence[Array]) -> Record:
     """Runs as one record that is interrupted between them."""
     starts = np.cumsum([0, *(len(e) + 1 for e in runs)])[:-1].tolist()
     return Record(tuple(runs), tuple(starts), (0, *(NEW_START,) * (len(runs) - 1)))
+
+
+def effective_share(runs: Sequence[Array]) -> float:
+    """Share of the rows that count as independent in a mean square: 1/Σ ρ² of their AR model.
+
+    Bartlett 1946; by Parseval (mean S)²/mean S² of the spectral density S.
+    """
+    colour = error_colour(runs)
+    if colour is None:
+        return 1.0
+    _, gain = freqz([1.0], colour[0], POINTS)
+    power = np.abs(gain) ** 2
+    return float(np.mean(power) ** 2 / np.mean(power**2))
 
 
 def error_colour(runs: Sequence[Array]) -> tuple[Array, float] | None:

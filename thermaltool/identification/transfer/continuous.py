@@ -8,23 +8,24 @@ counts in samples within the search.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
 from thermaltool.identification.transfer.data import Array, Data
-from thermaltool.identification.transfer.identify import check_orders, coloured_gram, settles
-from thermaltool.identification.transfer.model import TransferModel
+from thermaltool.identification.transfer.identify import check_orders, coloured_gram
+from thermaltool.identification.transfer.model import Estimate, TransferModel, decay, spread_by
 from thermaltool.identification.transfer.output_error import Orders, Problem, solve
 from thermaltool.identification.transfer.polynomials import partial_fractions
 from thermaltool.identification.transfer.search import overdamped, search
 from thermaltool.responses.modes import Hold
 
-# Relative step of the derivatives that carry the covariance to the discrete coefficients.
-STEP = 1e-5
+# A constant coefficient of A(s) below this is that of a pole at zero, s in 1/samples.
+SLOWEST = 1e-30
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,77 @@ class ContinuousProblem(Problem):
             result.append(after)
             at += n
         return tuple(result)
+
+
+@dataclass(frozen=True)
+class ContinuousModel(TransferModel):
+    """B(s)/A(s) of each input, A = s^n + a1 s^(n−1) + ... + an, B = b0 + b1 s + ...
+
+    `B` and `F` are its exact discrete form; `orders` those of B(s) and A(s).
+
+    Attributes
+    ----------
+    theta : ndarray, shape (p,)
+        All a, then all b, s in 1/samples; `covariance` is theirs.
+    """
+
+    theta: Array = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def coefficients(self) -> Array:
+        return self.theta * self._seconds()
+
+    @property
+    def coefficient_covariance(self) -> Array:
+        scale = self._seconds()
+        return self.covariance * np.outer(scale, scale)
+
+    def _seconds(self) -> Array:
+        """From s in 1/samples to 1/s: A is divided by dt^n, and so is B."""
+        o = self.orders
+        a = [-np.arange(1.0, n + 1) for n in o.nf]
+        b = [np.arange(float(nb)) - n for nb, n in zip(o.nb, o.nf, strict=True)]
+        return np.asarray(self.dt ** np.concatenate([*a, *b]))
+
+    def _denominator(self, group: int) -> tuple[slice, Array]:
+        """Where its coefficients stand, and A(s)."""
+        start = sum(self.orders.nf[:group])
+        own = slice(start, start + self.orders.nf[group])
+        return own, np.concatenate([[1.0], self.theta[own]])
+
+    def _rates(self, group: int) -> NDArray[np.complex128]:
+        """Roots of A(s), the slowest first."""
+        s = np.roots(self._denominator(group)[1]).astype(complex)
+        return s[np.argsort(-s.real, kind="stable")]
+
+    def poles(self, group: int = 0) -> Array:
+        return np.asarray(np.exp(self._rates(group)))
+
+    def time_constants(self, group: int = 0) -> tuple[Estimate, ...]:
+        own, _ = self._denominator(group)
+        rates, block = self._rates(group), self.covariance[own, own]
+        found, n = [], len(rates)
+        for k, s in enumerate(rates):
+            # A(s) = 0: ∂s/∂a_j = −s^(n−j)/Π(s − others).
+            others = np.prod(s - np.delete(rates, k))
+            slope = -(s ** np.arange(n - 1.0, -1.0, -1.0)) / (others or 1e-300)
+            found.append(decay(float(s.real), slope.real, block, self.dt))
+        return tuple(found)
+
+    def gain(self, k: int) -> Estimate:
+        o = self.orders
+        last = sum(o.nf[: k + 1]) - 1
+        first = sum(o.nf) + sum(o.nb[:k])
+        value = float(self.theta[first] / self.theta[last])
+        slope = np.zeros(len(self.theta))
+        slope[first], slope[last] = 1 / self.theta[last], -value / self.theta[last]
+        return spread_by(value, slope, self.covariance)
+
+    def labels(self) -> list[str]:
+        own = [f"[{name}]" if len(self.names) > 1 else "" for name in self.names]
+        a = [f"a{j + 1}{x}" for x, n in zip(own, self.orders.nf, strict=True) for j in range(n)]
+        b = [f"b{j}{x}" for x, nb in zip(own, self.orders.nb, strict=True) for j in range(nb)]
+        return [*a, *b]
 
 
 def sampled(f: Array, hold: Hold) -> tuple[Array, Array]:
@@ -143,29 +215,30 @@ def identify_continuous(
     covariance = (inverse @ middle @ inverse)[:own, :own]
     theta = np.concatenate([*(f[1:] for f in found.F), here.linear[: sum(orders.nb)]])
     F, B = _discrete(theta, orders, holds)
-    turn = _turned(theta, orders, holds)
     edge = sum(orders.nb)
-    for f in F:
-        settles(f)
-    gains = np.array([b.sum() / f.sum() for b, f in zip(B, F, strict=True)])
-    sizes = tuple(len(b) for b in B)
-    return TransferModel(
+    for f in found.F:
+        if not f[-1] > SLOWEST:
+            raise FitError("the fit has a pole at 0, it integrates: take a lower order")
+    starts = sum(orders.nf) + np.cumsum([0, *orders.nb[:-1]])
+    gains = theta[starts] / np.array([f[-1] for f in found.F])
+    return ContinuousModel(
         "oe",
         data.names,
         data.target,
         data.dt,
-        replace(orders, nb=sizes),
+        orders,
         B,
         F,
         tuple((here.linear[edge : edge + data.origins] - data.levels() @ gains).tolist()),
         data.levels(),
         tuple(here.linear[edge : edge + data.origins].tolist()),
         sigma2,
-        turn @ covariance @ turn.T,
+        covariance,
         found.method + " in continuous time",
         found.converged,
         problem.rows,
         max(slopes.loss, 1e-300),
+        theta=theta,
     )
 
 
@@ -181,18 +254,3 @@ def _discrete(
         B.append(b[1:] if hold == "zero" else b)
         at, on = at + n, on + nb
     return tuple(F), tuple(B)
-
-
-def _turned(theta: Array, orders: Orders, holds: Sequence[Hold]) -> Array:
-    """Derivatives of the discrete coefficients by the continuous ones, by central differences."""
-
-    def coefficients(at: Array) -> Array:
-        F, B = _discrete(at, orders, holds)
-        return np.concatenate([*(f[1:] for f in F), *B])
-
-    columns = []
-    for k, value in enumerate(theta):
-        step = np.zeros(len(theta))
-        step[k] = STEP * max(abs(float(value)), 1e-12)
-        columns.append((coefficients(theta + step) - coefficients(theta - step)) / (2 * step[k]))
-    return np.array(columns).T

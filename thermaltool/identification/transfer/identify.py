@@ -113,24 +113,13 @@ def check_orders(data: Data, orders: Orders) -> None:
 
 def settles(F: Array) -> None:
     """Refuse F(1) = 0: a model that integrates has no steady state (FitError)."""
-    if abs(float(F.sum())) < 1e-15:
+    if abs(float(F.sum())) < 4 * np.finfo(float).eps * float(np.abs(F).sum()):
         raise FitError("the fit has a pole at 1, it integrates: take a lower order")
 
 
 def _numerators(problem: Problem, linear: Array) -> tuple[Array, ...]:
     edges = np.cumsum([0, *problem.orders.nb])
     return tuple(linear[a:b] @ difference_basis(b - a) for a, b in pairwise(edges))
-
-
-def _lag_map(orders: Orders) -> Array:
-    """From parameters in differences to those by lags: denominators, then numerators."""
-    blocks = [difference_basis(n) for n in (*orders.nf, *orders.nb)]
-    size = sum(len(b) for b in blocks)
-    result, at = np.zeros((size, size)), 0
-    for block in blocks:
-        result[at : at + len(block), at : at + len(block)] = block.T
-        at += len(block)
-    return result
 
 
 def _output_model(
@@ -148,7 +137,6 @@ def _output_model(
     else:
         covariance = sigma2 * inverse
     own = sum(orders.nf) + sum(orders.nb)
-    turn = _lag_map(orders)
     edge = sum(orders.nb)
     B = _numerators(problem, here.linear)
     of = {k: found.F[g] for g, inputs in enumerate(orders.groups) for k in inputs}
@@ -167,7 +155,7 @@ def _output_model(
         data.levels(),
         tuple(here.linear[edge : edge + data.origins].tolist()),
         sigma2,
-        turn @ covariance[:own, :own] @ turn.T,
+        covariance[:own, :own],
         found.method,
         found.converged,
         problem.rows,
@@ -199,12 +187,16 @@ def _box_jenkins(problem: Problem, found: Found, data: Data, nc: int, nd: int) -
     """Refined instrumental variables with a noise model (RIV; Young 2011, chapter 7).
 
     An ARMA model of the errors whitens all rows of the next plant estimate, until the plant stands.
+    Errors that BIC takes for white have none: C and D that nearly cancel, on the unit circle, would
+    make the steady state look far surer than it is.
     """
     C = D = np.ones(1)
     for _ in range(ALTERNATIONS):
         plain = replace(problem, whitening=None)
         errors = [e for e, _ in plain.errors(plain.project(found.F))]
-        noise = fit_arma(error_record(errors), nd, nc, degree=-1)
+        record = error_record(errors)
+        noise = min((fit_arma(record, p, q, degree=-1) for p, q in ((nd, nc), (0, 0))),
+                    key=lambda model: model.entry.bic)  # fmt: skip
         C = np.concatenate([[1.0], noise.ma])
         D = np.concatenate([[1.0], -noise.ar])
         problem = replace(problem, whitening=(D, C))
@@ -221,7 +213,6 @@ def _equation_model(
 ) -> TransferModel:
     sigma2 = found.loss / max(found.rows - len(found.gram), 1)
     own = orders.parameters
-    turn = _lag_map(orders)
     inverse = solve(found.gram, np.eye(len(found.gram)))[:own, :own]
     settles(found.F)
     at_rest = float(found.F.sum())
@@ -239,7 +230,7 @@ def _equation_model(
         data.levels(),
         tuple((offsets + data.levels() @ gains).tolist()),
         sigma2,
-        sigma2 * turn @ inverse @ turn.T,
+        sigma2 * inverse,
         "least squares" if structure == "arx" else "Gauss-Newton from two regressions",
         found.converged,
         found.rows,

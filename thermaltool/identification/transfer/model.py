@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
 from thermaltool.identification.transfer.data import Array, Data, Stretch, Zero
 from thermaltool.identification.transfer.output_error import Orders, solve
+from thermaltool.identification.transfer.polynomials import difference_basis
 from thermaltool.signals.agreement import Agreement, agreement
 
 # Half the width of a 95 % interval in standard errors.
@@ -54,7 +56,8 @@ class TransferModel:
     sigma2 : float [unit²]
         Variance of the white noise.
     covariance : ndarray, shape (p, p)
-        Of the coefficients of all F without their 1, then of all B.
+        Of all F − 1 = q^-1 Σ d_j (1 − q^-1)^j, then of all B = Σ c_j (1 − q^-1)^j: in differences,
+        where gains and slow poles are not small differences of large numbers.
     method : str
     converged : bool
     rows : int
@@ -95,6 +98,12 @@ class TransferModel:
         return np.concatenate([*(f[1:] for f in self.F), *self.B])
 
     @property
+    def coefficient_covariance(self) -> Array:
+        """Of the `coefficients`, shape (p, p)."""
+        turn = _lag_map(self.orders)
+        return turn @ self.covariance @ turn.T
+
+    @property
     def parameters(self) -> int:
         """Coefficients of all polynomials and the offsets."""
         return len(self.coefficients) + len(self.C) + len(self.D) - 2 + len(self.offsets)
@@ -112,7 +121,7 @@ class TransferModel:
 
     def yic(self, variance: float) -> float:
         """ln(σ²/σ²_y) + ln(mean of p_ii/θ_i²) for an output of this `variance` (Young 2011)."""
-        share = np.diag(self.covariance) / np.maximum(self.coefficients**2, 1e-300)
+        share = np.diag(self.coefficient_covariance) / np.maximum(self.coefficients**2, 1e-300)
         return float(np.log(self.sigma2 / variance) + np.log(np.mean(share)))
 
     def respond(self, inputs: Array) -> Array:
@@ -200,18 +209,16 @@ class TransferModel:
         Of a pair it is the decay of its envelope. The interval is symmetric in the logarithm.
         """
         start = sum(len(f) - 1 for f in self.F[:group])
-        n = len(self.F[group]) - 1
+        poles = self.poles(group)
+        n = len(poles)
         block = self.covariance[start : start + n, start : start + n]
-        slope = np.polyder(self.F[group])
         found = []
-        for z in self.poles(group):
-            tau = _decay(abs(z), self.dt)
-            # F(z) = 0: ∂z/∂f_i = −z^(n−i)/F'(z); ln|z| changes by the real part of ∂z/z.
-            change = -(z ** np.arange(n - 1.0, -1.0, -1.0)) / np.polyval(slope, z) / z
-            variance = max(float(change.real @ block @ change.real), 0.0)
-            deviation = math.sqrt(variance) * tau / self.dt
-            spread = math.exp(min(NORMAL_95 * deviation, 700.0))
-            found.append(Estimate(tau, tau / spread, tau * spread))
+        for k, z in enumerate(poles):
+            # z^n F(z) = 0: ∂z/∂d_j = −z^(n−1) (1 − 1/z)^j/Π(z − others); ln|z| changes by the real
+            # part of ∂z/z.
+            others = np.prod(z - np.delete(poles, k))
+            change = -(z ** (n - 2.0)) * (1 - 1 / z) ** np.arange(n) / (others or 1e-300)
+            found.append(decay(math.log(max(abs(z), 1e-300)), change.real, block, self.dt))
         return tuple(found)
 
     def gain(self, k: int) -> Estimate:
@@ -219,16 +226,22 @@ class TransferModel:
         g = self.group_of(k)
         b, f = self.B[k], self.F[g]
         value = float(b.sum() / f.sum())
-        at_f = sum(len(each) - 1 for each in self.F[:g])
+        # F(1) = 1 + d_0, B(1) = c_0.
         at_b = sum(len(each) - 1 for each in self.F) + sum(len(each) for each in self.B[:k])
         slope = np.zeros(len(self.covariance))
-        slope[at_f : at_f + len(f) - 1] = -value / f.sum()
-        slope[at_b : at_b + len(b)] = 1 / f.sum()
-        half = NORMAL_95 * math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
-        return Estimate(value, value - half, value + half)
+        if len(f) > 1:
+            slope[sum(len(each) - 1 for each in self.F[:g])] = -value / f.sum()
+        slope[at_b] = 1 / f.sum()
+        return spread_by(value, slope, self.covariance)
 
     def named(self) -> Iterator[tuple[str, Estimate]]:
         """Every coefficient by name, with its 95 % interval."""
+        half = NORMAL_95 * np.sqrt(np.maximum(np.diag(self.coefficient_covariance), 0.0))
+        for label, value, h in zip(self.labels(), self.coefficients, half, strict=True):
+            yield label, Estimate(float(value), float(value - h), float(value + h))
+
+    def labels(self) -> list[str]:
+        """Names of the `coefficients`."""
         letter = "a" if self.structure in ("arx", "armax") else "f"
         several = len(self.names) > 1
         labels = []
@@ -237,14 +250,34 @@ class TransferModel:
             labels += [f"{letter}{j}{own}" for j in range(1, len(f))]
         for name, b, nk in zip(self.names, self.B, self.orders.nk, strict=True):
             labels += [f"b{nk + j}" + (f"[{name}]" if several else "") for j in range(len(b))]
-        half = NORMAL_95 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        for label, value, h in zip(labels, self.coefficients, half, strict=True):
-            yield label, Estimate(float(value), float(value - h), float(value + h))
+        return labels
 
 
-def _decay(size: float, dt: float) -> float:
-    """−dt/ln|z| [s]; a pole at the origin decays within the sample."""
-    return float(-dt / np.log(min(max(size, 1e-300), 1 - 1e-16)))
+def _lag_map(orders: Orders) -> Array:
+    """From parameters in differences to those by lags: denominators, then numerators."""
+    return np.asarray(block_diag(*(difference_basis(n).T for n in (*orders.nf, *orders.nb))))
+
+
+def spread_by(value: float, slope: Array, covariance: Array) -> Estimate:
+    """A value with the interval that it has by its slope in parameters of this covariance."""
+    half = NORMAL_95 * math.sqrt(max(float(slope @ covariance @ slope), 0.0))
+    return Estimate(value, value - half, value + half)
+
+
+def decay(rate: float, slope: Array, covariance: Array, dt: float) -> Estimate:
+    """The time constant −dt/rate of a pole [s], its interval symmetric in the logarithm.
+
+    Parameters
+    ----------
+    rate : float
+        Real part of the pole in s, per sample: ln|z|.
+    slope : ndarray
+        Of the rate, in parameters of this covariance.
+    """
+    tau = -dt / min(rate, -1e-16)
+    deviation = math.sqrt(max(float(slope @ covariance @ slope), 0.0)) * tau / dt
+    spread = math.exp(min(NORMAL_95 * deviation, 700.0))
+    return Estimate(tau, tau / spread, tau * spread)
 
 
 def _free_responses(F: Array, n: int) -> list[Array]:

@@ -1,0 +1,115 @@
+"""Choices and intervals over repetitions: delays, coloured errors, slow poles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from thermaltool.identification.transfer.choose import choose, started
+from thermaltool.identification.transfer.continuous import identify_continuous
+from thermaltool.identification.transfer.data import Data, Stretch
+from thermaltool.identification.transfer.identify import identify, orders_of
+
+
+def lags(u, parts, dt=1.0):
+    """Sum of gain·(first-order lag), exact for a held input."""
+    y = np.zeros(len(u))
+    for gain, tau in parts:
+        pole = np.exp(-dt / tau)
+        y += lfilter([0, gain * (1 - pole)], [1, -pole], u)
+    return y
+
+
+def machine(seed, colour):
+    """Two lags behind a dead time of five samples, a power that is switched, errors of 1 µm."""
+    rng, n = np.random.default_rng(1000 + seed), 1200
+    u, at = np.zeros(n), 20
+    while at < n:
+        until = at + rng.integers(20, 150)
+        u[at:until], at = rng.choice([0.0, 25, 50, 100]), until
+    late = np.concatenate([np.zeros(5), u[:-5]])
+    noise = lfilter([1], [1, -colour], rng.standard_normal(n)) * np.sqrt(1 - colour**2)
+    y = lags(late, [(0.2, 120.0), (0.8, 1500.0)], 10.0) + noise + 7.0
+    return Data((Stretch(u[None], y),), 10.0, ("u",), "y")
+
+
+@pytest.mark.parametrize(("colour", "least"), [(0.0, 8), (0.9, 8)])
+def test_a_second_order_is_found_whatever_the_colour_of_the_errors(colour, least):
+    """Of ten records; where all rows counted alike, coloured errors led to it in about four."""
+    right = 0
+    for seed in range(10):
+        data = started(machine(seed, colour), (1,))
+        best = choose(data, "oe", (1,)).best
+        right += best.nf == 2 and abs(best.nk[0] - 6) <= 1
+    assert right >= least
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_delay_does_not_stand_for_a_third_pole(seed):
+    """The loss of second-order models has minima at long delays, too."""
+    rng, n = np.random.default_rng(seed), 2000
+    u = np.repeat(rng.uniform(0, 1, n // 40), 40)
+    y = 0.005 * rng.standard_normal(n)
+    for gain, tau in ((1.0, 300.0), (0.5, 60.0), (-0.6, 8.0)):
+        free = rng.uniform(-3, 3) * np.exp(-np.arange(n) / tau)
+        y += lags(u, [(gain, tau)]) + gain * free
+    data = Data((Stretch(u[None], y),), 1.0, ("u",), "y")
+    fitted, held = data.parted(0.6)
+    wanted = identify(fitted, "oe", orders_of("oe", (3,), 3, (1,))).fit(held).fit_percent
+    assert choose(data, "oe", (1,)).best.fit_percent > wanted - 3
+
+
+@pytest.mark.parametrize("structure", ["oe", "bj"])
+def test_gains_are_covered_in_white_noise(structure):
+    """A noise model that white errors do not need must not make the gain look sure."""
+    covered = 0
+    for seed in range(20):
+        model = identify(machine(seed, 0.0), structure, orders_of(structure, (2,), 2, (6,)))
+        gain = model.gain(0)
+        covered += gain.low < 1.0 < gain.high
+    assert covered >= 16  # 95 % of 20 are 19; 15 and fewer are beyond 99.9 %
+
+
+@pytest.mark.parametrize("continuous", [False, True])
+def test_gains_and_lags_at_slow_poles_are_covered(continuous):
+    """F(1) is Π dt/τ = 10⁻⁹: by lags of the signals the interval would be rounding."""
+    rng, n, truth = np.random.default_rng(7), 20000, (5000.0, 1000.0, 200.0)
+    u = np.repeat(rng.uniform(0, 1, n // 1000), 1000)
+    u[:100] = 0.0
+    clean = lags(u, list(zip((1.0, 0.5, 0.4), truth, strict=True)))
+    orders = orders_of("oe", (3,), 3, (1,))
+    covered, slowest = 0, 0
+    for seed in range(20):
+        y = clean + 0.02 * np.random.default_rng(seed).standard_normal(n) + 5.0
+        data = Data((Stretch(u[None], y, 0, True),), 1.0, ("u",), "y")
+        model = (
+            identify_continuous(data, orders, ["zero"])
+            if continuous
+            else identify(data, "oe", orders)
+        )
+        gain, tau = model.gain(0), model.time_constants()[0]
+        covered += gain.low < 1.9 < gain.high
+        slowest += tau.low < 5000.0 < tau.high
+    assert covered >= 16
+    assert slowest >= 16
+
+
+def test_a_continuous_model_has_the_orders_that_were_fitted():
+    """One gain over a second order: no second numerator coefficient of the sampled form."""
+    rng, n = np.random.default_rng(3), 3000
+    u = np.repeat(rng.uniform(0, 1, n // 50), 50)
+    a = np.array([400.0, 50.0])
+    y = lags(u, [(2 * a[0] / (a[0] - a[1]), a[0]), (-2 * a[1] / (a[0] - a[1]), a[1])], 2.0)
+    data = Data((Stretch(u[None], y + 0.01 * rng.standard_normal(n)),), 2.0, ("u",), "y")
+    model = identify_continuous(data, orders_of("oe", (1,), 2, (1,)), ["zero"])
+    assert model.orders.nb == (1,)
+    assert model.parameters == 4
+    named = dict(model.named())
+    assert list(named) == ["a1", "a2", "b0"]
+    # 2/((400 s + 1)(50 s + 1)) in 1/s.
+    for name, truth in {"a1": 450 / 2e4, "a2": 1 / 2e4, "b0": 2 / 2e4}.items():
+        assert named[name].low < truth < named[name].high
+        assert named[name].value == pytest.approx(truth, rel=0.02)
+    assert np.isfinite(model.yic(float(np.var(y))))
+    assert model.gain(0).value == pytest.approx(2.0, rel=0.01)
