@@ -6,15 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from thermaltool.effects.curve import DriveCurve, OutputCurve
 from thermaltool.effects.effect import Signals
 from thermaltool.errors import FitError, ModelError
+from thermaltool.identification import static
 from thermaltool.identification.combine import scheduled
 from thermaltool.identification.curves import Form
 from thermaltool.identification.static import correct, judged
 from thermaltool.model import Drive, Model, Output, Term
-from thermaltool.responses.rational import Oscillation, Rational1, Rational2
+from thermaltool.responses.rational import Oscillation, Rational1, Rational2, Rational3
 
 FIRST, SECOND, ANGLE, DEPTH = "Q_causal_W", "Q_stabilization_W", "phi_x_urad", "d_z_um"
 RESPONSES = {
@@ -201,3 +203,34 @@ def test_a_polynomial_that_falls_is_refused():
         for a, v in (("x", x), ("y", y))})  # fmt: skip
     with pytest.raises(FitError, match="does not rise over all levels"):
         correct(model(), [log(model(dead))], (FIRST,), Form("polynomial", 2))
+
+
+def test_a_drift_pulls_less_at_the_slow_lags(monkeypatch):
+    """On unseen power, beside the same fit that takes all that is left for white noise."""
+    truth, form = model(*CURVES, outputs=(ANGLE,)), Form("spline", 6)
+    errors = {}
+    for again in (0, static._AGAIN):
+        monkeypatch.setattr(static, "_AGAIN", again)
+        found = []
+        for seed in range(4):
+            run, rng = log(truth, seed, rows=720), np.random.default_rng(100 + seed)
+            stays = np.exp(-60 / 4000)
+            steps = 4.0 * np.sqrt(1 - stays**2) * rng.standard_normal(720)
+            table = {**run.columns, ANGLE: run.columns[ANGLE] + lfilter([1], [1, -stays], steps)}
+            fit = correct(model(outputs=(ANGLE,)), [replace(run, columns=table)], (FIRST, SECOND),
+                          form, True)  # fmt: skip
+            found.append(judged(fit.model, [log(truth, 50 + seed, 0.0, 2000)])[ANGLE].rmse)
+        errors[again] = np.mean(found)
+    assert errors[static._AGAIN] < 0.95 * errors[0]
+
+
+def test_gains_do_not_cancel():
+    """Lags that nearly agree need no gains far beyond what output and drive move by."""
+    single = model(drives=(FIRST,), outputs=(ANGLE,))
+    triple = Rational3(2.0, 1600.0, 1.0, 1500.0, 1.0, 1400.0)
+    wrong = replace(single, terms=(replace(single.terms[0], response=triple),))
+    found = correct(wrong, [log(replace(single, effects=CURVES[:1]))], (FIRST,),
+                    Form("spline", 6), True)  # fmt: skip
+    gains = [abs(getattr(found.model.terms[0].response, name)) for name in ("K1", "K2", "K3")]
+    assert max(gains) < 10 * 4.5
+    assert found.after[ANGLE].rmse == pytest.approx(0.3, rel=0.15)

@@ -151,3 +151,17 @@ def test_slow_signals_under_a_large_drift_keep_their_digits():
     scale = np.sqrt(np.diag(columns.T @ exact))
     error = columns.T @ (solved - exact) / np.outer(scale, scale)
     assert np.abs(error).max() < 1e-11
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.1, 30.0])
+def test_whitened_columns_have_the_products_of_the_dense_inverse(ratio):
+    rng = np.random.default_rng(5)
+    time = np.cumsum(rng.uniform(0.2, 3.0, 50))
+    starts, weight, columns = np.array([0, 20]), rng.uniform(0.5, 2.0, 50), rng.random((50, 3))
+    block = np.searchsorted(starts, np.arange(50), side="right")
+    apart = np.abs(time[:, None] - time)
+    dense = np.diag(weight) + ratio * (block[:, None] == block) * np.exp(-apart / 8.0)
+    rows = ColouredNoise(time, starts, weight).factor(ratio, 8.0).whitened(columns)
+    np.testing.assert_allclose(
+        rows.T @ rows, columns.T @ np.linalg.solve(dense, columns), rtol=1e-6
+    )

@@ -3,7 +3,9 @@
 In front (Hammerstein) where the channel is a drive, behind (Wiener) where it is an output. The
 dynamics are those of the model, or searched again together with the curves: then gains and offsets
 are linear and projected out (Golub and Pereyra 1973), and a curve agrees with the drive at its
-largest level, for a curve and a gain cannot both be free.
+largest level, for a curve and a gain cannot both be free. What a first fit leaves is taken apart
+into white noise and a slow drift, and the fit is repeated with these weights: a drift that counts
+as white noise pulls at the slow lags. Gains have a wide prior.
 """
 
 from __future__ import annotations
@@ -19,8 +21,10 @@ from thermaltool.effects.curve import Curve
 from thermaltool.effects.effect import Float, Signals
 from thermaltool.errors import FitError, ModelError
 from thermaltool.identification.curves import Form, place_of
-from thermaltool.model import Model, Output, Term, driven, relative, simulate_response, taken
+from thermaltool.model import Drive, Model, Output, Term, driven, relative, simulate_response, taken
 from thermaltool.signals.agreement import Agreement, agreement
+from thermaltool.signals.drift import fit_drift
+from thermaltool.signals.likelihood import ColouredNoise, Factor
 
 # Logarithms of a spline's steps against those of a straight line stay within this, and of time
 # constants against where they were within that.
@@ -31,6 +35,8 @@ _MOST = {"zeta": 0.999}
 _SPREAD = 1 / 6, 1 / 40
 # Noise is taken for at least this share of an output's range.
 _LEAST_NOISE = 1e-4
+# Times that the noise is found again from what the fit leaves.
+_AGAIN = 2
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,53 @@ class Corrected:
     after: Mapping[str, Agreement]
 
 
+@dataclass(frozen=True)
+class _Noise:
+    """White noise, and a drift of each log, of one output.
+
+    Attributes
+    ----------
+    white : float [unit of the output]
+    factors : tuple of Factor
+        Covariance in each log, in units of the white variance.
+    offset : bool
+        The zero of each log is free.
+    """
+
+    white: float
+    factors: tuple[Factor, ...]
+    offset: bool
+
+    @staticmethod
+    def of(output: Output, logs: Sequence[Signals], errors: Sequence[Float] | None) -> _Noise:
+        """From what a fit leaves in each log; white noise of the readings where there is none."""
+        readings = [_measured(output, log) for log in logs]
+        clocks = [log.time[np.isfinite(row)] for log, row in zip(logs, readings, strict=True)]
+        white, ratio, tau = _white(readings), 0.0, 1.0
+        if errors is not None:
+            starts = np.cumsum([0, *(len(t) for t in clocks)])[:-1]
+            try:
+                found = fit_drift(np.concatenate(clocks), np.concatenate(errors), starts)
+            except ValueError:
+                pass  # too few, or nothing that scatters
+            else:
+                white = max(found.white_sigma, _least(readings))
+                ratio = (found.sigma / white) ** 2 if found.time_constant else 0.0
+                tau = found.time_constant or 1.0
+        first = np.zeros(1, np.int64)
+        factors = (ColouredNoise(time, first).factor(ratio, tau) for time in clocks)
+        return _Noise(white, tuple(factors), output.offset == "first")
+
+    def whitened(self, k: int, columns: Float) -> Float:
+        """Rows of log k whose squares count: whitened, a free zero projected out."""
+        rows = self.factors[k].whitened(columns) / self.white
+        if self.offset:
+            one = self.factors[k].whitened(np.ones((len(columns), 1)))
+            one /= np.linalg.norm(one)
+            rows = rows - one @ (one.T @ rows)
+        return rows
+
+
 class _Problem:
     """Residuals of curves, and of the dynamics where they are searched again."""
 
@@ -58,8 +111,9 @@ class _Problem:
         self.places = [place_of(model, logs, name, form, refit) for name in at]
         reached = {t.output for t in model.terms if t.drive in at} | set(at)
         self.outputs = [o for o in model.outputs if o.channel in reached]
-        self.measured = [[_measured(o, log) for o in self.outputs] for log in logs]
-        self.noise = [_noise([row[k] for row in self.measured]) for k in range(len(self.outputs))]
+        self.noise = {o.channel: _Noise.of(o, logs, None) for o in self.outputs}
+        self.ranges = {o.channel: _range([_measured(o, log) for log in logs]) for o in self.outputs}
+        self.largest = {d.channel: _largest(d, logs) for d in model.drives}
         names = [o.channel for o in self.outputs]
         self.terms = [t for t in model.terms if t.output in names] if refit else []
 
@@ -132,23 +186,27 @@ class _Problem:
                   for log in self.logs]  # fmt: skip
         holds = {d.channel: d.hold for d in model.drives}
         found = []
-        for k, output in enumerate(self.outputs):
+        for output in self.outputs:
             own = [t for t in terms if t.output == output.channel]
-            blocks, wanted = [], []
-            for log, u, row in zip(self.logs, inputs, self.measured, strict=True):
+            blocks, noise = [], self.noise[output.channel]
+            for k, (log, u) in enumerate(zip(self.logs, inputs, strict=True)):
                 shapes = [
                     simulate_response(shape, log.time, taken(model, t, u, log), holds[t.drive])
                     for t in own
                     for shape in _shapes(t.response)
                 ]
-                there = np.isfinite(row[k])
-                free = output.offset == "first"
-                blocks.append(_centred(np.array(shapes)[:, there], free).T)
-                wanted.append(_centred(row[k][there], free))
-            # Scaled columns: an ill-conditioned pair of lags must not decide by its size.
+                measured = _measured(output, log)
+                there = np.isfinite(measured)
+                columns = np.column_stack([*shapes, measured])[there]
+                blocks.append(noise.whitened(k, columns))
             rows = np.vstack(blocks)
+            rows, wanted = rows[:, :-1], rows[:, -1]
+            usual = np.concatenate([[self.usual(t)] * len(t.response.gains) for t in own])
+            rows = np.vstack([rows, np.diag(1 / usual)])
+            wanted = np.append(wanted, np.zeros(len(usual)))
+            # Scaled columns: an ill-conditioned pair of lags must not decide by its size.
             scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-            gains = np.linalg.lstsq(rows / scale, np.concatenate(wanted), rcond=1e-9)[0] / scale
+            gains = np.linalg.lstsq(rows / scale, wanted, rcond=1e-9)[0] / scale
             at = 0
             for t in own:
                 names = t.response.gains
@@ -158,14 +216,44 @@ class _Problem:
         return found
 
     def residuals(self, p: Float) -> Float:
-        model, names = self.model_at(p), [o.channel for o in self.outputs]
-        rows = [error / self.noise[names.index(name)]
-                for name, _, error in _errors(model, self.outputs, self.logs)]  # fmt: skip
+        model = self.model_at(p)
+        rows = [
+            self.noise[output.channel].whitened(k, error[:, None])[:, 0]
+            for k, output, _, error in _errors(model, self.outputs, self.logs)
+        ]
+        for t in model.terms if self.refit else ():
+            if t.output in self.noise:
+                gains = [getattr(t.response, name) for name in t.response.gains]
+                rows.append(np.array(gains) / self.usual(t))
         at = 0
         for place in self.places:
             rows.append(place.roughness(p[at : at + place.size]))
             at += place.size
         return np.concatenate(rows)
+
+    def usual(self, term: Term) -> float:
+        """Prior deviation of a gain: range of the output over the largest drive.
+
+        Lags that nearly agree can have gains of 10⁵ times that, which cancel in the logs and
+        nowhere else.
+        """
+        return self.ranges[term.output] / self.largest[term.drive]
+
+    def weigh(self, p: Float) -> None:
+        """Take the noise from what is left at `p`."""
+        left: dict[str, list[Float]] = {o.channel: [] for o in self.outputs}
+        for _, output, _, error in _errors(self.model_at(p), self.outputs, self.logs):
+            left[output.channel].append(error)
+        self.noise = {o.channel: _Noise.of(o, self.logs, left[o.channel]) for o in self.outputs}
+
+    def search(self, *starts: Float) -> Float:
+        """The best of what each start leads to."""
+        found = [
+            least_squares(self.residuals, start, bounds=self.bounds(), x_scale="jac",
+                          ftol=1e-6, max_nfev=40)
+            for start in starts
+        ]  # fmt: skip
+        return np.asarray(min(found, key=lambda each: each.cost).x, float)
 
 
 def judged(
@@ -175,9 +263,10 @@ def judged(
     measured: dict[str, list[Float]] = {}
     computed: dict[str, list[Float]] = {}
     every = model.outputs if outputs is None else outputs
-    for name, values, error in _errors(model, every, logs):
-        measured.setdefault(name, []).append(values)
-        computed.setdefault(name, []).append(values - error)
+    for _, output, values, error in _errors(model, every, logs):
+        offset = np.mean(error) if output.offset == "first" and error.size else 0.0
+        measured.setdefault(output.channel, []).append(values)
+        computed.setdefault(output.channel, []).append(values - error + offset)
     return {
         name: agreement(np.concatenate(values), np.concatenate(computed[name]))
         for name, values in measured.items()
@@ -186,15 +275,14 @@ def judged(
 
 def _errors(
     model: Model, outputs: Sequence[Output], logs: Sequence[Signals]
-) -> Iterator[tuple[str, Float, Float]]:
-    """(output, measured, error) of every log, the offset taken off where it is arbitrary."""
-    for log in logs:
+) -> Iterator[tuple[int, Output, Float, Float]]:
+    """(number of the log, output, measured, error) where there are readings."""
+    for k, log in enumerate(logs):
         computed = model.simulate(log.time, log.columns, log.log)
         for output in outputs:
             values = _measured(output, log)
             there = np.isfinite(values)
-            error = (values - computed[output.channel])[there]
-            yield output.channel, values[there], _centred(error, output.offset == "first")
+            yield k, output, values[there], (values - computed[output.channel])[there]
 
 
 def correct(
@@ -224,30 +312,25 @@ def correct(
     if refit:
         _examine(model, at)
     problem = _Problem(model, logs, at, form, refit)
-    start = problem.start()
+    starts = [problem.start()]
     if refit:
-        # Curves first: time constants alone would stand for them.
-        known = _search(_Problem(model, logs, at, form, False))
-        start = _pinned(problem, known, start)
-    found = _search(problem, start)
-    if refit:
-        # Dynamics that were found without the curve may be far off: from spread ones, too.
-        other = _search(problem, problem.spread(start))
-        found = min(found, other, key=lambda p: float(np.sum(problem.residuals(p) ** 2)))
+        # Curves first: time constants alone would stand for them. Dynamics that were found
+        # without the curve may be far off: from spread ones, too.
+        alone = _Problem(model, logs, at, form, False)
+        start = _pinned(problem, alone.search(alone.start()), starts[0])
+        starts = [start, problem.spread(start)]
+    found = problem.search(*starts)
+    # What a measured drive errs by is left over as well, and is no drift of the output.
+    known = all(d.hold == "zero" for d in model.drives)
+    for _ in range(_AGAIN if known else 0):
+        problem.weigh(found)
+        found = problem.search(found, *starts[1:])
     corrected = problem.model_at(found)
     for curve in corrected.effects[len(model.effects) :]:
         _examine_curve(curve, problem)
     after = judged(corrected, logs, problem.outputs)
     before = judged(model, logs, problem.outputs)
     return Corrected(_told(corrected, problem, after), before, after)
-
-
-def _search(problem: _Problem, start: Float | None = None) -> Float:
-    first = problem.start() if start is None else start
-    found = least_squares(
-        problem.residuals, first, bounds=problem.bounds(), x_scale="jac", ftol=1e-6, max_nfev=40
-    )
-    return np.asarray(found.x, float)
 
 
 def _pinned(problem: _Problem, known: Float, start: Float) -> Float:
@@ -274,21 +357,31 @@ def _shapes(response: Any) -> Iterator[Any]:
         yield _changed(response, {other: float(other == name) for other in response.gains})
 
 
-def _centred(values: Float, free: bool) -> Float:
-    return values - np.mean(values, axis=-1, keepdims=True) if free and values.size else values
-
-
 def _measured(output: Output, log: Signals) -> Float:
     return relative(log.column(output.channel), output.offset)
 
 
-def _noise(parts: Sequence[Float]) -> float:
-    """White noise of an output from second differences, not below what a sensor resolves."""
+def _least(parts: Sequence[Float]) -> float:
+    """White noise that a sensor leaves in any case."""
+    return _LEAST_NOISE * _range(parts)
+
+
+def _range(parts: Sequence[Float]) -> float:
+    """The widest of any log."""
+    return max(*(float(np.nanmax(v) - np.nanmin(v)) for v in parts), 1e-300)
+
+
+def _largest(drive: Drive, logs: Sequence[Signals]) -> float:
+    moved = (relative(log.column(drive.channel), drive.reference) for log in logs)
+    return max(*(float(np.nanmax(np.abs(u))) for u in moved), 1e-300)
+
+
+def _white(parts: Sequence[Float]) -> float:
+    """White noise of an output from second differences."""
     bent = np.concatenate([np.diff(values, 2) for values in parts])
     bent = bent[np.isfinite(bent)]
-    size = max(float(np.nanmax(v) - np.nanmin(v)) for v in parts)
     white = 1.4826 * float(np.median(np.abs(bent))) / np.sqrt(6) if len(bent) else 0.0
-    return max(white, _LEAST_NOISE * size, 1e-300)
+    return max(white, _least(parts))
 
 
 def _examine(model: Model, at: Sequence[str]) -> None:
@@ -316,8 +409,7 @@ def _told(model: Model, problem: _Problem, after: Mapping[str, Agreement]) -> Mo
     outputs = []
     for output in model.outputs:
         if output.channel in after:
-            k = [o.channel for o in problem.outputs].index(output.channel)
-            seen = [row[k] for row in problem.measured]
+            seen = [_measured(output, log) for log in problem.logs]
             judged = after[output.channel]
             fit = {"rmse": judged.rmse, "max_error": judged.max_error, "rows": judged.rows,
                    "fit_percent": judged.fit_percent, "method": "static curves"}  # fmt: skip

@@ -113,8 +113,7 @@ class Drift:
         The tridiagonal matrix itself would take nearly equal numbers from each other, and the
         slow signals that are compared here would lose half of their digits.
         """
-        steps = np.diff(columns, axis=0)
-        steps += self.lost[:, None] * columns[:-1]
+        steps = self._steps(columns)
         steps *= self.inverse[:, None]
         result = np.zeros(columns.shape, order="F")
         result[self.starts] = columns[self.starts] / self.ratio
@@ -122,6 +121,19 @@ class Drift:
         steps *= self.decay[:, None]
         result[:-1] -= steps
         return result
+
+    def whitened(self, columns: Array) -> Array:
+        """Rows (n, c) whose products are those of `columns` under the inverse covariance."""
+        result = np.empty(columns.shape)
+        result[1:] = self._steps(columns) * np.sqrt(self.inverse)[:, None]
+        result[self.starts] = columns[self.starts] / np.sqrt(self.ratio)
+        return result
+
+    def _steps(self, columns: Array) -> Array:
+        """What each sample has that the one before does not leave."""
+        steps = np.diff(columns, axis=0)
+        steps += self.lost[:, None] * columns[:-1]
+        return steps
 
 
 @dataclass(frozen=True)
@@ -147,6 +159,19 @@ class Factor:
         columns = np.asfortranarray(columns)
         solved, _ = dpttrs(*self.drift.triangle, self.drift.times(columns), overwrite_b=True)
         return np.asarray(solved / self.weight[:, None])
+
+    def whitened(self, columns: Array) -> Array:
+        """Rows whose products are those of `columns` (n, c) under the inverse covariance.
+
+        Above what is left beside the drift that explains a column best, below the steps of that
+        drift: (2n, c), or (n, c) for white noise alone.
+        """
+        root = np.sqrt(self.weight)[:, None]
+        if self.drift is None:
+            return np.asarray(columns / root)
+        right = np.asfortranarray(columns / self.weight[:, None])
+        slow, _ = dpttrs(*self.drift.triangle, right, overwrite_b=True)
+        return np.concatenate([(columns - slow) / root, self.drift.whitened(slow)])
 
 
 class RestrictedLikelihood:
