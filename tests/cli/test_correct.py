@@ -54,6 +54,20 @@ def fit(thermaltool, model, log):
     return done.json["phi_x_urad"]["fit_percent"]
 
 
+def test_a_log_that_begins_with_the_power_on_is_told(thermaltool, runs):
+    lines = (runs / "mixed.csv").read_text().splitlines(keepends=True)
+    at = lines[0].strip().split(",").index(S)
+    late = next(k for k, line in enumerate(lines[1:], 1) if float(line.split(",")[at]) > 20)
+    log = runs / "late.csv"
+    log.write_text("".join([lines[0], *lines[late:]]))
+    call = ("--columns", MAP, "--at", S, "-o", runs / "late.json")
+    done = thermaltool("correct", runs / "mixed.json", log, *call)
+    assert done.code == 0, done.err
+    assert f"late.csv: begins with {S}" in done.err
+    done = thermaltool("correct", runs / "mixed.json", runs / "mixed.csv", *call)
+    assert "begins with" not in done.err
+
+
 def test_one_run_corrected_foretells_another(thermaltool, runs):
     target = runs / "corrected.json"
     done = thermaltool("correct", runs / "mixed.json", runs / "mixed.csv", "--columns", MAP,

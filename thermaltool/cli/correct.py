@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from thermaltool.model import Model
 
 USUAL = {"spline": 6, "polynomial": 2}
+# A drive farther from rest than this share of its range is on.
+SWITCHED = 0.01
 
 
 @click.command(
@@ -113,10 +115,18 @@ def _signals(name: str, model: Model, options: dict[str, Any]) -> Signals:
     from thermaltool.effects.effect import Signals
     from thermaltool.errors import LogError
     from thermaltool.logs import read_log
+    from thermaltool.model import relative
 
     need = (*model.needs(), *(o.channel for o in model.outputs))
     log = read_log(name, **options, need=tuple(dict.fromkeys(need)))
     if len(log) < 3:
         raise LogError(f"{len(log)} rows say nothing of a curve", log.name)
     warn_pauses(log, "the drive is taken as held over it")
+    for drive in model.drives:
+        first = relative(log.column(drive.channel), drive.reference)[0]
+        if abs(first) > SWITCHED * max(map(abs, drive.range)):
+            warn(
+                f"{log.name}: begins with {drive.channel} {first:g} away from rest: it is taken as "
+                "switched on there, which misleads the fit where it was on before"
+            )
     return Signals(log.time, log.columns, log.digest)
