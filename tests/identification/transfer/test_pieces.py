@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -13,6 +15,7 @@ from thermaltool.identification.network.residuals import network_tests
 from thermaltool.identification.transfer.choose import choose
 from thermaltool.identification.transfer.data import Data, Stretch
 from thermaltool.identification.transfer.identify import STRUCTURES, identify, orders_of
+from thermaltool.identification.transfer.output_error import Problem
 from thermaltool.identification.transfer.residuals import residual_tests
 
 ORDERS = (1,), 1, (1,)
@@ -126,3 +129,28 @@ def test_a_long_idle_start_is_no_reason_to_give_up():
     choice = choose(pieces(u, y, slice(0, 30000)), "oe", (1,))
     assert choice.best.nf == 1
     assert choice.best.nk == (1,)
+
+
+def test_starts_of_pieces_are_projected_out_one_by_one():
+    """As by one dense regression over all pieces, but its size does not grow with them."""
+    u, y = plant(9, 400)
+    edges = np.linspace(0, 400, 9).astype(int)
+    data = pieces(u, y, *(slice(a, b - 1) for a, b in pairwise(edges)))
+    problem = Problem(data, orders_of("oe", (2,), 2, (1,)))
+    poles = np.exp(-1 / np.array([300.0, 20.0]))
+    F = np.poly(poles)
+    projected = problem.project((F,))
+    blocks, rows = [], sum(len(s) - 2 for s in data.stretches)
+    dense, at = np.zeros((rows, 2 + 1 + 2 * 8)), 0
+    for k, s in enumerate(data.stretches):
+        n = len(s) - 2
+        filtered = lfilter([1.0], F, s.inputs[0])
+        part = slice(at, at + n)
+        dense[part, 0], dense[part, 1], dense[part, 2] = filtered[1:-1], filtered[:-2], 1.0
+        dense[part, 3 + 2 * k : 5 + 2 * k] = poles ** np.arange(n)[:, None]
+        blocks.append(s.output[2:])
+        at += n
+    y = np.concatenate(blocks)
+    left = y - dense @ np.linalg.lstsq(dense, y, rcond=None)[0]
+    assert projected.loss == pytest.approx(float(left @ left), rel=1e-6)
+    assert problem.slopes((F,), projected).mixed.shape == (2 + 2 + 1,) * 2

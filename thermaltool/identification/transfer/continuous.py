@@ -208,7 +208,7 @@ def identify_continuous(
         found = overdamped(problem, found)
     here = found.projection if found.projection.rows else problem.project(found.F)
     slopes = problem.slopes(found.F, here, mixed=False)
-    sigma2 = slopes.loss / max(problem.rows - len(slopes.gram), 1)
+    sigma2 = slopes.loss / max(problem.rows - slopes.searched - problem.linear_count, 1)
     own = orders.parameters
     inverse = solve(slopes.gram, np.eye(len(slopes.gram)))
     middle = coloured_gram(problem, found, slopes.gram, sigma2)

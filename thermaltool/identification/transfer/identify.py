@@ -128,9 +128,9 @@ def _output_model(
 ) -> TransferModel:  # fmt: skip
     here, orders = problem.project(found.F), problem.orders
     slopes = problem.slopes(found.F, here, mixed=False)
-    count = len(slopes.gram)
+    count = slopes.searched + problem.linear_count
     sigma2 = slopes.loss / max(problem.rows - count, 1)
-    inverse = solve(slopes.gram, np.eye(count))
+    inverse = solve(slopes.gram, np.eye(len(slopes.gram)))
     if structure == "oe":
         middle = coloured_gram(problem, found, slopes.gram, sigma2)
         covariance = inverse @ middle @ inverse
@@ -178,7 +178,9 @@ def coloured_gram(problem: Problem, found: Found, gram: Array, sigma2: float) ->
     ar, variance = colour
     result = np.zeros_like(gram)
     for place, rows, _ in problem.instruments(found.F, here):
-        Z = lfilter([1.0], ar, rows[:, ::-1])
+        shared, free = rows[: len(place)], rows[len(place) :]
+        shared = shared - (free @ shared.T).T @ solve(free @ free.T, free)
+        Z = lfilter([1.0], ar, shared[:, ::-1])
         result[np.ix_(place, place)] += Z @ Z.T
     return result * variance
 

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
 from thermaltool.identification.transfer.data import Array, Data, Stretch, Zero
-from thermaltool.identification.transfer.output_error import Orders, solve
+from thermaltool.identification.transfer.output_error import Orders, free_responses, solve
 from thermaltool.identification.transfer.polynomials import difference_basis
 from thermaltool.signals.agreement import Agreement, agreement
 
@@ -122,7 +122,8 @@ class TransferModel:
     def yic(self, variance: float) -> float:
         """ln(σ²/σ²_y) + ln(mean of p_ii/θ_i²) for an output of this `variance` (Young 2011)."""
         share = np.diag(self.coefficient_covariance) / np.maximum(self.coefficients**2, 1e-300)
-        return float(np.log(self.sigma2 / variance) + np.log(np.mean(share)))
+        # A candidate of too high an order can have variances below rounding.
+        return float(np.log(self.sigma2 / variance) + np.log(max(float(np.mean(share)), 1e-300)))
 
     def respond(self, inputs: Array) -> Array:
         """Noise-free output from rest, without the offset; inputs (m, n) before the record: zero.
@@ -163,7 +164,7 @@ class TransferModel:
         if len(stretch) <= self.orders.shortest:
             return y
         inner = settled[first:]
-        columns = [r for f in self.F for r in _free_responses(f, len(inner))]
+        columns = [r for f in self.F for r in free_responses(f, len(inner))]
         if zero == "free":
             columns.append(np.ones(len(inner)))
         if columns:
@@ -278,11 +279,3 @@ def decay(rate: float, slope: Array, covariance: Array, dt: float) -> Estimate:
     deviation = math.sqrt(max(float(slope @ covariance @ slope), 0.0)) * tau / dt
     spread = math.exp(min(NORMAL_95 * deviation, 700.0))
     return Estimate(tau, tau / spread, tau * spread)
-
-
-def _free_responses(F: Array, n: int) -> list[Array]:
-    """What a state of 1/F leaves behind, one row for each of its dimensions."""
-    impulse = np.zeros(n)
-    impulse[:1] = 1.0
-    response = lfilter([1.0], F, impulse)
-    return [np.concatenate([np.zeros(j), response[: n - j]]) for j in range(len(F) - 1)]

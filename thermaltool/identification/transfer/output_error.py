@@ -1,8 +1,8 @@
 """The output-error problem y = Σ B/F u + offset + what is left of the start + noise.
 
 For given denominators F everything else is linear and is projected out: numerators, one offset for
-each experiment and, for each stretch, the free responses of F from an unknown state. What remains
-is searched by two kinds of step that share all their filters:
+each experiment and, within each stretch, the free responses of F from an unknown state. What
+remains is searched by two kinds of step that share all their filters:
 
 - refined instrumental variables (SRIV; Young 2011, chapter 7): the equation is filtered by 1/F,
   y = −ΔF·y/F + B·u/F + e, and the lags of y, which carry noise, are correlated with those of the
@@ -73,22 +73,25 @@ class Projection:
     Attributes
     ----------
     linear : ndarray
-        Numerators (in differences), offsets, free responses.
+        Numerators (in differences), offsets.
     loss : float [unit²]
         Sum of the squared errors.
+    free : tuple of ndarray
+        For each used stretch the weights of its free responses.
     rows : tuple of ndarray
         For each used stretch its columns, each a row: room for those of the denominators, then
-        those of `linear`.
+        its numerators, its offset and its free responses.
     """
 
     linear: Array
     loss: float
+    free: tuple[Array, ...] = ()
     rows: tuple[Array, ...] = field(default=(), compare=False, repr=False)
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """Sums over all rows that a step needs.
+    """Sums over all rows that a step needs, the free responses of each stretch projected out.
 
     Attributes
     ----------
@@ -139,20 +142,20 @@ class Problem:
         return [s for s in self.data.stretches if len(s) > self.orders.shortest]
 
     @cached_property
-    def linear_count(self) -> int:
-        free = sum(not s.at_rest for s in self.used) * sum(self.orders.nf)
-        return sum(self.orders.nb) + self.data.origins + free
+    def shared_count(self) -> int:
+        """Linear parameters that all stretches share: numerators and offsets."""
+        return sum(self.orders.nb) + self.data.origins
 
     @cached_property
-    def places(self) -> list[NDArray[np.intp]]:
-        """Where the linear columns of each used stretch stand."""
-        own, starts = sum(self.orders.nb), sum(self.orders.nf)
-        begin, found = own + self.data.origins, []
-        for s in self.used:
-            free = np.arange(begin, begin + (0 if s.at_rest else starts))
-            found.append(np.concatenate([np.arange(own), [own + s.origin], free]).astype(np.intp))
-            begin += len(free)
-        return found
+    def linear_count(self) -> int:
+        """All linear parameters, those of the free responses as well."""
+        free = sum(not s.at_rest for s in self.used) * sum(self.orders.nf)
+        return self.shared_count + free
+
+    def place(self, stretch: Stretch) -> NDArray[np.intp]:
+        """Where the numerators and the offset of a stretch stand among those shared."""
+        own = sum(self.orders.nb)
+        return np.append(np.arange(own), own + stretch.origin)
 
     def _columns(self, stretch: Stretch, F: Sequence[Array]) -> Array:
         """Of one stretch, each a row: room for the denominators, numerators, offset, responses."""
@@ -161,16 +164,12 @@ class Problem:
         rows = np.empty((searched + own + 1 + (0 if stretch.at_rest else searched), n))
         at, free = np.cumsum([searched, *o.nb]), searched + own + 1
         rows[free - 1] = 1.0
-        impulse = np.zeros(n)
-        impulse[0] = 1.0
         for group, f in zip(o.groups, F, strict=True):
             for i in group:
                 self.numerators(stretch.inputs[i], f, i, rows[at[i] : at[i + 1]])
-            response = lfilter([1.0], self.recursion(f), impulse)
-            for j in range(0 if stretch.at_rest else len(f) - 1):
-                rows[free, :j] = 0.0
-                rows[free, j:] = response[: n - j]
-                free += 1
+            if not stretch.at_rest:
+                rows[free : free + len(f) - 1] = free_responses(self.recursion(f), n)
+                free += len(f) - 1
         return rows
 
     def recursion(self, f: Array) -> Array:
@@ -230,34 +229,44 @@ class Problem:
 
     def project(self, F: Sequence[Array], keep: bool = True) -> Projection:
         """Numerators, offsets and free responses by least squares."""
-        n, searched = self.linear_count, sum(self.orders.nf)
-        gram, right, power, kept = np.zeros((n, n)), np.zeros(n), 0.0, []
-        for s, place in zip(self.used, self.places, strict=True):
+        n, searched = self.shared_count, sum(self.orders.nf)
+        gram, right, power, kept, parts = np.zeros((n, n)), np.zeros(n), 0.0, [], []
+        for s in self.used:
             columns, y = self._columns(s, F), self.white(s.output[self.orders.first :])
-            rows = self.white(columns[searched:])
-            gram[np.ix_(place, place)] += rows @ rows.T
-            right[place] += rows @ y
-            power += float(y @ y)
+            rows, place = self.white(columns[searched:]), self.place(s)
+            own, with_output, count = rows @ rows.T, rows @ y, len(place)
+            inner = solve(own[count:, count:], np.column_stack([own[count:, :count],
+                                                                with_output[count:]]))  # fmt: skip
+            across = own[:count, count:]
+            gram[np.ix_(place, place)] += own[:count, :count] - across @ inner[:, :count]
+            right[place] += with_output[:count] - across @ inner[:, count]
+            power += float(y @ y) - float(with_output[count:] @ inner[:, count])
+            parts.append((place, inner))
             if keep:
                 kept.append(columns)
         linear = solve(gram, right)
-        return Projection(linear, max(power - float(linear @ right), 0.0), tuple(kept))
+        free = tuple(inner[:, -1] - inner[:, :-1] @ linear[place] for place, inner in parts)
+        return Projection(linear, max(power - float(linear @ right), 0.0), free, tuple(kept))
 
     def slopes(self, F: Sequence[Array], here: Projection, mixed: bool = True) -> Slopes:
         """The sums for a step from `F`."""
         searched = sum(self.orders.nf)
-        size = searched + self.linear_count
+        size = searched + self.shared_count
         gram, cross = np.zeros((size, size)), np.zeros((size, searched))
         score, loss = np.zeros(size), 0.0
         for place, Z, error in self.instruments(F, here):
-            Z, e = self.white(Z), self.white(error)
-            gram[np.ix_(place, place)] += Z @ Z.T
-            score[place] += Z @ e
+            e, n = self.white(error), len(place)
+            own = self.white(Z)
+            products, with_error = own @ own.T, own @ e
+            inner = solve(products[n:, n:], products[n:, :n])
+            gram[np.ix_(place, place)] += products[:n, :n] - products[:n, n:] @ inner
+            score[place] += with_error[:n] - inner.T @ with_error[n:]
             loss += float(e @ e)
             if mixed:
                 carried = np.empty((searched, len(error)))
                 self.denominators([error] * len(F), F, carried)
-                cross[place] += Z @ self.white(carried).T
+                through = own @ self.white(carried).T
+                cross[place] += through[:n] - inner.T @ through[n:]
         whole = gram.copy()
         whole[:, :searched] += cross
         return Slopes(gram, whole, score, loss, searched)
@@ -265,20 +274,23 @@ class Problem:
     def instruments(
         self, F: Sequence[Array], here: Projection
     ) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
-        """For each used stretch: places of its columns, the columns, the error."""
+        """For each used stretch: places of its shared columns, all its columns, the error.
+
+        The columns that are not shared, those of its free responses, come last.
+        """
         searched = sum(self.orders.nf)
-        for k, (place, (error, signals)) in enumerate(
-            zip(self.places, self.errors(here), strict=True)
-        ):
+        for k, (s, (error, signals)) in enumerate(zip(self.used, self.errors(here), strict=True)):
             self.denominators(signals, F, here.rows[k][:searched])
-            yield np.concatenate([np.arange(searched), searched + place]), here.rows[k], error
+            place = np.concatenate([np.arange(searched), searched + self.place(s)])
+            yield place, here.rows[k], error
 
     def errors(self, here: Projection) -> Iterator[tuple[Array, list[Array]]]:
         """For each used stretch: its error, and the response of each group without the offset."""
         o, searched = self.orders, sum(self.orders.nf)
         edges = np.cumsum([0, *o.nb])
-        for k, (s, at) in enumerate(zip(self.used, self.places, strict=True)):
-            rows, theta = here.rows[k][searched:], here.linear[at]
+        for k, s in enumerate(self.used):
+            rows = here.rows[k][searched:]
+            theta = np.concatenate([here.linear[self.place(s)], here.free[k]])
             error = s.output[o.first :] - theta @ rows
             signals, free = [], sum(o.nb) + 1
             for group, n in zip(o.groups, o.nf, strict=True):
@@ -306,8 +318,22 @@ class Problem:
         return tuple(result)
 
 
+def free_responses(f: Array, n: int) -> Array:
+    """What a state of 1/F leaves behind, in differences, shape (nf, n)."""
+    rows = np.zeros((len(f) - 1, n))
+    row = np.zeros(n)
+    row[:1] = 1.0
+    row = lfilter([1.0], f, row)
+    for j in range(len(rows)):
+        rows[j] = row
+        row = np.diff(row, prepend=0.0)
+    return rows
+
+
 def solve(matrix: Array, right: Array) -> Array:
     """matrix⁻¹ right, scaled first; directions without support stay at zero."""
+    if not len(matrix):
+        return np.zeros_like(right)
     size = np.sqrt(np.abs(np.diag(matrix)))
     size = np.where(size > 0, size, 1.0)
     scaled = matrix / np.outer(size, size)

@@ -46,14 +46,21 @@ class Grid:
         Of each choice of poles.
     turns : tuple of ndarray
         For each used stretch, from its rows to those of a model with the chosen poles (c, l, r).
+    locals : tuple of ndarray
+        For each used stretch and choice, from products with its rows to those with what is left
+        of its shared columns beside its free responses, (c, s, s + f), and
+    frees : tuple of ndarray
+        the inverse of the normal equations of the free responses alone (c, f, f).
     inverses : ndarray
-        Of the normal equations of each choice.
+        Of the normal equations of the shared columns, of each choice.
     """
 
     problem: Problem
     rows: tuple[Array, ...]
     lags: Array
     turns: tuple[Array, ...]
+    locals: tuple[Array, ...]
+    frees: tuple[Array, ...]
     inverses: Array
 
     def ranked(self, outputs: Sequence[Array], most: int) -> list[Start]:
@@ -64,14 +71,16 @@ class Grid:
         outputs : sequence of ndarray
         most : int
         """
-        rights = np.zeros((len(self.lags), self.problem.linear_count))
-        power = 0.0
-        for y, rows, turn, place in zip(
-            outputs, self.rows, self.turns, self.problem.places, strict=True
+        rights = np.zeros((len(self.lags), self.problem.shared_count))
+        power = np.zeros(len(self.lags))
+        for s, y, rows, turn, local, free in zip(
+            self.problem.used, outputs, self.rows, self.turns, self.locals, self.frees, strict=True
         ):
             seen = self.problem.white(y)
-            rights[:, place] += turn @ (rows @ seen)
-            power += float(seen @ seen)
+            right = turn @ (rows @ seen)
+            rights[:, self.problem.place(s)] += np.einsum("kij,kj->ki", local, right)
+            own = right[:, local.shape[1] :]
+            power += float(seen @ seen) - np.einsum("ki,kij,kj->k", own, free, own)
         loss = power - np.einsum("ki,kij,kj->k", rights, self.inverses, rights)
         order = [k for k in np.argsort(loss) if np.isfinite(loss[k])]
         return [Start(float(loss[k]), self.problem.start(self.lags[k])) for k in order[:most]]
@@ -92,10 +101,19 @@ def grid(problem: Problem, around: Array | None = None) -> Grid:
         rest: _turns(problem, lags, chosen, rest) for rest in {s.at_rest for s in problem.used}
     }
     turns = tuple(kinds[s.at_rest] for s in problem.used)
-    grams = np.zeros((len(chosen), problem.linear_count, problem.linear_count))
-    for own, turn, place in zip(rows, turns, problem.places, strict=True):
-        grams[:, place[:, None], place] += turn @ (own @ own.T) @ turn.transpose(0, 2, 1)
-    return Grid(problem, rows, lags[chosen], turns, _inverses(grams))
+    grams = np.zeros((len(chosen), problem.shared_count, problem.shared_count))
+    left, frees = [], []
+    for s, own, turn in zip(problem.used, rows, turns, strict=True):
+        place = problem.place(s)
+        n = len(place)
+        gram = turn @ (own @ own.T) @ turn.transpose(0, 2, 1)
+        free = _inverses(gram[:, n:, n:])
+        across = -gram[:, :n, n:] @ free
+        local = np.concatenate([np.broadcast_to(np.eye(n), (len(gram), n, n)), across], axis=2)
+        grams[:, place[:, None], place] += gram[:, :n, :n] + across @ gram[:, n:, :n]
+        left.append(local)
+        frees.append(free)
+    return Grid(problem, rows, lags[chosen], turns, tuple(left), tuple(frees), _inverses(grams))
 
 
 def _coarse(problem: Problem) -> Array:
@@ -171,6 +189,8 @@ def _rows(problem: Problem, stretch: Stretch, lags: Array) -> Array:
 
 def _inverses(grams: Array) -> Array:
     """Inverses of a pile of normal equations; directions without support are left out."""
+    if not grams.shape[-1]:
+        return grams
     size = np.sqrt(np.diagonal(grams, axis1=1, axis2=2))
     size = np.where(size > 0, size, 1.0)
     scale = size[:, :, None] * size[:, None, :]
