@@ -264,7 +264,7 @@ def test_a_network_shares_its_time_constants(thermaltool, pair, tmp_path):
     assert first["time_constants_s"] == pytest.approx([400, 40], rel=0.02)
     for each in (first, second):
         assert each["structure"] == "network"
-        assert each["delay_s"] == 0.0
+        assert (each["delay_s"], each["dead_time_s"]) == (5.0, 0.0)
         assert each["fit_validation_percent"] > 98
         assert each["candidates"][0]["modes"] == 2
         for estimate in each["parameters"].values():
@@ -311,7 +311,7 @@ def test_a_network_finds_its_delay(thermaltool, log):
     done = thermaltool("identify", log, *CALL, "--structure", "network", "--delay", "auto",
                        "--json")  # fmt: skip
     (model,) = done.json["models"]
-    assert model["delay_s"] == 20.0
+    assert (model["delay_s"], model["dead_time_s"]) == (25.0, 20.0)
     assert model["time_constants_s"] == pytest.approx([400, 40], rel=0.05)
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import sys
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -21,8 +20,10 @@ from thermaltool.cli.options import (
     json_option,
     log_options,
     logs_argument,
+    number_of,
     output_option,
     quiet_option,
+    reference_of,
 )
 from thermaltool.report.text import aligned
 
@@ -145,9 +146,9 @@ def command(
         sensors,
         deflections,
         dict(_pair(item, "--response") for item in responses),
-        _reference(reference),
+        reference_of(reference),
         None,
-        {name: _number(value, "--fix") for name, value in (_pair(i, "--fix") for i in fixed)},
+        {name: number_of(value, "--fix") for name, value in (_pair(i, "--fix") for i in fixed)},
         loss,  # type: ignore[arg-type]
         starts,
         initial == "free",
@@ -217,19 +218,3 @@ def _pair(item: str, option: str) -> tuple[str, str]:
     if not equals:
         raise click.UsageError(f"{option} takes NAME=VALUE, not {item!r}")
     return name, value
-
-
-def _number(text: str, option: str) -> float:
-    try:
-        value = float(text)
-    except ValueError as error:
-        raise click.UsageError(f"{option}: not a number: {text!r}") from error
-    if not math.isfinite(value):
-        raise click.UsageError(f"{option}: not a finite number: {text!r}")
-    return value
-
-
-def _reference(text: str | None) -> float | Literal["first"] | None:
-    if text is None or text == "first":
-        return "first" if text else None
-    return _number(text, "--reference")

@@ -22,7 +22,7 @@ class Order(click.ParamType):
         if not isinstance(value, str):
             return value
         p, comma, q = value.partition(",")
-        if p.strip().isdigit() and (q.strip().isdigit() or not comma):
+        if value.isascii() and p.strip().isdigit() and (q.strip().isdigit() or not comma):
             return int(p), int(q or 0)
         self.fail(f"{value!r} is not {self.name}", param, ctx)
 

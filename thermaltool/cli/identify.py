@@ -6,8 +6,8 @@ import sys
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
-from thermaltool.cli.calibrate import _reference
 from thermaltool.cli.documents import keep_inputs, one_stdin, warn, write_json
 from thermaltool.cli.fit import Order
 from thermaltool.cli.options import (
@@ -18,8 +18,12 @@ from thermaltool.cli.options import (
     log_options,
     logs_argument,
     quiet_option,
+    reference_of,
 )
 from thermaltool.cli.series import one_thread
+
+# From the tenth order on the search leaves the range of numbers (--continuous first).
+LARGEST_ORDER = 9
 
 
 class TransferOrder(click.ParamType):
@@ -31,9 +35,12 @@ class TransferOrder(click.ParamType):
         parts = [part.strip() for part in value.split(",")]
         if value == "auto":
             return None
-        if len(parts) == 3 and all(part.isdigit() for part in parts):
-            return tuple(map(int, parts))
-        self.fail(f"{value!r} is neither {self.name} nor auto", param, ctx)
+        if len(parts) != 3 or not all(part.isascii() and part.isdigit() for part in parts):
+            self.fail(f"{value!r} is neither {self.name} nor auto", param, ctx)
+        nb, nf, nk = map(int, parts)
+        if max(nb, nf) > LARGEST_ORDER:
+            self.fail(f"{value!r}: nb and nf go up to {LARGEST_ORDER}", param, ctx)
+        return nb, nf, nk
 
 
 class Delay(click.ParamType):
@@ -62,8 +69,9 @@ class Delay(click.ParamType):
               "own (bj), through the denominator (arx), or that with a moving average (armax); or "
               "first-order modes that all outputs share (network).")  # fmt: skip
 @click.option("--orders", type=TransferOrder(), multiple=True, metavar="nb,nf,nk|auto",
-              help="Numerator coefficients, order of the denominator, samples of delay; once for "
-              "all inputs or once for each. auto chooses by held-out data.  "
+              help="Numerator coefficients and order of the denominator, up to "
+              f"{LARGEST_ORDER} each, and samples of delay; once for all inputs or once for each. "
+              "auto chooses by held-out data.  "
               "[default: auto]")  # fmt: skip
 @click.option("--modes", type=click.IntRange(1, 6), metavar="N",
               help="Shared modes of a network.  [default: chosen by held-out data]")  # fmt: skip
@@ -78,7 +86,7 @@ class Delay(click.ParamType):
               help="Overdamped models only: real, stable poles.")  # fmt: skip
 @click.option("--initial", type=click.Choice(["auto", "rest", "free"]), default="auto",
               help="State at the first row: settled, free (estimated), or rest unless free "
-              "is clearly better.")  # fmt: skip
+              "is clearly better; not for arx and armax.")  # fmt: skip
 @click.option("--split", type=NumberRange(min=0, max=1, min_open=True, max_open=True),
               metavar="SHARE", help="Fit on this first share of the rows, validate on the "
               "rest.")  # fmt: skip
@@ -119,6 +127,7 @@ def command(
     from thermaltool.model import dumps
 
     _agree(inputs, outputs, validation, options)
+    rest = reference_of(reference)
     every = (*logs, *([] if validation is None else [validation]))
     one_stdin(*every)
     if model_file is not None:
@@ -127,13 +136,13 @@ def command(
     found, told = run(logs, inputs, outputs, validation, options), []
     if model_file is not None:
         provenance = {"logs": found.sources, "command": "thermaltool " + " ".join(sys.argv[1:])}
-        model = machine(found.parts, _reference(reference), provenance)
+        model = machine(found.parts, rest, provenance)
         with atomic_output(model_file) as stream:
             stream.write(dumps(model).encode())
         told = found.in_use(model)
     if as_json:
         write_json(found.document, "-")
-    elif model_file != "-" and not quiet:
+    elif model_file != "-":
         click.echo(found.table)
     if not quiet:
         for message in [*found.warnings, *told]:
@@ -144,7 +153,8 @@ def _agree(
     inputs: tuple[str, ...], outputs: tuple[str, ...], validation: str | None, options: Any
 ) -> None:
     """Refuse options that contradict each other (UsageError)."""
-    shared = options["structure"] == "network"
+    structure = options["structure"]
+    shared = structure == "network"
     if options["split"] is not None and validation is not None:
         raise click.UsageError("--split and --validate both name the validation data: take one")
     for name in (*inputs, *outputs):
@@ -152,9 +162,18 @@ def _agree(
             raise click.UsageError(f"{name} is named twice: a channel has one role")
     if len(options["orders"]) > 1 and len(options["orders"]) != len(inputs):
         raise click.UsageError("--orders: once for all inputs, or once for each")
-    if options["continuous"] and options["structure"] != "oe":
+    if options["continuous"] and structure != "oe":
         raise click.UsageError("--continuous goes with --structure oe")
     if shared and options["orders"]:
         raise click.UsageError("--orders: a network takes --modes and --delay")
     if not shared and (options["modes"], options["delay"]) != (None, None):
         raise click.UsageError("--modes and --delay go with --structure network")
+    source = click.get_current_context().get_parameter_source("noise_orders")
+    if source is ParameterSource.COMMANDLINE and structure not in ("armax", "bj"):
+        raise click.UsageError("--noise-orders go with --structure armax and bj")
+    if options["real_poles"] and shared:
+        raise click.UsageError("--real-poles: those of a network are always real")
+    if options["initial"] != "auto" and structure in ("arx", "armax"):
+        raise click.UsageError(
+            f"--initial: {structure} takes its first rows as they are, from any state"
+        )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -105,3 +105,21 @@ def log_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in (gap_option, nan_option, from_option, columns_option):
         function = option(function)
     return function
+
+
+def number_of(text: str, option: str) -> float:
+    """What is given as NAME=VALUE or as a word or a number; UsageError where it is no number."""
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise click.UsageError(f"{option}: not a number: {text!r}") from error
+    if not math.isfinite(value):
+        raise click.UsageError(f"{option}: not a finite number: {text!r}")
+    return value
+
+
+def reference_of(text: str | None) -> float | Literal["first"] | None:
+    """``--reference first|NUMBER``; None where it is not given."""
+    if text is None or text == "first":
+        return "first" if text else None
+    return number_of(text, "--reference")

@@ -32,6 +32,7 @@ from thermaltool.diagnosis.workbench import Mask, Progress, Workbench
 from thermaltool.effects.effect import Effect, Signals
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
+from thermaltool.signals.normal import NORMAL_95
 from thermaltool.units import printed
 
 # A cause has to explain this many times the slow discrepancy of a clean log.
@@ -443,7 +444,7 @@ def _intervals(bench: Workbench, at: int) -> dict[str, tuple[float, float]]:
     effect, result = bench.model.effects[at], {}
     for name, deviation in bench.deviations(at).items():
         known, value = effect.parameter(name), effect.parameters[name]
-        low, high = value - 1.96 * deviation, value + 1.96 * deviation
+        low, high = value - NORMAL_95 * deviation, value + NORMAL_95 * deviation
         result[name] = (max(low, known.low), min(high, known.high))
     return result
 

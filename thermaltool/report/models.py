@@ -27,14 +27,13 @@ from thermaltool.report.style import (
 )
 from thermaltool.responses import Response
 from thermaltool.responses.deflection import Deflection
+from thermaltool.signals.normal import NORMAL_95
 from thermaltool.units import parse_channel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Two-sided 95 % of a normal distribution.
-NINETY_FIVE = 1.96
 # A band below this share of the step is hidden by the line.
 THIN = 0.01
 # Half-width of the noise band in the design's prediction, in standard deviations.
@@ -72,7 +71,7 @@ def _draw_term(ax: Axes, term: Term, time: Array, per: float) -> None:
         ylabel=f"{quantity(parse_channel(term.output).unit)} [{unit}]",
     )
     if term.covariance is not None:
-        half = NINETY_FIVE * step_sigma(term, time)
+        half = NORMAL_95 * step_sigma(term, time)
         hidden = ", within the line" if half.max() < THIN * np.ptp(step) else ""
         told = f"95 % of the fit, ± {half.max():.2g} {unit}\nat most{hidden}"
         ax.fill_between(time / per, step - half, step + half, color=MEASURED, alpha=0.6, lw=0,

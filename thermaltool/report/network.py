@@ -2,87 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from thermaltool.identification.network.choose import Candidate
-from thermaltool.identification.network.data import Records
-from thermaltool.identification.network.model import Network, Share
-from thermaltool.identification.transfer.continuation import Continued
-from thermaltool.identification.transfer.residuals import ResidualTests
+from thermaltool.identification.network.model import Share
+from thermaltool.identification.network.run import Shared
+from thermaltool.identification.transfer.search import SLOWEST
 from thermaltool.report.orders import aligned
 from thermaltool.report.transfer import (
     estimate_document,
     finite,
-    lost_from_rest,
+    gain_unit,
+    held_samples,
+    interval_told,
+    longer_than_record,
+    one_or_all,
     residuals_document,
     residuals_line,
     with_interval,
 )
 from thermaltool.responses import parameter_names
-from thermaltool.signals.agreement import Agreement
-from thermaltool.units import parse_channel, printed
+from thermaltool.units import printed
 
 
-@dataclass(frozen=True)
-class Shared:
-    """A network, identified and judged.
-
-    Attributes
-    ----------
-    network : Network
-    data : Records
-        What it was fitted to.
-    training, validation : tuple of Agreement, one for each output
-        Of free runs; `validation` is None where no data were kept for it.
-    improvement : tuple of float, or None
-        As in `Identified`, of each output [%].
-    tests : tuple of ResidualTests
-    candidates : tuple of Candidate, or None
-        Where the number of modes was chosen.
-    """
-
-    network: Network
-    data: Records
-    training: tuple[Agreement, ...]
-    validation: tuple[Agreement, ...] | None
-    improvement: tuple[float, ...] | None
-    tests: tuple[ResidualTests, ...]
-    candidates: tuple[Candidate, ...] | None
-
-    def ways(self, k: int) -> tuple[Continued, ...]:
-        """Of output k, as a model document takes them: they are continuous as they are."""
-        share = self.network.shares[k]
-        return tuple(
-            Continued(share.response(i), 0.0, *share.response_covariance(i))
-            for i in range(len(share.names))
-        )
-
-    def warnings(self) -> list[str]:
-        """What a user should know before using the model, each a sentence."""
-        told, span = [], self.data.duration
-        if not self.network.converged:
-            told.append("the search for the time constants did not converge")
-        untold = self.network.untold()
-        for e in self.network.shares[0].time_constants():
-            if e in untold:
-                told.append(
-                    f"the data do not tell the time constant of {e.value:.3g} s ({e.low:.2g} to "
-                    f"{e.high:.2g} s): take fewer modes"
-                )
-            elif e.value > span:
-                told.append(
-                    f"a time constant of {e.value:.3g} s is longer than the record ({span:.3g} s): "
-                    "the gain is not settled by it"
-                )
-        return told
-
-    def in_use(self, from_rest: Mapping[str, Agreement]) -> list[str]:
-        """Sentences where the model file, `from_rest`, fits much worse."""
-        pairs = zip(self.network.shares, self.training, strict=True)
-        told = [lost_from_rest(s.target, fit, from_rest[s.target]) for s, fit in pairs]
-        return [sentence for sentence in told if sentence]
+def network_warnings(found: Shared) -> list[str]:
+    """What a user should know before using the model, each a sentence."""
+    told, span = [], found.data.duration
+    if not found.network.converged:
+        told.append("the search for the time constants did not converge")
+    untold = found.network.untold()
+    for e in found.network.shares[0].time_constants():
+        if e in untold:
+            told.append(
+                f"the data do not tell the time constant of {e.value:.3g} s "
+                f"({interval_told(e)}): take fewer modes"
+            )
+        elif e.value > span:
+            endless = e.value > 0.99 * SLOWEST * span
+            told.append(longer_than_record(e.value, span, endless))
+    return told
 
 
 def network_document(found: Shared) -> dict[str, Any]:
@@ -92,7 +50,8 @@ def network_document(found: Shared) -> dict[str, Any]:
 
 def _output(found: Shared, k: int) -> dict[str, Any]:
     share = found.network.shares[k]
-    single = len(share.names) == 1
+    units = ["s"] * share.modes
+    units += [gain_unit(share.target, name) for name in share.names for _ in range(share.modes)]
     document: dict[str, Any] = {
         "inputs": list(share.names),
         "output": share.target,
@@ -100,12 +59,14 @@ def _output(found: Shared, k: int) -> dict[str, Any]:
         "structure": "network",
         "orders": {"modes": share.modes},
         "sample_period_s": share.dt,
-        "delay_s": share.delays[0] if single else list(share.delays),
+        "delay_s": one_or_all([_delay(share, i) for i in range(len(share.names))]),
+        "dead_time_s": one_or_all(share.delays),
         "time_constants_s": share.lags.tolist(),
         "fit_training_percent": finite(found.training[k].fit_percent),
         "fit_validation_percent": None,
         "improvement_validation_percent": None,
         "parameters": {name: estimate_document(e) for name, e in share.named()},
+        "units": dict(zip((name for name, _ in share.named()), units, strict=True)),
         "noise": {"variance": share.sigma2},
         "offsets": list(share.offsets),
         "method": share.method,
@@ -126,19 +87,26 @@ def _output(found: Shared, k: int) -> dict[str, Any]:
 
 
 def _term(share: Share, i: int) -> dict[str, Any]:
-    response = share.response(i)
+    response, unit = share.response(i), gain_unit(share.target, share.names[i])
     return {
         "input": share.names[i],
-        "delay_s": share.delays[i],
-        "gain": estimate_document(share.gain(i)),
+        "delay_s": _delay(share, i),
+        "dead_time_s": share.delays[i],
+        "gain": {**estimate_document(share.gain(i)), "unit": unit},
         "time_constants_s": [estimate_document(e) for e in share.time_constants()],
-        "weights": [estimate_document(e) for e in share.weight(i)],
+        "oscillations": [],
+        "weights": [{**estimate_document(e), "unit": unit} for e in share.weight(i)],
         "continuous": {
             "kind": response.kind,
             "parameters": {n: getattr(response, n) for n in parameter_names(response.kind)},
             "mismatch": 0.0,
         },
     }
+
+
+def _delay(share: Share, i: int) -> float:
+    """Dead time with what the sampling itself adds, as of the other structures [s]."""
+    return share.delays[i] + held_samples(share.names[i]) * share.dt
 
 
 def network_table(found: Shared) -> str:
@@ -153,15 +121,14 @@ def network_table(found: Shared) -> str:
     names = [f"tau{j + 1}" for j in range(n)]
     modes = [["", "time constant s"]]
     modes += [[f"tau{j + 1}", with_interval(e)] for j, e in enumerate(first.time_constants())]
-    weights = [["output", "input", "delay s", "gain", "unit", *(f"weight {t}" for t in names)]]
+    weights = [["output", "input", "dead time s", "gain", "unit", *(f"weight {t}" for t in names)]]
     fits = [["output", "fit %", *(["validation %", "improvement %"] if found.validation else []),
              "residuals"]]  # fmt: skip
     for k, share in enumerate(network.shares):
-        unit = parse_channel(share.target).unit
         for i, name in enumerate(share.names):
             weights.append([
                 share.target, name, f"{share.delays[i]:g}", with_interval(share.gain(i)),
-                printed(f"{unit}/{parse_channel(name).unit}"),
+                printed(gain_unit(share.target, name)),
                 *(with_interval(e) for e in share.weight(i)),
             ])  # fmt: skip
         held = []

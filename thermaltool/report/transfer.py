@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from thermaltool.effects.dynamics import hold_of
 from thermaltool.identification.transfer.choose import Choice
-from thermaltool.identification.transfer.continuation import Continued
-from thermaltool.identification.transfer.data import Data
+from thermaltool.identification.transfer.continuation import Continued, oscillates
 from thermaltool.identification.transfer.model import Estimate, TransferModel
+from thermaltool.identification.transfer.polynomials import LARGEST_POLE
 from thermaltool.identification.transfer.residuals import ResidualTests
+from thermaltool.identification.transfer.run import Identified
 from thermaltool.identification.transfer.search import FALLBACK, SEPARATE
 from thermaltool.report.orders import aligned
 from thermaltool.responses import parameter_names
@@ -25,84 +26,77 @@ DOUBTFUL = 0.01
 MISMATCH = 0.01
 # Points of fit that the model file loses from rest, that are told.
 LOST = 10.0
+# An interval over more than this factor tells nothing of a time constant.
+UNTOLD = 1e6
+# A time constant this many times the record, or as slow as a pole may be, is one of an integrator.
+INTEGRATING = 100.0
 # Candidates of the choice of orders that are listed.
 _LISTED = 5
 
 
-@dataclass(frozen=True)
-class Identified:
-    """One output, identified and judged.
-
-    Attributes
-    ----------
-    model : TransferModel
-    data : Data
-        What it was fitted to.
-    training, validation : Agreement
-        Of free runs; `validation` is None where no data were kept for it.
-    improvement : float or None
-        Share by which the model would have reduced the mean deviation of the validation data [%]
-        (Mareš et al.: imp).
-    tests : ResidualTests
-    choice : Choice or None
-        Where the orders were chosen.
-    continued : tuple of Continued or str
-        The way of each input in continuous time, or why there is none.
-    """
-
-    model: TransferModel
-    data: Data
-    training: Agreement
-    validation: Agreement | None
-    improvement: float | None
-    tests: ResidualTests
-    choice: Choice | None
-    continued: tuple[Continued | str, ...]
-
-    @property
-    def variance(self) -> float:
-        """Of the training output [unit²]."""
-        return float(np.var(self.data.output()))
-
-    def warnings(self) -> list[str]:
-        """What a user should know before using the model, each a sentence."""
-        m, target, told = self.model, self.model.target, []
-        if not m.converged:
-            told.append(f"{target}: the search did not converge ({m.method})")
-        if m.structure == "oe" and FALLBACK in m.method and SEPARATE not in m.method:
-            told.append(f"{target}: refined instrumental variables did not settle: {m.method}")
-        for way in self.continued:
-            if isinstance(way, str):
-                told.append(way)
-            elif way.mismatch > MISMATCH:
-                told.append(
-                    f"{target}: in continuous time the step differs by up to "
-                    f"{100 * way.mismatch:.2g} % from the discrete model"
-                )
-        span = max(len(s) for s in self.data.stretches) * m.dt
-        slow = [e.value for g in range(len(m.F)) for e in m.time_constants(g) if e.value > span]
-        if slow:
+def warnings_of(found: Identified) -> list[str]:
+    """What a user should know before using the model, each a sentence."""
+    m, target, told = found.model, found.model.target, []
+    if not m.converged:
+        told.append(f"{target}: the search did not converge ({m.method})")
+    if m.structure == "oe" and FALLBACK in m.method and SEPARATE not in m.method:
+        told.append(f"{target}: refined instrumental variables did not settle: {m.method}")
+    for way in found.continued:
+        if isinstance(way, str):
+            told.append(way)
+        elif way.mismatch > MISMATCH:
             told.append(
-                f"{target}: a time constant of {max(slow):.3g} s is longer than the record "
-                f"({span:.3g} s): the gain is not settled by it"
+                f"{target}: in continuous time the step differs by up to "
+                f"{100 * way.mismatch:.2g} % from the discrete model"
             )
-        return told
+    span = max(len(s) for s in found.data.stretches) * m.dt
+    # What grows is told above: it has no continuous form.
+    settling = [
+        e.value
+        for g in range(len(m.F))
+        for z, e in zip(m.poles(g), m.time_constants(g), strict=True)
+        if abs(z) < 1
+    ]
+    slowest = max(settling, default=0.0)
+    if slowest > span:
+        limit = 0.99 * m.dt / (1 - LARGEST_POLE)
+        endless = slowest > min(INTEGRATING * span, limit)
+        told.append(f"{target}: {longer_than_record(slowest, span, endless)}")
+    return told
 
-    def in_use(self, from_rest: Agreement) -> str:
-        """A sentence where the model file, `from_rest`, fits much worse; else nothing."""
-        return lost_from_rest(self.model.target, self.training, from_rest)
 
-
-def lost_from_rest(target: str, training: Agreement, from_rest: Agreement) -> str:
-    """A sentence where a model fits much worse from rest than with the state at the start."""
-    if not training.fit_percent - from_rest.fit_percent > LOST:
-        return ""
+def longer_than_record(tau: float, span: float, endless: bool) -> str:
+    """What a time constant above the record means; `endless`: as far as the search goes."""
+    if endless:
+        return (
+            f"a time constant of {tau:.3g} s is {tau / span:.2g} times the record: the data look "
+            "unstable or integrating"
+        )
     return (
+        f"a time constant of {tau:.3g} s is longer than the record ({span:.3g} s): the gain is "
+        "not settled by it"
+    )
+
+
+def lost_from_rest(found: Sequence[tuple[str, Agreement, Agreement]]) -> list[str]:
+    """Sentences where models fit much worse from rest than with the state at the start.
+
+    Parameters
+    ----------
+    found : sequence of (output, fit with the state estimated, fit of the model file from rest)
+    """
+    return [
         f"{target}: the model file fits the training data to "
         f"{from_rest.fit_percent:.3g} % where simulate takes them to begin at rest, and to "
         f"{training.fit_percent:.3g} % with the state at the start estimated: if the "
         "machine was at rest there, use --initial rest"
-    )
+        for target, training, from_rest in found
+        if training.fit_percent - from_rest.fit_percent > LOST
+    ]
+
+
+def _per_second(unit: str, power: int) -> str:
+    return f"{unit}/s^{power}" if power > 1 else f"{unit}/s" if power else unit
 
 
 def transfer_document(found: Sequence[Identified]) -> dict[str, Any]:
@@ -113,7 +107,10 @@ def transfer_document(found: Sequence[Identified]) -> dict[str, Any]:
 def _model_document(found: Identified) -> dict[str, Any]:
     m = found.model
     delays = [nk * m.dt for nk in m.orders.nk]
-    single = len(m.names) == 1
+    gains = [gain_unit(m.target, name) for name in m.names]
+    units = ["1"] * sum(m.orders.nf)
+    units += [unit for unit, nb in zip(gains, m.orders.nb, strict=True) for _ in range(nb)]
+    units = [_per_second(unit, -int(power)) for unit, power in zip(units, m.seconds, strict=True)]
     document: dict[str, Any] = {
         "inputs": list(m.names),
         "output": m.target,
@@ -126,7 +123,8 @@ def _model_document(found: Identified) -> dict[str, Any]:
             "nd": len(m.D) - 1,
         },
         "sample_period_s": m.dt,
-        "delay_s": delays[0] if single else delays,
+        "delay_s": one_or_all(delays),
+        "dead_time_s": one_or_all([_dead_time(m, k) for k in range(len(m.names))]),
         "time_constants_s": [e.value for g in range(len(m.F)) for e in m.time_constants(g)],
         "fit_training_percent": finite(found.training.fit_percent),
         "fit_validation_percent": None,
@@ -134,6 +132,7 @@ def _model_document(found: Identified) -> dict[str, Any]:
         if found.improvement is None
         else finite(found.improvement),
         "parameters": {name: estimate_document(e) for name, e in m.named()},
+        "units": dict(zip((name for name, _ in m.named()), units, strict=True)),
         "noise": {"C": m.C.tolist(), "D": m.D.tolist(), "variance": m.sigma2},
         "offsets": list(m.offsets),
         "method": m.method,
@@ -158,8 +157,15 @@ def _term(found: Identified, k: int) -> dict[str, Any]:
     term: dict[str, Any] = {
         "input": m.names[k],
         "delay_s": m.orders.nk[k] * m.dt,
-        "gain": estimate_document(m.gain(k)),
+        "dead_time_s": _dead_time(m, k),
+        "gain": {**estimate_document(m.gain(k)), "unit": gain_unit(m.target, m.names[k])},
         "time_constants_s": [estimate_document(e) for e in m.time_constants(m.group_of(k))],
+        "oscillations": [
+            {"omega_rad_s": float(abs(s)), "zeta": float(-s.real / abs(s))}
+            for z in m.poles(m.group_of(k))
+            if z.imag > 0 and oscillates(z)
+            for s in [np.log(z) / m.dt]
+        ],
         "numerator": m.B[k].tolist(),
         "denominator": m.denominator(k).tolist(),
     }
@@ -175,6 +181,26 @@ def _term(found: Identified, k: int) -> dict[str, Any]:
     return term
 
 
+def _dead_time(m: TransferModel, k: int) -> float:
+    """Between an input and the first of its effect: a held one reaches the next sample [s]."""
+    return max(m.orders.nk[k] - held_samples(m.names[k]), 0) * m.dt
+
+
+def held_samples(name: str) -> int:
+    """Samples of delay that are the sampling's own."""
+    return 1 if hold_of(name) == "zero" else 0
+
+
+def gain_unit(target: str, name: str) -> str:
+    """Of the output per unit of an input, as in channel names."""
+    return f"{parse_channel(target).unit}/{parse_channel(name).unit}"
+
+
+def one_or_all(values: Sequence[float]) -> float | list[float]:
+    """Of each input; a number where there is one."""
+    return values[0] if len(values) == 1 else list(values)
+
+
 def residuals_document(tests: ResidualTests) -> dict[str, Any]:
     return {
         "lags": tests.lags,
@@ -184,8 +210,13 @@ def residuals_document(tests: ResidualTests) -> dict[str, Any]:
 
 
 def estimate_document(e: Estimate) -> dict[str, Any]:
-    sure = bool(np.isfinite([e.low, e.high]).all())
-    return {"value": e.value, "interval": [e.low, e.high] if sure else None}
+    return {"value": e.value, "interval": [e.low, e.high] if is_told(e) else None}
+
+
+def is_told(e: Estimate) -> bool:
+    """Whether an interval says anything."""
+    bounded = bool(np.isfinite([e.low, e.high]).all())
+    return bounded and not (e.low > 0 and e.high > UNTOLD * e.low)
 
 
 def finite(value: float) -> float | None:
@@ -201,17 +232,15 @@ def transfer_table(found: Identified) -> str:
         fit += f", {found.validation.fit_percent:.2f} % in validation"
     if found.improvement is not None:
         fit += f" (improvement {found.improvement:.1f} %)"
-    unit = parse_channel(m.target).unit
-    rows = [["input", "nb,nf,nk", "delay s", "gain", "unit", "time constant s", "weight"]]
+    rows = [["input", "nb,nf,nk", "dead time s", "gain", "unit", "time constant s", "weight"]]
     for k, name in enumerate(m.names):
         n = len(m.denominator(k)) - 1
-        first = [name, f"{m.orders.nb[k]},{n},{m.orders.nk[k]}", f"{m.orders.nk[k] * m.dt:g}",
-                 with_interval(m.gain(k)),
-                 printed(f"{unit}/{parse_channel(name).unit}")]  # fmt: skip
-        constants = m.time_constants(m.group_of(k))
+        first = [name, f"{m.orders.nb[k]},{n},{m.orders.nk[k]}", f"{_dead_time(m, k):g}",
+                 with_interval(m.gain(k)), printed(gain_unit(m.target, name))]  # fmt: skip
+        constants = _constants(m, m.group_of(k))
         weights = _weights(found.continued[k], len(constants))
-        for j, (e, weight) in enumerate(zip(constants, weights, strict=True)):
-            rows.append([*(first if not j else [""] * 5), with_interval(e), weight])
+        for j, (told, weight) in enumerate(zip(constants, weights, strict=True)):
+            rows.append([*(first if not j else [""] * 5), told, weight])
         if not constants:
             rows.append([*first, "", ""])
     c = f"AIC {m.aic:.1f}  BIC {m.bic:.1f}  YIC {m.yic(found.variance):.2f}"
@@ -219,6 +248,24 @@ def transfer_table(found: Identified) -> str:
     if found.choice is not None:
         lines += ["", _candidates(found.choice)]
     return "\n".join(lines)
+
+
+def _constants(m: TransferModel, group: int) -> list[str]:
+    """What the table says of each pole; of a pair the envelope, then what swings."""
+    told = []
+    for z, e in zip(m.poles(group), m.time_constants(group), strict=True):
+        if z.imag < 0 and oscillates(z):
+            told.append(_pair(z.conjugate(), m.dt))
+        elif abs(z) >= 1:
+            told.append(f"none, |z| = {abs(z):.6g} does not settle")
+        else:
+            told.append(with_interval(e))
+    return told
+
+
+def _pair(z: complex, dt: float) -> str:
+    s = np.log(z) / dt
+    return f"pair: period {2 * np.pi / s.imag:.5g} s, damping {-s.real / abs(s):.3g}"
 
 
 def _weights(way: Continued | str, count: int) -> list[str]:
@@ -229,7 +276,11 @@ def _weights(way: Continued | str, count: int) -> list[str]:
 
 
 def with_interval(e: Estimate) -> str:
-    return f"{e.value:.5g} ({e.low:.4g} to {e.high:.4g})"
+    return f"{e.value:.5g} ({interval_told(e)})"
+
+
+def interval_told(e: Estimate) -> str:
+    return f"{e.low:.4g} to {e.high:.4g}" if is_told(e) else "not told"
 
 
 def residuals_line(tests: ResidualTests) -> str:

@@ -11,12 +11,13 @@ import numpy as np
 from thermaltool.identification.network.data import Records, Span
 from thermaltool.identification.network.problem import Delays, driven, known
 from thermaltool.identification.transfer.data import Array, Zero
-from thermaltool.identification.transfer.model import NORMAL_95, Estimate
+from thermaltool.identification.transfer.model import Estimate
 from thermaltool.identification.transfer.output_error import solve
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Hold
 from thermaltool.responses.rational import KINDS
 from thermaltool.signals.agreement import Agreement, agreement
+from thermaltool.signals.normal import NORMAL_95
 
 # An interval from a to more than this times a says that the data do not tell the mode.
 UNTOLD = 10.0

@@ -56,16 +56,13 @@ def continued(model: TransferModel, k: int, hold: Hold) -> Continued:
     Raises
     ------
     ModelError
-        A pole without an equivalent, more poles than a kind holds, no denominator.
+        A pole without an equivalent, or one that does not settle; more poles than a kind holds,
+        no denominator.
     """
     poles = model.poles(model.group_of(k))
     place = f"{model.names[k]} → {model.target}"
     for z in poles:
-        if z.imag == 0 and z.real <= 0:
-            raise ModelError(
-                f"{place}: a pole at z = {z.real:.3g} has no equivalent in continuous time: "
-                "take a lower order"
-            )
+        _continues(z, place)
     s = _apart(np.asarray(np.log(poles) / model.dt, complex))
     real, pairs = s[s.imag == 0].real, s[s.imag > 0]
     cls = KINDS.get((len(real), len(pairs)))
@@ -90,6 +87,26 @@ def continued(model: TransferModel, k: int, hold: Hold) -> Continued:
     left = np.max(np.abs(wanted - gains_found @ rows)) / np.max(np.abs(wanted))
     named = {name: float(g) for name, g in zip(cls.gains, gains_found, strict=True)}
     return Continued(cls(**searched, **named, delay=delay), float(left))
+
+
+def _continues(z: complex, place: str) -> None:
+    """Refuse a pole that no response has (ModelError)."""
+    told = f"{z.real:.4g}" if z.imag == 0 else f"{z.real:.4g} ± {abs(z.imag):.4g}j"
+    if abs(z) >= 1:
+        raise ModelError(
+            f"{place}: a pole at z = {told} does not settle: the data look unstable or "
+            "integrating, a model file needs a steady state"
+        )
+    if z.imag == 0 and z.real <= 0:
+        raise ModelError(
+            f"{place}: a pole at z = {told} has no equivalent in continuous time: take a lower "
+            "order"
+        )
+
+
+def oscillates(z: complex) -> bool:
+    """Whether a pole is one of a pair; a pair to rounding is two real poles (`_apart`)."""
+    return bool(z.imag != 0 and abs(np.log(z).imag) >= ROUNDED * abs(np.log(z)))
 
 
 def _apart(s: NDArray[np.complex128]) -> NDArray[np.complex128]:

@@ -98,19 +98,20 @@ class ContinuousModel(TransferModel):
 
     @property
     def coefficients(self) -> Array:
-        return self.theta * self._seconds()
+        return self.theta * self.dt**self.seconds
 
     @property
     def coefficient_covariance(self) -> Array:
-        scale = self._seconds()
+        scale = self.dt**self.seconds
         return self.covariance * np.outer(scale, scale)
 
-    def _seconds(self) -> Array:
-        """From s in 1/samples to 1/s: A is divided by dt^n, and so is B."""
+    @property
+    def seconds(self) -> Array:
+        """A(s) is divided by dt^n where s is in 1/s, and so is B(s)."""
         o = self.orders
         a = [-np.arange(1.0, n + 1) for n in o.nf]
         b = [np.arange(float(nb)) - n for nb, n in zip(o.nb, o.nf, strict=True)]
-        return np.asarray(self.dt ** np.concatenate([*a, *b]))
+        return np.concatenate([*a, *b])
 
     def _denominator(self, group: int) -> tuple[slice, Array]:
         """Where its coefficients stand, and A(s)."""

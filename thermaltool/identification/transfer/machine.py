@@ -10,7 +10,7 @@ import numpy as np
 from thermaltool.effects.dynamics import hold_of
 from thermaltool.errors import ModelError
 from thermaltool.identification.transfer.continuation import Continued
-from thermaltool.identification.transfer.data import Array, Data
+from thermaltool.identification.transfer.data import Array, Data, Stretch
 from thermaltool.identification.transfer.model import Estimate
 from thermaltool.model import Drive, Model, Output, Role, Term, relative
 from thermaltool.signals.agreement import Agreement, agreement
@@ -101,9 +101,23 @@ def _reference(channel: str, given: Reference | None) -> Reference:
 
 
 def _extent(data: Data, k: int, rest: Reference) -> tuple[float, float]:
-    values = [s.inputs[k] - (s.inputs[k][0] if rest == "first" else rest) for s in data.stretches]
-    joined = np.concatenate(values)
-    return float(joined.min()), float(joined.max())
+    return _range([s.inputs[k] for s in data.stretches],
+                  _rests([s.inputs[k] for s in _begun(data)], rest))  # fmt: skip
+
+
+def _begun(data: Data) -> list[Stretch]:
+    """For each stretch the one that its experiment begins with."""
+    first = {s.origin: s for s in reversed(data.stretches)}
+    return [first[s.origin] for s in data.stretches]
+
+
+def _rests(begun: Sequence[Array], rest: Reference) -> list[float]:
+    return [float(values[0]) if rest == "first" else rest for values in begun]
+
+
+def _range(values: Sequence[Array], rests: Sequence[float]) -> tuple[float, float]:
+    moved = np.concatenate([v - rest for v, rest in zip(values, rests, strict=True)])
+    return float(moved.min()), float(moved.max())
 
 
 def _output(
@@ -120,14 +134,14 @@ def _output(
         gains = [model.gain(k).value for k in range(len(model.names))]
         moved = sum(g * float(r) for g, r in zip(gains, rests, strict=True))
         offset = float(np.mean(model.offsets)) + moved
-    values = [s.output - (s.output[0] if offset == "first" else offset) for s in data.stretches]
-    joined = np.concatenate(values)
     role: Role = "deflection" if arbitrary else "sensor"
     return Output(
         model.target,
         role,
         offset,
-        (float(joined.min()), float(joined.max())),
+        _range(
+            [s.output for s in data.stretches], _rests([s.output for s in _begun(data)], offset)
+        ),
         {
             "rmse": training.rmse,
             "max_error": training.max_error,

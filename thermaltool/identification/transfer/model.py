@@ -14,9 +14,7 @@ from thermaltool.identification.transfer.data import Array, Data, Stretch, Zero
 from thermaltool.identification.transfer.output_error import Orders, free_responses, solve
 from thermaltool.identification.transfer.polynomials import difference_basis
 from thermaltool.signals.agreement import Agreement, agreement
-
-# Half the width of a 95 % interval in standard errors.
-NORMAL_95 = 1.959963984540054
+from thermaltool.signals.normal import NORMAL_95
 
 
 @dataclass(frozen=True)
@@ -96,6 +94,11 @@ class TransferModel:
     def coefficients(self) -> Array:
         """Of all F without their 1, then of all B."""
         return np.concatenate([*(f[1:] for f in self.F), *self.B])
+
+    @property
+    def seconds(self) -> Array:
+        """Powers of a second in the units of the `coefficients`: none by lags."""
+        return np.zeros(len(self.coefficients))
 
     @property
     def coefficient_covariance(self) -> Array:

@@ -191,7 +191,7 @@ def _inverses(grams: Array) -> Array:
     """Inverses of a pile of normal equations; directions without support are left out."""
     if not grams.shape[-1]:
         return grams
-    size = np.sqrt(np.diagonal(grams, axis1=1, axis2=2))
+    size = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), 0.0))
     size = np.where(size > 0, size, 1.0)
     scale = size[:, :, None] * size[:, None, :]
     return np.asarray(np.linalg.pinv(grams / scale, rcond=RANK, hermitian=True) / scale)
