@@ -18,10 +18,12 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from thermaltool import fields
 from thermaltool.effects import load_effect
 from thermaltool.effects.band import Band, load_band
 from thermaltool.effects.effect import SIDES, Effect, Signals, reference_of
 from thermaltool.errors import ModelError
+from thermaltool.fields import Part
 from thermaltool.responses import Response, parameter_names, response_class
 from thermaltool.responses.modes import Float, Hold, Modes
 
@@ -485,80 +487,90 @@ def loads(text: str, name: str = "<model>") -> Model:
             f"{name}: version {version} is newer than this thermaltool reads ({VERSION}): update it"
         )
     try:
-        model = Model(
-            drives=tuple(
-                Drive(
-                    d["channel"],
-                    _one_of(d["hold"], get_args(Hold)),
-                    _rest(d["reference"]),
-                    _pair(d["range"]),
-                )
-                for d in document["drives"]
-            ),
-            outputs=tuple(
-                Output(
-                    o["channel"],
-                    _one_of(o["role"], get_args(Role)),
-                    _rest(o["offset"]),
-                    _pair(o["range"]),
-                    dict(o.get("fit", {})),
-                )
-                for o in document["outputs"]
-            ),
-            terms=tuple(_load_term(t) for t in document["terms"]),
-            sample_period=_finite(document["sample_period_s"]),
-            provenance=dict(document.get("provenance", {})),
-            design=None if document.get("design") is None else dict(document["design"]),
-            effects=tuple(load_effect(e) for e in document.get("effects", ())),
-        )
-        _check_ends(model)
-        return model
-    except KeyError as error:
-        raise ModelError(f"{name}: {error.args[0]!r} is missing") from error
-    except (TypeError, ValueError, OverflowError) as error:
+        return _load(Part(document))
+    except ModelError as error:
         raise ModelError(f"{name}: {error}") from error
 
 
+def _load(whole: Part) -> Model:
+    model = Model(
+        drives=tuple(_load_drive(part) for part in whole.parts("drives")),
+        outputs=tuple(_load_output(part) for part in whole.parts("outputs")),
+        terms=tuple(_load_term(part) for part in whole.parts("terms")),
+        sample_period=whole.read("sample_period_s", fields.above_zero),
+        provenance=whole.read("provenance", fields.mapping, {}),
+        design=whole.read("design", fields.mapping, None),
+        effects=tuple(_load_effect(part) for part in whole.parts("effects", ())),
+    )
+    _check_ends(model)
+    return model
+
+
+def _load_drive(part: Part) -> Drive:
+    return Drive(
+        part.read("channel", fields.text),
+        part.read("hold", fields.one_of(get_args(Hold))),
+        part.read("reference", fields.rest),
+        part.read("range", fields.pair),
+    )
+
+
+def _load_output(part: Part) -> Output:
+    return Output(
+        part.read("channel", fields.text),
+        part.read("role", fields.one_of(get_args(Role))),
+        part.read("offset", fields.rest),
+        part.read("range", fields.pair),
+        part.read("fit", fields.mapping, {}),
+    )
+
+
+def _load_term(part: Part) -> Term:
+    return Term(
+        part.read("drive", fields.text),
+        part.read("output", fields.text),
+        _load_response(part),
+        part.read("covariance", _covariance, None),
+        part.read("covariance_names", fields.names, ()),
+        part.read("band", _band, None),
+    )
+
+
+def _load_effect(part: Part) -> Effect:
+    part.read("channel", fields.text)
+    part.read("covariance", _covariance, None)
+    effect: Effect = part.as_whole(load_effect)
+    return effect
+
+
+def _band(value: Any) -> Band | None:
+    Part(fields.mapping(value)).read("channel", fields.text)
+    return load_band(value)
+
+
+def _covariance(rows: Any) -> Float:
+    values = np.array(rows, float)
+    if values.ndim != 2 or len(set(values.shape)) > 1 or not np.isfinite(values).all():
+        raise ModelError("not a square of finite numbers")
+    return values
+
+
+def _load_response(part: Part) -> Response:
+    kind, known = part.read("kind", fields.text), part.read("kind", parameter_names)
+    given = part.part("parameters")
+    values = {name: given.read(name, fields.finite) for name in known}
+    response: Response = part.as_whole(lambda _: response_class(kind)(**values))
+    return response
+
+
 def _check_ends(model: Model) -> None:
-    """Terms go from a drive of the model to an output of the model."""
+    """Terms go from a drive of the model to an output of the model, each of which is there once."""
     drives, outputs = ([each.channel for each in ends] for ends in (model.drives, model.outputs))
+    for channel in (*drives, *outputs):
+        if drives.count(channel) > 1 or outputs.count(channel) > 1:
+            raise ModelError(f"{channel} is there twice")
+    if not model.terms:
+        raise ModelError("terms: there is none")
     for term in model.terms:
         if term.drive not in drives or term.output not in outputs:
             raise ModelError(f"a term from {term.drive!r} to {term.output!r}, which are not there")
-    if not model.sample_period > 0:
-        raise ModelError("sample_period_s is not above 0")
-
-
-def _one_of(value: Any, known: tuple[str, ...]) -> Any:
-    if value not in known:
-        raise ModelError(f"{value!r} is none of {', '.join(known)}")
-    return value
-
-
-def _finite(value: Any) -> float:
-    if not np.isfinite(float(value)):
-        raise ModelError(f"not a finite number: {value!r}")
-    return float(value)
-
-
-def _rest(value: Any) -> float | Literal["first"]:
-    return "first" if value == "first" else _finite(value)
-
-
-def _pair(values: Any) -> tuple[float, float]:
-    low, high = values
-    return _finite(low), _finite(high)
-
-
-def _load_term(document: Mapping[str, Any]) -> Term:
-    kind, given = document["kind"], document["parameters"]
-    response = response_class(kind)(**{name: float(given[name]) for name in parameter_names(kind)})
-    covariance = document.get("covariance")
-    return Term(
-        document["drive"],
-        document["output"],
-        response,
-        None if covariance is None else np.array(covariance, float),
-        tuple(document.get("covariance_names", ())),
-        load_band(document.get("band")),
-    )

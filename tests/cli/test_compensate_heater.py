@@ -113,6 +113,11 @@ BAD = [
     ({}, ("--heater", HEATER, "--limit", ":-5"), "no power between 0 and -5"),
     ({}, ("--heater", HEATER, "--limit", "5:70"), "the safe setpoint 0 is outside the limits"),
     ({}, ("--heater", HEATER, "--sign", "1"), "--sign is for offsets"),
+    ({}, ("--heater", HEATER, "--limit=-10:50"), "has no power below 0: give --limit 0:WATTS"),
+    ({}, ("--heater", HEATER, "--safe", "30"), "the safe setpoint of a heater is no power"),
+    ({}, ("--heater", HEATER, "--safe", "hold"), "the safe setpoint of a heater is no power"),
+    ({}, ("--heater", "Q_causal_W", "--heater", HEATER),
+     "Q_causal_W, Q_stabilization_W: there can be one only"),
     ({}, ("--target", ANGLE), "--target and --lead go with --heater"),
     ({}, ("--heater", HEATER, "--lead", "-3"), "-3.0 is not in the range"),
     ({"terms": MODEL.terms[1:]}, ("--heater", HEATER), "nothing but Q_stabilization_W acts"),
@@ -130,6 +135,17 @@ def test_bad_input_is_one_clear_line(thermaltool, path, changes, arguments, mess
     done = thermaltool("compensate", path / "model.json", path / "log.csv", *arguments)
     assert done.code in (1, 2)
     assert message in done.err.splitlines()[-1]
+
+
+def test_no_power_may_be_named_as_the_safe_setpoint(powers):
+    assert powers("--safe", "zero") == powers()
+
+
+def test_a_heater_from_a_file_of_settings(thermaltool, path):
+    (path / "own.toml").write_text(f'[compensate]\nheater = "{HEATER}"\n')
+    done = thermaltool("--config", path / "own.toml", "compensate", path / "model.json",
+                       path / "log.csv", "--target", "d_z_um")  # fmt: skip
+    assert "d_z_um is not an output of the model" in done.err.splitlines()[-1]
 
 
 def test_a_causal_column_that_is_missing_is_named(thermaltool, path):

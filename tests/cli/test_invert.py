@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from thermaltool.identification.combine import scheduled
 from thermaltool.model import Drive, Model, Output, Term, dumps
 from thermaltool.responses.rational import Rational2
 
@@ -111,11 +113,27 @@ def test_an_inverse_transfer_function_simulates(thermaltool, tmp_path):
 
 
 @pytest.mark.parametrize(
+    "arguments", [("--filter", "60"), ("--regularization", "0.02", "1e-4", "0.02")]
+)
+def test_a_schedule_is_refused(thermaltool, tmp_path, arguments):
+    """Of one way there is nothing to choose."""
+    slow = (Term("Q_heater_W", "phi_x_urad", Rational2(2.0, 900.0, 1.0, 9000.0)),)
+    sensor = (replace(POWER_TO_ANGLE.outputs[0], role="sensor"),)
+    members = [replace(POWER_TO_ANGLE, outputs=sensor, **part) for part in ({}, {"terms": slow})]
+    (tmp_path / "model.json").write_text(dumps(scheduled(members, "Q_heater_W", [20.0, 60.0])))
+    done = thermaltool("invert", tmp_path / "model.json", *arguments)
+    assert (done.code, done.out) == (1, "")
+    (line,) = done.err.splitlines()
+    assert "a schedule has no" in line
+
+
+@pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("--filter", "0"), "0.0 is not in the range"),
         (("--filter", "60", "--dt", "1"), "--filter goes with MODEL"),
         (("--drive", "Q_heater_W"), "--drive goes with --filter"),
+        ((), "the model has no sensor"),
         (("--filter", "60", "--sensor", "d_z_um"), "no such way: Q_heater_W → phi_x_urad"),
     ],
 )

@@ -59,6 +59,72 @@ def test_a_curve_of_a_drive_stays_with_it():
     np.testing.assert_allclose(run(both, u, v), expected, atol=1e-12)
 
 
+SQUARE = DriveCurve(HEAT, {"level": 50.0, "c1": 0.0, "c2": 1.0})
+LENGTH = "d_z_um"
+
+
+def elsewhere(each):
+    """The same model to another output."""
+    return replace(
+        each,
+        outputs=tuple(replace(o, channel=LENGTH) for o in each.outputs),
+        terms=tuple(replace(t, output=LENGTH) for t in each.terms),
+    )
+
+
+def test_a_curve_does_not_bend_another_model():
+    """In the sum a drive has one curve for all its terms."""
+    bent = member(60.0, 2.0, effects=(SQUARE,))
+    with pytest.raises(
+        ModelError,
+        match=r"^Q_heater_W acts differently in the models a\.json \(drive_curve\), "
+        r"b\.json \(straight\): superpose first, correct then$",
+    ):
+        superposed([bent, elsewhere(member(50.0))], ["a.json", "b.json"])
+    flatter = DriveCurve(HEAT, {"level": 50.0, "c1": 0.5, "c2": 0.5})
+    with pytest.raises(ModelError, match=r"Q_heater_W .* model 1 .* model 2 \(drive_curve\)"):
+        superposed([bent, elsewhere(member(50.0, effects=(flatter,)))])
+
+
+def test_models_with_the_same_curve_at_a_drive():
+    same = DriveCurve(HEAT, dict(SQUARE.parameters), covariance=np.eye(3))
+    one = member(60.0, 2.0, effects=(SQUARE,))
+    both = superposed([one, elsewhere(member(50.0, -1.0, effects=(same,)))])
+    assert both.effects == (SQUARE,)
+    u = steps(0, 60, 10)
+    straight = [member(60.0, 2.0), elsewhere(member(50.0, -1.0))]
+    for each, output in zip(straight, (ANGLE, LENGTH), strict=True):
+        expected = each.simulate(TIME, {HEAT: u**2 / 50.0})[output]
+        np.testing.assert_allclose(both.simulate(TIME, {HEAT: u})[output], expected, atol=1e-12)
+
+
+def at_rest(each, zero):
+    return replace(each, outputs=tuple(replace(o, offset=zero) for o in each.outputs))
+
+
+@pytest.mark.parametrize("combine", [superposed, lambda models: scheduled(models, HEAT)])
+def test_rest_is_where_the_models_have_it_on_the_mean(combine):
+    """Every model has its own estimate of one state; nothing of it adds up."""
+    other = member(50.0, drive=OTHER if combine is superposed else HEAT)
+    made = combine([at_rest(MEMBERS[0], 20.0625), at_rest(other, 20.5)])
+    assert made.outputs[0].offset == pytest.approx(20.28125)
+    assert combine([MEMBERS[0], other]).outputs[0].offset == "first"
+
+
+@pytest.mark.parametrize("combine", [superposed, lambda models: scheduled(models, HEAT)])
+def test_clocks_that_were_printed_are_the_same(combine):
+    """Medians of time columns with six decimals, one of them from a start late in the day."""
+    clocks = [np.round(start + 0.1 * np.arange(50), 6) for start in (0.0, 81234.567891)]
+    periods = [float(np.median(np.diff(clock))) for clock in clocks]
+    assert periods[0] != periods[1]
+    other = member(50.0, drive=OTHER if combine is superposed else HEAT)
+    pair = [replace(m, sample_period=dt) for m, dt in zip((MEMBERS[0], other), periods,
+                                                          strict=True)]  # fmt: skip
+    assert combine(pair).sample_period in periods
+    with pytest.raises(ModelError, match=r"model 2: sampled every 0\.11 s, model 1 every 0\.1 s"):
+        combine([pair[0], replace(pair[1], sample_period=0.11)])
+
+
 @pytest.mark.parametrize("k", range(3))
 def test_at_its_level_a_member_is_alone(k):
     model = scheduled(MEMBERS, HEAT)
@@ -154,8 +220,11 @@ def test_what_cannot_be_added():
         superposed(MEMBERS)
     other = member(50.0, drive=OTHER)
     absolute = replace(other, outputs=(replace(other.outputs[0], offset=0.0),))
-    with pytest.raises(ModelError, match="differ in its role or zero"):
+    with pytest.raises(ModelError, match="differ in its zero: a number, or the first"):
         superposed([MEMBERS[0], absolute])
+    sensor = replace(other, outputs=(replace(other.outputs[0], role="sensor"),))
+    with pytest.raises(ModelError, match="differ in its role"):
+        superposed([MEMBERS[0], sensor])
     with pytest.raises(ModelError, match="superpose first"):
         superposed([CURVED, other])
 

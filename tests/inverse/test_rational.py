@@ -10,6 +10,7 @@ import pytest
 from thermaltool.effects.band import Band
 from thermaltool.effects.curve import DriveCurve
 from thermaltool.errors import ModelError
+from thermaltool.identification.combine import scheduled
 from thermaltool.identification.transfer.continuation import continued
 from thermaltool.identification.transfer.data import Data, Stretch
 from thermaltool.identification.transfer.identify import identify, orders_of
@@ -74,6 +75,14 @@ def test_ways_are_chosen_and_what_cannot_be_inverted_is_named(c_frame):
         inverse_model(both, 60.0, output="d_z_um")
     refused = {
         "a schedule": replace(c_frame, terms=(replace(term, band=Band(HEATER, (0.0, 9.0), 0)),)),
+        r"^Q_stab\S* → phi_x_urad: a schedule has no inverse": scheduled(
+            [c_frame, replace(c_frame, terms=(replace(term, response=Rational1(3.0, 900.0)),))],
+            HEATER,
+            [20.0, 60.0],
+        ),
+        "2 responses in sum": replace(
+            c_frame, terms=(term, replace(term, response=Rational1(3.0, 900.0)))
+        ),
         "drive_curve": replace(c_frame, effects=(DriveCurve(HEATER, {"level": 1.0, "c1": 1.0}),)),
         "deflection is not rational": replace(
             c_frame,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from thermaltool.cli.plant import SHAPES, command
+from thermaltool.cli.plant import COMMON, SHAPES, TAKEN, command
 from thermaltool.logs import read_log
 from thermaltool.plants.excitation import INPUTS
 
@@ -62,12 +62,64 @@ def test_a_log_drives_the_plant(tmp_path):
         (("frame", "--duration", "inf"), "not a finite number"),
         (("frame", "--dt", 0), "--dt"),
         (("frame", "--sigma", -1), "--sigma"),
+        (
+            ("frame", "--duration", 0.4),
+            "--duration: 0.4 s is shorter than the sample period",
+        ),
+        (("quill", "--duration", 10), "--duration: 10 s is shorter than the sample period of 60 s"),
+        (
+            ("boring-bar", "--duration", 1e-4),
+            "0.0001 s is shorter than the sample period",
+        ),
+        (("quill", "--sigma", 0.1), "--sigma is not for quill, but for frame"),
+        (("c-frame", "--sigma-d", 0.1), "--sigma-d is not for c-frame, but for frame"),
+        (("c-frame", "--level", 1), "--level is not for c-frame, but for frame"),
+        (("frame", "--swing", 1), "--swing is not for frame, but for quill, c-frame"),
+        (("frame", "--part", "taper"), "--part is not for frame, but for boring-bar"),
+        (("boring-bar", "--clean"), "--clean is not for boring-bar, but for frame, quill, c-frame"),
+        (("boring-bar", "--input", "step"), "--input is not for boring-bar"),
     ],
 )
 def test_bad_usage_is_named(arguments, message):
     result = run(*arguments)
     assert result.exit_code == 2
     assert message in result.stderr
+
+
+def test_every_option_is_of_some_plant():
+    """And one that is taken is not refused."""
+    options = {p.name for p in command.params}
+    assert COMMON.union(*TAKEN.values()) == options
+    done = run("quill", "--duration", 120, "--heater", "both", "--power", 50, "--swing", 0,
+               "--ambient", 25, "--start", 60, "--dt", 30, "--clean")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert len(done.stdout.splitlines()) == 6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "on"),
+    [((), (1, 0)), (("--heater", "stabilization"), (0, 1)), (("--heater", "both"), (1, 1))],
+)
+def test_the_causal_heater_is_on_where_none_is_named(arguments, on):
+    done = run("quill", "--duration", 120, "--start", 60, *arguments)
+    powers = [float(field) for field in done.stdout.splitlines()[-1].split(",")[1:3]]
+    assert [power > 0 for power in powers] == [bool(each) for each in on]
+
+
+def test_the_environment_may_speak_of_any_plant(monkeypatch):
+    monkeypatch.setenv("PLANT_SIGMA", "0.5")
+    done = run("quill", "--duration", 120, auto_envvar_prefix="PLANT")
+    assert done.exit_code == 0, done.output
+
+
+@pytest.mark.parametrize("option", [("--heater", "both"), ("--power", 9)])
+def test_a_log_has_its_own_powers(tmp_path, option):
+    (tmp_path / "drive.csv").write_text("time_s,Q_causal_W,Q_stabilization_W\n0,50,20\n60,50,0\n")
+    arguments = ("quill", "--input", tmp_path / "drive.csv", "--duration", 180)
+    assert run(*arguments).exit_code == 0
+    done = run(*arguments, *option)
+    assert done.exit_code == 2
+    assert "--heater and --power are for shapes" in done.stderr
 
 
 def test_a_log_without_heat_or_rows_is_refused(tmp_path):

@@ -9,6 +9,7 @@ from typing import IO
 import click
 import numpy as np
 
+from thermaltool.cli.plant import clock
 from thermaltool.errors import LogError
 from thermaltool.logs import read_log, write_table
 from thermaltool.plants.boring_bar import PARTS, CutRecord, build
@@ -27,7 +28,7 @@ def write_cut(
 ) -> None:
     """Cut, and write the log; see the options of ``plant``."""
     bar = build()
-    samples = round(duration / bar.parameters.period)
+    samples = len(clock(duration, bar.parameters.period)) - 1
     if commands is not None and stat.S_ISFIFO(os.stat(commands).st_mode):
         if output == "-":
             raise click.UsageError("-o FILE is needed: stdout carries the lines of the loop")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import click
@@ -51,6 +52,19 @@ class Safe(click.ParamType):
         return value if value == "hold" else self.fail(f"{value!r} is not {self.name}", param, ctx)
 
 
+class Once(click.Option):
+    """An option that is refused where it is given twice: else the last one would win."""
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        parser.add_option(obj=self, opts=self.opts, dest=self.name, action="append")
+
+    def consume_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> Any:
+        given = opts.get(str(self.name), ())
+        if len(given) > 1:
+            raise click.BadParameter(f"{', '.join(given)}: there can be one only", ctx, self)
+        return super().consume_value(ctx, {**opts, str(self.name): given[0]} if given else opts)
+
+
 @click.command(epilog="Example: tail -n +1 -f temps.csv | thermaltool compensate model.json")
 @model_argument
 @log_argument
@@ -66,7 +80,7 @@ class Safe(click.ParamType):
     default="column",
     help="Time from the input, or of its arrival (to 1 ms).",
 )
-@click.option("--heater", metavar="CHANNEL",
+@click.option("--heater", cls=Once, metavar="CHANNEL",
               help="Set this drive, a heater, in place of offsets.")  # fmt: skip
 @click.option("--target", metavar="OUTPUT",
               help="What the heater holds at zero.  [default: the only deflection]")  # fmt: skip
@@ -143,7 +157,8 @@ class Safe(click.ParamType):
     "--safe",
     type=Safe(),
     default="zero",
-    help="Setpoint while readings are lost and at the end: the last one, or a value [um].",
+    help="Setpoint while readings are lost and at the end: the last one, or a value [um]; not "
+    "with --heater.",
 )
 @click.option(
     "--checkpoint",
@@ -188,6 +203,8 @@ def command(model: str, log: str, **options: Any) -> None:
         raise click.UsageError("--target and --lead go with --heater")
     if not alone and options["sign"] != "-1":
         raise click.UsageError("--sign is for offsets: it does not go with --heater")
+    if not alone and options["safe"] != 0:
+        raise click.UsageError("--safe is for offsets: the safe setpoint of a heater is no power")
     quiet = options.pop("quiet")
     if options.pop("as_json"):
         options["to_format"] = "ndjson"

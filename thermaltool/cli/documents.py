@@ -58,16 +58,17 @@ def read_model(path: str) -> Model:
 
 
 def write_combined(
-    combine: Callable[[list[Model]], Model], models: tuple[str, ...], output: str
+    combine: Callable[[list[Model], list[str]], Model], models: tuple[str, ...], output: str
 ) -> None:
-    """Read several models, and write the one that is made of them."""
+    """Read several models, and write the one that is made of them (and of their names)."""
     from dataclasses import replace
 
     from thermaltool.model import dumps
 
     one_stdin(*models)
     keep_inputs(output, *models)
-    made = combine([read_model(path) for path in models])
+    names = ["<stdin>" if path == "-" else path for path in models]
+    made = combine([read_model(path) for path in models], names)
     provenance = {**made.provenance, "command": "thermaltool " + " ".join(sys.argv[1:])}
     with atomic_output(output) as stream:
         stream.write(dumps(replace(made, provenance=provenance)).encode())

@@ -5,11 +5,11 @@ from __future__ import annotations
 import click
 import numpy as np
 
-from thermaltool.cli.plant import read_input
+from thermaltool.cli.plant import clock, read_input
 from thermaltool.logs import write_table
 from thermaltool.plants import build_heated
 from thermaltool.plants.duties import DUTIES, HOUR, air, settings
-from thermaltool.plants.excitation import hold, sample_times
+from thermaltool.plants.excitation import hold
 from thermaltool.plants.heated import HEATERS, POWERS, SENSORS
 from thermaltool.plants.noise import read_sensors
 
@@ -20,7 +20,7 @@ USUAL_DURATION, USUAL_START, USUAL_PERIOD = 12 * HOUR, 1800.0, 60.0
 def write_heated(
     name: str,
     shape: str,
-    heater: str,
+    heater: str | None,
     power: float | None,
     times: tuple[float | None, float | None, float | None],
     climate: tuple[float, float],
@@ -31,7 +31,7 @@ def write_heated(
 ) -> None:
     """Simulate and write; `times` are duration, start and period, `climate` mean and swing."""
     duration, start, dt = times
-    time = sample_times(duration or USUAL_DURATION, dt or USUAL_PERIOD)
+    time = clock(duration or USUAL_DURATION, dt or USUAL_PERIOD)
     since = time - (USUAL_START if start is None else start)
     plant = build_heated(name)
     full = plant.regulators[0].full
@@ -39,10 +39,13 @@ def write_heated(
         raise click.BadParameter(f"{name} has {full:g} W", param_hint="--power")
     around = air(time, *climate, seed)
     if shape in DUTIES:
-        on = (heater != HEATERS[1], heater != HEATERS[0])
+        chosen = heater or HEATERS[0]
+        on = (chosen != HEATERS[1], chosen != HEATERS[0])
         powers = settings(shape, on, full if power is None else power, since, seed)
-    else:
+    elif heater is None and power is None:
         powers, around = _from_log(shape, since, around)
+    else:
+        raise click.UsageError("--heater and --power are for shapes: a log has its own powers")
     outputs = plant.simulate(powers, around, time[1] - time[0])
     read = {AIR: around, **outputs}
     if not clean:

@@ -69,8 +69,8 @@ def command(
 
     With --filter the inverse of a rational response (identify) as a model: the output drives it,
     and the power follows that would have caused it, behind first-order lags of SECONDS, SECONDS/2,
-    ..., one more than the response falls off with. Zeros in the right half-plane and delays are
-    refused.
+    ..., one more than the response falls off with. Zeros in the right half-plane, delays, effects
+    and schedules are refused.
     """
     if filter_time is not None:
         if regularization or dt or to_format or as_json:
@@ -91,12 +91,16 @@ def command(
     document = read_model(model)
     keep_inputs(output, model)
     names = [o.channel for o in document.sensors]
+    if not names:
+        raise ModelError("the model has no sensor: a kernel goes from a sensor to its drive")
     if sensor is None and len(names) != 1:
         raise ModelError(f"the model has the sensors {', '.join(names)}: choose one with --sensor")
     chosen = sensor or names[0]
     read = document.design.get("known", {}).get("columns", ()) if document.design else ()
     measured = {known["channel"] for known in read}
     terms = [t for t in document.terms if t.output == chosen and t.drive not in measured]
+    if any(term.band is not None for term in terms):
+        raise ModelError(f"{chosen}: a schedule has no kernel")
     if chosen not in names or len(terms) != 1:
         raise ModelError(f"{chosen} is not a sensor with one drive; there are {', '.join(names)}")
     settings: dict[str, float] = {}

@@ -6,6 +6,7 @@ import os
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from thermaltool.cli.options import (
     NOT_NEGATIVE,
@@ -23,6 +24,14 @@ BORING_BAR = "boring-bar"
 # Where no --duration is given [s].
 USUAL_DURATION, USUAL_CUT, USUAL_START, USUAL_PERIOD = 9000.0, 4.0, 60.0, 0.5
 WARMED = ", ".join(HEATED)
+# What every plant takes, and what some take beside it.
+COMMON = {"name", "duration", "seed", "to_format", "as_json", "output"}
+ROOM = {"shape", "start", "dt", "ambient", "clean"}
+TAKEN = {
+    **dict.fromkeys(PLANTS, ROOM | {"level", "sigma", "drift", "drift_time", "sigma_d"}),
+    **dict.fromkeys(HEATED, ROOM | {"heater", "power", "swing"}),
+    BORING_BAR: {"speed", "part", "commands"},
+}
 
 
 @click.command(
@@ -69,16 +78,20 @@ WARMED = ", ".join(HEATED)
     metavar="FILE",
     help=f"{BORING_BAR}: log with U_command_V; of a named pipe, one line answers each line.",
 )
-@click.option("--heater", type=click.Choice([*HEATERS, "both"]), default="causal",
-              help=f"{WARMED}: which one is on; both have courses of their own.")  # fmt: skip
+@click.option("--heater", type=click.Choice([*HEATERS, "both"]),
+              help=f"{WARMED}: which one is on, of a shape; both have courses of their own.  "
+              "[default: causal]")  # fmt: skip
 @click.option("--power", type=POSITIVE,
-              help=f"{WARMED}: the largest power that is set [W].  [default: all]")  # fmt: skip
+              help=f"{WARMED}: the largest power that is set, of a shape [W].  "
+              "[default: all]")  # fmt: skip
 @click.option("--swing", type=NOT_NEGATIVE, default=0.5,
               help=f"{WARMED}: drift of the air [K].")  # fmt: skip
 @to_option
 @json_lines_option
 @output_option
+@click.pass_context
 def command(
+    ctx: click.Context,
     name: str,
     shape: str,
     level: float,
@@ -95,7 +108,7 @@ def command(
     speed: float,
     part: str,
     commands: str | None,
-    heater: str,
+    heater: str | None,
     power: float | None,
     swing: float,
     to_format: str | None,
@@ -108,16 +121,17 @@ def command(
     slow drift, displacements to 0.01 um; heat, air and clock are exact.
 
     boring-bar samples every 0.5 ms: speed, command, error as read, true deflection of the cutter
-    and the trace that it cuts; of the options above only --duration and --seed are its own. With
+    and the trace that it cuts; of the general options it takes --duration and --seed. With
     --commands PIPE the lines on stdout are time, speed and error, each waits for its command, and
     -o FILE takes the whole log.
 
     quill and c-frame have two heaters behind regulators that are not straight, two temperatures and
     three displacement probes with noise of their own: step is a calibration, A holds its steps for
     8 h, B is random with quick changes at its end, quick changes within minutes, mixed at many
-    rates. Of the options above they take --input, --start, --duration, --dt, --ambient, --seed and
-    --clean.
+    rates. Of the general options they take --input, --start, --duration, --dt, --ambient, --seed
+    and --clean. An option that a plant does not take is refused.
     """
+    _refuse_others(ctx, name)
     form = "ndjson" if as_json else to_format
     if name in HEATED:
         from thermaltool.cli.heaters import write_heated
@@ -134,11 +148,11 @@ def command(
 
     from thermaltool.logs import write_table
     from thermaltool.plants import build
-    from thermaltool.plants.excitation import INPUTS, hold, sample_times
+    from thermaltool.plants.excitation import INPUTS, hold
     from thermaltool.plants.noise import Sensor, read_sensors
 
     dt, start = dt or USUAL_PERIOD, USUAL_START if start is None else start
-    time = sample_times(duration or USUAL_DURATION, dt)
+    time = clock(duration or USUAL_DURATION, dt)
     air = np.full_like(time, ambient)
     if shape in INPUTS:
         heat = INPUTS[shape](time - start, seed)
@@ -157,6 +171,27 @@ def command(
         columns = read_sensors(columns, sensors, dt, seed)
     table = {"time_s": time, "Q_main_1": heat, "T_ambient_degC": air, **columns}
     write_table(table, output, form)
+
+
+def _refuse_others(ctx: click.Context, name: str) -> None:
+    """Refuse options of other plants; those of the environment or of --config stand for any."""
+    for parameter in ctx.command.params:
+        given = ctx.get_parameter_source(str(parameter.name)) is ParameterSource.COMMANDLINE
+        if given and parameter.name not in COMMON | TAKEN[name]:
+            users = ", ".join(plant for plant, own in TAKEN.items() if parameter.name in own)
+            raise click.UsageError(f"{parameter.opts[0]} is not for {name}, but for {users}")
+
+
+def clock(duration: float, dt: float) -> Any:
+    """The times of a log, two at least."""
+    from thermaltool.plants.excitation import sample_times
+
+    if duration < dt:
+        raise click.BadParameter(
+            f"{duration:g} s is shorter than the sample period of {dt:g} s",
+            param_hint="--duration",
+        )
+    return sample_times(duration, dt)
 
 
 def read_input(source: str, shapes: tuple[str, ...], need: tuple[str, ...]) -> Any:

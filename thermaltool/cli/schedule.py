@@ -37,10 +37,11 @@ def command(
 
     Each response takes its share of the drive: all of it at its own level, falling straight to none
     at the neighbours'; beyond the ends the outermost one takes all. What a response has stored goes
-    on decaying in its own way, so that no output jumps. The result simulates and streams as any
+    on decaying in its own way, so that no output jumps. Where the models have the rest of an output
+    as a number, the schedule rests at their mean. The result simulates and streams as any
     other model, where the drive and the channel are measured.
     """
     from thermaltool.cli.documents import write_combined
     from thermaltool.identification.combine import scheduled
 
-    write_combined(lambda parts: scheduled(parts, by, levels), models, output)
+    write_combined(lambda parts, names: scheduled(parts, by, levels, names), models, output)

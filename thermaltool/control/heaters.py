@@ -8,7 +8,8 @@ limits keep from the machine is remembered by the model.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,38 +18,125 @@ from thermaltool.effects.curve import DriveCurve
 from thermaltool.errors import ModelError
 from thermaltool.model import Drive, Model, Term
 from thermaltool.responses.delay import DelayedModes
-from thermaltool.responses.modes import CLOCK_STEP, Float, Hold, Recursion
+from thermaltool.responses.modes import CLOCK_STEP, Float, Hold, Modes, Recursion
 
 Values = Mapping[str, float | Float]
-# Length [s], and what acts at both ends.
-Span = tuple[float, float, float]
+# Length [clock steps], and what acts at both ends.
+Span = tuple[int, float, float]
 
 # Powers that are tried; between two of them a straight line is taken.
 CHOICES = 281
 # Recursions for different lengths that are kept ready.
 KEPT = 32
+# Any length gives the same steady state [clock steps].
+SETTLING = round(1.0 / CLOCK_STEP)
+
+
+class Recursions:
+    """Recursions of one response for any number of clock steps, the latest kept ready."""
+
+    def __init__(self, modes: Modes, hold: Hold) -> None:
+        self.states = modes.states
+        self._modes, self._hold = modes, hold
+        self._kept: dict[int, Recursion] = {}
+
+    def over(self, ticks: int) -> Recursion:
+        """The recursion over `ticks`."""
+        if ticks not in self._kept:
+            if len(self._kept) >= KEPT:
+                del self._kept[next(iter(self._kept))]
+            self._kept[ticks] = self._modes.discretize(ticks * CLOCK_STEP, self._hold)
+        return self._kept[ticks]
+
+    def settled(self, acting: float) -> Float:
+        """The state where `acting` has stood for ever."""
+        if not acting:
+            return np.zeros(self.states)
+        return self.over(SETTLING).settled(np.array([acting]))
+
+
+class Line:
+    """A delay line and the state at its end: what enters acts `ticks` later.
+
+    Every span enters once and leaves once, in one part or a few: the work for a sample does not
+    grow with the delay.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n,)
+        The state after all that has left.
+    """
+
+    def __init__(self, steps: Recursions, ticks: int) -> None:
+        self._steps, self._ticks = steps, ticks
+        self.start(0.0)
+
+    def start(self, acting: float) -> None:
+        """From where `acting` has stood for ever."""
+        self.x = self._steps.settled(acting)
+        self._waiting = deque([(self._ticks, acting, acting)] if self._ticks else [])
+
+    def advance(self, entered: Sequence[Span]) -> list[Span]:
+        """Take what enters; what leaves in the same time moves the state, and is returned."""
+        self._waiting.extend(entered)
+        left, parts = sum(ticks for ticks, _, _ in entered), []
+        while left:
+            ticks, start, end = self._waiting.popleft()
+            if ticks > left:
+                middle = start + (end - start) * left / ticks
+                self._waiting.appendleft((ticks - left, middle, end))
+                ticks, end = left, middle
+            r = self._steps.over(ticks)
+            self.x = r.F @ self.x + r.G0[:, 0] * start + r.G1[:, 0] * end
+            parts.append((ticks, start, end))
+            left -= ticks
+        return parts
+
+    def state(self) -> list[Any]:
+        """For `resume`, as JSON."""
+        return [self.x.tolist(), [list(part) for part in self._waiting]]
+
+    def resume(self, state: list[Any]) -> None:
+        """Go on from `state`; raises TypeError or ValueError where it is none."""
+        kept, spans = state
+        x, waiting = np.array(kept, float), [(float(t), float(a), float(b)) for t, a, b in spans]
+        lengths = [ticks for ticks, _, _ in waiting]
+        whole = all(ticks > 0 and ticks.is_integer() for ticks in lengths)
+        fitting = x.shape == (self._steps.states,) and sum(lengths) == self._ticks
+        if not whole or not fitting or not np.isfinite([*x, *np.ravel(waiting)]).all():
+            raise ValueError("not a state of this model")
+        self.x, self._waiting = x, deque((int(ticks), a, b) for ticks, a, b in waiting)
 
 
 class Way:
-    """A term in time: what it has stored, and what it will give.
+    """A term in time: what it has stored, and what it will give a while later.
+
+    Two delay lines, one behind the other: at the end of the first is the state of the horizon, as
+    far as what has come by now makes it; at the end of the second the state of now.
 
     Parameters
     ----------
     model : Model
     term : Term
+    horizon : float [s]
+        How far `ahead` looks.
     """
 
-    def __init__(self, model: Model, term: Term) -> None:
-        modes = term.response.modes(model.sample_period)
-        self.delay = modes.delay if isinstance(modes, DelayedModes) else 0.0
-        self._modes = modes.prompt() if isinstance(modes, DelayedModes) else modes
+    def __init__(self, model: Model, term: Term, horizon: float) -> None:
+        modes, lag = parted(model, term)
         self._drive, self._band = term.drive, term.band
         self._hold: Hold = next(d.hold for d in model.drives if d.channel == term.drive)
         self._curves = [e for e in model.effects
                         if isinstance(e, DriveCurve) and e.channel == term.drive]  # fmt: skip
-        self._kept: dict[int, Recursion] = {}
-        self._C = self._recursion(model.sample_period).C[0]
-        self.start(0.0)
+        steps = Recursions(modes, self._hold)
+        delay, far = round(lag / CLOCK_STEP), round(horizon / CLOCK_STEP)
+        self._lines = [Line(steps, max(delay - far, 0))]
+        if min(delay, far):
+            self._lines.append(Line(steps, min(delay, far)))
+        # What acts from now on is felt for this long at the horizon.
+        r = steps.over(max(far - delay, 0))
+        self._C, self._C_ahead = r.C[0], r.C[0] @ r.F
+        self._gain = float(r.C[0] @ (r.G0 + r.G1)[:, 0])
 
     def acting(self, values: Values) -> Float:
         """What the response takes of the drives, each relative to its reference."""
@@ -61,64 +149,37 @@ class Way:
 
     def start(self, acting: float) -> None:
         """From where `acting` has stood for ever."""
-        # The state is that of the moment the delay ago; what came since waits.
-        self._waiting = [(self.delay, acting, acting)] if self.delay else []
-        self._x = np.zeros(self._modes.states)
-        if acting:
-            self._x = self._recursion(1.0).settled(np.array([acting]))
+        for line in self._lines:
+            line.start(acting)
 
     def advance(self, dt: float, start: float, end: float) -> None:
         """Go on by `dt` [s], at whose ends so much acts; what is commanded is held."""
-        self._waiting.append((dt, start, end if self._hold == "first" else start))
-        self._x, self._waiting = self._passed(dt)
+        parts = [(round(dt / CLOCK_STEP), start, end if self._hold == "first" else start)]
+        for line in self._lines:
+            parts = line.advance(parts)
 
-    def ahead(self, time: float, acting: Float) -> Float:
-        """The output in `time` [s] where so much acts from now on."""
-        x, _ = self._passed(time)
-        held = time - self.delay
-        if held <= CLOCK_STEP / 2:
-            return np.full(np.shape(acting), float(self._C @ x))
-        r = self._recursion(held)
-        return np.asarray(self._C @ r.F @ x + (self._C @ (r.G0 + r.G1)[:, 0]) * acting)
+    def now(self) -> float:
+        """The output."""
+        return float(self._C @ self._lines[-1].x)
 
-    def _passed(self, time: float) -> tuple[Float, list[Span]]:
-        """The state after `time` [s] of what waits, or all of it, and what still waits then."""
-        x, left = self._x, time
-        for k, (length, start, end) in enumerate(self._waiting):
-            if left <= CLOCK_STEP / 2:
-                return x, self._waiting[k:]
-            if left < length - CLOCK_STEP / 2:
-                middle = start + (end - start) * left / length
-                rest = [(length - left, middle, end), *self._waiting[k + 1 :]]
-                return self._moved(x, left, start, middle), rest
-            x, left = self._moved(x, length, start, end), left - length
-        return x, []
-
-    def _moved(self, x: Float, dt: float, start: float, end: float) -> Float:
-        r = self._recursion(dt)
-        return np.asarray(r.F @ x + r.G0[:, 0] * start + r.G1[:, 0] * end)
-
-    def _recursion(self, dt: float) -> Recursion:
-        ticks = max(round(dt / CLOCK_STEP), 1)
-        if ticks not in self._kept:
-            if len(self._kept) >= KEPT:
-                del self._kept[next(iter(self._kept))]
-            self._kept[ticks] = self._modes.discretize(ticks * CLOCK_STEP, self._hold)
-        return self._kept[ticks]
+    def ahead(self, acting: Float) -> Float:
+        """The output at the horizon where so much acts from now on."""
+        return np.asarray(self._C_ahead @ self._lines[0].x + self._gain * acting)
 
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
-        return [self._x.tolist(), [list(part) for part in self._waiting]]
+        return [line.state() for line in self._lines]
 
     def resume(self, state: list[Any]) -> None:
         """Go on from `state`; raises TypeError or ValueError where it is none."""
-        x, waiting = np.array(state[0], float), [(float(t), float(a), float(b))
-                                                 for t, a, b in state[1]]  # fmt: skip
-        finite = np.isfinite(x).all() and np.isfinite(waiting).all()
-        late = abs(sum(part[0] for part in waiting) - self.delay) > CLOCK_STEP
-        if x.shape != self._x.shape or late or not finite:
-            raise ValueError("not a state of this model")
-        self._x, self._waiting = x, waiting
+        for line, kept in zip(self._lines, state, strict=True):
+            line.resume(kept)
+
+
+def parted(model: Model, term: Term) -> tuple[Modes, float]:
+    """The response of a term without its delay, and the delay [s]."""
+    modes = term.response.modes(model.sample_period)
+    return (modes.prompt(), modes.delay) if isinstance(modes, DelayedModes) else (modes, 0.0)
 
 
 class Stabilizer:
@@ -148,10 +209,9 @@ class Stabilizer:
     ) -> None:
         own, self.read, terms = parts_of(model, heater, target)
         self.heater, self._reference = heater, float(own.reference)
-        self.ways = [Way(model, term) for term in terms]
-        delays = [w.delay for w, t in zip(self.ways, terms, strict=True) if t.drive == heater]
         # Of several delays the shortest: then the heater begins to be felt.
-        self._horizon = min(delays) + lead
+        felt = min(parted(model, term)[1] for term in terms if term.drive == heater)
+        self.ways = [Way(model, term, felt + lead) for term in terms]
         self.choices = np.linspace(*limits, CHOICES)
         self._last: dict[str, float] = {}
 
@@ -176,14 +236,14 @@ class Stabilizer:
 
     def now(self) -> float:
         """The output of the model, relative to rest."""
-        return float(sum(way.ahead(0.0, np.zeros(())) for way in self.ways))
+        return sum(way.now() for way in self.ways)
 
     def power(self) -> float:
         """The power that is wanted from now on."""
         values = self._values(self._last, self.choices)
         after = np.zeros(CHOICES)
         for way in self.ways:
-            after = after + way.ahead(self._horizon, way.acting(values))
+            after = after + way.ahead(way.acting(values))
         crossed = np.flatnonzero(after[:-1] * after[1:] <= 0)
         if not len(crossed):
             # No power reaches zero. Over a short lead a schedule can have its strongest effect

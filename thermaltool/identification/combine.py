@@ -4,41 +4,78 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
+
+import numpy as np
 
 from thermaltool.effects.band import Band
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
+from thermaltool.identification.transfer.data import UNEVEN
 from thermaltool.model import Drive, Model, Output
 
+CORRECT_LATER = "superpose first, correct then"
 
-def superposed(models: Sequence[Model]) -> Model:
+
+def superposed(models: Sequence[Model], names: Sequence[str] = ()) -> Model:
     """The sum of models: δ = Σ u_i ε_i (Mareš et al., (7)).
 
     A drive or an output that several models have is there once; outputs are the sums of all terms.
+    What adds up is what outputs do above rest. Rest itself is one state of the machine, of which
+    every model has its own estimate: where it is a number, the mean of them is kept.
+
+    Parameters
+    ----------
+    models : sequence of Model
+    names : sequence of str, optional
+        What errors call them; "model 1", ... where it is left out.
 
     Raises
     ------
     ModelError
-        A drive or an output with another hold, role or zero; one drive on one output in two
-        models; sample periods that differ; an effect that is not on a drive.
+        A drive or an output with another hold, role or kind of zero; one drive on one output in
+        two models; sample periods that differ; an effect that is not on a drive, or on a drive
+        that another model has without it.
     """
-    _examine(models)
+    names = _examine(models, names)
     owners: dict[tuple[str, str], Model] = {}
     for model in models:
         for term in model.terms:
             if owners.setdefault((term.drive, term.output), model) is not model:
                 raise ModelError(f"{term.drive} → {term.output} is in two models: it counts twice")
-    effects: list[Effect] = []
+    terms = tuple(t for m in models for t in m.terms)
+    return _joined(models, terms=terms, effects=_at_drives(models, names))
+
+
+def _at_drives(models: Sequence[Model], names: Sequence[str]) -> tuple[Effect, ...]:
+    """Effects at the drives: in the sum each of them acts on the terms of all models."""
     for effect in (e for m in models for e in m.effects):
         if effect.side != "drive":
-            raise ModelError(f"{effect.name} of {effect.channel}: superpose first, correct then")
-        if effect not in effects:
-            effects.append(effect)
-    terms = tuple(t for m in models for t in m.terms)
-    return _joined(models, terms=terms, effects=tuple(effects))
+            raise ModelError(f"{effect.name} of {effect.channel}: {CORRECT_LATER}")
+    effects: list[Effect] = []
+    for channel in dict.fromkeys(t.drive for m in models for t in m.terms):
+        own = {
+            name: [e for e in model.effects if e.channel == channel]
+            for name, model in zip(names, models, strict=True)
+            if any(t.drive == channel for t in model.terms)
+        }
+        first, *others = own.values()
+        if any(other != first for other in others):
+            told = ", ".join(
+                f"{name} ({', '.join(e.name for e in each) or 'straight'})"
+                for name, each in own.items()
+            )
+            raise ModelError(f"{channel} acts differently in the models {told}: {CORRECT_LATER}")
+        effects += first
+    return tuple(effects)
 
 
-def scheduled(models: Sequence[Model], by: str, levels: Sequence[float] | None = None) -> Model:
+def scheduled(
+    models: Sequence[Model],
+    by: str,
+    levels: Sequence[float] | None = None,
+    names: Sequence[str] = (),
+) -> Model:
     """Models by level of a channel, switched without a bump (`thermaltool.effects.band`).
 
     Parameters
@@ -49,13 +86,15 @@ def scheduled(models: Sequence[Model], by: str, levels: Sequence[float] | None =
         What chooses: a drive, or another channel of the log.
     levels : sequence of float, optional
         At which each model was found; default the largest level of `by` in its logs.
+    names : sequence of str, optional
+        As in `superposed`; zeros that are numbers are averaged as there.
 
     Raises
     ------
     ModelError
         Models that do not go together, a level that is not known, or two of one level.
     """
-    _examine(models)
+    _examine(models, names)
     if len(models) < 2:
         raise ModelError("a schedule takes two models or more")
     first = models[0]
@@ -91,14 +130,16 @@ def _level(model: Model, by: str) -> float:
     raise ModelError(f"{by} is no drive of the models: give the levels with --levels")
 
 
-def _examine(models: Sequence[Model]) -> None:
+def _examine(models: Sequence[Model], names: Sequence[str]) -> Sequence[str]:
+    """That models go together; their names, or numbers where they have none."""
+    names = names or [f"model {k + 1}" for k in range(len(models))]
+    first = models[0].sample_period
     drives: dict[str, Drive] = {}
     outputs: dict[str, Output] = {}
-    for model in models:
-        if model.sample_period != models[0].sample_period:
+    for name, model in zip(names, models, strict=True):
+        if abs(model.sample_period - first) > UNEVEN * first:
             raise ModelError(
-                f"sampled every {model.sample_period:g} s, the first model every "
-                f"{models[0].sample_period:g} s"
+                f"{name}: sampled every {model.sample_period:g} s, {names[0]} every {first:g} s"
             )
         for drive in model.drives:
             known = drives.setdefault(drive.channel, drive)
@@ -106,8 +147,13 @@ def _examine(models: Sequence[Model]) -> None:
                 raise ModelError(f"{drive.channel}: the models differ in its hold or reference")
         for output in model.outputs:
             seen = outputs.setdefault(output.channel, output)
-            if (seen.role, seen.offset) != (output.role, output.offset):
-                raise ModelError(f"{output.channel}: the models differ in its role or zero")
+            if seen.role != output.role:
+                raise ModelError(f"{output.channel}: the models differ in its role")
+            if (seen.offset == "first") != (output.offset == "first"):
+                raise ModelError(
+                    f"{output.channel}: the models differ in its zero: a number, or the first value"
+                )
+    return names
 
 
 def _joined(models: Sequence[Model], **parts: object) -> Model:
@@ -121,12 +167,22 @@ def _joined(models: Sequence[Model], **parts: object) -> Model:
         for output in model.outputs:
             seen = outputs.get(output.channel, output)
             outputs[output.channel] = replace(
-                output, range=_wider(seen.range, output.range), fit={}
+                output,
+                offset=_zero(models, output.channel),
+                range=_wider(seen.range, output.range),
+                fit={},
             )
     logs = [log for model in models for log in model.provenance.get("logs", ())]
     joined = Model(tuple(drives.values()), tuple(outputs.values()), (), models[0].sample_period,
                    {"logs": logs})  # fmt: skip
     return replace(joined, **parts)  # type: ignore[arg-type]
+
+
+def _zero(models: Sequence[Model], channel: str) -> float | Literal["first"]:
+    """Where an output rests: numbers are estimates of one state, of which the mean is taken."""
+    zeros = [o.offset for m in models for o in m.outputs if o.channel == channel]
+    numbers = [zero for zero in zeros if zero != "first"]
+    return float(np.mean(numbers)) if numbers else "first"
 
 
 def _wider(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:

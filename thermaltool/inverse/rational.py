@@ -39,20 +39,21 @@ def inverse_model(
         and as `inverted`.
     """
     found = [t for t in model.terms if output in (None, t.output) and drive in (None, t.drive)]
-    if len(found) != 1:
-        ways = ", ".join(f"{t.drive} → {t.output}" for t in found or model.terms)
+    ways = list(dict.fromkeys(f"{t.drive} → {t.output}" for t in found or model.terms))
+    if not found or len(ways) > 1:
         problem = "several ways" if found else "no such way"
-        raise ModelError(f"{problem}: {ways}: choose with --drive and --sensor")
-    term = found[0]
-    place = f"{term.drive} → {term.output}"
-    if not isinstance(term.response, Rational):
-        raise ModelError(
-            f"{place}: {term.response.kind} is not rational: it has a kernel, --window"
-        )
+        raise ModelError(f"{problem}: {', '.join(ways)}: choose with --drive and --sensor")
+    term, (place,) = found[0], ways
     if term.band is not None or model.effects:
         what = "a schedule" if term.band is not None else f"the effect {model.effects[0].name}"
         raise ModelError(f"{place}: {what} has no inverse transfer function; compensate --heater "
                          "follows it")  # fmt: skip
+    if len(found) > 1:
+        raise ModelError(f"{place}: {len(found)} responses in sum, of which there is no inverse")
+    if not isinstance(term.response, Rational):
+        raise ModelError(
+            f"{place}: {term.response.kind} is not rational: it has a kernel, --window"
+        )
     source = next(o for o in model.outputs if o.channel == term.output)
     given = next(d for d in model.drives if d.channel == term.drive)
     try:

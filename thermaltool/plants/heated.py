@@ -2,7 +2,8 @@
 
 After Mareš et al.: a causal and a stabilization heater sit asymmetrically on the surface, each
 behind a voltage regulator; two temperatures are read close to them, and three displacement probes
-see the fictitious tool. `quill` and `c_frame` are the two structures.
+see the fictitious tool. `quill` and `c_frame` are the two structures: finite volumes for heat and
+beams for bending, no finite elements; `tubes` says why.
 
 Chosen, for nothing of it is printed: regulators, film, heaters. A voltage regulator heats with the
 square of its voltage, one by phase angle with x - sin(2 pi x)/(2 pi) of full power at the share x

@@ -3,7 +3,7 @@
 From print: Δ = 100 mm between the probes of x; 90 W on the causal heater in the calibration; the
 run of figure 4 without compensation reaches 9e-5 rad and 60 µm along z.
 
-Chosen, for no drawing is printed: a steel tube of 200 mm with a wall of 50 mm, clamped at its upper
+Chosen, for no drawing is printed: a steel tube of 200 mm with a wall of 65 mm, clamped at its upper
 end, its tool pointing down; heaters on opposite sides, the stabilization heater nearer to the tool
 and the stronger one, so that it can answer 90 W on the causal one. Length, wall and clamp are such
 that 90 W end at the printed figures (91 µrad, 60 µm).

@@ -1,9 +1,15 @@
-"""Chains of thin-walled tubes: heat in finite volumes, bending by beam theory.
+"""Chains of tubes: heat in finite volumes, bending by beam theory.
 
 Every tube is cut along its axis and around its girth; each piece has one temperature, conducts to
-its neighbours and to the air. A tube is thin, so that plane sections stay plane: the mean rise of a
-section stretches the axis, the moment of the rises about it bends it (Boley and Weiner 1960,
-chapter 10), and both are summed along the chain to the tool.
+its neighbours and to the air. Plane sections stay plane: the mean rise of a section stretches the
+axis, the moment of the rises about it bends it (Boley and Weiner 1960, chapter 10), and both are
+summed along the chain to the tool.
+
+Chosen in place of finite elements, which `thermoelastic` has for the frame: there is no drawing for
+a mesh, mean and moment of each section are all that the angle of a slender chain needs, and a
+closed loop of a day runs in a tenth of a second. Left out are the temperature through the wall,
+which settles in 4 wall²/(π² diffusivity), half a minute for 30 mm of steel and two minutes for
+65 mm, warping of sections, and the give of joints.
 """
 
 from __future__ import annotations

@@ -75,13 +75,15 @@ def held_output(model: Model, target: str | None) -> str:
 
 
 def powers(model: Model, heater: str, limits: tuple[float, float]) -> tuple[float, float]:
-    """What the heater may be given: never below 0, and where no limit is given what was seen.
+    """What the heater may be given: from 0, and where no limit is given to what was seen.
 
     Raises
     ------
     ModelError
-        Nothing above 0 is left.
+        A limit below 0, or nothing above 0 is left.
     """
+    if -math.inf < limits[0] < 0:
+        raise ModelError(f"{heater}: a heater has no power below 0: give --limit 0:WATTS")
     low, high = max(limits[0], 0.0), limits[1]
     for drive in model.drives:
         if drive.channel == heater and drive.reference != "first" and math.isinf(high):
