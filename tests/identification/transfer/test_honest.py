@@ -10,6 +10,7 @@ from thermaltool.identification.transfer.choose import choose, started
 from thermaltool.identification.transfer.continuous import identify_continuous
 from thermaltool.identification.transfer.data import Data, Stretch
 from thermaltool.identification.transfer.identify import identify, orders_of
+from thermaltool.identification.transfer.output_error import inverse_of
 
 
 def lags(u, parts, dt=1.0):
@@ -113,3 +114,28 @@ def test_a_continuous_model_has_the_orders_that_were_fitted():
         assert named[name].value == pytest.approx(truth, rel=0.02)
     assert np.isfinite(model.yic(float(np.var(y))))
     assert model.gain(0).value == pytest.approx(2.0, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_real_poles_of_more_do_at_least_as_well(seed):
+    """Where the free fit has pairs the search over lags starts elsewhere, and must not be lost."""
+    rng, n = np.random.default_rng(seed), 1500
+    u = np.repeat(rng.standard_normal(n // 30), 30)
+    pair = np.poly(rng.uniform(0.9, 0.99) * np.exp(1j * rng.uniform(0.02, 0.3) * np.array([1, -1])))
+    slow = np.cumsum(rng.standard_normal(n)) * 0.02
+    y = lfilter([0, pair.real.sum()], pair.real, u) + lags(u, [(1.0, 400.0)]) + slow
+    data = Data((Stretch(u[None], y),), 1.0, ("u",), "y")
+    losses = [identify(data, "oe", orders_of("oe", (1,), nf, (1,)), real=True).loss
+              for nf in (1, 2, 3)]  # fmt: skip
+    assert losses[1] < 1.01 * losses[0]
+    assert losses[2] < 1.01 * losses[1]
+
+
+def test_what_the_data_leave_open_is_not_told_as_sure():
+    """Directions without support: a pseudoinverse would give them no variance at all."""
+    rows = np.random.default_rng(5).standard_normal((40, 3)) * [1e3, 1.0, 1e-3]
+    np.testing.assert_allclose(inverse_of(rows.T @ rows), np.linalg.inv(rows.T @ rows), rtol=1e-9)
+    twice = np.column_stack([rows, rows[:, 1]])
+    variances = np.diag(inverse_of(twice.T @ twice)) * np.diag(twice.T @ twice)
+    assert np.all(variances[[1, 3]] > 1e12)
+    assert np.all(variances[[0, 2]] < 2)

@@ -14,7 +14,7 @@ from thermaltool.identification.network.problem import Delays, Index, Problem
 from thermaltool.identification.network.search import METHOD, Found, search
 from thermaltool.identification.transfer.colour import error_colour
 from thermaltool.identification.transfer.data import Array
-from thermaltool.identification.transfer.output_error import solve
+from thermaltool.identification.transfer.output_error import inverse_of
 
 # As many as a kind of response holds.
 MOST_MODES = 6
@@ -94,7 +94,7 @@ def _covariances(problem: Problem, found: Found) -> tuple[list[Array], list[floa
     scores = _Scores(problem, found)
     H = sum((f.reduced / v for f, v in zip(found.projected, variances, strict=True)),
             np.zeros((n, n)))  # fmt: skip
-    bread = solve(H, np.eye(n))
+    bread = inverse_of(H)
     p = range(len(variances))
     # Covariance of the weighted score Σ_o d_o'e_o/σ_o² with that of one output.
     mixed = [sum((scores.slopes(k, j) / variances[j] for j in p), np.zeros((n, n))) for k in p]
@@ -102,7 +102,7 @@ def _covariances(problem: Problem, found: Found) -> tuple[list[Array], list[floa
     V = bread @ middle @ bread
     result = []
     for k, f in enumerate(found.projected):
-        inverse = solve(f.gram, np.eye(len(f.linear)))
+        inverse = inverse_of(f.gram)
         crossed = sum((scores.columns(k, j) / variances[j] for j in p), 0 * f.by_lags)
         AQ = inverse @ crossed @ bread
         B = f.by_lags

@@ -19,7 +19,7 @@ from thermaltool.errors import FitError
 from thermaltool.identification.transfer.data import Array, Data
 from thermaltool.identification.transfer.identify import check_orders, coloured_gram
 from thermaltool.identification.transfer.model import Estimate, TransferModel, decay, spread_by
-from thermaltool.identification.transfer.output_error import Orders, Problem, solve
+from thermaltool.identification.transfer.output_error import Orders, Problem, inverse_of
 from thermaltool.identification.transfer.polynomials import partial_fractions
 from thermaltool.identification.transfer.search import overdamped, search
 from thermaltool.responses.modes import Hold
@@ -211,7 +211,7 @@ def identify_continuous(
     slopes = problem.slopes(found.F, here, mixed=False)
     sigma2 = slopes.loss / max(problem.rows - slopes.searched - problem.linear_count, 1)
     own = orders.parameters
-    inverse = solve(slopes.gram, np.eye(len(slopes.gram)))
+    inverse = inverse_of(slopes.gram)
     middle = coloured_gram(problem, found, slopes.gram, sigma2)
     covariance = (inverse @ middle @ inverse)[:own, :own]
     theta = np.concatenate([*(f[1:] for f in found.F), here.linear[: sum(orders.nb)]])

@@ -15,7 +15,7 @@ from thermaltool.identification.transfer.colour import error_colour, error_recor
 from thermaltool.identification.transfer.data import Array, Data
 from thermaltool.identification.transfer.equation_error import Regression, armax, arx
 from thermaltool.identification.transfer.model import TransferModel
-from thermaltool.identification.transfer.output_error import Orders, Problem, solve
+from thermaltool.identification.transfer.output_error import Orders, Problem, inverse_of, solve
 from thermaltool.identification.transfer.polynomials import difference_basis
 from thermaltool.identification.transfer.search import Found, overdamped, refine, search
 
@@ -130,7 +130,7 @@ def _output_model(
     slopes = problem.slopes(found.F, here, mixed=False)
     count = slopes.searched + problem.linear_count
     sigma2 = slopes.loss / max(problem.rows - count, 1)
-    inverse = solve(slopes.gram, np.eye(len(slopes.gram)))
+    inverse = inverse_of(slopes.gram)
     if structure == "oe":
         middle = coloured_gram(problem, found, slopes.gram, sigma2)
         covariance = inverse @ middle @ inverse
@@ -215,7 +215,7 @@ def _equation_model(
 ) -> TransferModel:
     sigma2 = found.loss / max(found.rows - len(found.gram), 1)
     own = orders.parameters
-    inverse = solve(found.gram, np.eye(len(found.gram)))[:own, :own]
+    inverse = inverse_of(found.gram)[:own, :own]
     settles(found.F)
     at_rest = float(found.F.sum())
     offsets = np.array(found.constants) / at_rest

@@ -339,3 +339,12 @@ def solve(matrix: Array, right: Array) -> Array:
     scaled = matrix / np.outer(size, size)
     answer = np.linalg.lstsq(scaled, (right.T / size).T, rcond=RANK)[0]
     return np.asarray((answer.T / size).T)
+
+
+def inverse_of(matrix: Array) -> Array:
+    """matrix⁻¹ for covariances, scaled first: directions without support come out very unsure."""
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    size = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    least = RANK * max(float(values[-1]), 1e-300)
+    return np.asarray((vectors / np.maximum(values, least)) @ vectors.T / np.outer(size, size))

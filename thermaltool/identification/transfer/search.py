@@ -167,19 +167,35 @@ def gauss_newton(problem: Problem, start: Found, most: int = 40) -> Found:
 def overdamped(problem: Problem, start: Found, most: int = 60) -> Found:
     """Real, stable poles: damped Gauss-Newton over the logarithms of the time constants.
 
-    A start that is overdamped already is the answer. Of a pair each pole takes its decay, a little
-    apart.
+    A start that is overdamped already is the answer. Else of a pair each pole takes its decay, a
+    little apart; and lags of the coarse grid, or with several denominators some that divide the
+    record among them, are tried, too, for the pair may have stood for something else.
     """
     roots = [np.roots(problem.recursion(f)) for f in start.F]
     if all(bool(np.all((z.imag == 0) & (z.real > 0))) for z in roots):
         return start
+    longest = problem.data.longest
     lags = [_apart(-1 / np.log(np.clip(np.abs(z), 1e-6, 1 - 1e-9))) for z in roots]
-    theta, edges = np.log(np.concatenate(lags)), np.cumsum([0, *map(len, lags)])
+    if len(roots) == 1:
+        coarse = grid(problem)
+        outputs = [s.output[problem.orders.first :] for s in problem.used]
+        others = [[-1 / np.log(np.roots(problem.recursion(s.F)).real.clip(1e-6))]
+                  for s in coarse.ranked(outputs, 3)]  # fmt: skip
+    else:
+        others = [[np.geomspace(longest / 6, max(longest / 600, 1.0), len(z)) for z in roots]]
+    tries = [_over_lags(problem, each, most) for each in (lags, *others)]
+    return min(tries, key=lambda found: found.loss)
+
+
+def _over_lags(problem: Problem, lags: list[Array], most: int) -> Found:
+    """Gauss-Newton from these time constants of each denominator [samples]."""
+    bounds = np.log(0.1), np.log(SLOWEST * problem.data.longest)
+    theta = np.clip(np.log(np.concatenate(lags)), *bounds)
+    edges = np.cumsum([0, *map(len, lags)])
 
     def denominators(theta: Array) -> tuple[Array, ...]:
         return tuple(problem.start(np.exp(theta[a:b])) for a, b in itertools.pairwise(edges))
 
-    bounds = np.log(0.1), np.log(SLOWEST * problem.data.longest)
     F, damping = denominators(theta), 1e-3
     here = problem.project(F)
     for k in range(1, most + 1):
