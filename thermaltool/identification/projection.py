@@ -19,7 +19,8 @@ from scipy.linalg import qr
 
 from thermaltool.errors import FitError
 from thermaltool.responses import Response
-from thermaltool.responses.modes import Float, Hold, RelaxationGrid
+from thermaltool.responses.modes import Float, Hold
+from thermaltool.responses.relaxation import RelaxationGrid
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.laplace.contours import hyperbola_rule, windows
-from thermaltool.responses.modes import Complex, Float, Modes, Range, fit_relaxation
+from thermaltool.responses.modes import Complex, Float, Modes, Range
+from thermaltool.responses.relaxation import fit_relaxation
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thermaltool.errors import ModelError
-from thermaltool.responses.inverse_rational import inverted
+from thermaltool.inverse.rational import inverted
 from thermaltool.responses.rational import (
     Oscillation,
     Oscillation1,
