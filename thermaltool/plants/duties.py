@@ -8,16 +8,16 @@ end. Levels and times are not printed: they are drawn, so that no study depends 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.plants.excitation import Holds, held
 from thermaltool.plants.noise import ornstein_uhlenbeck
 
 Array = NDArray[np.float64]
 Generator = np.random.Generator
-Holds = Iterator[tuple[float, float]]
 
 HOUR, MINUTE = 3600.0, 60.0
 SETTLED = 8 * HOUR  # of each step of spectrum A
@@ -34,19 +34,19 @@ def step(time: Array, rng: Generator) -> Array:
 def spectrum_a(time: Array, rng: Generator) -> Array:
     """The seven levels in any order, each held for 8 h."""
     order = itertools.cycle(rng.permutation(_LEVELS).tolist())
-    return _held(time, ((level, SETTLED) for level in order))
+    return held(time, ((level, SETTLED) for level in order))
 
 
 def spectrum_b(time: Array, rng: Generator) -> Array:
     """Random levels held for 1 to 4 h, one in five off; the last tenth changes quickly."""
     turn = (1 - _QUICK_SHARE) * time[-1]
-    slow = _held(time, _random(rng, HOUR, 4 * HOUR))
+    slow = held(time, _random(rng, HOUR, 4 * HOUR))
     return np.where(time < turn, slow, quick(time - turn, rng))
 
 
 def quick(time: Array, rng: Generator) -> Array:
     """Random levels held for 5 to 20 min, one in five off."""
-    return _held(time, _random(rng, 5 * MINUTE, 20 * MINUTE))
+    return held(time, _random(rng, 5 * MINUTE, 20 * MINUTE))
 
 
 def mixed(time: Array, rng: Generator) -> Array:
@@ -60,7 +60,7 @@ def mixed(time: Array, rng: Generator) -> Array:
             for level in rng.permutation(np.append(_LEVELS, 0.0)).tolist():
                 yield level, _length(rng, 10 * MINUTE, 100 * MINUTE)
 
-    return _held(time, holds())
+    return held(time, holds())
 
 
 def _random(rng: Generator, shortest: float, longest: float) -> Holds:
@@ -71,16 +71,6 @@ def _random(rng: Generator, shortest: float, longest: float) -> Holds:
 
 def _length(rng: Generator, shortest: float, longest: float) -> float:
     return float(np.exp(rng.uniform(np.log(shortest), np.log(longest))))
-
-
-def _held(time: Array, holds: Holds) -> Array:
-    """Levels one after the other from time zero on; nothing before."""
-    course, start = np.zeros_like(time), 0.0
-    while start <= time[-1]:
-        level, length = next(holds)
-        course[time >= start] = level
-        start += length
-    return course
 
 
 DUTIES: dict[str, Callable[[Array, Generator], Array]] = {

@@ -5,12 +5,14 @@ Value k of an input acts from sample k to sample k + 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+# Levels, and how long each stands [s].
+Holds = Iterator[tuple[float, float]]
 
 TRIANGLE_RISE = 300.0  # Fraser (1997), section 6.9: 0 to 1 to 0 over 600 s
 
@@ -33,14 +35,24 @@ def triangle(time: Array, seed: int) -> Array:
 def duty(time: Array, seed: int) -> Array:
     """Random duty cycle: blocks of 1 to 12 min, about one in three off, levels 0.2 to 1."""
     generator = np.random.default_rng([seed, 0])
-    heat = np.zeros_like(time)
-    start = 0.0
+
+    def holds() -> Holds:
+        while True:
+            length = generator.uniform(60.0, 720.0)
+            level = generator.uniform(0.2, 1.0) if generator.random() < 2 / 3 else 0.0
+            yield round(level, 2), length
+
+    return held(time, holds())
+
+
+def held(time: Array, holds: Holds) -> Array:
+    """Levels one after the other, each with how long it stands [s], from time zero on."""
+    course, start = np.zeros_like(time), 0.0
     while start <= time[-1]:
-        length = generator.uniform(60.0, 720.0)
-        level = generator.uniform(0.2, 1.0) if generator.random() < 2 / 3 else 0.0
-        heat[(time >= start) & (time < start + length)] = round(level, 2)
+        level, length = next(holds)
+        course[time >= start] = level
         start += length
-    return heat
+    return course
 
 
 INPUTS: dict[str, Callable[[Array, int], Array]] = {
