@@ -139,3 +139,19 @@ def test_what_the_data_leave_open_is_not_told_as_sure():
     variances = np.diag(inverse_of(twice.T @ twice)) * np.diag(twice.T @ twice)
     assert np.all(variances[[1, 3]] > 1e12)
     assert np.all(variances[[0, 2]] < 2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("removed", [slice(8, 28), slice(0, 0)])
+def test_a_start_within_a_transient_is_not_rest(seed, removed):
+    """A few rows that stand still, or a gain of a fifth in the squared error, are no rest."""
+    rng, n = np.random.default_rng(seed), 1500
+    u = np.repeat(rng.uniform(0, 20, n // 50), 50)
+    y = lags(u, [(0.3, 60.0)], 2.0) + 0.5 * rng.standard_normal(n)
+    parts = [slice(0, n)] if removed.stop == 0 else [slice(0, 8), slice(28, n)]
+    stretches = tuple(Stretch(u[None, p], y[p]) for p in parts)
+    data = started(Data(stretches, 2.0, ("u",), "y"), (1,))
+    # A transient of less than the noise may pass for rest.
+    assert 0.3 * u[0] < 1.0 or not any(s.at_rest for s in data.stretches)
+    gain = identify(data, "oe", orders_of("oe", (1,), 1, (1,))).gain(0)
+    assert abs(gain.value - 0.3) < 3.5 / 1.96 * (gain.high - gain.value)

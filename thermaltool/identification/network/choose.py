@@ -15,7 +15,8 @@ from thermaltool.identification.network.search import THINNED, Found, search
 from thermaltool.identification.transfer.choose import (
     FITTED,
     LARGEST_DELAY,
-    RESTING,
+    brief,
+    in_transient,
     standing,
 )
 from thermaltool.identification.transfer.colour import effective_share
@@ -171,15 +172,21 @@ def started(data: Records) -> Records:
     The rule is that of transfer functions (`transfer.choose.started`), with shared modes.
     """
     data.check()
+    if brief(data.spans):
+        return data
     if all(standing(data.of(k)) for k in range(len(data.targets))):
         return data.from_rest()
     none: Delays = tuple((0.0,) * len(data.names) for _ in data.targets)
-    losses = []
+    losses: list[list[float]] = []
     for each in (data.from_rest(), data):
         problem = Problem(each, none)
         rows = min(problem.rows(k) for k in range(len(data.targets)))
         if rows <= problem.linear_count(3) + 3:
             return data
-        found = _leanest(problem)[1].projected
-        losses.append(np.array([f.loss / f.rows for f in found]))
-    return data.from_rest() if np.all(losses[0] <= RESTING * losses[1]) else data
+        found = _leanest(problem)[1]
+        losses.append([f.loss / f.rows for f in found.projected])
+        errors = list(problem.errors(found.lags, found.projected))
+    for k, (rest, free) in enumerate(zip(*losses, strict=True)):
+        if in_transient(rest, free, [run for o, _, e in errors if o == k for run in runs_of(e)]):
+            return data
+    return data.from_rest()

@@ -17,7 +17,7 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.identification.transfer.colour import effective_share
-from thermaltool.identification.transfer.data import Array, Data
+from thermaltool.identification.transfer.data import Array, Data, Piece
 from thermaltool.identification.transfer.identify import Structure, identify, orders_of
 from thermaltool.identification.transfer.model import TransferModel
 from thermaltool.identification.transfer.output_error import Orders, Problem
@@ -28,12 +28,12 @@ from thermaltool.signals.detrend import difference_sigma
 FITTED = 0.6
 # Candidates are compared on so many samples at most.
 COMPARED = 20000
-# A free state at the start has to lower the squared error by this factor.
-RESTING = 1.25
+# A free state at the start has to lower the squared error by this factor, or twice the logarithm
+# of the likelihood, of rows that count, by that much.
+RESTING, CLEARLY = 1.25, 25.0
 # A signal stands still while it moves by less than this share of its range, or than its noise in
-# so many standard deviations; so many rows of that are needed,
-# and the output is compared over as many parts.
-STILL, NOISE, IDLE = 0.01, 4.0, 5
+# so many standard deviations; the output is compared over so many parts of at least so many rows.
+STILL, NOISE, IDLE, LEAST = 0.01, 4.0, 5, 3
 LARGEST_ORDER, LARGEST_DELAY = 4, 60
 
 C = TypeVar("C")
@@ -152,20 +152,46 @@ def started(data: Data, least_delay: tuple[int, ...]) -> Data:
 
     Free responses can stand for slow modes: with one step in the record gain, offset, modes and
     state are confounded, and a free state is preferred for the smallest error of the model. A
-    record that begins within a transient gains far more by it. Records whose signals all stand
+    record that begins within a transient gains far more by it, or its errors become white. Records
+    whose signals all stand
     still at first are at rest whatever the losses say: a delay alone can make a free state better.
     """
     data.check()
+    if brief(data.stretches):
+        return data
     if standing(data):
         return data.from_rest()
     orders = orders_of("oe", (2,) * len(least_delay), 2, least_delay)
-    losses = []
+    losses, errors = [], []
     for each in (data.from_rest(), data):
         problem = Problem(each.padded(orders.first), orders)
         if problem.rows <= problem.linear_count + sum(orders.nf):
             return data
-        losses.append(search(problem).loss / problem.rows)
-    return data.from_rest() if losses[0] <= RESTING * losses[1] else data
+        found = search(problem)
+        losses.append(found.loss / problem.rows)
+        errors = [error for error, _ in problem.errors(problem.project(found.F))]
+    return data if in_transient(losses[0], losses[1], errors) else data.from_rest()
+
+
+def in_transient(rest: float, free: float, errors: Sequence[Array]) -> bool:
+    """Whether a free state describes the start clearly better.
+
+    Parameters
+    ----------
+    rest, free : float [unit²]
+        Mean square of the errors from rest and from a free state.
+    errors : sequence of ndarray
+        Those of the free state, run by run.
+    """
+    ratio = rest / max(free, 1e-300)
+    rows = effective_share(errors) * sum(map(len, errors))
+    return ratio > RESTING or rows * float(np.log(max(ratio, 1.0))) > CLEARLY
+
+
+def brief(pieces: Sequence[Piece]) -> bool:
+    """Whether some experiment begins with a piece too short to tell rest from a transient."""
+    begins = {piece.origin: piece for piece in reversed(pieces)}
+    return any(len(piece) < IDLE * LEAST for piece in begins.values())
 
 
 def standing(data: Data) -> bool:
@@ -177,7 +203,7 @@ def standing(data: Data) -> bool:
 def _stands(inputs: Array, output: Array) -> bool:
     moved = np.abs(inputs - inputs[:, :1]) > [[_blur(u)] for u in inputs]
     rows = int(np.argmax(moved.any(axis=0))) if moved.any() else inputs.shape[1]
-    if rows < IDLE:
+    if rows < IDLE * LEAST:
         return False
     parts = [float(part.mean()) for part in np.array_split(output[:rows], IDLE)]
     return float(np.ptp(parts)) <= _blur(output, rows // IDLE)
