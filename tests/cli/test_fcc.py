@@ -282,3 +282,30 @@ def test_an_error_model_that_nobody_can_follow():
     code, _, err = run("--delay", 0.001, "--gain", 1, "--error-model", "5000", text=HEADER)
     assert code == 2
     assert "at most 200 coefficients" in err[-1]
+
+
+@pytest.mark.parametrize("factor", [0.25, 0.5, 2.0, 4.0])
+def test_lines_of_another_period_are_refused(factor):
+    period = 0.0005 * factor
+    text = HEADER + "".join(f"{k * period:.7f},{math.sin(k / 9)}\n" for k in range(200))
+    code, _, messages = run("--delay", 0.001, "--limit=-2:10", text=text)
+    assert code == 1
+    assert f"lines come each {period:g} s, the period is 0.0005 s" in messages[-1]
+
+
+def test_a_gauge_that_starts_on_zero_is_no_run_away():
+    code, lines, _ = run("--delay", 0.001, "--gain", 2.1, "--safe", 1, text=lines_of([0.0] * 30))
+    assert code == 0
+    assert len(lines) >= 30
+
+
+def test_the_summary_counts_good_samples_only():
+    values = (2.0 + 0.1 * np.random.default_rng(1).standard_normal(400)).tolist()
+    values[120:130] = [math.nan] * 10
+    values[300] = 1e12
+    _, _, messages = run("--delay", 0.001, "--gain", 2, "--limit=-0.1:0.1", text=lines_of(values))
+    told = messages[-1]
+    good = [x for x in values if not math.isnan(x) and x < 1e3]
+    root_mean_square = math.sqrt(sum(x * x for x in good) / len(good))
+    assert f" {len(good)} samples: error {root_mean_square:.3g} RMS as read" in told
+    assert float(told.split("at the limit in ")[1].split("%")[0]) <= 100

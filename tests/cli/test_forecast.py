@@ -94,3 +94,30 @@ def test_a_stream_has_no_start_and_no_stop(log, tmp_path):
     done = CliRunner().invoke(command, [str(model), str(log), "--stream", "--stop", "9"])
     assert done.exit_code == 2
     assert "--start and --stop are for logs" in done.stderr
+
+
+@pytest.mark.parametrize("size", [40.0, 1e6, 1e12])
+@pytest.mark.parametrize("place", [-1, -3])
+def test_an_outlier_near_the_end_counts_as_missing(tmp_path, size, place):
+    """As in `fit`: the forecast is that of the log without it."""
+    x = lfilter([1.0], [1.0, -0.8], np.random.default_rng(7).standard_normal(600))
+    model = tmp_path / "m.json"
+    runner = CliRunner()
+
+    def ahead(values, *options):
+        path = tmp_path / "x.csv"
+        path.write_text("time_s,y\n" + "".join(f"{k},{v!r}\n" for k, v in enumerate(values)))
+        if not model.exists():
+            made = runner.invoke(fit.command, [str(path), "-C", "y", "--order", "1,0",
+                                               "-o", str(model)])  # fmt: skip
+            assert made.exit_code == 0
+        done = runner.invoke(command, [str(model), str(path), *options])
+        assert done.exit_code == 0
+        return float(done.stdout.splitlines()[-1].split(",")[1])
+
+    clean = ahead(x.tolist())
+    spoiled = x.copy()
+    spoiled[place] = size
+    assert ahead(spoiled.tolist()) == pytest.approx(clean, abs=3.0)
+    if place == -1:
+        assert ahead(spoiled.tolist(), "--outliers", "keep") > 0.7 * size

@@ -194,3 +194,9 @@ def test_silence_is_told_once_and_a_signal_ends_it(tmp_path):
     os.close(feed)
     assert messages == ["<stdin>:3: no line for 0.05 s"]
     assert len((tmp_path / "out").read_text().splitlines()) == 3
+
+
+@pytest.mark.parametrize("period", [0.5, 2.0])
+def test_lines_of_another_period_than_the_model_are_refused(tmp_path, period):
+    with pytest.raises(LogError, match=f"each 1 s, the period is {period:g} s"):
+        forecasts(tmp_path, csv_of([0.1] * 60), **known(period=period))

@@ -15,7 +15,7 @@ from thermaltool.cli.options import (
     quiet_option,
     to_option,
 )
-from thermaltool.cli.series import one_thread, series_options
+from thermaltool.cli.series import one_thread, outliers_option, series_options
 
 if TYPE_CHECKING:
     from thermaltool.identification.arma.model import ArmaModel
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 @model_argument
 @log_argument
 @series_options
+@outliers_option
 @click.option("--steps", type=click.IntRange(1, 1_000_000), default=1, help="Samples ahead.")
 @click.option(
     "--level", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95,
@@ -48,7 +49,8 @@ if TYPE_CHECKING:
 def command(model: str, log: str, stream: bool, output: str, quiet: int, **options: Any) -> None:
     """Forecasts of a fitted model with intervals, in batch or as a stream.
 
-    In batch: the samples 1 to --steps beyond the end of the log, as time, forecast, low and high.
+    In batch: the samples 1 to --steps beyond the end of the log, as time, forecast, low and high;
+    samples that stand alone count as missing, as in ``fit``.
     With --stream each line of LOG is answered by the forecast of the sample --steps ahead, from a
     model that starts as fitted and learns on (recursive least squares); with --period LOG has no
     clock.
@@ -75,7 +77,7 @@ def _batch(model: ArmaModel, log: str, output: str, options: dict[str, Any]) -> 
     import numpy as np
 
     from thermaltool.cli.documents import warn
-    from thermaltool.cli.series import load_series
+    from thermaltool.cli.series import load_series, without_outliers
     from thermaltool.errors import LogError
     from thermaltool.identification.arma.forecast import forecast
     from thermaltool.identification.arma.record import record_of
@@ -88,6 +90,8 @@ def _batch(model: ArmaModel, log: str, output: str, options: dict[str, Any]) -> 
             series.name,
         )
     record = record_of(series.values, series.segments, series.places)
+    if options["outliers"] == "omit":
+        record = without_outliers(record, series)
     behind = int(series.places[-1]) + 1 - record.end
     if behind:
         warn(f"{series.name}: {series.channel}: the last {behind} samples are missing: forecast")

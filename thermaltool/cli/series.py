@@ -20,6 +20,12 @@ DEGREES = {"mean": 0, "linear": 1, "none": -1}
 column_option = click.option(
     "-C", "--column", metavar="NAME", help="The column; any name will do without --columns."
 )
+outliers_option = click.option(
+    "--outliers",
+    type=click.Choice(["omit", "keep"]),
+    default="omit",
+    help="Samples that stand alone count as missing, or are taken as they are.",
+)
 period_option = click.option(
     "--period",
     type=POSITIVE,
@@ -46,12 +52,7 @@ def series_options(function: Callable[..., Any]) -> Callable[..., Any]:
 def model_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """How the series is prepared."""
     for option in (
-        click.option(
-            "--outliers",
-            type=click.Choice(["omit", "keep"]),
-            default="omit",
-            help="Samples that stand alone count as missing, or are taken as they are.",
-        ),
+        outliers_option,
         click.option(
             "--difference",
             type=click.IntRange(0, 3),
@@ -90,11 +91,27 @@ def load_series(log: str, options: dict[str, Any]) -> Series:
     return series
 
 
+def without_outliers(record: Record, series: Series) -> Record:
+    """The record without samples that stand alone; they are told."""
+    from thermaltool.identification.arma.screening import find_outliers
+
+    place, rows = f"{series.name}: {series.channel}", find_outliers(record)
+    for row in rows[:5].tolist():
+        at = series.time[0] + record.places[row] * series.period
+        warn(
+            f"{place}: {record.values[row]:.6g} at {at:.10g} s stands alone: "
+            "left out as missing (--outliers keep takes it)"
+        )
+    if rows.size > 5:
+        warn(f"{place}: {rows.size - 5} more like this")
+    return record.without(rows) if rows.size else record
+
+
 def load_record(series: Series, options: dict[str, Any]) -> tuple[Record, int, int]:
     """The record without outliers, the degree of its trend, the difference (all told)."""
     from thermaltool.errors import FitError
     from thermaltool.identification.arma.record import record_of
-    from thermaltool.identification.arma.screening import check_size, find_outliers, is_computed
+    from thermaltool.identification.arma.screening import check_size, is_computed
 
     difference = options.pop("difference") or 0
     detrend = options.pop("detrend") or ("none" if difference else "mean")
@@ -108,16 +125,7 @@ def load_record(series: Series, options: dict[str, Any]) -> tuple[Record, int, i
                 "there is no noise to model"
             )
         if options.pop("outliers") == "omit":
-            rows = find_outliers(record)
-            for row in rows[:5].tolist():
-                at = series.time[0] + record.places[row] * series.period
-                warn(
-                    f"{place}: {record.values[row]:.6g} at {at:.10g} s stands alone: "
-                    "left out as missing (--outliers keep takes it)"
-                )
-            if rows.size > 5:
-                warn(f"{place}: {rows.size - 5} more like this")
-            record = record.without(rows)
+            record = without_outliers(record, series)
         record.difference(difference)
     except FitError as error:
         raise FitError(f"{place}: {error}") from error

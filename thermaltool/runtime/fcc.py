@@ -19,6 +19,7 @@ from thermaltool.errors import LogError
 from thermaltool.identification.recursive.arma import RecursiveArma
 from thermaltool.identification.recursive.direct import DirectForecast
 from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.runtime.clocks import Rate
 from thermaltool.runtime.compensator import Compensator, Policy
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
@@ -119,7 +120,7 @@ class Controller:
     squares : (float, float)
         Sums of the squared error as read, and without the action.
     at_limit : int
-        Samples whose wanted command was outside the limits.
+        Good samples whose wanted command was outside the limits.
 
     Raises
     ------
@@ -139,6 +140,7 @@ class Controller:
     _wanted: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
+        self._rate = Rate(self.control.period, self.name)
         self._ticks = max(round(self.control.period / CLOCK_STEP), 1)
 
     def rest(self) -> list[float]:
@@ -150,6 +152,7 @@ class Controller:
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Wanted command, error without the action, and its forecast."""
+        self._rate.take(ticks * CLOCK_STEP)
         lacking = round(ticks / self._ticks) - 1
         if lacking > self.bridged:
             self.control.forget_lags(self.setpoint.value)
@@ -164,14 +167,18 @@ class Controller:
             forecaster.turn = _turn(readings[1], self.control.period)
         reading = None if self.sensor.held else readings[0]
         taken, limits = self.setpoint.value, self.setpoint.limits
-        self.at_limit += limits.clip(self._wanted) != self._wanted
+        refused, at_limit = self.control.gate.refused, limits.clip(self._wanted) != self._wanted
         answer = self.control.step(reading, taken)
         self._wanted = answer.wanted
-        if reading is not None and -LARGEST < reading < LARGEST:
+        good = reading is not None and -LARGEST < reading < LARGEST
+        if reading is not None and good and self.control.gate.refused == refused:
+            # At first the action stands for all that the gauge may come to read.
+            size = max(abs(reading), 0.0 if self.samples else abs(answer.error))
             self.samples += 1
+            self.at_limit += at_limit
             read, without = self.squares
             self.squares = read + reading * reading, without + answer.error * answer.error
-            self._largest = max(self._largest, abs(reading))
+            self._largest = max(self._largest, size)
         if not abs(answer.error) <= RUNAWAY * max(self._largest, SMALLEST):
             raise LogError(
                 "the commands run away: the readings do not follow them (actuator off, a log of "

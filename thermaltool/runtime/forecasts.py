@@ -9,6 +9,7 @@ from typing import Literal
 
 from thermaltool.errors import LogError
 from thermaltool.identification.recursive.arma import LARGEST, KnownModel, RecursiveArma
+from thermaltool.runtime.clocks import Rate
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
 from thermaltool.runtime.records import Record, open_records
@@ -100,7 +101,7 @@ def run_forecasts(
     Raises
     ------
     LogError
-        No such column, no clock, an input without lines.
+        No such column, no clock, an input without lines, or at another period.
     ValueError
         Orders, level or steps out of range.
     OutputError, BrokenPipeError
@@ -135,6 +136,8 @@ class _Forecasts:
         if settings.start is not None:
             self.model.begin(settings.start, settings.fitted)
         self.period = settings.period
+        self._rate = Rate(settings.period, self.messages.source) if settings.period else None
+        self._last: float | None = None
         period = None if settings.has_clock else settings.period
         self.records = open_records(
             settings.from_format, (settings.channel,), settings.columns, period
@@ -212,6 +215,9 @@ class _Forecasts:
     def _advance(self, time: float) -> bool:
         """Whether the clock has gone on; bridges or forgets where samples are lacking."""
         last, period = self.time, self.period
+        if self._rate is not None and self._last is not None:
+            self._rate.take(time - self._last)
+        self._last = time
         if last is not None:
             step = time - last
             if step <= (HALF * period if period else 0.0):

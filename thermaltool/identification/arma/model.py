@@ -130,14 +130,14 @@ def _load(document: Mapping[str, Any]) -> ArmaModel:
     ar, ma = _vector(document["ar"]), _vector(document["ma"])
     fit, trend = document["fit"], _vector(document["trend"])
     sigma2, period = float(document["sigma2"]), float(document["period_s"])
-    if not (sigma2 >= 0.0 and np.isfinite(sigma2) and period > 0.0):
+    if not (sigma2 > 0.0 and np.isfinite(sigma2) and period > 0.0):
         raise ValueError("sigma2 and period_s must be numbers above 0")
     if not (is_stationary(ar) and is_stationary(-ma)):
         raise ValueError("ar is not stationary, or ma not invertible")
     covariance = document["covariance"]
     size = int(fit["samples"])
-    if size < 1 or int(document["difference"]) < 0:
-        raise ValueError("samples and difference must count something")
+    if size < 1 or document["difference"] not in range(4):
+        raise ValueError("samples must be above 0, difference 0 to 3")
     return ArmaModel(
         channel=str(document["channel"]),
         period_s=period,

@@ -101,5 +101,5 @@ def near_unit(ar: Array, size: int, degree: int = 0) -> bool:
     By its distance from 1 in units of 1/size (Fuller's coefficient test).
     """
     roots = characteristic_roots(ar)
-    limit = 1.0 + UNIT[degree] / size
+    limit = max(1.0 + UNIT[degree] / size, 0.0)
     return bool(np.any((roots.imag == 0.0) & (roots.real > limit)))
