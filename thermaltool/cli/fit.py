@@ -15,6 +15,10 @@ METHODS = (
 )  # fmt: skip
 
 
+# As `order` goes.
+LARGEST = 200
+
+
 class Order(click.ParamType):
     name = "P,Q"
 
@@ -23,6 +27,8 @@ class Order(click.ParamType):
             return value
         p, comma, q = value.partition(",")
         if value.isascii() and p.strip().isdigit() and (q.strip().isdigit() or not comma):
+            if max(int(p), int(q or 0)) > LARGEST:
+                self.fail(f"{value!r}: orders go up to {LARGEST}", param, ctx)
             return int(p), int(q or 0)
         self.fail(f"{value!r} is not {self.name}", param, ctx)
 
