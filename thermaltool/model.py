@@ -537,7 +537,8 @@ def _load_term(part: Part) -> Term:
 
 
 def _load_effect(part: Part) -> Effect:
-    part.read("channel", fields.text)
+    # A source that nobody logged has no channel.
+    part.read("channel", lambda value: value if value == "" else fields.text(value))
     part.read("covariance", _covariance, None)
     effect: Effect = part.as_whole(load_effect)
     return effect

@@ -36,15 +36,15 @@ def machine(seed, colour):
     return Data((Stretch(u[None], y),), 10.0, ("u",), "y")
 
 
-@pytest.mark.parametrize(("colour", "least"), [(0.0, 8), (0.9, 8)])
-def test_a_second_order_is_found_whatever_the_colour_of_the_errors(colour, least):
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+def test_a_second_order_is_found_whatever_the_colour_of_the_errors(colour):
     """Of ten records; where all rows counted alike, coloured errors led to it in about four."""
     right = 0
     for seed in range(10):
         data = started(machine(seed, colour), (1,))
         best = choose(data, "oe", (1,)).best
         right += best.nf == 2 and abs(best.nk[0] - 6) <= 1
-    assert right >= least
+    assert right >= 8
 
 
 @pytest.mark.parametrize("seed", range(6))
