@@ -110,3 +110,10 @@ def test_a_model_that_is_none_is_refused():
     for text in ("", "{}", '{"format": "thermaltool-model", "version": 1}', "[1]"):
         with pytest.raises(ModelError):
             loads(text)
+
+
+@pytest.mark.parametrize("order", ["300,0", "1,201"])
+def test_orders_end_somewhere(bar, order):
+    done = CliRunner().invoke(command, [str(bar), "-C", "d_bar_um", "--order", order])
+    assert done.exit_code == 2
+    assert "orders go up to 200" in done.stderr

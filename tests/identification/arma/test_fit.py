@@ -51,6 +51,7 @@ def test_a_root_near_one_is_told_from_it_by_many_samples():
     assert near_unit(np.array([0.99]), 300)
     assert not near_unit(np.array([0.99]), 3000)
     assert not near_unit(np.array([-0.999]), 100)
+    assert not near_unit(np.array([-0.274]), 5)
 
 
 def test_a_shock_that_the_series_follows_is_no_outlier():
@@ -69,8 +70,10 @@ def test_numbers_without_squares_are_refused(scale):
 
 
 @pytest.mark.parametrize(
-    ("key", "value"), [("ar", [1.5]), ("ma", [-3.0]), ("difference", -1), ("sigma2", -1.0)]
-)
+    ("key", "value"),
+    [("ar", [1.5]), ("ma", [-3.0]), ("difference", -1), ("difference", 1.5), ("difference", 4),
+     ("sigma2", -1.0), ("sigma2", 0.0)],
+)  # fmt: skip
 def test_a_model_file_that_was_tampered_with(key, value):
     document = json.loads(dumps(fit_arma(record_of(simulated([0.5], [0.3], 200, 6)), 1, 1)))
     loads(json.dumps(document))
