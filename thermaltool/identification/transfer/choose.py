@@ -21,7 +21,7 @@ from thermaltool.identification.transfer.data import Array, Data, Piece
 from thermaltool.identification.transfer.identify import Structure, identify, orders_of
 from thermaltool.identification.transfer.model import TransferModel
 from thermaltool.identification.transfer.output_error import Orders, Problem
-from thermaltool.identification.transfer.search import SLOWEST, search
+from thermaltool.identification.transfer.search import search
 from thermaltool.signals.detrend import difference_sigma
 
 # Share of each stretch on which candidates are fitted; the rest judges them.
@@ -224,12 +224,7 @@ def real_poles(model: TransferModel) -> bool:
 def _ranked(
     found: Mapping[tuple[int, int, tuple[int, ...]], TransferModel], fitted: Data, held: Data
 ) -> tuple[Candidate, ...]:
-    """By their free run over what was not fitted, the best first.
-
-    Poles far slower than the record stand for drifting errors: such models are taken only where
-    there are no others, as of a system that integrates.
-    """
-    found = {k: m for k, m in found.items() if tame(m, fitted)} or found
+    """By their free run over what was not fitted, the best first."""
     errors = {key: [s.output - model.simulate(s) for s in held.stretches]
               for key, model in found.items()}  # fmt: skip
     squares = {key: float(np.nanmean(np.concatenate(e) ** 2)) for key, e in errors.items()}
@@ -248,12 +243,6 @@ def _ranked(
             float(score),
         ))  # fmt: skip
     return tuple(sorted(ranked, key=lambda c: c.score))
-
-
-def tame(model: TransferModel, data: Data) -> bool:
-    """Whether no time constant is far longer than the record."""
-    size = max((abs(z) for g in range(len(model.F)) for z in model.poles(g)), default=0.0)
-    return bool(-1 / np.log(np.clip(size, 1e-300, 1 - 1e-16)) < SLOWEST * data.longest)
 
 
 def _grid(

@@ -15,7 +15,6 @@ from thermaltool.identification.transfer.choose import (
     first_that_fits,
     real_poles,
     started,
-    tame,
 )
 from thermaltool.identification.transfer.continuation import Continued, continued
 from thermaltool.identification.transfer.continuous import identify_continuous
@@ -155,18 +154,7 @@ def _model(data: Data, least: tuple[int, ...], plan: Plan) -> tuple[TransferMode
         nb, nf, nk = zip(*each, strict=True)
         return fit(orders_of(plan.structure, nb, nf, nk)), None
     choice = choose(data, plan.structure, least, *plan.noise, plan.real)
-    orders = [c.orders(plan.structure) for c in choice.candidates]
-
-    def fit_tame(each: Orders) -> TransferModel:
-        model = fit(each)
-        if not tame(model, data):
-            raise FitError("the fit has a time constant far longer than the record")
-        return model
-
-    try:
-        return first_that_fits(orders, fit_tame), choice
-    except FitError:
-        return first_that_fits(orders, fit), choice
+    return first_that_fits((c.orders(plan.structure) for c in choice.candidates), fit), choice
 
 
 def _continued(model: TransferModel, k: int) -> Continued | str:
