@@ -185,7 +185,7 @@ def started(data: Records) -> Records:
             return data
         found = _leanest(problem)[1]
         losses.append([f.loss / f.rows for f in found.projected])
-        errors = list(problem.errors(found.lags, found.projected))
+    errors = list(problem.errors(found.lags, found.projected))
     for k, (rest, free) in enumerate(zip(*losses, strict=True)):
         if in_transient(rest, free, [run for o, _, e in errors if o == k for run in runs_of(e)]):
             return data

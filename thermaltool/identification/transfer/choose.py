@@ -22,6 +22,7 @@ from thermaltool.identification.transfer.identify import Structure, identify, or
 from thermaltool.identification.transfer.model import TransferModel
 from thermaltool.identification.transfer.output_error import Orders, Problem
 from thermaltool.identification.transfer.search import search
+from thermaltool.signals.agreement import agreement
 from thermaltool.signals.detrend import difference_sigma
 
 # Share of each stretch on which candidates are fitted; the rest judges them.
@@ -162,14 +163,14 @@ def started(data: Data, least_delay: tuple[int, ...]) -> Data:
     if standing(data):
         return data.from_rest()
     orders = orders_of("oe", (2,) * len(least_delay), 2, least_delay)
-    losses, errors = [], []
+    losses = []
     for each in (data.from_rest(), data):
         problem = Problem(each.padded(orders.first), orders)
         if problem.rows <= problem.linear_count + sum(orders.nf):
             return data
         found = search(problem)
         losses.append(found.loss / problem.rows)
-        errors = [error for error, _ in problem.errors(problem.project(found.F))]
+    errors = [error for error, _ in problem.errors(problem.project(found.F))]
     return data if in_transient(losses[0], losses[1], errors) else data.from_rest()
 
 
@@ -225,13 +226,15 @@ def _ranked(
     found: Mapping[tuple[int, int, tuple[int, ...]], TransferModel], fitted: Data, held: Data
 ) -> tuple[Candidate, ...]:
     """By their free run over what was not fitted, the best first."""
-    errors = {key: [s.output - model.simulate(s) for s in held.stretches]
-              for key, model in found.items()}  # fmt: skip
-    squares = {key: float(np.nanmean(np.concatenate(e) ** 2)) for key, e in errors.items()}
+    y = held.output()
+    computed = {key: model.run(held) for key, model in found.items()}
+    squares = {key: float(np.nanmean((y - run) ** 2)) for key, run in computed.items()}
     squares = {key: square for key, square in squares.items() if np.isfinite(square)}
     if not squares:
         return ()
-    runs = [e[np.isfinite(e)] for e in errors[min(squares, key=lambda key: squares[key])]]
+    best = y - computed[min(squares, key=lambda key: squares[key])]
+    ends = np.cumsum([len(s) for s in held.stretches])[:-1]
+    runs = [e[np.isfinite(e)] for e in np.split(best, ends)]
     rows = max(effective_share(runs) * held.size, 2.0)
     variance = float(np.var(fitted.output()))
     ranked = []
@@ -239,8 +242,8 @@ def _ranked(
         model = found[nb, nf, nk]
         score = np.log(max(square, 1e-300)) + model.parameters * np.log(rows) / rows
         ranked.append(Candidate(
-            nb, nf, nk, model.fit(held).fit_percent, model.aic, model.bic, model.yic(variance),
-            float(score),
+            nb, nf, nk, agreement(y, computed[nb, nf, nk]).fit_percent, model.aic, model.bic,
+            model.yic(variance), float(score),
         ))  # fmt: skip
     return tuple(sorted(ranked, key=lambda c: c.score))
 
