@@ -33,10 +33,10 @@ from scipy.linalg import expm, solve_discrete_are
 from thermaltool.control.fcc import ActuatorModel, ActuatorState, Forecaster, ForecastingControl
 from thermaltool.control.hysteresis import PrandtlIshlinskii
 from thermaltool.control.setpoint import Limits, Setpoint
-from thermaltool.identification.actuator import identify_actuator
-from thermaltool.identification.recursive.arma import RecursiveArma
-from thermaltool.identification.recursive.direct import DirectForecast
+from thermaltool.fitting.actuator import identify_actuator
 from thermaltool.plants.boring_bar import PARTS, SECTIONS, BarParameters, Part, build, roundness
+from thermaltool.timeseries.recursive.arma import RecursiveArma
+from thermaltool.timeseries.recursive.direct import DirectForecast
 
 PRINTED_ROUNDNESS, PRINTED_DEPTH = 0.39, 0.56
 SPEEDS = (500.0, 600.0, 700.0, 800.0)

@@ -21,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from thermaltool.inverse.estimator import Estimator, SensorNoise, load_estimator, run_estimator
-from thermaltool.inverse.machine import Machine
-from thermaltool.inverse.regularization import best_choice, design_kalman
+from thermaltool.estimation.estimator import Estimator, SensorNoise, load_estimator, run_estimator
+from thermaltool.estimation.machine import Machine
+from thermaltool.estimation.regularization import best_choice, design_kalman
 from thermaltool.logs import Log, read_log
 from thermaltool.model import loads, relative
 from thermaltool.plants import build

@@ -23,20 +23,20 @@ from numpy.typing import NDArray
 
 from thermaltool.control.heaters import Stabilizer
 from thermaltool.effects.dynamics import hold_of
-from thermaltool.effects.effect import Signals
 from thermaltool.errors import FitError, ModelError
-from thermaltool.identification.combine import scheduled, superposed
-from thermaltool.identification.curves import Form
-from thermaltool.identification.static import correct
-from thermaltool.identification.transfer.continuation import continued
-from thermaltool.identification.transfer.data import Data, Stretch
-from thermaltool.identification.transfer.identify import identify, orders_of
-from thermaltool.identification.transfer.machine import machine
+from thermaltool.fitting.static import correct
+from thermaltool.fitting.transfer.continuation import continued
+from thermaltool.fitting.transfer.data import Data, Stretch
+from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.machine import machine
 from thermaltool.model import Model
+from thermaltool.model.combine import scheduled, superposed
+from thermaltool.model.curves import Form
 from thermaltool.plants import build_heated
 from thermaltool.plants.duties import HOUR, air, settings
 from thermaltool.plants.heated import OUTPUTS, POWERS, SENSORS, HeatedPlant
 from thermaltool.plants.noise import read_sensors
+from thermaltool.record import Record
 from thermaltool.signals.agreement import improvement
 
 Array = NDArray[np.float64]
@@ -76,24 +76,24 @@ class Bench:
         given = settings(duty, on, largest or self.full, clock - START, seed)
         return clock, given, air(clock, 20.0, self.swing, seed)
 
-    def log(self, clock: Array, given: Array, around: Array, number: int) -> Signals:
+    def log(self, clock: Array, given: Array, around: Array, number: int) -> Record:
         """What is measured."""
         truth = {**self.plant.simulate(given, around, DT), AIR: around}
         return self.read(clock, given, truth, number)
 
-    def read(self, clock: Array, given: Array, truth: dict[str, Array], number: int) -> Signals:
+    def read(self, clock: Array, given: Array, truth: dict[str, Array], number: int) -> Record:
         table = read_sensors(truth, SENSORS, DT, self.seed + number)
         table[ANGLE] = self.angle(table)
-        return Signals(clock, {QC: given[:, 0], QS: given[:, 1], **table}, str(number))
+        return Record(clock, {QC: given[:, 0], QS: given[:, 1], **table}, digest=str(number))
 
     def angle(self, table: dict[str, Array]) -> Array:
         return np.asarray(1e3 * (table["d_x2_um"] - table["d_x1_um"]) / self.plant.distance)
 
     def calibration(self, duty: str, on: tuple[bool, bool], hours: float, number: int,
-                    largest: float | None = None) -> Signals:  # fmt: skip
+                    largest: float | None = None) -> Record:  # fmt: skip
         return self.log(*self.powers(duty, on, hours, number, largest), number)
 
-    def staircase(self, hours: float, number: int) -> Signals:
+    def staircase(self, hours: float, number: int) -> Record:
         """The stabilization heater over its seven levels, rising."""
         clock, given, around = self.powers("step", (False, True), hours, number)
         stairs = np.clip(np.ceil(7 * (clock - START) / (clock[-1] - START)), 0, 7) / 7
@@ -102,7 +102,7 @@ class Bench:
 
 
 def fitted(
-    logs: list[Signals], inputs: tuple[str, ...], output: str, order: int = 2
+    logs: list[Record], inputs: tuple[str, ...], output: str, order: int = 2
 ) -> tuple[Model, float]:
     """By refined instrumental variables, real poles, from rest; and the fit in training.
 
@@ -126,7 +126,7 @@ def fitted(
     return machine([(found, ways, agreed, data)], None, {}), agreed.fit_percent
 
 
-def compensate(bench: Bench, model: Model, spectrum: str, number: int) -> tuple[Signals, Signals]:
+def compensate(bench: Bench, model: Model, spectrum: str, number: int) -> tuple[Record, Record]:
     """The spectrum without and with the stabilization heater, as it is (no noise on the angle).
 
     Each minute the power is set that brings the angle of the model to zero after two.
@@ -152,12 +152,12 @@ def compensate(bench: Bench, model: Model, spectrum: str, number: int) -> tuple[
     held = {**dict(zip(OUTPUTS, truth.T, strict=True)), AIR: around}
     free = bench.plant.simulate(given, around, DT)
     return (
-        Signals(clock, {**free, ANGLE: bench.angle(free)}),
-        Signals(clock, {**held, ANGLE: bench.angle(held), QC: set_[:, 0], QS: set_[:, 1]}),
+        Record(clock, {**free, ANGLE: bench.angle(free)}),
+        Record(clock, {**held, ANGLE: bench.angle(held), QC: set_[:, 0], QS: set_[:, 1]}),
     )
 
 
-def gained(free: Signals, held: Signals) -> float:
+def gained(free: Record, held: Record) -> float:
     """Improvement of the angle [%]."""
     before, after = free.columns[ANGLE], held.columns[ANGLE]
     return improvement(before, before - after)
@@ -244,7 +244,7 @@ def calibration_fits(name: str, seeds: list[int]) -> None:
               f"{reached} |", flush=True)  # fmt: skip
 
 
-def linear(bench: Bench, held: Signals) -> float:
+def linear(bench: Bench, held: Record) -> float:
     """Improvement of the length of a run with both heaters, from two temperatures [%]."""
     logs = [
         bench.calibration("step", (True, False), 12.0, 1),
@@ -253,7 +253,7 @@ def linear(bench: Bench, held: Signals) -> float:
     model = fitted(logs, (TC, TS), LENGTH)[0]
     powers = np.column_stack([held.columns[QC], held.columns[QS]])
     read = bench.read(held.time, powers, {c: held.columns[c] for c in (*OUTPUTS, AIR)}, 90)
-    computed = model.simulate(read.time, read.columns)[LENGTH]
+    computed = model.simulate(read)[LENGTH]
     truth = held.columns[LENGTH]
     return improvement(truth - truth[0], computed)
 

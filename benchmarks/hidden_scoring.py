@@ -16,11 +16,12 @@ from thermaltool.diagnosis.diagnose import TIGHT, diagnose
 from thermaltool.diagnosis.result import Diagnosis
 from thermaltool.diagnosis.scan import refine, scan
 from thermaltool.diagnosis.workbench import Workbench
-from thermaltool.effects.effect import Effect, Signals, is_displacement, reference_of
-from thermaltool.identification.records import Measurement, Plan, calibrate
+from thermaltool.effects.effect import Effect, is_displacement, reference_of
+from thermaltool.fitting.records import Plan, calibrate
 from thermaltool.model import Model, relative
 from thermaltool.plants.hidden import Hidden, HiddenLog, hide
 from thermaltool.plants.scenario import DEFLECTIONS, DRIVE, SENSORS, Table
+from thermaltool.record import Record
 
 Float = NDArray[np.float64]
 
@@ -112,7 +113,7 @@ FALSE = 0.03
 
 def calibrated(table: Table) -> Model:
     """The model of a clean log; each sensor by the kind of response that fits it better."""
-    log = Measurement(table["time_s"], table)
+    log = Record(table["time_s"], table)
     model = calibrate([log], Plan((DRIVE,), SENSORS, DEFLECTIONS))
     other = calibrate([log], Plan((DRIVE,), SENSORS, (), dict.fromkeys(SENSORS, "deflection")))
     rmse = {o.channel: o.fit["rmse"] for o in model.outputs}
@@ -158,9 +159,9 @@ def score(trial: Trial, model: Model | None = None) -> Score:
     )
 
 
-def signals(table: Table, rows: slice = slice(None)) -> Signals:
+def signals(table: Table, rows: slice = slice(None)) -> Record:
     columns = {name: values[rows] for name, values in table.items() if name != "time_s"}
-    return Signals(table["time_s"][rows], columns, LOG)
+    return Record(table["time_s"][rows], columns, digest=LOG)
 
 
 def group_of(answer: Diagnosis) -> set[str]:
@@ -335,7 +336,7 @@ def held_out_ratio(model: Model, found: HiddenLog) -> float | None:
     return unseen_rms(ours, found, rows.stop) / unseen_rms(told, found, rows.stop)
 
 
-def told_the_cause(model: Model, log: Signals, truth: Hidden) -> Model | None:
+def told_the_cause(model: Model, log: Record, truth: Hidden) -> Model | None:
     """The model with the right cause at the right place, fitted to a log."""
     if truth.effect == "outliers":
         return model
@@ -377,7 +378,7 @@ def power_of_knowing(model: Model, found: HiddenLog) -> float:
 def unseen_rms(model: Model, found: HiddenLog, begin: int) -> float:
     """RMS over noise from row `begin` on; of a displacement, which has no zero, about its mean."""
     log = signals(found.log)
-    simulated = model.simulate(log.time, log.columns, LOG)
+    simulated = model.simulate(Record(log.time, log.columns, digest=LOG))
     squares = []
     for output in model.outputs:
         name = output.channel

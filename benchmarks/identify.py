@@ -24,9 +24,9 @@ from identify_peers import Array
 from identify_speed import speed
 from scipy.signal import lfilter
 
-from thermaltool.identification.transfer.choose import choose, first_that_fits, started
-from thermaltool.identification.transfer.data import Data, Stretch
-from thermaltool.identification.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.choose import choose, first_that_fits, started
+from thermaltool.fitting.transfer.data import Data, Stretch
+from thermaltool.fitting.transfer.identify import identify, orders_of
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 

@@ -14,11 +14,11 @@ import numpy as np
 from identify_cases import Case, case, fit_percent
 from identify_peers import PEERS, Array, Delays, Peer, Simulation, loaded
 
-from thermaltool.identification.transfer.choose import started
-from thermaltool.identification.transfer.data import Data, Stretch
-from thermaltool.identification.transfer.identify import identify, orders_of
-from thermaltool.identification.transfer.output_error import Problem
-from thermaltool.identification.transfer.search import Found, gauss_newton, search
+from thermaltool.fitting.transfer.choose import started
+from thermaltool.fitting.transfer.data import Data, Stretch
+from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.output_error import Problem
+from thermaltool.fitting.transfer.search import Found, gauss_newton, search
 
 # Processor time and memory that one fit may take, and how much longer it may wait.
 LIMIT_S, LONG_S, LIMIT_BYTES = 30, 300, 12 << 30

@@ -17,14 +17,14 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.signal import lfilter
 
 from thermaltool.effects.curve import DriveCurve
-from thermaltool.identification.curves import Form, Place
-from thermaltool.identification.network.choose import choose_modes, started
-from thermaltool.identification.network.data import Records, Span, spans_of
-from thermaltool.identification.network.identify import identify_network
-from thermaltool.identification.network.model import Network
-from thermaltool.identification.network.problem import Problem
-from thermaltool.identification.network.search import refine, search
-from thermaltool.identification.transfer.choose import first_that_fits
+from thermaltool.fitting.network.choose import choose_modes, started
+from thermaltool.fitting.network.data import Records, Span, spans_of
+from thermaltool.fitting.network.identify import identify_network
+from thermaltool.fitting.network.model import Network
+from thermaltool.fitting.network.problem import Problem
+from thermaltool.fitting.network.search import refine, search
+from thermaltool.fitting.transfer.choose import first_that_fits
+from thermaltool.model.curves import Form, Place
 from thermaltool.responses.modes import Hold
 from thermaltool.signals.agreement import agreement
 

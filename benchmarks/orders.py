@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from thermaltool.identification.arma.ar import burg
-from thermaltool.identification.arma.criteria import CRITERIA, Entry
-from thermaltool.identification.arma.hannan import gram_matrix
-from thermaltool.identification.arma.likelihood import with_trend
-from thermaltool.identification.arma.maximum import climb, start
-from thermaltool.identification.arma.order import detrended, select_order
-from thermaltool.identification.arma.record import record_of
+from thermaltool.timeseries.ar import burg
+from thermaltool.timeseries.criteria import CRITERIA, Entry
+from thermaltool.timeseries.hannan import gram_matrix
+from thermaltool.timeseries.likelihood import with_trend
+from thermaltool.timeseries.maximum import climb, start
+from thermaltool.timeseries.order import detrended, select_order
+from thermaltool.timeseries.record import record_of
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]
@@ -92,7 +92,7 @@ def speed(seed: int) -> None:
     for name, peer in (("statsforecast", statsforecast), ("pmdarima", pmdarima)):
         for size, repeats in PEERS.items():
             x = simulated(PROCESSES[2, 1], size, [seed, size])
-            ours = select_order(record_of(x)).best("aic").aic
+            ours = select_order(record_of(x)).best("aic").criteria.aic
             found: list[float] = []
             try:
                 took = median_time(lambda p=peer, x=x, f=found: f.append(p(x)), repeats)  # type: ignore[misc]
@@ -132,7 +132,7 @@ def study(seed: int, replications: int, sizes: list[int]) -> None:
             judge = min(full_grid(x, 5, 5), key=CRITERIA["bic"])
             ours += (best.p, best.q) == order
             judged += (judge.p, judge.q) == order
-            worse += best.bic > judge.bic + 0.1
+            worse += best.criteria.bic > judge.bic + 0.1
         print(f"| ARMA{order} | {ours} | {judged} | {worse} |", flush=True)
     for size in sizes:
         print(f"\nBest exact AIC of {size} samples above the best of the full 11 × 11 grid\n")
@@ -143,7 +143,7 @@ def study(seed: int, replications: int, sizes: list[int]) -> None:
             x = simulated(process, size, [seed, k, size, *order])
             judge = min(full_grid(x, 10, 10), key=CRITERIA["aic"])
             best = select_order(record_of(x)).best("aic")
-            above = best.aic - judge.aic
+            above = best.criteria.aic - judge.aic
             near += above <= 1.0
             print(f"| ARMA{order} | {k} | {judge.p},{judge.q} | {best.p},{best.q} | {above:.2f} |",
                   flush=True)  # fmt: skip

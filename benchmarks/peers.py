@@ -34,9 +34,10 @@ from sklearn.multioutput import MultiOutputRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from thermaltool.identification.records import Measurement, Plan, calibrate
+from thermaltool.fitting.records import Plan, calibrate
 from thermaltool.logs import read_log
 from thermaltool.model import Model, relative
+from thermaltool.record import Record
 from thermaltool.units import parse_channel
 
 Float = NDArray[np.float64]
@@ -54,7 +55,7 @@ DIVERGED = 20.0
 
 
 @dataclass(frozen=True)
-class Record:
+class Excerpt:
     """A log, of which the rows from `begin` on are fitted or judged."""
 
     log: str
@@ -62,8 +63,8 @@ class Record:
     columns: Mapping[str, Float]
     begin: int = 0
 
-    def rows(self, which: slice) -> Record:
-        return Record(self.log, self.time[which], {k: v[which] for k, v in self.columns.items()})
+    def rows(self, which: slice) -> Excerpt:
+        return Excerpt(self.log, self.time[which], {k: v[which] for k, v in self.columns.items()})
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Case:
 
     Attributes
     ----------
-    calibration, training, held_out : Record
+    calibration, training, held_out : Excerpt
         What the plain model is fitted to; the log under examination; the rows to predict, with
         what the drives did before them.
     drives, extras, outputs : tuple of str
@@ -84,9 +85,9 @@ class Case:
     """
 
     name: str
-    calibration: Record
-    training: Record
-    held_out: Record
+    calibration: Excerpt
+    training: Excerpt
+    held_out: Excerpt
     drives: tuple[str, ...]
     extras: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -98,14 +99,14 @@ class Case:
     def inputs(self) -> tuple[str, ...]:
         return (*self.drives, *self.extras)
 
-    def level(self, record: Record, channel: str) -> Float:
+    def level(self, record: Excerpt, channel: str) -> Float:
         """A channel from its rest: the first row of a temperature or displacement."""
         if parse_channel(channel).dimension in ("temperature", "length", "angle"):
             return relative(record.columns[channel], "first")
         rest = self.reference if channel in self.drives and self.reference else 0.0
         return record.columns[channel] - rest
 
-    def table(self, record: Record, channels: Sequence[str]) -> Float:
+    def table(self, record: Excerpt, channels: Sequence[str]) -> Float:
         return np.column_stack([self.level(record, c) for c in channels])
 
 
@@ -124,7 +125,7 @@ def gantry(data: Path) -> Case:
     for part in ("morning", "evening"):
         path = data / "gantry" / f"run_2021-06-13_{part}.csv"
         log = read_log(str(path), columns=str(MAPS / "gantry.toml"))
-        runs.append(Record(log.digest, log.time, log.columns))
+        runs.append(Excerpt(log.digest, log.time, log.columns))
     morning, evening = runs
     extras = ("T_bed_degC", "T_chamber_degC", "T_hotend_degC")
     cause = "second_source (bed, chamber)"
@@ -137,7 +138,7 @@ def heating_system(data: Path) -> Case:
     path = str(data / "daisy" / "heating_system.csv")
     log = read_log(path, columns=str(MAPS / "heating_system.toml"))
     row = int(np.searchsorted(log.time, 1000.0))
-    whole = Record(log.digest, log.time, log.columns, row)
+    whole = Excerpt(log.digest, log.time, log.columns, row)
     training = whole.rows(slice(row))
     return Case(
         "heating_system",
@@ -160,7 +161,7 @@ def hidden(effect: str, size: float, seed: int) -> Case:
     found = hide([effect], size, seed, seed)
     row = int(0.6 * len(found.log["time_s"]))
     calibration, whole = (
-        Record(name, table["time_s"], {k: v for k, v in table.items() if k != "time_s"}, begin)
+        Excerpt(name, table["time_s"], {k: v for k, v in table.items() if k != "time_s"}, begin)
         for name, table, begin in (("before", found.calibration, 0), ("with", found.log, row))
     )
     drives = ("Q_main_1",)
@@ -181,7 +182,7 @@ def hidden(effect: str, size: float, seed: int) -> Case:
 # ---------------------------------------------------------------- the model, and residual tests
 
 
-def fit_plain(case: Case, records: Sequence[Record]) -> Model:
+def fit_plain(case: Case, records: Sequence[Excerpt]) -> Model:
     """The model as `calibrate` fits it, one response for each drive and output."""
     displaced = [parse_channel(o).dimension in ("length", "angle") for o in case.outputs]
     plan = Plan(
@@ -193,12 +194,12 @@ def fit_plain(case: Case, records: Sequence[Record]) -> Model:
     )
     # A model that was fitted to the log under examination is free to be fitted again.
     provenance = {"logs": [{"name": r.log, "sha256": r.log} for r in records]}
-    return calibrate([Measurement(r.time, r.columns) for r in records], plan, provenance)
+    return calibrate([Record(r.time, r.columns) for r in records], plan, provenance)
 
 
-def simulated(case: Case, model: Model, record: Record) -> Float:
+def simulated(case: Case, model: Model, record: Excerpt) -> Float:
     """Levels of the outputs by a model."""
-    outputs = model.simulate(record.time, record.columns, record.log)
+    outputs = model.simulate(Record(record.time, record.columns, digest=record.log))
     rests = {o.channel: o.offset for o in model.outputs}
     columns = []
     for name in case.outputs:
@@ -207,7 +208,7 @@ def simulated(case: Case, model: Model, record: Record) -> Float:
     return np.column_stack(columns)
 
 
-def even(record: Record, table: Float) -> tuple[Float, Float]:
+def even(record: Excerpt, table: Float) -> tuple[Float, Float]:
     """Rows at even times: bursts become their means, a row each."""
     steps = np.diff(record.time)
     short = float(np.median(steps))
@@ -270,7 +271,7 @@ def recalibrated(case: Case, plain: Model) -> Answer:
     return Answer(simulated(case, model, case.held_out), "other parameters")
 
 
-def slowest(plain: Model, record: Record) -> float:
+def slowest(plain: Model, record: Excerpt) -> float:
     """Slowest time constant that the record can show [s]."""
     duration = float(record.time[-1] - record.time[0])
     return min(max(t.response.slowest() for t in plain.terms), duration)
@@ -279,7 +280,7 @@ def slowest(plain: Model, record: Record) -> float:
 # ---------------------------------------------------------------- black boxes
 
 
-def features(case: Case, record: Record, reach: float) -> Float:
+def features(case: Case, record: Excerpt, reach: float) -> Float:
     """Every input now, and its causal moving averages with time constants up to `reach` [s].
 
     Returns
@@ -346,7 +347,7 @@ def black_box(
     # One regression for each output: some kinds take one target, some drop its axis.
     models = [MultiOutputRegressor(model) for model in choices]
 
-    def table(record: Record, reach: float) -> Float:
+    def table(record: Excerpt, reach: float) -> Float:
         lags = features(case, record, reach)
         return lags.reshape(len(lags), -1)
 
@@ -477,11 +478,10 @@ def sparse_regression(case: Case, plain: Model) -> Answer:
 def ours(case: Case, plain: Model) -> Answer:
     """`thermaltool diagnose`: the plain model, extended by the causes that it names."""
     from thermaltool.diagnosis.diagnose import diagnose
-    from thermaltool.effects.effect import Signals
 
     log = case.training
     seen = {c: log.columns[c] for c in (*case.inputs, *case.outputs)}
-    found = diagnose(plain, [Signals(log.time, seen, log.log)])
+    found = diagnose(plain, [Record(log.time, seen, digest=log.log)])
     causes = tuple(f"{c.effect.name} ({c.effect.channel})" for c in found.causes)
     says = "adequate" if found.adequate else "not adequate"
     return Answer(simulated(case, found.model, case.held_out), says, causes)

@@ -24,12 +24,12 @@ from stream import Figure, published_machine
 from stream import figures as stream_figures
 
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.effects.effect import Signals
-from thermaltool.identification.records import Measurement, Plan, calibrate
-from thermaltool.inverse.estimator import load_estimator, run_estimator
-from thermaltool.inverse.kernel import Kernel, Regularization, invert_modes, kernel_table
+from thermaltool.estimation.estimator import load_estimator, run_estimator
+from thermaltool.estimation.kernel import Kernel, Regularization, invert_modes, kernel_table
+from thermaltool.fitting.records import Plan, calibrate
 from thermaltool.logs import write_table
 from thermaltool.model import dumps, loads
+from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 
 REPEATS = 7
@@ -165,7 +165,7 @@ def batch_figures(model: Path, folder: Path) -> list[Figure]:
     ]
 
 
-def run_of(rows: int, seed: int, exponent: float = 1.0) -> Signals:
+def run_of(rows: int, seed: int, exponent: float = 1.0) -> Record:
     """The published machine on a random duty, with noise, the air and another motor beside it.
 
     Its heat goes with a power of the drive that is logged.
@@ -173,21 +173,21 @@ def run_of(rows: int, seed: int, exponent: float = 1.0) -> Signals:
     random = np.random.default_rng(seed)
     time_s = PERIOD * np.arange(rows)
     duty = np.repeat(random.random(rows // 400 + 1), 400)[:rows]
-    outputs = published_machine().simulate(time_s, {"Q_main_1": duty**exponent})
+    outputs = published_machine().simulate(Record(time_s, {"Q_main_1": duty**exponent}))
     columns = {"Q_main_1": duty, "Q_pump_1": np.roll(duty, 700)}
     columns["T_air_degC"] = 20 + np.sin(time_s / 700) + 0.05 * random.standard_normal(rows)
     for name, values in outputs.items():
         columns[name] = values + (0.02 if name.startswith("dT") else 0.1) * random.standard_normal(
             rows
         )
-    return Signals(time_s, columns, f"run {seed}")
+    return Record(time_s, columns, digest=f"run {seed}")
 
 
 def diagnose_figures() -> list[Figure]:
     """The whole catalogue on a log of 10⁴ rows and three outputs, calibrated on another one."""
     calm, clean, wrong = run_of(10_000, 1), run_of(10_000, 2), run_of(10_000, 3, 1.3)
     plan = Plan(("Q_main_1",), ("dT_pair1_K",), ("d_x_um", "d_y_um"))
-    model = calibrate([Measurement(calm.time, calm.columns)], plan)
+    model = calibrate([Record(calm.time, calm.columns)], plan)
     figures = []
     for name, log in (("nothing wrong", clean), ("power law of the drive", wrong)):
         (seconds,) = medians(

@@ -24,7 +24,7 @@ from typing import cast
 
 import numpy as np
 
-from thermaltool.inverse.estimator import KalmanEstimator, SensorNoise
+from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.model import Drive, Model, Output, Term, dumps
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.deflection import Deflection

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from scipy.signal import lfilter
 
-from thermaltool.identification.recursive.arma import RecursiveArma
+from thermaltool.timeseries.recursive.arma import RecursiveArma
 
 AR, MA = [1.2, -0.6, 0.1], [0.5, 0.2]
 P, Q, STEPS, FORGETTING = 3, 2, 10, 0.999

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thermaltool.inverse.estimator import KalmanEstimator, SensorNoise
+from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.model import Drive, Model, Output, Term, dumps
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.deflection import Deflection

@@ -10,6 +10,7 @@ import pytest
 from thermaltool.effects import load_effect
 from thermaltool.logs import read_log
 from thermaltool.model import Drive, Model, Output, Term, dumps
+from thermaltool.record import Record
 from thermaltool.responses.rational import Rational1, Rational2
 
 HEATER, ANGLE = "Q_stabilization_W", "phi_x_urad"
@@ -63,9 +64,9 @@ def test_powers_hold_the_angle_and_the_last_line_is_off(powers, path):
     power, rows = power[:-1], len(POWERS)
     assert 0 == power.min() < power.max() <= 70
     columns = {"Q_causal_W": np.array(POWERS), HEATER: power}
-    held = MODEL.simulate(out.time[:rows], columns)[ANGLE]
+    held = MODEL.simulate(Record(out.time[:rows], columns))[ANGLE]
     np.testing.assert_allclose(out.column(ANGLE)[:-1], held, atol=1e-8)
-    free = MODEL.simulate(out.time[:rows], {**columns, HEATER: 0 * power})[ANGLE]
+    free = MODEL.simulate(Record(out.time[:rows], {**columns, HEATER: 0 * power}))[ANGLE]
     assert np.mean(np.abs(held)) < 0.1 * np.mean(np.abs(free))
 
 

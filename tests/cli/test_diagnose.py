@@ -81,8 +81,8 @@ def test_what_the_engine_is_given(thermaltool, case, answer):
     thermaltool("diagnose", case.model, case.log, "--validate", case.other)
     _, (log,), (unseen,) = case.calls[0]
     assert set(log.columns) == {DRIVE, BED, OUTPUT}
-    assert log.log != unseen.log
-    assert len(log.log) == 64
+    assert log.digest != unseen.digest
+    assert len(log.digest) == 64
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from effects.machine import AIR, COLUMN, COOLANT, FAR, HEAT, NEAR, X, Y, first_o
 from thermaltool.effects import effect_class
 from thermaltool.laplace import invert
 from thermaltool.model import Drive, Model, Output, Term, dumps
+from thermaltool.record import Record
 
 FRAME, BED, DZ = "T_frame_degC", "T_bed_degC", "d_z_um"
 
@@ -130,7 +131,7 @@ def machine(tmp_path):
             AIR: 20 + 2 * np.sin(time / 400),
             COOLANT: np.where(time > 1000, 1.0, 0.0),
         }
-        simulated = document.simulate(time, log)
+        simulated = document.simulate(Record(time, log))
         rests = {COLUMN: 21.5}
         log |= {name: y + rests.get(name, 0.0) for name, y in simulated.items()}
         paths = [tmp_path / name for name in ("model.json", "noise.json", "log.csv")]

@@ -9,10 +9,10 @@ from scipy.signal import lfilter
 
 from thermaltool.cli.fit import METHODS, command
 from thermaltool.errors import FitError
-from thermaltool.identification.arma.fit import METHODS as KNOWN
-from thermaltool.identification.arma.model import loads
-from thermaltool.identification.arma.polynomials import is_stationary
-from thermaltool.identification.arma.roots import modes
+from thermaltool.timeseries.fit import METHODS as KNOWN
+from thermaltool.timeseries.model import loads
+from thermaltool.timeseries.polynomials import is_stationary
+from thermaltool.timeseries.roots import modes
 
 # Gao (2000), 6.1: ARMA(2,1) at 0.5 ms; φ2 is printed without its sign, θ is -ma.
 PERIOD, PHI1, PHI2, THETA = 0.0005, 0.7575, -0.6874, 0.2743
@@ -66,8 +66,8 @@ def test_order_is_chosen_by_bic(bar):
 
 def test_intervals_cover():
     """95 % intervals of ω_n hold the truth about as often as they say."""
-    from thermaltool.identification.arma.fit import fit_arma
-    from thermaltool.identification.arma.record import record_of
+    from thermaltool.timeseries.fit import fit_arma
+    from thermaltool.timeseries.record import record_of
 
     hits = 0
     for seed in range(100):

@@ -8,10 +8,10 @@ from scipy.signal import lfilter
 from thermaltool.cli import fit
 from thermaltool.cli.forecast import command
 from thermaltool.errors import LogError
-from thermaltool.identification.arma.criteria import Entry
-from thermaltool.identification.arma.forecast import forecast
-from thermaltool.identification.arma.model import ArmaModel
-from thermaltool.identification.arma.record import record_of
+from thermaltool.timeseries.criteria import Entry
+from thermaltool.timeseries.forecast import forecast
+from thermaltool.timeseries.model import ArmaModel
+from thermaltool.timeseries.record import record_of
 
 
 def run(what, *args):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from thermaltool.identification.transfer.model import Estimate
 from thermaltool.report.transfer import estimate_document, with_interval
+from thermaltool.signals.intervals import Estimate
 
 STRUCTURES = [(), ("--structure", "bj"), ("--structure", "arx"), ("--structure", "armax"),
               ("--continuous",), ("--structure", "network", "--modes", "1")]  # fmt: skip

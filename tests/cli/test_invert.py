@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from thermaltool.identification.combine import scheduled
 from thermaltool.model import Drive, Model, Output, Term, dumps
+from thermaltool.model.combine import scheduled
 from thermaltool.responses.rational import Rational2
 
 

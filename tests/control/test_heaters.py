@@ -11,19 +11,19 @@ import pytest
 
 from thermaltool.control.heaters import Stabilizer, Way
 from thermaltool.effects.curve import DriveCurve
-from thermaltool.effects.effect import Signals
-from thermaltool.identification.combine import scheduled, superposed
-from thermaltool.identification.curves import Form
-from thermaltool.identification.static import correct
-from thermaltool.identification.transfer.continuation import continued
-from thermaltool.identification.transfer.data import Data, Stretch
-from thermaltool.identification.transfer.identify import identify, orders_of
-from thermaltool.identification.transfer.machine import machine
+from thermaltool.fitting.static import correct
+from thermaltool.fitting.transfer.continuation import continued
+from thermaltool.fitting.transfer.data import Data, Stretch
+from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.machine import machine
 from thermaltool.model import Drive, Model, Output, Term
+from thermaltool.model.combine import scheduled, superposed
+from thermaltool.model.curves import Form
 from thermaltool.plants import build_heated
 from thermaltool.plants.duties import HOUR, air, settings
+from thermaltool.record import Record
 from thermaltool.responses.rational import Oscillation1, Rational1, Rational2
-from thermaltool.runtime.records import Record
+from thermaltool.runtime.records import Row
 from thermaltool.runtime.settings import Settings, open_stream
 from thermaltool.signals.agreement import improvement
 
@@ -82,7 +82,7 @@ def test_the_output_and_what_comes_are_those_of_a_simulation(name):
     """To row 200, then all drives held for 15 samples: two codes for one model."""
     each = MODELS[name]
     held = {c: np.where(np.arange(ROWS) < 200, v, v[200]) for c, v in LOG.items()}
-    expected = each.simulate(TIME, held)[ANGLE]
+    expected = each.simulate(Record(TIME, held))[ANGLE]
     for ahead in (0, 1, 2, 7, 15):
         ways = [Way(each, term, ahead * DT) for term in each.terms]
         for k in range(1, 201):
@@ -166,7 +166,7 @@ def test_readings_that_are_lost_and_an_uneven_clock():
     for k, t in enumerate(moments):
         reading = np.nan if lost[k] else causal[k]
         held.append(held[-1] if lost[k] else causal[k])
-        stream.compensator.take(Record(float(t), [reading], ("missing" if lost[k] else "",)))
+        stream.compensator.take(Row(float(t), [reading], ("missing" if lost[k] else "",)))
         given += stream.compensator.values()
         expected = [
             lags(t, moments[: k + 1], np.array(values), "zero", delay, *pairs)
@@ -222,8 +222,8 @@ def test_the_model_is_held_at_zero_as_far_as_the_power_goes(name):
     assert powers.min() >= 0
     assert powers.max() <= 70
     columns = {**LOG, HEATER: powers}
-    free = each.simulate(TIME, {**LOG, HEATER: np.zeros(ROWS)})[ANGLE]
-    held = each.simulate(TIME, columns)[ANGLE]
+    free = each.simulate(Record(TIME, {**LOG, HEATER: np.zeros(ROWS)}))[ANGLE]
+    held = each.simulate(Record(TIME, columns))[ANGLE]
     assert improvement(free, free - held) > 60
     # Where there is power to spare, the output is zero at the horizon if all stays as it is.
     horizon = 120.0 + getattr(each.terms[-1].response, "delay", 0.0)
@@ -232,7 +232,7 @@ def test_the_model_is_held_at_zero_as_far_as_the_power_goes(name):
     for k in spare:
         clock = np.append(TIME[: k + 1], TIME[k] + horizon)
         stays = {c: np.append(v[: k + 1], v[k]) for c, v in columns.items()}
-        coming = each.simulate(clock, stays)[ANGLE][-1]
+        coming = each.simulate(Record(clock, stays))[ANGLE][-1]
         assert abs(coming) < 1e-3 * np.max(np.abs(free))
 
 
@@ -267,7 +267,7 @@ def streamed(each, resume_at=None, **options):
             stream = open_stream(each, chosen, 0, 1, print)
             stream.compensator.resume(state)
         values = [float(LOG[c][k]) for c in names]
-        stream.compensator.take(Record(float(TIME[k]), values, ("",) * len(values)))
+        stream.compensator.take(Row(float(TIME[k]), values, ("",) * len(values)))
         given += stream.compensator.values()
     return np.array(given)
 
@@ -281,8 +281,12 @@ def test_the_model_knows_what_the_steps_of_the_heater_changed():
     """In steps of 5 W the mean over time is that of the free power."""
     coarse, fine = streamed(PLAIN, step=5.0), asked(PLAIN)
     assert set(coarse) <= set(np.arange(0.0, 71.0, 5.0))
-    held = [PLAIN.simulate(TIME, {**LOG, HEATER: powers})[ANGLE] for powers in (coarse, fine)]
-    assert abs(np.mean(held[0] - held[1])) < 0.01 * np.max(np.abs(PLAIN.simulate(TIME, LOG)[ANGLE]))
+    held = [
+        PLAIN.simulate(Record(TIME, {**LOG, HEATER: powers}))[ANGLE] for powers in (coarse, fine)
+    ]
+    assert abs(np.mean(held[0] - held[1])) < 0.01 * np.max(
+        np.abs(PLAIN.simulate(Record(TIME, LOG))[ANGLE])
+    )
 
 
 def calibrated(plant, hours, seed):
@@ -295,7 +299,7 @@ def calibrated(plant, hours, seed):
     found = identify(data, "oe", orders_of("oe", (3, 3), 3, (1, 1)), real=True)
     ways = [continued(found, k, "zero") for k in range(2)]
     linear = machine([(found, ways, found.fit(data), data)], None, {})
-    log = Signals(clock, {CAUSAL: given[:, 0], HEATER: given[:, 1], ANGLE: y})
+    log = Record(clock, {CAUSAL: given[:, 0], HEATER: given[:, 1], ANGLE: y})
     return correct(linear, [log], (CAUSAL, HEATER), Form("spline", 6), True).model
 
 
@@ -316,7 +320,7 @@ def test_the_angle_of_the_c_frame_is_held_in_a_closed_loop():
     run, held = plant.start(DT, float(around[0])), []
     for k, t in enumerate(clock):
         held.append(run.outputs())
-        stream.compensator.take(Record(float(t), [float(given[k, 0])], ("",)))
+        stream.compensator.take(Row(float(t), [float(given[k, 0])], ("",)))
         (power,) = stream.compensator.values()
         assert 0 <= power <= full
         run.advance(np.array([given[k, 0], power]), float(around[k]))

@@ -7,9 +7,9 @@ import pytest
 
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.workbench import Workbench
-from thermaltool.effects.effect import Signals
-from thermaltool.identification.records import Measurement, Plan, calibrate
+from thermaltool.fitting.records import Plan, calibrate
 from thermaltool.plants.hidden import hide
+from thermaltool.record import Record
 
 TIGHT = frozenset({"offset", "accepted", "tight"})
 HEAT = "Q_main_1"
@@ -21,7 +21,7 @@ def clean(request):
     found = hide([], 5.0, request.param, request.param + 100)
     sensors = [name for name in found.noise if not name.endswith("_um")]
     deflections = [name for name in found.noise if name.endswith("_um")]
-    log = Measurement(found.calibration["time_s"], found.calibration)
+    log = Record(found.calibration["time_s"], found.calibration)
     model = calibrate(
         [log], Plan((HEAT,), sensors, deflections, dict.fromkeys(sensors, "deflection"))
     )
@@ -30,7 +30,7 @@ def clean(request):
 
 def wrong(found, model, output):
     """RMS error of a noise-free log about its mean, over the noise of a reading."""
-    simulated = model.simulate(found.log["time_s"], found.log, "log")[output]
+    simulated = model.simulate(Record(found.log["time_s"], found.log, digest="log"))[output]
     return np.std(found.clean[output] - simulated) / found.noise[output]
 
 
@@ -48,12 +48,12 @@ def test_what_it_still_gets_wrong_is_what_it_says_that_it_may(clean):
     found, model = clean
     known = corrected(model)
     columns = {name: values for name, values in found.log.items() if name != "time_s"}
-    bench = Workbench(known, [Signals(found.log["time_s"], columns, "log")], known, {}, TIGHT)
+    bench = Workbench(known, [Record(found.log["time_s"], columns, digest="log")], known, {}, TIGHT)
     sizes = []
     for output in found.noise:
         own = np.column_stack([s[0] for s in (*bench.sensitivities(output), *bench.lags(output))])
         moved = own @ bench.prior(output, False).root
-        simulated = known.simulate(found.log["time_s"], found.log, "log")[output]
+        simulated = known.simulate(Record(found.log["time_s"], found.log, digest="log"))[output]
         error, noise = found.clean[output] - simulated, found.noise[output]
         table = np.column_stack([moved, np.ones(len(error))])
         penalty = np.append(np.ones(moved.shape[1]), 0.0)

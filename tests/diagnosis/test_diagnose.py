@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.effects.effect import Signals
 from thermaltool.errors import FitError, ModelError
-from thermaltool.identification.records import Measurement, Plan, calibrate
+from thermaltool.fitting.records import Plan, calibrate
 from thermaltool.logs import read_log
 from thermaltool.model import Model, dumps, loads
+from thermaltool.record import Record
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 MAPS = Path(__file__).parents[2] / "data_samples" / "maps"
@@ -35,11 +35,11 @@ def machine(heat: np.ndarray, seed: int) -> dict[str, np.ndarray]:
 @pytest.fixture(scope="module")
 def model() -> Model:
     plan = Plan(("Q_main_1",), ("dT_pair1_K",), ("d_y_um",), {"dT_pair1_K": "deflection"})
-    return calibrate([Measurement(TIME, {"Q_main_1": LEVELS, **machine(LEVELS, 1)})], plan)
+    return calibrate([Record(TIME, {"Q_main_1": LEVELS, **machine(LEVELS, 1)})], plan)
 
 
-def log(acting: np.ndarray, seed: int, **more: np.ndarray) -> Signals:
-    return Signals(TIME, {"Q_main_1": LEVELS, **machine(acting, seed), **more}, f"log {seed}")
+def log(acting: np.ndarray, seed: int, **more: np.ndarray) -> Record:
+    return Record(TIME, {"Q_main_1": LEVELS, **machine(acting, seed), **more}, digest=f"log {seed}")
 
 
 def test_a_clean_log_is_adequate(model: Model) -> None:
@@ -63,7 +63,10 @@ def test_heat_by_the_square_is_found_and_then_known(model: Model) -> None:
     # The extended model is one file, simulates what was measured, and needs no further cause.
     extended = loads(dumps(found.model))
     before, after = (
-        np.std(wrong.columns["d_y_um"] - m.simulate(TIME, wrong.columns, wrong.log)["d_y_um"])
+        np.std(
+            wrong.columns["d_y_um"]
+            - m.simulate(Record(TIME, wrong.columns, digest=wrong.log))["d_y_um"]
+        )
         for m in (model, extended)
     )
     assert after < 0.15 < before
@@ -80,8 +83,10 @@ def test_an_accident_acts_in_its_own_log_alone(model: Model) -> None:
     (effect,) = found.model.effects
     assert effect.log == clean.log
     assert effect.parameters["time"] == pytest.approx(1500, abs=10)
-    elsewhere = found.model.simulate(TIME, clean.columns, "another log")
-    assert np.array_equal(elsewhere["d_y_um"], model.simulate(TIME, clean.columns)["d_y_um"])
+    elsewhere = found.model.simulate(Record(TIME, clean.columns, digest="another log"))
+    assert np.array_equal(
+        elsewhere["d_y_um"], model.simulate(Record(TIME, clean.columns))["d_y_um"]
+    )
 
 
 def test_gain_on_a_log_that_no_fit_saw(model: Model) -> None:
@@ -109,13 +114,13 @@ def test_bad_logs_are_refused_in_one_line(
     model: Model, columns: dict[str, np.ndarray], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message) as caught:
-        diagnose(model, [Signals(TIME, columns, "bad")])
+        diagnose(model, [Record(TIME, columns, digest="bad")])
     assert "\n" not in str(caught.value)
 
 
 def test_a_log_of_few_rows_is_refused(model: Model) -> None:
     short = log(LEVELS, 7)
-    few = Signals(TIME[:9], {k: v[:9] for k, v in short.columns.items()}, "few")
+    few = Record(TIME[:9], {k: v[:9] for k, v in short.columns.items()}, digest="few")
     with pytest.raises(FitError, match="9 rows are too few"):
         diagnose(model, [few])
 
@@ -127,11 +132,11 @@ def test_the_gantry_names_its_bed() -> None:
         run = read_log(
             str(DATA / f"gantry/run_2021-06-13_{part}.csv"), columns=str(MAPS / "gantry.toml")
         )
-        runs.append(Signals(run.time, dict(run.columns), run.digest))
+        runs.append(Record(run.time, dict(run.columns), digest=run.digest))
     morning, evening = runs
     plan = Plan(("T_frame_degC",), (), ("d_z_um",))
     provenance = {"logs": [{"name": "morning", "sha256": morning.log}]}
-    model = calibrate([Measurement(morning.time, morning.columns)], plan, provenance)
+    model = calibrate([Record(morning.time, morning.columns)], plan, provenance)
     found = diagnose(model, [morning], [evening])
     assert (found.causes[0].effect.name, found.causes[0].effect.channel) == (
         "second_source",

@@ -19,11 +19,11 @@ from thermaltool.diagnosis.scan import Candidate, refine
 from thermaltool.diagnosis.sight import Sight, angle, displaced, eliminated, noise_before
 from thermaltool.diagnosis.workbench import Workbench
 from thermaltool.effects import effect_class
-from thermaltool.effects.effect import Signals
-from thermaltool.identification.records import Measurement, Plan, calibrate
+from thermaltool.fitting.records import Plan, calibrate
 from thermaltool.logs import read_log
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.plants.hidden import hide
+from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
 
 HEAT, NEAR, FAR, X, Y = "Q_main_1", "dT_near_K", "dT_far_K", "d_x_um", "d_y_um"
@@ -56,11 +56,13 @@ def machine(outputs, *effects):
 def bench(outputs, truth=(), heat=LEVELS, noise=0.02, state=RELEASED, seed=1, **beside):
     """The machine without `truth`, on a log of the machine with it."""
     columns = {HEAT: heat, **beside}
-    simulated = machine(outputs, *truth).simulate(TIME, columns, "log")
+    simulated = machine(outputs, *truth).simulate(Record(TIME, columns, digest="log"))
     rng = np.random.default_rng(seed)
     for o in outputs:
         columns[o] = simulated[o] + noise * rng.standard_normal(ROWS)
-    made = Workbench(machine(outputs), [Signals(TIME, columns, "log")], machine(outputs), {}, state)
+    made = Workbench(
+        machine(outputs), [Record(TIME, columns, digest="log")], machine(outputs), {}, state
+    )
     made.weigh()
     return made
 
@@ -238,7 +240,7 @@ def test_a_log_that_begins_warm_takes_one_level_from_what_it_shows():
         heat = np.repeat(levels, ROWS // len(levels))
         made = bench([NEAR], heat=heat)
         measured = made.logs[0].columns[NEAR] + 15 * np.exp(-TIME / 600)
-        log = Signals(TIME, {HEAT: heat, NEAR: measured}, "log")
+        log = Record(TIME, {HEAT: heat, NEAR: measured}, digest="log")
         made = Workbench(machine([NEAR]), [log], machine([NEAR]), {}, RELEASED)
         made.weigh()
         return made
@@ -325,11 +327,11 @@ def test_a_hidden_delay():
     log = hide(["transport_delay"], 5.0, 11, 12)
     outputs = (NEAR, FAR, "T_column_degC"), (X, Y)
     calibration = {k: v for k, v in log.calibration.items() if k != "time_s"}
-    model = calibrate(
-        [Measurement(log.calibration["time_s"], calibration)], Plan((HEAT,), *outputs)
-    )
+    model = calibrate([Record(log.calibration["time_s"], calibration)], Plan((HEAT,), *outputs))
     known = corrected(model)
-    signals = Signals(log.log["time_s"], {k: v for k, v in log.log.items() if k != "time_s"}, "log")
+    signals = Record(
+        log.log["time_s"], {k: v for k, v in log.log.items() if k != "time_s"}, digest="log"
+    )
     made = Workbench(known, [signals], known, {}, TIGHT)
     made.weigh()
     found = fitted(
@@ -358,8 +360,10 @@ def test_the_first_half_of_the_heating_system():
         rows = log.time <= end
         columns = {name: values[rows] for name, values in log.columns.items()}
         plan = Plan(("U_lamp_V",), ("T_plate_degC",), ())
-        model = calibrate([Measurement(log.time[rows], columns)], plan)
-        made = Workbench(model, [Signals(log.time[rows], columns, "log")], model, {}, RELEASED)
+        model = calibrate([Record(log.time[rows], columns)], plan)
+        made = Workbench(
+            model, [Record(log.time[rows], columns, digest="log")], model, {}, RELEASED
+        )
         made.weigh()
         return invisible_at(made)
 

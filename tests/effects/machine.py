@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermaltool.effects.effect import Scene, Signals
+from thermaltool.effects.effect import Scene
 from thermaltool.model import Drive, Model, Output, Term, driven, relative
+from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
 
 PERIOD, ROWS = 5.0, 800
@@ -56,7 +57,7 @@ def columns(seed=0, extra=(AIR, PART, BEARING, COOLANT), bipolar=True, frozen=Tr
         COOLANT: ((time // 1100) % 2).astype(float),
     }
     result = {HEAT: duty, **{name: beside[name] for name in extra}}
-    simulated = model().simulate(time, result)
+    simulated = model().simulate(Record(time, result))
     for o in model().outputs:
         rest = 5.0 if o.offset == "first" else o.offset
         result[o.channel] = simulated[o.channel] + rest + 0.02 * rng.normal(size=ROWS)
@@ -68,8 +69,8 @@ def columns(seed=0, extra=(AIR, PART, BEARING, COOLANT), bipolar=True, frozen=Tr
 def scene(*logs):
     """What a catalogue sees of logs of (time, columns)."""
     machine = model()
-    logs = tuple(Signals(t, c, name) for name, (t, c) in zip("pqr", logs, strict=False))
-    simulated = tuple(machine.simulate(log.time, log.columns) for log in logs)
+    logs = tuple(Record(t, c, digest=name) for name, (t, c) in zip("pqr", logs, strict=False))
+    simulated = tuple(machine.simulate(log) for log in logs)
     outputs = tuple(o.channel for o in machine.outputs)
     known = {HEAT, *outputs}
     return Scene(

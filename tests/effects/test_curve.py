@@ -13,6 +13,7 @@ from thermaltool.effects import load_effect
 from thermaltool.effects.curve import DriveCurve, OutputCurve, Spline
 from thermaltool.errors import ModelError
 from thermaltool.model import dumps, loads
+from thermaltool.record import Record
 
 QUADRATIC = {"level": 70.0, "c1": 0.3, "c2": 0.7}
 KNOTS = {"x0": -1.0, "y0": -0.5, "x1": 0.0, "y1": 0.0, "x2": 0.5, "y2": 0.1, "x3": 1.0, "y3": 0.9}
@@ -58,15 +59,17 @@ def test_in_front_of_the_responses():
     time, given = columns(bipolar=False, frozen=False)
     curve = DriveCurve(HEAT, {"level": 1.0, "c1": 0.25, "c2": 0.75})
     bent = {**given, HEAT: 0.25 * given[HEAT] + 0.75 * given[HEAT] ** 2}
-    got, expected = model(curve).simulate(time, given), model().simulate(time, bent)
+    got, expected = model(curve).simulate(Record(time, given)), model().simulate(Record(time, bent))
     for name, values in expected.items():
         np.testing.assert_allclose(got[name], values, atol=1e-12)
 
 
 def test_behind_the_responses():
     time, given = columns(bipolar=False, frozen=False)
-    got = model(OutputCurve(X, {"level": 60.0, "c1": 0.25, "c2": 0.75})).simulate(time, given)
-    plain = model().simulate(time, given)
+    got = model(OutputCurve(X, {"level": 60.0, "c1": 0.25, "c2": 0.75})).simulate(
+        Record(time, given)
+    )
+    plain = model().simulate(Record(time, given))
     for name, y in plain.items():
         bent = 60 * (0.25 * y / 60 + 0.75 * (y / 60) ** 2) if name == X else y
         np.testing.assert_allclose(got[name], bent, atol=1e-12)

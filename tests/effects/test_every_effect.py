@@ -11,9 +11,10 @@ import pytest
 from effects.machine import AIR, BEARING, COOLANT, HEAT, PART, columns, model, scene
 
 from thermaltool.effects import CATALOGUE, effect_class, load_effect
-from thermaltool.effects.effect import SIDES, Signals, is_displacement, reference_of
+from thermaltool.effects.effect import SIDES, is_displacement, reference_of
 from thermaltool.errors import ModelError
 from thermaltool.model import dumps, loads
+from thermaltool.record import Record
 from thermaltool.units import UNITS
 
 # Found by the diagnosis itself; there is nothing to simulate.
@@ -45,7 +46,7 @@ def variants(name):
 
 def simulate(*effects):
     log = place().logs[0]
-    return model(*effects).simulate(log.time, log.columns, log.log)
+    return model(*effects).simulate(log)
 
 
 def moved(*effects):
@@ -214,7 +215,7 @@ def test_a_channel_that_it_needs_and_is_not_there_is_named(name):
             assert channel in model(effect).needs()
             rest = {c: v for c, v in log.columns.items() if c != channel}
             with pytest.raises(ModelError, match=channel):
-                model(effect).simulate(log.time, rest, log.log)
+                model(effect).simulate(Record(log.time, rest, digest=log.digest))
 
 
 @acting
@@ -225,7 +226,7 @@ def test_it_leaves_what_it_reads_alone(name):
     outputs = simulate()
     for values in outputs.values():
         values.flags.writeable = False
-    signals = Signals(time, given, "p")
+    signals = Record(time, given, digest="p")
     for effect in variants(name):
         effect.drive(signals, given[HEAT])
         effect.loss(signals, outputs)
@@ -238,7 +239,7 @@ def test_it_acts_in_its_own_log_alone(name):
     log = place().logs[0]
     for effect in variants(name):
         elsewhere = model(replace(effect, log="another day"))
-        y = elsewhere.simulate(log.time, log.columns, log.log)
+        y = elsewhere.simulate(log)
         plain = simulate()
         assert all(np.array_equal(y[o], plain[o]) for o in plain)
 
@@ -252,5 +253,5 @@ def test_missing_readings_of_a_channel_beside_the_model_do_not_spread(name):
                 continue
             holed = {**log.columns, channel: log.columns[channel].copy()}
             holed[channel][[0, 1, 300, 301, -1]] = np.nan
-            y = model(effect).simulate(log.time, holed, log.log)
+            y = model(effect).simulate(Record(log.time, holed, digest=log.digest))
             assert all(np.isfinite(values).all() for values in y.values())

@@ -12,8 +12,8 @@ import pytest
 
 import thermaltool.effects as effects
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.effects.effect import Signals
-from thermaltool.identification.records import Measurement, Plan, calibrate
+from thermaltool.fitting.records import Plan, calibrate
+from thermaltool.record import Record
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnosis.md"
 
@@ -45,13 +45,13 @@ def test_the_cause_of_the_page_is_found() -> None:
     time = 2.0 * np.arange(1500)
     levels = np.repeat([0.0, 1.0, 0.0, 0.6, 0.3, 1.0, 0.0, 0.8, 0.0, 0.5], 150)
     model = calibrate(
-        [Measurement(time, {"Q_main_1": levels, **machine(levels, generator)})],
+        [Record(time, {"Q_main_1": levels, **machine(levels, generator)})],
         Plan(("Q_main_1",), ("dT_pair1_K",), ("d_y_um",), {"dT_pair1_K": "deflection"}),
     )
     supply = 230 + 5 * np.sin(time / 400) + generator.standard_normal(len(time))
     droop = levels * (supply / np.median(supply)) ** 2
     log = {"Q_main_1": levels, "U_supply_V": supply, **machine(droop, generator)}
-    found = diagnose(model, [Signals(time, log, "today")])
+    found = diagnose(model, [Record(time, log, digest="today")])
     assert [cause.effect.name for cause in found.causes] == ["supply_droop"]
     assert found.causes[0].effect.parameters["sensitivity"] == pytest.approx(2.0, rel=0.2)
     low, high = found.causes[0].intervals["sensitivity"]

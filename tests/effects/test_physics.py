@@ -30,8 +30,8 @@ from scipy.integrate import solve_ivp
 from thermaltool.effects import effect_class
 from thermaltool.effects.channels import is_air, is_part
 from thermaltool.effects.dynamics import play
-from thermaltool.effects.effect import Signals
 from thermaltool.errors import ModelError
+from thermaltool.record import Record
 
 TIME = PERIOD * np.arange(800)
 
@@ -42,7 +42,7 @@ def make(name, channel, /, log=None, partner=None, **parameters):
 
 def run(effects, drive, **beside):
     given = {HEAT: np.broadcast_to(np.asarray(drive, float), TIME.shape), **beside}
-    return model(*effects).simulate(TIME, given, "p")
+    return model(*effects).simulate(Record(TIME, given, digest="p"))
 
 
 def stood(plays, u, width):
@@ -114,7 +114,7 @@ def area(u, v):
 
 def test_backlash_draws_a_parallelogram():
     u = triangle(800)
-    signals = Signals(TIME, {})
+    signals = Record(TIME, {})
     for width in (0.1, 0.4, 1.0):
         acts = make("backlash", HEAT, width=width).drive(signals, u)
         assert acts.max() == pytest.approx(1 - width / 2)
@@ -122,7 +122,7 @@ def test_backlash_draws_a_parallelogram():
 
 
 def test_hysteresis_is_a_loop_at_any_speed_and_its_area_that_of_its_plays():
-    signals = Signals(TIME, {})
+    signals = Record(TIME, {})
     effect = make("hysteresis", HEAT, width=0.6, share=0.5)
     u = triangle(800)
     acts = effect.drive(signals, u)
@@ -192,14 +192,16 @@ def test_radiation_looks_at_the_hottest_absolute_temperature_from_its_rest():
     assert (effect.channel, effect.parameters["rest"]) == (NEAR, 20.0)
     cores = {"T_bed_degC": 20 + TIME / 400, "T_core_degC": 20 + TIME / 40, AIR: 20 + TIME}
     logged = replace(
-        pairs, extra=tuple(cores), logs=(Signals(TIME, {**pairs.logs[0].columns, **cores}, "p"),)
+        pairs,
+        extra=tuple(cores),
+        logs=(Record(TIME, {**pairs.logs[0].columns, **cores}, digest="p"),),
     )
     effect = next(effect_class("radiation").probes(logged))
     assert effect.channel == "T_core_degC"
     assert "rest" not in effect.parameters
     effect = make("radiation", COLUMN, rate=1e-3, rest=20.0)
     with pytest.raises(ModelError, match=COLUMN):
-        effect.loss(Signals(TIME, {}), {NEAR: TIME})
+        effect.loss(Record(TIME, {}), {NEAR: TIME})
 
 
 # ---------------------------------------------------------------- sources
@@ -291,7 +293,7 @@ def test_channels_go_to_the_cause_that_their_name_says():
 
 def test_a_joint_has_another_slope_each_way_and_bends():
     y = np.array([-20.0, -10.0, 0.0, 10.0, 20.0])
-    signals = Signals(np.arange(5.0), {})
+    signals = Record(np.arange(5.0), {})
     slopes = make("joint_contact", X, asymmetry=0.2)
     np.testing.assert_allclose(slopes.output(X, {X: y}, signals), [-16, -8, 0, 12, 24])
     bent = make("joint_contact", X, curvature=0.01).output(X, {X: y}, signals)
@@ -348,7 +350,7 @@ def test_a_lag_makes_two_poles():
 def test_a_sensor_drifts_by_its_rate_in_an_hour():
     late = TIME + 500
     y = effect_class("sensor_drift")(NEAR, {"rate": 0.9}).output(
-        NEAR, {NEAR: np.zeros(800)}, Signals(late, {})
+        NEAR, {NEAR: np.zeros(800)}, Record(late, {})
     )
     assert y[0] == 0
     assert y[np.searchsorted(late, 500 + 3600)] == pytest.approx(0.9)
@@ -363,7 +365,7 @@ def test_a_thermistor_read_with_another_ones_constants_is_gain_and_curvature():
     reading = reading - reading[0]
     fit = np.linalg.lstsq(np.column_stack([truth, truth**2]), reading, rcond=None)[0]
     effect = make("sensor_conversion", NEAR, gain=float(fit[0]), curvature=float(fit[1]))
-    got = effect.output(NEAR, {NEAR: truth}, Signals(truth, {}))
+    got = effect.output(NEAR, {NEAR: truth}, Record(truth, {}))
     error = np.max(np.abs(reading - truth))
     assert error > 0.5
     assert np.max(np.abs(got - reading)) < 0.005 * error
@@ -393,12 +395,12 @@ def test_a_frozen_sensor_is_looked_for_where_a_reading_repeats_itself_and_nowher
 @pytest.mark.parametrize("what", ["coarse", "settled"])
 def test_equal_readings_are_not_always_a_fault(what):
     time, given = columns()
-    given[FAR] = 4 + model().simulate(time, given)[FAR]
+    given[FAR] = 4 + model().simulate(Record(time, given))[FAR]
     if what == "coarse":  # a step of 0.5 K repeats itself everywhere
         given[FAR] = np.round(given[FAR] * 2) / 2
     else:  # idle, at rest, and read to 0.1 K
         given[HEAT][:100] = 0
-        given[FAR] = 4 + model().simulate(time, given)[FAR]
+        given[FAR] = 4 + model().simulate(Record(time, given))[FAR]
         given[FAR][:100] = 4.0
     assert not list(effect_class("sensor_frozen").probes(scene((time, given))))
 
@@ -413,7 +415,7 @@ def test_swapped_sensors_read_each_other():
     assert pairs == {(NEAR, FAR), (X, Y)}
     alone = model(swap, outputs=(NEAR,))
     with pytest.raises(ModelError, match=FAR):
-        alone.simulate(TIME, {HEAT: np.ones(800)})
+        alone.simulate(Record(TIME, {HEAT: np.ones(800)}))
 
 
 @pytest.mark.parametrize("period", [23.7, 61.0, 310.0, 640.0, 1500.0])

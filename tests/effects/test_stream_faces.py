@@ -9,7 +9,7 @@ import pytest
 from effects.machine import AIR, BEARING, COOLANT, PART, columns, model, scene
 
 from thermaltool.effects import CATALOGUE, effect_class
-from thermaltool.effects.effect import Signals
+from thermaltool.record import Record
 
 
 @cache
@@ -26,12 +26,12 @@ def variants(name):
 
 
 def signals(time, **named):
-    return Signals(time, named)
+    return Record(time, named)
 
 
 causes = pytest.mark.parametrize("name", CATALOGUE)
 VALUES = np.linspace(-1.0, 1.0, 41)
-STILL = Signals(np.zeros(41), {})
+STILL = Record(np.zeros(41), {})
 
 
 @causes

@@ -133,5 +133,5 @@ def test_many_findings_of_one_kind_are_counted(log: Log) -> None:
 
 
 def test_no_rows() -> None:
-    empty = Log("log.csv", np.empty(0), {"T_a_degC": np.empty(0)}, {}, (), "")
+    empty = Log(np.empty(0), {"T_a_degC": np.empty(0)}, name="log.csv")
     assert only(empty).kind == "empty"

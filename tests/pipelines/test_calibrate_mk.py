@@ -135,7 +135,7 @@ def test_other_options_redo_the_models(logs: Path, made: Path) -> None:
     assert "-o out/two.model.json" in told
 
 
-def interrupt(logs: Path, number: signal.Signals, product: Path) -> None:
+def interrupt(logs: Path, number: signal.Record, product: Path) -> None:
     """Start make and end all of its processes when `product` has appeared."""
     process = subprocess.Popen(
         make(logs, "-j2", "cut/one.kernel.parquet", "cut/summary.csv", LOGS="alone", OUT="cut"),

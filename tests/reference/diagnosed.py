@@ -8,9 +8,9 @@ import numpy as np
 
 from thermaltool.diagnosis.residual import residual_report
 from thermaltool.diagnosis.result import Alternative, Cause, Curves, Diagnosis, Gain, Tried
-from thermaltool.effects.effect import Signals
 from thermaltool.effects.second_source import SecondSource
 from thermaltool.model import Drive, Model, Output, Term
+from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
 
 OUTPUT, DRIVE, BED = "d_z_um", "Q_main_1", "T_bed_degC"
@@ -24,24 +24,24 @@ MODEL = Model(
 SOURCE = SecondSource(BED, {f"gain[{OUTPUT}]": 0.6, "time_constant": 840.0})
 
 
-def measured(seed: int = 4, bed: float = 60.0) -> Signals:
+def measured(seed: int = 4, bed: float = 60.0) -> Record:
     """Six hours: the lamp for three, the bed (to `bed` degC) from the fourth on."""
     time = 10.0 * np.arange(2160)
     columns = {
         DRIVE: np.where(time < 10800, 1.0, 0.0),
         BED: 20.0 + (bed - 20.0) * -np.expm1(-np.maximum(time - 10800, 0) / 300),
     }
-    clean = Signals(time, columns)
-    bent = SOURCE.output(OUTPUT, MODEL.simulate(time, columns), clean)
+    clean = Record(time, columns)
+    bent = SOURCE.output(OUTPUT, MODEL.simulate(Record(time, columns)), clean)
     noise = WHITE * np.random.default_rng(seed).standard_normal(len(time))
-    return Signals(time, {**columns, OUTPUT: bent + noise}, f"digest-{seed}")
+    return Record(time, {**columns, OUTPUT: bent + noise}, digest=f"digest-{seed}")
 
 
-def diagnosed(logs: Sequence[Signals], causes: int = 1, adequate: bool = False) -> Diagnosis:
+def diagnosed(logs: Sequence[Record], causes: int = 1, adequate: bool = False) -> Diagnosis:
     """What a diagnosis of `logs` should say."""
     log = logs[0]
     y = log.columns[OUTPUT] - log.columns[OUTPUT][0]
-    plain = MODEL.simulate(log.time, log.columns)
+    plain = MODEL.simulate(log)
     extended = SOURCE.output(OUTPUT, plain, log)
     report = residual_report(
         log.time, y - plain[OUTPUT], y, {DRIVE: log.columns[DRIVE]}, {BED: log.columns[BED]},
@@ -67,6 +67,6 @@ def diagnosed(logs: Sequence[Signals], causes: int = 1, adequate: bool = False) 
         tried=tried,
         notes=(),
         model=MODEL,
-        curves=(Curves(log.log, OUTPUT, log.time, y, plain[OUTPUT], extended),),
+        curves=(Curves(log.digest, OUTPUT, log.time, y, plain[OUTPUT], extended),),
     )
     return found

@@ -7,6 +7,7 @@ import pytest
 
 from thermaltool.logs import Log
 from thermaltool.model import Drive, Model, Output, Term
+from thermaltool.record import Record
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.deflection import Deflection
 from thermaltool.units import parse_channel
@@ -17,7 +18,7 @@ DEFLECTION = Deflection(A=50.0, a=0.005, B=20.0, b=0.002, D=-0.02, d=0.004)
 
 def make_log(name: str, time: np.ndarray, **columns: np.ndarray) -> Log:
     channels = {key: parse_channel(key) for key in columns}
-    return Log(name, time, dict(columns), channels, (slice(0, len(time)),), "")
+    return Log(time, dict(columns), name=name, channels=channels)
 
 
 @pytest.fixture
@@ -43,7 +44,7 @@ def log(model: Model) -> Log:
     """The model's own outputs, the deflection with an offset, and one error of 3 µm."""
     time = 2.0 * np.arange(400)
     heat = np.where(time > 60, 1.0, 0.0)
-    outputs = model.simulate(time, {"Q_main_W": heat})
+    outputs = model.simulate(Record(time, {"Q_main_W": heat}))
     outputs["d_y_um"] = outputs["d_y_um"] + 1000.0
     outputs["d_y_um"][200] += 3.0
     return make_log("measured.csv", time, Q_main_W=heat, **outputs)

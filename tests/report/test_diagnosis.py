@@ -16,7 +16,7 @@ from thermaltool.units import printed
 def document(causes=1, adequate=False, validated=(), **changed):
     log = measured()
     found = diagnosed([log], causes, adequate).document()
-    files = {"model": "model.json", "logs": [{"name": "in/run.csv", "sha256": log.log}]}
+    files = {"model": "model.json", "logs": [{"name": "in/run.csv", "sha256": log.digest}]}
     files["validated_on"] = [{"name": name, "sha256": name} for name in validated]
     # As a reader of the JSON has it.
     return json.loads(json.dumps({**found, **files, **changed}, allow_nan=False))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from thermaltool.errors import ModelError
-from thermaltool.inverse.cascade import lagged_modes
+from thermaltool.estimation.cascade import lagged_modes
 from thermaltool.model import simulate_response
 from thermaltool.responses.delay import DelayedModes, load_modes
 from thermaltool.responses.modes import Modes

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from thermaltool.inverse.estimator import KalmanEstimator, KernelEstimator, SensorNoise
+from thermaltool.estimation.estimator import KalmanEstimator, KernelEstimator, SensorNoise
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.responses.deflection import Deflection
 from thermaltool.responses.modes import Modes

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from thermaltool.control.setpoint import HYSTERESIS
 from thermaltool.errors import ModelError
-from thermaltool.inverse.estimator import load_estimator, run_estimator
-from thermaltool.runtime.records import Record
+from thermaltool.estimation.estimator import load_estimator, run_estimator
+from thermaltool.runtime.records import Row
 from thermaltool.runtime.settings import setpoint_name
 
 FIXTURES = settings(
@@ -23,7 +23,7 @@ def warming(time):
 
 def take(compensator, time, reading=None, fault=""):
     reading = warming(time) if reading is None else reading
-    compensator.take(Record(time, [float(reading)], (fault,)))
+    compensator.take(Row(time, [float(reading)], (fault,)))
     return compensator.values()
 
 
@@ -93,12 +93,12 @@ def test_until_every_sensor_has_been_good_the_setpoint_is_safe(
     make_machine, make_kalman, compensator
 ):
     each = compensator(make_machine(make_kalman(2)), safe=3.0)
-    each.take(Record(0.0, [1.0, math.nan], ("", "empty")))
+    each.take(Row(0.0, [1.0, math.nan], ("", "empty")))
     assert each.values() == [3.0, 3.0]
-    each.take(Record(1.0, [1.0, 25.0], ("", "")))
+    each.take(Row(1.0, [1.0, 25.0], ("", "")))
     # The first complete record is rest.
     assert each.values() == [0.0, 0.0]
-    each.take(Record(2.0, [1.0, 25.0], ("", "")))
+    each.take(Row(2.0, [1.0, 25.0], ("", "")))
     assert each.sensors[1].rest == 25.0
 
 
@@ -181,7 +181,7 @@ def test_nothing_makes_a_setpoint_that_is_not_finite_or_outside_its_limits(compe
     each = compensator(step=0.5, slew=50.0, limits=(-100.0, 20.0))
     time = 0.0
     for dt, reading in samples:
-        each.take(Record(None if dt is None else time + dt, [reading], ("",)))
+        each.take(Row(None if dt is None else time + dt, [reading], ("",)))
         time = each.time or 0.0
         assert all(-100.0 <= value <= 20.0 for value in each.values())
         assert all(map(math.isfinite, each.estimates))

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from thermaltool.inverse.estimator import run_estimator
+from thermaltool.estimation.estimator import run_estimator
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.stepper import KEPT, Stepper
 

@@ -132,12 +132,12 @@ def command(
     Any input will do, not only a step; several logs are fitted together. The model goes to -o, a
     table of the fit to stderr (with --json to stdout).
     """
+    from thermaltool.documents import atomic_output
     from thermaltool.errors import LogError
-    from thermaltool.files import atomic_output
-    from thermaltool.identification.records import Measurement, Plan, calibrate
+    from thermaltool.fitting.records import Plan, calibrate
     from thermaltool.logs import read_log
-    from thermaltool.logs.selection import between
     from thermaltool.model import dumps, to_document
+    from thermaltool.record import Record
 
     if as_json and output == "-":
         raise click.UsageError("--json reports on stdout: give the model a file with -o")
@@ -166,13 +166,11 @@ def command(
             max_gap=max_gap,
             need=need,
         )
-        log = between(log, start, stop)
+        log = log.between(start, stop)
         if len(log) < 2:
             raise LogError(f"{len(log)} rows say nothing of a response", log.name)
         warn_pauses(log, "the drive is taken as held over it")
-        measurements.append(
-            Measurement(log.time, {channel: log.column(channel) for channel in need})
-        )
+        measurements.append(Record(log.time, {channel: log.column(channel) for channel in need}))
         sources.append({"name": log.name, "sha256": log.digest})
     provenance = {"logs": sources, "command": "thermaltool " + " ".join(sys.argv[1:])}
     progress = terminal_progress("calibrate")

@@ -27,8 +27,8 @@ from thermaltool.cli.options import (
 from thermaltool.report.text import aligned
 
 if TYPE_CHECKING:
-    from thermaltool.effects.effect import Signals
     from thermaltool.model import Model
+    from thermaltool.record import Record
 
 USUAL = {"spline": 6, "polynomial": 2}
 # A drive farther from rest than this share of its range is on.
@@ -79,8 +79,8 @@ def command(
     """
     from dataclasses import replace
 
-    from thermaltool.files import atomic_output
-    from thermaltool.identification.static import Form, correct
+    from thermaltool.documents import atomic_output
+    from thermaltool.fitting.static import Form, correct
     from thermaltool.model import dumps
     from thermaltool.report.corrections import correction_document, correction_table
 
@@ -95,7 +95,7 @@ def command(
             raise click.UsageError("the model has several drives: name one with --at")
         at = (document.drives[0].channel,)
     read = [_signals(name, document, options) for name in logs]
-    sources = [{"name": name, "sha256": log.log} for name, log in zip(logs, read, strict=True)]
+    sources = [{"name": name, "sha256": log.digest} for name, log in zip(logs, read, strict=True)]
     fresh = None if validation is None else _signals(validation, document, options)
     found = correct(document, read, at, Form(curve, size or USUAL[curve]), refit)
     provenance = {
@@ -110,12 +110,12 @@ def command(
         warn(aligned(correction_table(found, document, fresh)))
 
 
-def _signals(name: str, model: Model, options: dict[str, Any]) -> Signals:
+def _signals(name: str, model: Model, options: dict[str, Any]) -> Record:
     """A log with all that the model reads and computes."""
-    from thermaltool.effects.effect import Signals
     from thermaltool.errors import LogError
     from thermaltool.logs import read_log
     from thermaltool.model import relative
+    from thermaltool.record import Record
 
     need = (*model.needs(), *(o.channel for o in model.outputs))
     log = read_log(name, **options, need=tuple(dict.fromkeys(need)))
@@ -129,4 +129,4 @@ def _signals(name: str, model: Model, options: dict[str, Any]) -> Signals:
                 f"{log.name}: begins with {drive.channel} {first:g} away from rest: it is taken as "
                 "switched on there, which misleads the fit where it was on before"
             )
-    return Signals(log.time, log.columns, log.digest)
+    return Record(log.time, log.columns, digest=log.digest)

@@ -31,9 +31,9 @@ from thermaltool.report.text import aligned
 
 if TYPE_CHECKING:
     from thermaltool.diagnosis.result import Diagnosis
-    from thermaltool.effects.effect import Signals
     from thermaltool.logs import Log
     from thermaltool.model import Model
+    from thermaltool.record import Record
 
 
 @click.command(
@@ -94,7 +94,7 @@ def command(
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     from thermaltool.diagnosis.diagnose import diagnose
-    from thermaltool.files import atomic_output
+    from thermaltool.documents import atomic_output
     from thermaltool.logs import read_log
     from thermaltool.model import dumps
     from thermaltool.report.diagnosis import summary
@@ -159,7 +159,7 @@ def command(
 
 def _keep(report: str | None, inputs: Sequence[str], output: str | None) -> None:
     """Refuse a report that would replace an input or the model, or cannot be written."""
-    from thermaltool.files import check_folder
+    from thermaltool.documents import check_folder
 
     for name in (*inputs, output):
         if report is not None and name not in (None, "-"):
@@ -174,7 +174,7 @@ def _check(log: Log, model: Model) -> None:
     import numpy as np
 
     from thermaltool.errors import LogError
-    from thermaltool.logs.log import hint
+    from thermaltool.record import hint
 
     outputs = [output.channel for output in model.outputs]
     there = [name for name in outputs if name in log.columns]
@@ -201,10 +201,10 @@ def _check_different(logs: Sequence[Log]) -> None:
             raise LogError(f"the same log as {other.name}", log.name)
 
 
-def _signals(log: Log) -> Signals:
-    from thermaltool.effects.effect import Signals
+def _signals(log: Log) -> Record:
+    from thermaltool.record import Record
 
-    return Signals(log.time, log.columns, log.digest)
+    return Record(log.time, log.columns, digest=log.digest)
 
 
 def _extended(model: Model, sources: Sequence[Mapping[str, str]]) -> Model:
@@ -223,7 +223,7 @@ def _write_report(
     logs: Sequence[Log],
 ) -> None:
     """Figures first: the report appears when what it shows is there."""
-    from thermaltool.files import atomic_output
+    from thermaltool.documents import atomic_output
     from thermaltool.report.diagnosis import DECISIVE, to_markdown
     from thermaltool.report.diagnosis_figures import Traces, pictures
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from thermaltool.documents import atomic_output, check_folder
 from thermaltool.errors import ModelError, ThermalToolError
-from thermaltool.files import atomic_output, check_folder
 
 if TYPE_CHECKING:
-    from thermaltool.inverse.estimator import SensorNoise
+    from thermaltool.estimation.estimator import SensorNoise
     from thermaltool.logs import Log
     from thermaltool.model import Excursion, Model
 
@@ -100,7 +100,7 @@ def read_noise(path: str) -> dict[str, SensorNoise]:
 
 
 def _sensor_noise(channels: Mapping[str, Any]) -> dict[str, SensorNoise]:
-    from thermaltool.inverse.estimator import SensorNoise
+    from thermaltool.estimation.estimator import SensorNoise
 
     noise = {}
     for name, channel in channels.items():

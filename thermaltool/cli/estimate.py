@@ -64,7 +64,7 @@ def command(
     """
     import numpy as np
 
-    from thermaltool.inverse.chain import Chain
+    from thermaltool.estimation.chain import Chain
     from thermaltool.logs import read_log, write_table
     from thermaltool.model import NOT_AT_REST, away_from_rest, extrapolated, relative
     from thermaltool.signals.agreement import agreement

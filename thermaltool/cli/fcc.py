@@ -231,7 +231,7 @@ def _actuator(options: dict[str, Any], emit: Any) -> ActuatorModel:
     if trial is not None and (plays is None or delay is None):
         import numpy as np
 
-        from thermaltool.identification.actuator import identify_actuator
+        from thermaltool.fitting.actuator import identify_actuator
         from thermaltool.logs import read_log
 
         table = read_log(trial, need=(options["command"], options["channel"]))

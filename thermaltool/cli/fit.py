@@ -73,12 +73,12 @@ def command(log: str, order: tuple[int, int] | None, method: str, long_order: in
     one_thread()
     from thermaltool.cli.documents import keep_inputs, warn, write_json
     from thermaltool.cli.series import load_record, load_series
+    from thermaltool.documents import atomic_output
     from thermaltool.errors import FitError
-    from thermaltool.files import atomic_output
-    from thermaltool.identification.arma.fit import fit_arma
-    from thermaltool.identification.arma.model import dumps, to_document
-    from thermaltool.identification.arma.order import select_order
     from thermaltool.report.orders import fit_table, fit_warnings
+    from thermaltool.timeseries.fit import fit_arma
+    from thermaltool.timeseries.model import dumps, to_document
+    from thermaltool.timeseries.order import select_order
 
     if output is not None:
         keep_inputs(output, log)

@@ -18,7 +18,7 @@ from thermaltool.cli.options import (
 from thermaltool.cli.series import one_thread, outliers_option, series_options
 
 if TYPE_CHECKING:
-    from thermaltool.identification.arma.model import ArmaModel
+    from thermaltool.timeseries.model import ArmaModel
 
 
 @click.command(
@@ -57,7 +57,7 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
     """
     one_thread()
     from thermaltool.cli.documents import keep_inputs, one_stdin, read_text
-    from thermaltool.identification.arma.model import loads
+    from thermaltool.timeseries.model import loads
 
     one_stdin(model, log)
     keep_inputs(output, model, log)
@@ -79,9 +79,9 @@ def _batch(model: ArmaModel, log: str, output: str, options: dict[str, Any]) -> 
     from thermaltool.cli.documents import warn
     from thermaltool.cli.series import load_series, without_outliers
     from thermaltool.errors import LogError
-    from thermaltool.identification.arma.forecast import forecast
-    from thermaltool.identification.arma.record import record_of
     from thermaltool.logs import write_table
+    from thermaltool.timeseries.forecast import forecast
+    from thermaltool.timeseries.record import record_of
 
     series = load_series(log, options)
     if abs(series.period / model.period_s - 1.0) > 0.05:

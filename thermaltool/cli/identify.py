@@ -122,8 +122,8 @@ def command(
     one_thread()
     from thermaltool.cli.network import identify_shared
     from thermaltool.cli.transfer import identify_each
-    from thermaltool.files import atomic_output
-    from thermaltool.identification.transfer.machine import machine
+    from thermaltool.documents import atomic_output
+    from thermaltool.fitting.transfer.machine import machine
     from thermaltool.model import dumps
 
     _agree(inputs, outputs, validation, options)

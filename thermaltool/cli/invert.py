@@ -81,10 +81,10 @@ def command(
         raise click.UsageError("--drive goes with --filter")
     import numpy as np
 
-    from thermaltool.inverse.cascade import lagged_modes
-    from thermaltool.inverse.kernel import Regularization, invert_modes, kernel_table
-    from thermaltool.inverse.losses import losses_of
-    from thermaltool.inverse.standing import back_of, columns_of, examine, lags_of, standing
+    from thermaltool.estimation.cascade import lagged_modes
+    from thermaltool.estimation.kernel import Regularization, invert_modes, kernel_table
+    from thermaltool.estimation.losses import losses_of
+    from thermaltool.estimation.standing import back_of, columns_of, examine, lags_of, standing
     from thermaltool.logs import write_table
     from thermaltool.responses.delay import DelayedModes
 
@@ -165,8 +165,8 @@ def command(
 def _rational(
     model: str, filter_time: float, sensor: str | None, drive: str | None, output: str
 ) -> None:
-    from thermaltool.files import atomic_output
-    from thermaltool.inverse.rational import inverse_model
+    from thermaltool.documents import atomic_output
+    from thermaltool.estimation.rational import inverse_model
     from thermaltool.model import dumps
 
     document = read_model(model)

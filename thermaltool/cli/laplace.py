@@ -180,7 +180,7 @@ def _write_json(columns: Any, method: str, evaluations: int, tol: float, output:
 
     import numpy as np
 
-    from thermaltool.files import atomic_output
+    from thermaltool.documents import atomic_output
 
     report = {"method": method, "evaluations": evaluations, "tol": tol} | {
         name: [float(x) if np.isfinite(x) else None for x in values]

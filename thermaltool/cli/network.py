@@ -10,9 +10,9 @@ import numpy as np
 from thermaltool.cli.transfer import Findings, read_one
 from thermaltool.effects.dynamics import hold_of
 from thermaltool.errors import FitError
-from thermaltool.identification.network.data import Records, Span, spans_of
-from thermaltool.identification.network.run import Shared, SharedPlan, run_shared
-from thermaltool.identification.transfer.machine import in_use
+from thermaltool.fitting.network.data import Records, Span, spans_of
+from thermaltool.fitting.network.run import Shared, SharedPlan, run_shared
+from thermaltool.fitting.transfer.machine import in_use
 from thermaltool.model import Model
 from thermaltool.report.network import network_document, network_table, network_warnings
 from thermaltool.report.transfer import lost_from_rest

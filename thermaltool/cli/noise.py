@@ -50,10 +50,9 @@ def command(
     Missing readings are left out. -o takes the JSON for the next stage, stdout a table.
     """
 
+    from thermaltool.documents import atomic_output
     from thermaltool.errors import LogError
-    from thermaltool.files import atomic_output
     from thermaltool.logs import read_log
-    from thermaltool.logs.selection import between
     from thermaltool.report.noise import (
         draw_figure,
         noise_document,
@@ -66,7 +65,7 @@ def command(
     kind = figure_format(plot) if plot is not None else None
     keep_inputs(output, log)
     whole = read_log(log, columns=columns, from_format=from_format, max_gap=max_gap)
-    table = between(whole, start, stop)
+    table = whole.between(start, stop)
     idle = start is not None or stop is not None
     results: dict[str, NoiseEstimate | str] = {}
     for name in names or table.columns:

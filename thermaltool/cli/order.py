@@ -45,12 +45,12 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
     one_thread()
     from thermaltool.cli.documents import keep_inputs, warn, write_json
     from thermaltool.cli.series import load_record, load_series
+    from thermaltool.documents import atomic_output
     from thermaltool.errors import FitError
-    from thermaltool.files import atomic_output
-    from thermaltool.identification.arma.criteria import criteria_named
-    from thermaltool.identification.arma.order import BUDGET, select_order
     from thermaltool.report.orders import draw_orders, order_document, order_table, order_warnings
     from thermaltool.report.style import figure_format, render
+    from thermaltool.timeseries.criteria import criteria_named
+    from thermaltool.timeseries.order import BUDGET, select_order
 
     try:
         names = criteria_named(criterion.split(","))

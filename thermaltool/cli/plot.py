@@ -49,8 +49,8 @@ def command(
     measured, simulated and residual; a model beside a kernel or a trade-off names its parts.
     Stdin is a JSON document where it starts with {, else a log as --from says.
     """
+    from thermaltool.documents import atomic_output
     from thermaltool.errors import LogError
-    from thermaltool.files import atomic_output
     from thermaltool.logs import Log
     from thermaltool.report.content import Content, is_document, read_document, read_table
     from thermaltool.report.figure import draw

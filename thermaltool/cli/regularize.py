@@ -105,10 +105,10 @@ def command(
     what a measured drive does. Where every drive is measured, nothing is left to estimate, and
     the deflections follow from the drives (form feedforward).
     """
-    from thermaltool.files import atomic_output
-    from thermaltool.inverse.known import Feedforward
-    from thermaltool.inverse.machine import Machine
-    from thermaltool.inverse.regularization import best_choice, design_kalman, design_kernel
+    from thermaltool.documents import atomic_output
+    from thermaltool.estimation.known import Feedforward
+    from thermaltool.estimation.machine import Machine
+    from thermaltool.estimation.regularization import best_choice, design_kalman, design_kernel
     from thermaltool.model import dumps, only_sensors
 
     if as_json and output == "-":

@@ -42,6 +42,6 @@ def command(
     other model, where the drive and the channel are measured.
     """
     from thermaltool.cli.documents import write_combined
-    from thermaltool.identification.combine import scheduled
+    from thermaltool.model.combine import scheduled
 
     write_combined(lambda parts, names: scheduled(parts, by, levels, names), models, output)

@@ -12,8 +12,8 @@ from thermaltool.cli.documents import warn
 from thermaltool.cli.options import NUMBER, POSITIVE, columns_option, from_option, gap_option
 
 if TYPE_CHECKING:
-    from thermaltool.identification.arma.record import Record
     from thermaltool.logs.series import Series
+    from thermaltool.timeseries.record import Record
 
 DEGREES = {"mean": 0, "linear": 1, "none": -1}
 
@@ -93,7 +93,7 @@ def load_series(log: str, options: dict[str, Any]) -> Series:
 
 def without_outliers(record: Record, series: Series) -> Record:
     """The record without samples that stand alone; they are told."""
-    from thermaltool.identification.arma.screening import find_outliers
+    from thermaltool.timeseries.screening import find_outliers
 
     place, rows = f"{series.name}: {series.channel}", find_outliers(record)
     for row in rows[:5].tolist():
@@ -110,8 +110,8 @@ def without_outliers(record: Record, series: Series) -> Record:
 def load_record(series: Series, options: dict[str, Any]) -> tuple[Record, int, int]:
     """The record without outliers, the degree of its trend, the difference (all told)."""
     from thermaltool.errors import FitError
-    from thermaltool.identification.arma.record import record_of
-    from thermaltool.identification.arma.screening import check_size, is_computed
+    from thermaltool.timeseries.record import record_of
+    from thermaltool.timeseries.screening import check_size, is_computed
 
     difference = options.pop("difference") or 0
     detrend = options.pop("detrend") or ("none" if difference else "mean")

@@ -25,6 +25,7 @@ from thermaltool.cli.options import (
     quiet_option,
     to_option,
 )
+from thermaltool.record import Record
 from thermaltool.report.text import aligned
 
 
@@ -83,7 +84,7 @@ def command(
     warn_excursions(document, data)
     warn_pauses(data, "the drive is taken as held over it")
     inputs = {name: data.column(name) for name in need}
-    simulated = document.simulate(data.time, inputs, data.digest)
+    simulated = document.simulate(Record(data.time, inputs, digest=data.digest))
     result, report = {"time_s": data.time}, {}
     low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
     judged = (data.time >= low) & (data.time <= high)

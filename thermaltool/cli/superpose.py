@@ -23,6 +23,6 @@ def command(models: tuple[str, ...], output: str) -> None:
     the next: superpose first, correct then.
     """
     from thermaltool.cli.documents import write_combined
-    from thermaltool.identification.combine import superposed
+    from thermaltool.model.combine import superposed
 
     write_combined(superposed, models, output)

@@ -10,12 +10,11 @@ import numpy as np
 
 from thermaltool.cli.documents import warn, warn_pauses
 from thermaltool.errors import LogError
-from thermaltool.identification.transfer.continuation import Continued
-from thermaltool.identification.transfer.data import UNEVEN, Data, even_stretches
-from thermaltool.identification.transfer.machine import Identity, in_use
-from thermaltool.identification.transfer.run import Plan, run
+from thermaltool.fitting.transfer.continuation import Continued
+from thermaltool.fitting.transfer.data import UNEVEN, Data, even_stretches
+from thermaltool.fitting.transfer.machine import Identity, in_use
+from thermaltool.fitting.transfer.run import Plan, run
 from thermaltool.logs import Log, read_log
-from thermaltool.logs.selection import between
 from thermaltool.model import Model
 from thermaltool.report.transfer import (
     lost_from_rest,
@@ -124,7 +123,7 @@ def load_data(
 
 def read_one(name: str, need: tuple[str, ...], options: Mapping[str, Any]) -> Log:
     kept = {key: options[key] for key in ("columns", "from_format", "nan_policy", "max_gap")}
-    log = between(read_log(name, **kept, need=need), options["start"], options["stop"])
+    log = read_log(name, **kept, need=need).between(options["start"], options["stop"])
     if len(log) < 2:
         raise LogError(f"{len(log)} rows say nothing of a transfer function", log.name)
     warn_pauses(log, "the record is parted there")

@@ -63,7 +63,7 @@ def curves_of(
     starts = {o: (first.beginning(o), last.beginning(o)) for o in first.observed}
     return tuple(
         Curves(
-            log.log,
+            log.digest,
             output,
             log.time,
             first.measured[k][output],

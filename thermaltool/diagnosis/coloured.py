@@ -20,7 +20,8 @@ from scipy.optimize import minimize
 from scipy.special import chdtrc, erfc, ndtri
 
 from thermaltool.diagnosis.observed import Observed
-from thermaltool.effects.effect import Float, Signals
+from thermaltool.effects.effect import Float
+from thermaltool.record import Record
 
 # A test below this rejects.
 LEVEL = 0.01
@@ -64,7 +65,7 @@ class ColouredTests:
 
     def __init__(self, time: Float, about: Float, records: Sequence[slice]) -> None:
         self.records = records
-        logs = [Signals(time[r], {}) for r in records]
+        logs = [Record(time[r], {}) for r in records]
         seen = Observed.of("", logs, [np.ones(len(log.time), bool) for log in logs])
         assert seen is not None
         self.seen, self.period, self.size = seen, seen.noise.period, len(time)

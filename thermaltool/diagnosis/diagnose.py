@@ -29,10 +29,11 @@ from thermaltool.diagnosis.shortlist import (
 )
 from thermaltool.diagnosis.special import find_outliers_in, short_outputs, too_short
 from thermaltool.diagnosis.workbench import Mask, Progress, Workbench
-from thermaltool.effects.effect import Effect, Signals
+from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
-from thermaltool.signals.normal import NORMAL_95
+from thermaltool.record import Record
+from thermaltool.signals.intervals import NORMAL_95
 from thermaltool.units import printed
 
 # A cause has to explain this many times the slow discrepancy of a clean log.
@@ -53,8 +54,8 @@ RELEASED: State = frozenset({"offset", "accepted", "released"})
 
 def diagnose(
     model: Model,
-    logs: Sequence[Signals],
-    validate: Sequence[Signals] = (),
+    logs: Sequence[Record],
+    validate: Sequence[Record] = (),
     progress: Progress = lambda message: None,
 ) -> Diagnosis:
     """Compare a model with measured logs and name what it gets wrong.
@@ -64,9 +65,9 @@ def diagnose(
     model : Model
         As calibrated. Where one of `logs` was used for that, its own parameters are free; else
         they stay within the covariance of the calibration.
-    logs : sequence of Signals
+    logs : sequence of Record
         Each with the model's drives, and with at least one output in one of them.
-    validate : sequence of Signals
+    validate : sequence of Record
         Logs on which gains are measured; without them, blocks of `logs` are held out in turn.
 
     Raises
@@ -80,7 +81,7 @@ def diagnose(
     return _Diagnosing(model, tuple(logs), tuple(validate), progress).run()
 
 
-def _check(model: Model, logs: Sequence[Signals]) -> None:
+def _check(model: Model, logs: Sequence[Record]) -> None:
     for log in logs:
         if len(log.time) < 20:
             raise FitError(f"{len(log.time)} rows are too few to judge a model by")
@@ -107,13 +108,13 @@ class _Diagnosing:
     def __init__(
         self,
         model: Model,
-        logs: tuple[Signals, ...],
-        validate: tuple[Signals, ...],
+        logs: tuple[Record, ...],
+        validate: tuple[Record, ...],
         progress: Progress,
     ) -> None:
         self.calibrated, self.logs, self.validate, self.progress = model, logs, validate, progress
         sources = {each.get("sha256") for each in model.provenance.get("logs", ())}
-        self.own = any(log.log in sources for log in logs)
+        self.own = any(log.digest in sources for log in logs)
         self.state: State = RELEASED if self.own else TIGHT
         if self.own and any(o.fit.get("free_start") for o in model.outputs):
             self.state |= {"initial"}
@@ -127,7 +128,7 @@ class _Diagnosing:
         self.tried: tuple[Tried, ...] = ()
         self.rivals: list[tuple[Candidate, list[Candidate], Workbench]] = []
 
-    def bench(self, model: Model, logs: Sequence[Signals] | None = None) -> Workbench:
+    def bench(self, model: Model, logs: Sequence[Record] | None = None) -> Workbench:
         return Workbench(model, logs or self.logs, self.known, self.masked, self.state)
 
     def ready(self, model: Model) -> Workbench:

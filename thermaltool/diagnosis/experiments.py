@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.workbench import Workbench
 from thermaltool.effects.dynamics import hold_of
-from thermaltool.effects.effect import Effect, Float, Signals
+from thermaltool.effects.effect import Effect, Float
 from thermaltool.model import away_from_rest as not_at_rest
 from thermaltool.model import relative
+from thermaltool.record import Record
 
 # Rows of an experiment that are simulated at most (where it would have more, they are further
 # apart), and means of rows that count.
@@ -33,14 +34,14 @@ class Experiment:
     ----------
     sentence : str
         What to do, for a user.
-    signals : Signals
+    signals : Record
         Drives, channels beside them, and outputs (zeros: the model says what they would be).
     readings : float
         Readings that a row stands for.
     """
 
     sentence: str
-    signals: Signals
+    signals: Record
     readings: float
 
     def means(self, series: Float) -> Float:
@@ -312,7 +313,7 @@ def _experiment(bench: Workbench, plan: _Plan, number: int) -> Experiment:
             values = first.columns[name]
             there = values[np.isfinite(values)]
             columns[name] = np.full(len(time), there[0] if len(there) else 0.0)
-    signals = Signals(time, columns, f"experiment {number}")
+    signals = Record(time, columns, digest=f"experiment {number}")
     return Experiment(plan.sentence, signals, readings)
 
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.effects.effect import Float, Signals
-from thermaltool.identification.discrepancy import MOST_ROWS
+from thermaltool.effects.effect import Float
+from thermaltool.fitting.discrepancy import MOST_ROWS
+from thermaltool.record import Record
 from thermaltool.signals.likelihood import ColouredNoise
 
 # A pause above this many median periods is not averaged over.
@@ -48,7 +49,7 @@ class Observed:
 
     @staticmethod
     def of(
-        output: str, logs: Sequence[Signals], usable: Sequence[NDArray[np.bool_]]
+        output: str, logs: Sequence[Record], usable: Sequence[NDArray[np.bool_]]
     ) -> Observed | None:
         """The rows of `output` that are measured and `usable`; None where there are none."""
         rows, first, owner, at = [], [], [], 0
@@ -95,7 +96,7 @@ class Observed:
 
 
 def measured_rows(
-    logs: Sequence[Signals], output: str, masked: Mapping[tuple[str, str], NDArray[np.bool_]]
+    logs: Sequence[Record], output: str, masked: Mapping[tuple[str, str], NDArray[np.bool_]]
 ) -> list[NDArray[np.bool_]]:
     """Rows of each log in which `output` is measured and not masked."""
     result = []
@@ -104,5 +105,5 @@ def measured_rows(
             result.append(np.zeros(len(log.time), bool))
             continue
         use = np.isfinite(log.columns[output])
-        result.append(use & ~masked.get((log.log, output), np.zeros(len(use), bool)))
+        result.append(use & ~masked.get((log.digest, output), np.zeros(len(use), bool)))
     return result

@@ -18,8 +18,9 @@ from thermaltool.diagnosis.evidence import FLAT, SINGULAR, Level, State
 from thermaltool.diagnosis.experiments import Experiment, away_from_rest
 from thermaltool.diagnosis.profile import profile
 from thermaltool.diagnosis.workbench import Series, Workbench
-from thermaltool.effects.effect import Effect, Float, Signals
+from thermaltool.effects.effect import Effect, Float
 from thermaltool.model import respond
+from thermaltool.record import Record
 from thermaltool.signals.likelihood import ColouredNoise, Factor
 
 Changes = Mapping[str, Series]
@@ -290,7 +291,7 @@ def _starts(bench: Workbench) -> list[dict[str, Series]]:
             if bench.inputs[k][channel][0] == 0:
                 continue
             columns = {c: np.full(len(log.time), r + (c == channel)) for c, r in rest.items()}
-            response = respond(bare, (), Signals(log.time, columns))
+            response = respond(bare, (), Record(log.time, columns))
             found.append(
                 {
                     o: [y if j == k else np.zeros(len(g.time)) for j, g in enumerate(bench.logs)]

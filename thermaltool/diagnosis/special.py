@@ -14,8 +14,9 @@ from thermaltool.diagnosis.evidence import DECISIVE
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.workbench import Mask, Workbench
 from thermaltool.effects import effect_class
-from thermaltool.effects.effect import Float, Signals
+from thermaltool.effects.effect import Float
 from thermaltool.model import Model
+from thermaltool.record import Record
 
 # Neighbours on either side with which a reading is compared, and the chance to call one of a clean
 # log an outlier.
@@ -63,7 +64,7 @@ def find_outliers_in(bench: Workbench) -> Spikes | None:
                 continue
             mask = np.zeros(len(residual), bool)
             mask[rows[out]] = True
-            masked[log.log, output] = mask
+            masked[log.digest, output] = mask
             total += found
             if found > evidence:
                 evidence, worst = found, output
@@ -87,7 +88,7 @@ def _masked_gain(bench: Workbench, masked: Mask) -> dict[str, heldout.Gain]:
         kept, measured = [], []
         left = bench.corrected(output)
         for log, residual, m in zip(bench.logs, left, bench.measured, strict=True):
-            gone = masked.get((log.log, output), np.zeros(len(residual), bool))
+            gone = masked.get((log.digest, output), np.zeros(len(residual), bool))
             kept.append(np.where(gone, 0.0, residual))
             measured.append(m.get(output, np.full(len(residual), np.nan)))
         seen = bench.observed[output]
@@ -96,7 +97,7 @@ def _masked_gain(bench: Workbench, masked: Mask) -> dict[str, heldout.Gain]:
     return result
 
 
-def _after_a_switch(bench: Workbench, log: Signals) -> NDArray[np.bool_]:
+def _after_a_switch(bench: Workbench, log: Record) -> NDArray[np.bool_]:
     """Rows just after a drive jumped: what stands out there is the response's start."""
     near = np.zeros(len(log.time), bool)
     for drive in bench.model.drives:

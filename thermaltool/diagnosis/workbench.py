@@ -20,8 +20,9 @@ from thermaltool.diagnosis.observed import Observed, measured_rows
 from thermaltool.diagnosis.prior import Prior
 from thermaltool.diagnosis.profile import Part, Reduced
 from thermaltool.effects.dynamics import lagged
-from thermaltool.effects.effect import Effect, Float, Scene, Signals, reference_of
+from thermaltool.effects.effect import Effect, Float, Scene, reference_of
 from thermaltool.model import Model, driven, read_outputs, relative, respond
+from thermaltool.record import Record
 from thermaltool.signals.detrend import difference_sigma
 
 Value = TypeVar("Value")
@@ -79,7 +80,7 @@ class Workbench:
     ----------
     model : Model
         Effects included.
-    logs : sequence of Signals
+    logs : sequence of Record
     calibrated : Model
         The model as its calibration knows it: the centre of the priors.
     masked : mapping of (log, output) to ndarray of bool
@@ -91,7 +92,7 @@ class Workbench:
     def __init__(
         self,
         model: Model,
-        logs: Sequence[Signals],
+        logs: Sequence[Record],
         calibrated: Model,
         masked: Mask,
         state: State,
@@ -139,8 +140,8 @@ class Workbench:
         shown = SLOWER * known["drift_time_s"] if known else 0.0
         return lambda tau: fast if tau <= shown else slow
 
-    def acting(self, log: Signals) -> list[Effect]:
-        return [e for e in self.model.effects if e.log in (None, log.log)]
+    def acting(self, log: Record) -> list[Effect]:
+        return [e for e in self.model.effects if e.log in (None, log.digest)]
 
     def residual(self, output: str) -> Series:
         """Measured minus simulated; NaN where not measured."""
@@ -155,7 +156,7 @@ class Workbench:
         result = []
         inside = any(e.side in ("drive", "state") for e in more)
         for k, log in enumerate(self.logs):
-            effects = [e for e in (*model.effects, *more) if e.log in (None, log.log)]
+            effects = [e for e in (*model.effects, *more) if e.log in (None, log.digest)]
             again = inside or model is not self.model
             plain = respond(model, effects, log) if again else self.plain[k]
             result.append(read_outputs(effects, plain, log))
@@ -531,7 +532,7 @@ class Workbench:
         )
 
 
-def _moves(log: Signals, channel: str) -> bool:
+def _moves(log: Record, channel: str) -> bool:
     values = log.columns.get(channel)
     if values is None:
         return False

@@ -8,8 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.channels import air_channels, air_is_logged
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene
 from thermaltool.effects.source import Source
+from thermaltool.record import Record
 
 
 class AmbientDrift(Source):
@@ -36,7 +37,7 @@ class AmbientDrift(Source):
         "phase": Parameter("rad"),
     }
 
-    def unlogged(self, name: str, signals: Signals) -> Float | float:
+    def unlogged(self, name: str, signals: Record) -> Float | float:
         swing = self.parameters.get(f"swing[{name}]")
         if swing is None:
             return 0.0
@@ -55,4 +56,4 @@ class AmbientDrift(Source):
             for periods in (1.0, 2.0, 4.0):
                 for phase in (np.pi / 6 * np.arange(6)).tolist():
                     shape = {"period": periods * log.duration, "phase": phase}
-                    yield cls("", {**swings, **shape}, log.log)
+                    yield cls("", {**swings, **shape}, log.digest)

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.dynamics import play
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.record import Record
 
 
 class Backlash(Effect):
@@ -26,7 +27,7 @@ class Backlash(Effect):
     source: ClassVar[str] = "Tao & Kokotović 1996, ch. 2 (backlash)"
     known: ClassVar = {"width": Parameter("{channel}", low=0.0)}
 
-    def drive(self, signals: Signals, u: Float) -> Float:
+    def drive(self, signals: Record, u: Float) -> Float:
         return play(u, np.array([self.parameters["width"]]))[0]
 
     @classmethod

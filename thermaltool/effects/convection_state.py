@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, needed
+from thermaltool.record import Record
 
 
 class ConvectionState(Effect):
@@ -36,8 +37,8 @@ class ConvectionState(Effect):
     def needs(self) -> tuple[str, ...]:
         return (self.channel,)
 
-    def loss(self, signals: Signals, outputs: Mapping[str, Float]) -> Float | None:
-        share = np.abs(np.nan_to_num(signals.column(self.channel))) / self.parameters["level"]
+    def loss(self, signals: Record, outputs: Mapping[str, Float]) -> Float | None:
+        share = np.abs(np.nan_to_num(needed(signals, self.channel))) / self.parameters["level"]
         if self.parameters["idle"]:
             share = (share < 0.02).astype(float)
         return self.parameters["rate"] * np.minimum(share, 1.0)

@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.record import Record
 
 
 class DriveNonlinearity(Effect):
@@ -37,7 +38,7 @@ class DriveNonlinearity(Effect):
         "level": Parameter("{channel}", fixed=True),
     }
 
-    def drive(self, signals: Signals, u: Float) -> Float:
+    def drive(self, signals: Record, u: Float) -> Float:
         level = self.parameters["level"]
         if "curvature" in self.parameters:
             return u + self.parameters["curvature"] * u * np.abs(u) / level

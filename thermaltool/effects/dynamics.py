@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thermaltool.effects.effect import Float, Scene, Signals
+from thermaltool.effects.effect import Float, Scene, needed
+from thermaltool.record import Record
 from thermaltool.responses.modes import CLOCK_STEP, Hold
 from thermaltool.units import parse_channel
 
@@ -56,9 +57,9 @@ def lagged(time: Float, u: Float, time_constant: float, hold: Hold, start: float
     return y
 
 
-def from_rest(signals: Signals, channel: str) -> Float:
+def from_rest(signals: Record, channel: str) -> Float:
     """A channel relative to its first value; a missing reading keeps the one before."""
-    values = signals.column(channel)
+    values = needed(signals, channel)
     there = np.isfinite(values)
     if not there.any():
         return np.zeros(len(values))
@@ -66,7 +67,7 @@ def from_rest(signals: Signals, channel: str) -> Float:
     return np.nan_to_num(values[rows] - values[there][0])
 
 
-def warmed(signals: Signals, channel: str, time_constant: float) -> Float:
+def warmed(signals: Record, channel: str, time_constant: float) -> Float:
     """A channel relative to its first value, through a structure that follows it with a lag."""
     return lagged(signals.time, from_rest(signals, channel), time_constant, hold_of(channel))
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import ModelError
+from thermaltool.record import Record
 from thermaltool.units import parse_channel
 
 Float = NDArray[np.float64]
@@ -55,49 +56,12 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Signals:
-    """A log as an effect reads it.
-
-    Attributes
-    ----------
-    time : ndarray, shape (n,) [s]
-    columns : mapping of channel to ndarray, shape (n,), as logged
-    log : str
-        Identifies the log (its digest).
-    """
-
-    time: Float
-    columns: Mapping[str, Float]
-    log: str = ""
-
-    def column(self, channel: str) -> Float:
-        """A channel.
-
-        Raises
-        ------
-        ModelError
-            It is not there.
-        """
-        if channel not in self.columns:
-            raise ModelError(f"an effect of the model needs {channel}, which is not in the log")
-        return self.columns[channel]
-
-    @property
-    def period(self) -> float:
-        return float(np.median(np.diff(self.time)))
-
-    @property
-    def duration(self) -> float:
-        return float(self.time[-1] - self.time[0])
-
-
-@dataclass(frozen=True)
 class Scene:
     """What a model and its logs offer to a cause that looks for a place to act.
 
     Attributes
     ----------
-    logs : tuple of Signals
+    logs : tuple of Record
     drives, outputs, extra : tuple of str
         Channels that drive the model, that it computes, and that are in every log beside it.
     driven : tuple of mapping, one for each log
@@ -110,7 +74,7 @@ class Scene:
         Slowest time constant [s].
     """
 
-    logs: tuple[Signals, ...]
+    logs: tuple[Record, ...]
     drives: tuple[str, ...]
     outputs: tuple[str, ...]
     extra: tuple[str, ...]
@@ -145,12 +109,25 @@ class Scene:
 
     def within_one(self) -> tuple[str | None, ...]:
         """Logs that a fault may be confined to; None alone where there is one log."""
-        return (None,) if len(self.logs) == 1 else (None, *(log.log for log in self.logs))
+        return (None,) if len(self.logs) == 1 else (None, *(log.digest for log in self.logs))
 
-    def instants(self, log: Signals, count: int = 48) -> list[float]:
+    def instants(self, log: Record, count: int = 48) -> list[float]:
         """Times at which something may have happened, none within 2 % of the ends [s]."""
         margin = 0.02 * log.duration
         return np.linspace(log.time[0] + margin, log.time[-1] - margin, count).tolist()
+
+
+def needed(record: Record, channel: str) -> Float:
+    """Samples of a channel that an effect reads, shape (n,).
+
+    Raises
+    ------
+    ModelError
+        It is not in the record.
+    """
+    if channel not in record.columns:
+        raise ModelError(f"an effect of the model needs {channel}, which is not in the log")
+    return record.columns[channel]
 
 
 def is_displacement(channel: str) -> bool:
@@ -201,15 +178,15 @@ class Effect:
     # Whether `drive` and `output` look at the value of the moment alone.
     memoryless: ClassVar[bool] = False
 
-    def drive(self, signals: Signals, u: Float) -> Float:
+    def drive(self, signals: Record, u: Float) -> Float:
         """What acts in place of the drive `u`, both relative to its reference."""
         return u
 
-    def loss(self, signals: Signals, outputs: Mapping[str, Float]) -> Float | None:
+    def loss(self, signals: Record, outputs: Mapping[str, Float]) -> Float | None:
         """By how much every rate of decay rises at each sample [1/s]; None for not at all."""
         return None
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
         """What is read in place of ``outputs[name]``, relative to rest."""
         return outputs[name]
 

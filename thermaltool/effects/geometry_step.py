@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.record import Record
 
 
 class GeometryStep(Effect):
@@ -24,7 +25,7 @@ class GeometryStep(Effect):
     source: ClassVar[str] = "Mize 1998 (tool crash: a rigid rotation)"
     known: ClassVar = {"step": Parameter("{output}", linear=True), "time": Parameter("s")}
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
         step = self.parameters.get(f"step[{name}]")
         if step is None:
             return outputs[name]
@@ -38,4 +39,4 @@ class GeometryStep(Effect):
         channel = max(scene.displacements(), key=scene.reach)
         for k, log in enumerate(scene.logs):
             for instant in jump_times(scene, k, scene.displacements()):
-                yield cls(channel, {**steps, "time": instant}, log.log)
+                yield cls(channel, {**steps, "time": instant}, log.digest)

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.dynamics import play
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.record import Record
 
 # The loop is made of plays of these parts of its width.
 _PARTS = np.array([1 / 3, 2 / 3, 1.0])
@@ -39,7 +40,7 @@ class Hysteresis(Effect):
         "share": Parameter("1", linear=True),
     }
 
-    def drive(self, signals: Signals, u: Float) -> Float:
+    def drive(self, signals: Record, u: Float) -> Float:
         loop = play(u, self.parameters["width"] * _PARTS).mean(axis=0)
         return u + self.parameters.get("share", 1.0) * (loop - u)
 

@@ -7,7 +7,8 @@ from typing import ClassVar
 
 from thermaltool.effects.channels import part_channels
 from thermaltool.effects.dynamics import from_rest
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.record import Record
 
 
 class PartTemperature(Effect):
@@ -28,7 +29,7 @@ class PartTemperature(Effect):
     def needs(self) -> tuple[str, ...]:
         return (self.channel,)
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
         coefficient = self.parameters.get(f"coefficient[{name}]")
         if coefficient is None:
             return outputs[name]

@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.dynamics import HOUR
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.record import Record
 
 # Clocks of buildings and control cabinets [s].
 _CLOCKS = (24 * HOUR, 12 * HOUR, HOUR, HOUR / 2)
@@ -41,7 +42,7 @@ class Periodic(Effect):
         "period": Parameter("s", low=0.0, log=True),
     }
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
         sine = self.parameters.get(f"sine[{name}]")
         cosine = self.parameters.get(f"cosine[{name}]")
         if sine is None or cosine is None:
@@ -61,12 +62,10 @@ class Periodic(Effect):
             if not len(frequency):
                 continue
             for period, output in _places(log, frequency, spectra):
-                yield cls(output, {**sizes, "period": period}, log.log)
+                yield cls(output, {**sizes, "period": period}, log.digest)
 
 
-def _places(
-    log: Signals, frequency: Float, spectra: Mapping[str, Float]
-) -> list[tuple[float, str]]:
+def _places(log: Record, frequency: Float, spectra: Mapping[str, Float]) -> list[tuple[float, str]]:
     """Periods worth a trial, and where they are strongest: lines, then slow ones and clocks."""
     lines: list[tuple[float, float, str]] = []
     for output, power in spectra.items():

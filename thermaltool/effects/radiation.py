@@ -9,8 +9,9 @@ import numpy as np
 
 from thermaltool.effects.channels import is_air, is_part
 from thermaltool.effects.dynamics import from_rest
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, needed
 from thermaltool.errors import ModelError
+from thermaltool.record import Record
 from thermaltool.units import parse_channel
 
 KELVIN = 273.15
@@ -46,17 +47,17 @@ class Radiation(Effect):
     def needs(self) -> tuple[str, ...]:
         return () if "rest" in self.parameters else (self.channel,)
 
-    def loss(self, signals: Signals, outputs: Mapping[str, Float]) -> Float | None:
+    def loss(self, signals: Record, outputs: Mapping[str, Float]) -> Float | None:
         cold, rise = self._temperature(signals, outputs)
         hot = np.maximum(cold + rise, 0.0)
         steeper = (hot**2 + cold**2) * (hot + cold) / (4 * cold**3) - 1
         return self.parameters["rate"] * steeper
 
-    def _temperature(self, signals: Signals, outputs: Mapping[str, Float]) -> tuple[float, Float]:
+    def _temperature(self, signals: Record, outputs: Mapping[str, Float]) -> tuple[float, Float]:
         """Temperature at rest [K], and the rise above it."""
         rest = self.parameters.get("rest")
         if rest is None:
-            values = signals.column(self.channel)
+            values = needed(signals, self.channel)
             there = values[np.isfinite(values)]
             rest = float(there[0]) if len(there) else _ROOM
             return rest + KELVIN, from_rest(signals, self.channel)

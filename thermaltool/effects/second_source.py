@@ -9,15 +9,9 @@ import numpy as np
 
 from thermaltool.effects.channels import source_channels
 from thermaltool.effects.dynamics import time_constants
-from thermaltool.effects.effect import (
-    Effect,
-    Float,
-    Parameter,
-    Scene,
-    Signals,
-    reference_of,
-)
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, reference_of
 from thermaltool.effects.source import Source
+from thermaltool.record import Record
 from thermaltool.units import parse_channel
 
 
@@ -50,7 +44,7 @@ class SecondSource(Source):
             return parse_channel(output).unit
         return super().unit(name)
 
-    def unlogged(self, name: str, signals: Signals) -> Float | float:
+    def unlogged(self, name: str, signals: Record) -> Float | float:
         gain = self.parameters.get(f"gain[{name}]", 0.0)
         since = np.maximum(signals.time - self.parameters["start"], 0.0)
         return -gain * np.expm1(-since / self.parameters["time_constant"])
@@ -64,7 +58,7 @@ class SecondSource(Source):
             for name, gain in self.parameters.items()
             if (output := reference_of(name)[1]) is not None
         )
-        seen = max(log.time[-1] for log in scene.logs if log.log == self.log)
+        seen = max(log.time[-1] for log in scene.logs if log.digest == self.log)
         return reached and self.parameters["time_constant"] < seen - self.parameters["start"]
 
     @classmethod
@@ -75,4 +69,4 @@ class SecondSource(Source):
             # Below some ten samples a rise is a step, which is another cause.
             for tau in time_constants(10 * log.period, log.duration, 4):
                 for start in scene.instants(log, 15):
-                    yield cls("", {**gains, "time_constant": tau, "start": start}, log.log)
+                    yield cls("", {**gains, "time_constant": tau, "start": start}, log.digest)

@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.record import Record
 
 
 class SensorConversion(Effect):
@@ -34,7 +35,7 @@ class SensorConversion(Effect):
         "curvature": Parameter("1/{channel}", linear=True),
     }
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
         y = outputs[name]
         if name != self.channel:
             return y

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import HOUR
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.record import Record
 
 
 class SensorDrift(Effect):
@@ -21,7 +22,7 @@ class SensorDrift(Effect):
     source: ClassVar[str] = "JCGM 200 (VIM), 4.21 (instrumental drift)"
     known: ClassVar = {"rate": Parameter("{channel}/h", linear=True)}
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
         if name != self.channel:
             return outputs[name]
         hours = (signals.time - signals.time[0]) / HOUR

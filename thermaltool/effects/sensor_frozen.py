@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.record import Record
 
 # Fewer equal readings in a row than this, or than this many times what is usual in the log, are
 # chance or coarse steps.
@@ -37,7 +38,7 @@ class SensorFrozen(Effect):
         "stop": Parameter("s", fixed=True),
     }
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
         y, time = outputs[name], signals.time
         first = int(np.searchsorted(time, self.parameters["start"]))
         if name != self.channel or first == len(time):
@@ -63,7 +64,7 @@ class SensorFrozen(Effect):
                         parameters = {"start": float(log.time[there[first]])}
                         if last + 1 < len(there):
                             parameters["stop"] = float(log.time[there[last + 1]])
-                        yield cls(output, parameters, log.log)
+                        yield cls(output, parameters, log.digest)
 
 
 def _repeats(values: Float) -> list[tuple[int, int]]:

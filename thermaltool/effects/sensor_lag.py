@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import lagged, time_constants
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.record import Record
 
 # On clean logs of simulated machines the error of a response's shape had up to this much evidence
 # as a lag (development seeds; no other cause had any): odds of e^-12.
@@ -23,10 +24,10 @@ class SensorLag(Effect):
         "amplifier"
     )
     signature: ClassVar[str] = "the residual of one output is minus its own slope, smoothed"
-    source: ClassVar[str] = "Doebelin, Measurement Systems, ch. 3 (first-order instrument)"
+    source: ClassVar[str] = "Doebelin, Record Systems, ch. 3 (first-order instrument)"
     known: ClassVar = {"time_constant": Parameter("s", low=0.0, high=1e6, log=True)}
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
         y, tau = outputs[name], self.parameters["time_constant"]
         if name != self.channel or tau <= 0:
             return y

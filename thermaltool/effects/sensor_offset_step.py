@@ -6,15 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
-from thermaltool.effects.effect import (
-    Effect,
-    Float,
-    Parameter,
-    Scene,
-    Side,
-    Signals,
-    is_displacement,
-)
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, is_displacement
+from thermaltool.record import Record
 
 
 class SensorOffsetStep(Effect):
@@ -35,7 +28,7 @@ class SensorOffsetStep(Effect):
         # A displacement that jumps is more often the machine's doing than its probe's.
         return super().odds * (0.5 if is_displacement(self.channel) else 1.0)
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
         if name != self.channel:
             return outputs[name]
         return outputs[name] + self.parameters["step"] * (signals.time >= self.parameters["time"])
@@ -45,4 +38,4 @@ class SensorOffsetStep(Effect):
         for k, log in enumerate(scene.logs):
             for output in scene.outputs:
                 for instant in jump_times(scene, k, [output]):
-                    yield cls(output, {"step": 1.0, "time": instant}, log.log)
+                    yield cls(output, {"step": 1.0, "time": instant}, log.digest)

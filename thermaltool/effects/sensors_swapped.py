@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import ClassVar
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
 from thermaltool.errors import ModelError
+from thermaltool.record import Record
 from thermaltool.units import parse_channel
 
 
@@ -21,7 +22,7 @@ class SensorsSwapped(Effect):
     source: ClassVar[str] = "field practice (like plugs side by side)"
     known: ClassVar[Mapping[str, Parameter]] = {}
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
         if name not in (self.channel, self.partner):
             return outputs[name]
         other = self.partner if name == self.channel else self.channel

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import SLOWEST, time_constants, warmed
-from thermaltool.effects.effect import Effect, Float, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Scene, Side
+from thermaltool.record import Record
 
 
 class Source(Effect, ABC):
@@ -25,7 +26,7 @@ class Source(Effect, ABC):
     def needs(self) -> tuple[str, ...]:
         return (self.channel,) if self.channel else ()
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Signals) -> Float:
+    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
         if not self.channel:
             return outputs[name] + self.unlogged(name, signals)
         if (followed := self.path(name)) is None:
@@ -34,7 +35,7 @@ class Source(Effect, ABC):
         return outputs[name] + gain * warmed(signals, self.channel, tau)
 
     @abstractmethod
-    def unlogged(self, name: str, signals: Signals) -> Float | float:
+    def unlogged(self, name: str, signals: Record) -> Float | float:
         """What a source without a channel adds to an output."""
 
     def path(self, output: str) -> tuple[float, float] | None:

@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, Signals
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.record import Record
 
 
 class TransportDelay(Effect):
@@ -22,7 +23,7 @@ class TransportDelay(Effect):
     source: ClassVar[str] = "Ljung 1999, 7.2 (dead time)"
     known: ClassVar = {"delay": Parameter("s", low=0.0)}
 
-    def drive(self, signals: Signals, u: Float) -> Float:
+    def drive(self, signals: Record, u: Float) -> Float:
         # Of a held drive, the straight line between samples is the exact mean over a sample.
         return np.interp(signals.time - self.parameters["delay"], signals.time, u, left=0.0)
 

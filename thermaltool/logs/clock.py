@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from thermaltool.errors import LogError
-from thermaltool.logs.log import Array, Log
+from thermaltool.logs.log import Log
+from thermaltool.record import Array
 
 # A pause this many periods long ends a burst; a pause GAP_PERIODS long ends a segment.
 BURST_PERIODS = 3.0

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from thermaltool.errors import LogError, UnitError
-from thermaltool.logs.log import Array, hint
+from thermaltool.record import Array, hint
 from thermaltool.units import UNITS, parse_channel
 
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs.columns import Dialect
-from thermaltool.logs.log import Array
 from thermaltool.logs.table import UNFINISHED, Cells, Kind, Source, Values, told
+from thermaltool.record import Array
 
 # Below this the exact reader is done before pyarrow is imported.
 FAST_BYTES = 500_000

@@ -9,8 +9,9 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs.clock import BURST_PERIODS, Sampling, sampling
-from thermaltool.logs.log import Array, Log
+from thermaltool.logs.log import Log
 from thermaltool.logs.table import TOLD
+from thermaltool.record import Array
 
 ABSOLUTE_ZERO = -273.15  # [degC]
 # Steps may differ by this share of the period before the clock counts as uneven.

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from thermaltool.errors import LogError
-from thermaltool.logs.log import Array
 from thermaltool.logs.table import UNFINISHED, Cells, Kind, Source, Values, told
+from thermaltool.record import Array
 
 
 class NdjsonTable:

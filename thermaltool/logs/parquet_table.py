@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from thermaltool.errors import LogError
-from thermaltool.logs.log import Array
 from thermaltool.logs.table import Cells, Kind, Source, Values, told
+from thermaltool.record import Array
 
 
 class ParquetTable:

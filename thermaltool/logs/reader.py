@@ -13,8 +13,9 @@ from thermaltool.errors import LogError, UnitError
 from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import Clock, ColumnMap, Rename, read_map
 from thermaltool.logs.csv_table import CsvTable
-from thermaltool.logs.log import Array, Log, hint
+from thermaltool.logs.log import Log
 from thermaltool.logs.table import Cells, Kind, Source, Table, format_of, read_source, told
+from thermaltool.record import Array, hint
 from thermaltool.units import UNITS, Channel, parse_channel
 
 
@@ -80,7 +81,6 @@ def read_log(
             for i, rename in plan.renames.items()
         },
         channels=plan.channels,
-        segments=(),
         digest=raw.digest,
         epoch=epoch,
         lines=cells.lines,
@@ -239,7 +239,7 @@ def _without_gaps(log: Log, need: Sequence[str], policy: str) -> Log:
         bad = np.isnan(log.time)
         for values in needed.values():
             bad = bad | np.isnan(values)
-        return _rows(log, ~bad) if bad.any() else log
+        return log.where(~bad) if bad.any() else log
     for name, values in needed.items():
         missing = np.isnan(values)
         if not missing.any():
@@ -254,11 +254,6 @@ def _without_gaps(log: Log, need: Sequence[str], policy: str) -> Log:
         last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(values))))
         log = replace(log, columns={**log.columns, name: values[last]})
     return log
-
-
-def _rows(log: Log, keep: np.ndarray) -> Log:
-    columns = {name: values[keep] for name, values in log.columns.items()}
-    return replace(log, time=log.time[keep], columns=columns, lines=log.lines[keep])
 
 
 def _first_missing(log: Log, clock: str | None) -> list[LogError]:

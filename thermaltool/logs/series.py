@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from thermaltool.errors import LogError
 from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import ColumnMap
-from thermaltool.logs.log import Array, hint
 from thermaltool.logs.reader import open_table, read_log
 from thermaltool.logs.table import Kind, format_of, read_source
+from thermaltool.record import Array, hint
 from thermaltool.units import UNITS
 
 # Share of the period by which a step may differ from a whole number of periods.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import LogError
-from thermaltool.logs.log import Array
+from thermaltool.record import Array
 
 # How a column is wanted: as numbers, as text (an ISO clock), or not at all.
 Kind = Literal["number", "text"] | None

@@ -9,8 +9,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from thermaltool.documents import atomic_output
 from thermaltool.errors import OutputError
-from thermaltool.files import atomic_output
 from thermaltool.logs.table import format_of
 
 # Below this many cells Python has formatted them before pyarrow is imported.

@@ -12,10 +12,10 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
+from thermaltool.documents import MODEL
 from thermaltool.errors import LogError
 from thermaltool.logs import Log, read_log
 from thermaltool.logs.table import UNFINISHED
-from thermaltool.model import FORMAT as MODEL_FORMAT
 from thermaltool.model import loads
 from thermaltool.report.noise import FORMAT as NOISE_FORMAT
 from thermaltool.report.noise import VERSION as NOISE_VERSION
@@ -82,7 +82,7 @@ def read_document(source: str) -> Content:
         lines = " (a log of JSON lines: name it .ndjson, or give --from ndjson)"
         more = lines if error.msg == "Extra data" else ""
         raise LogError(f"not JSON: {error.msg}{more}", name, error.lineno) from error
-    if document.get("format") == MODEL_FORMAT:
+    if document.get("format") == MODEL.name:
         return Content("model", name, loads(text, name))
     if document.get("format") == NOISE_FORMAT:
         if document.get("version", NOISE_VERSION) > NOISE_VERSION:

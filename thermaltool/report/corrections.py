@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from thermaltool.effects.curve import Curve
-from thermaltool.effects.effect import Signals
-from thermaltool.identification.static import Corrected, judged
+from thermaltool.fitting.static import Corrected, judged
 from thermaltool.model import Model
+from thermaltool.record import Record
 
 
-def correction_table(found: Corrected, model: Model, fresh: Signals | None) -> list[list[str]]:
+def correction_table(found: Corrected, model: Model, fresh: Record | None) -> list[list[str]]:
     """Rows of a table: each output, then each curve at its knots."""
     rows = [["output", "log", "fit before %", "after %", "rmse before", "after"]]
     for name, before in found.before.items():
@@ -29,7 +29,7 @@ def correction_table(found: Corrected, model: Model, fresh: Signals | None) -> l
     return rows
 
 
-def correction_document(found: Corrected, model: Model, fresh: Signals | None) -> dict[str, Any]:
+def correction_document(found: Corrected, model: Model, fresh: Record | None) -> dict[str, Any]:
     """The same as JSON."""
     outputs: dict[str, Any] = {
         name: {"before": before.document(), "after": found.after[name].document()}

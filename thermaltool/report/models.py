@@ -27,7 +27,7 @@ from thermaltool.report.style import (
 )
 from thermaltool.responses import Response
 from thermaltool.responses.deflection import Deflection
-from thermaltool.signals.normal import NORMAL_95
+from thermaltool.signals.intervals import NORMAL_95
 from thermaltool.units import parse_channel
 
 if TYPE_CHECKING:

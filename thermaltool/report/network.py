@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from thermaltool.identification.network.choose import Candidate
-from thermaltool.identification.network.model import Share
-from thermaltool.identification.network.run import Shared
-from thermaltool.identification.transfer.search import SLOWEST
+from thermaltool.fitting.network.choose import Candidate
+from thermaltool.fitting.network.model import Share
+from thermaltool.fitting.network.run import Shared
+from thermaltool.fitting.transfer.search import SLOWEST
 from thermaltool.report.orders import aligned
 from thermaltool.report.transfer import (
     estimate_document,
@@ -71,7 +71,7 @@ def _output(found: Shared, k: int) -> dict[str, Any]:
         "offsets": list(share.offsets),
         "method": share.method,
         "converged": found.network.converged,
-        "criteria": {"aic": share.aic, "bic": share.bic},
+        "criteria": {"aic": share.criteria.aic, "bic": share.criteria.bic},
         "residuals": residuals_document(found.tests[k]),
         "terms": [_term(share, i) for i in range(len(share.names))],
     }

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thermaltool.identification.arma.cancellation import NeedlessPair, needless_pairs
-from thermaltool.identification.arma.criteria import CRITERIA, Entry
-from thermaltool.identification.arma.likelihood import with_trend
-from thermaltool.identification.arma.model import ArmaModel
-from thermaltool.identification.arma.order import OrderTable
-from thermaltool.identification.arma.record import Record
-from thermaltool.identification.arma.roots import Mode, modes, near_unit
-from thermaltool.identification.arma.screening import DICKEY_FULLER, unit_root_statistic
 from thermaltool.report.style import CYCLE, MARK, new_figure, plain
 from thermaltool.report.text import aligned
+from thermaltool.timeseries.cancellation import NeedlessPair, needless_pairs
+from thermaltool.timeseries.criteria import CRITERIA, Entry
+from thermaltool.timeseries.likelihood import with_trend
+from thermaltool.timeseries.model import ArmaModel
+from thermaltool.timeseries.order import OrderTable
+from thermaltool.timeseries.record import Record
+from thermaltool.timeseries.roots import Mode, modes, near_unit
+from thermaltool.timeseries.screening import DICKEY_FULLER, unit_root_statistic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -139,7 +139,7 @@ def fit_table(model: ArmaModel, level: float = 0.95) -> str:
     names = ("mean", "slope per sample")
     for name, value, error in zip(names, model.trend, spread, strict=False):
         rows.append([name, f"{value:.8g}", _error(error)])
-    entry = model.entry
+    entry, criteria = model.entry, model.entry.criteria
     head = f"ARMA({entry.p},{entry.q}) of {model.channel}"
     if model.difference:
         head += f", difference {model.difference}"
@@ -148,8 +148,8 @@ def fit_table(model: ArmaModel, level: float = 0.95) -> str:
         "",
         aligned(rows),
         "",
-        f"sigma2 {model.sigma2:.7g}   loglik {-0.5 * entry.deviance:.4f}   aic {entry.aic:.4f}   "
-        f"aicc {entry.aicc:.4f}   bic {entry.bic:.4f}",
+        f"sigma2 {model.sigma2:.7g}   loglik {-0.5 * entry.deviance:.4f}   "
+        f"aic {criteria.aic:.4f}   aicc {criteria.aicc:.4f}   bic {criteria.bic:.4f}",
         "stationary and invertible",
     ]
     found = modes(model, level)

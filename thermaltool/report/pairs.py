@@ -73,7 +73,7 @@ def draw_comparison(model: Model, log: Log, channels: Sequence[str] = ()) -> Fig
         A channel that is no output of the model.
     """
     outputs = {output.channel: output for output in model.outputs}
-    simulated = model.simulate(log.time, log.columns)
+    simulated = model.simulate(log)
     pairs = []
     for name in choose(outputs, channels, log.name):
         measured = log.columns.get(name)

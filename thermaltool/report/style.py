@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import LogError, OutputError
-from thermaltool.logs.log import hint
+from thermaltool.record import hint
 from thermaltool.units import UNITS, parse_channel, symbol
 
 if TYPE_CHECKING:

@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 
 from thermaltool.effects.dynamics import hold_of
-from thermaltool.identification.transfer.choose import Choice
-from thermaltool.identification.transfer.continuation import Continued, oscillates
-from thermaltool.identification.transfer.model import Estimate, TransferModel
-from thermaltool.identification.transfer.polynomials import LARGEST_POLE
-from thermaltool.identification.transfer.residuals import ResidualTests
-from thermaltool.identification.transfer.run import Identified
-from thermaltool.identification.transfer.search import FALLBACK, SEPARATE
+from thermaltool.fitting.transfer.choose import Choice
+from thermaltool.fitting.transfer.continuation import Continued, oscillates
+from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.fitting.transfer.polynomials import LARGEST_POLE
+from thermaltool.fitting.transfer.residuals import ResidualTests
+from thermaltool.fitting.transfer.run import Identified
+from thermaltool.fitting.transfer.search import FALLBACK, SEPARATE
 from thermaltool.report.orders import aligned
 from thermaltool.responses import parameter_names
 from thermaltool.signals.agreement import Agreement
+from thermaltool.signals.intervals import Estimate
 from thermaltool.units import parse_channel, printed
 
 # Residual tests speak against a model below this p-value.
@@ -137,7 +138,11 @@ def _model_document(found: Identified) -> dict[str, Any]:
         "offsets": list(m.offsets),
         "method": m.method,
         "converged": m.converged,
-        "criteria": {"aic": m.aic, "bic": m.bic, "yic": finite(m.yic(found.variance))},
+        "criteria": {
+            "aic": m.criteria.aic,
+            "bic": m.criteria.bic,
+            "yic": finite(m.yic(found.variance)),
+        },
         "residuals": residuals_document(found.tests),
         "terms": [_term(found, k) for k in range(len(m.names))],
     }
@@ -243,7 +248,7 @@ def transfer_table(found: Identified) -> str:
             rows.append([*(first if not j else [""] * 5), told, weight])
         if not constants:
             rows.append([*first, "", ""])
-    c = f"AIC {m.aic:.1f}  BIC {m.bic:.1f}  YIC {m.yic(found.variance):.2f}"
+    c = f"AIC {m.criteria.aic:.1f}  BIC {m.criteria.bic:.1f}  YIC {m.yic(found.variance):.2f}"
     lines = [head, fit, "", aligned(rows), "", c, residuals_line(found.tests)]
     if found.choice is not None:
         lines += ["", _candidates(found.choice)]

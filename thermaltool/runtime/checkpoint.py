@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from thermaltool.documents import atomic_output
 from thermaltool.errors import ModelError, OutputError
-from thermaltool.files import atomic_output
 
 FORMAT, VERSION = "thermaltool-checkpoint", 1
 MEND = "remove it to start from rest"

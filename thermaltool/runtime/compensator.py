@@ -1,4 +1,4 @@
-"""Records in, setpoints out: estimator, held readings, safe state. No input or output here."""
+"""RowReader in, setpoints out: estimator, held readings, safe state. No input or output here."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from thermaltool.control.setpoint import Setpoint
 from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.modes import CLOCK_STEP
-from thermaltool.runtime.records import Record
+from thermaltool.runtime.records import Row
 from thermaltool.runtime.sensors import Report, Sensor
 from thermaltool.runtime.stepper import Steps
 
@@ -74,7 +74,7 @@ class Compensator:
     time : float [s] or None
         Of the last record that was accepted.
     accepted : int
-        Records that moved the clock.
+        RowReader that moved the clock.
     estimates : list of float
     """
 
@@ -100,7 +100,7 @@ class Compensator:
         self._moved_at = -math.inf
         self._refused_from: float | None = None
 
-    def take(self, record: Record) -> None:
+    def take(self, record: Row) -> None:
         """Advance by one record; a refused one leaves everything as it is."""
         time = record.time
         ticks = 0

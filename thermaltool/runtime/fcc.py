@@ -16,8 +16,6 @@ from thermaltool.control.fcc import (
 )
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.errors import LogError
-from thermaltool.identification.recursive.arma import RecursiveArma
-from thermaltool.identification.recursive.direct import DirectForecast
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.clocks import Rate
 from thermaltool.runtime.compensator import Compensator, Policy
@@ -27,6 +25,8 @@ from thermaltool.runtime.records import open_records
 from thermaltool.runtime.sensors import ANYTHING, Interval, Sensor
 from thermaltool.runtime.settings import SLEW_PERIODS
 from thermaltool.runtime.stream import Stream, Writer
+from thermaltool.timeseries.recursive.arma import RecursiveArma
+from thermaltool.timeseries.recursive.direct import DirectForecast
 
 # Where nothing is said, bad readings are bridged and pauses borne for this many samples.
 HOLD_PERIODS = 20

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from thermaltool.errors import LogError
-from thermaltool.identification.recursive.arma import LARGEST, KnownModel, RecursiveArma
 from thermaltool.runtime.clocks import Rate
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
-from thermaltool.runtime.records import Record, open_records
+from thermaltool.runtime.records import Row, open_records
 from thermaltool.runtime.stream import BYTE_ORDER_MARK, Writer
+from thermaltool.timeseries.recursive.arma import LARGEST, KnownModel, RecursiveArma
 
 COLUMNS = ("forecast", "low", "high")
 # The clock's period is the median of so many intervals, where the user does not say.
@@ -193,7 +193,7 @@ class _Forecasts:
                 return b""
         return self._forecast(self.records.record(line))
 
-    def _forecast(self, record: Record) -> bytes:
+    def _forecast(self, record: Row) -> bytes:
         if record.time is None:
             self.messages("", "no time on this line: ignored")
             return b""
@@ -254,7 +254,7 @@ class _Forecasts:
             self.messages("", f"a pause of {step:g} s: lags forgotten")
             self.model.forget_lags()
 
-    def _take(self, record: Record) -> None:
+    def _take(self, record: Row) -> None:
         x = record.readings[0]
         if -LARGEST < x < LARGEST:
             before = self.model.refused

@@ -112,6 +112,6 @@ def _clock(keys: Mapping[str, Any], wanted: Wanted, number: Callable[[Any], floa
 
 def _hint(name: str, known: Iterable[str]) -> str:
     # Imported for the message alone: the package reads whole logs, the stream starts without it.
-    from thermaltool.logs.log import hint
+    from thermaltool.record import hint
 
     return hint(name, known)

@@ -16,7 +16,7 @@ UNREADABLE = (LookupError, OverflowError, TypeError, ValueError)
 EMPTY = ("", "null", "none", "na")
 
 
-class Record(NamedTuple):
+class Row(NamedTuple):
     """One line: `time` [s] (None where it has none), `readings`, and why each bad one is bad."""
 
     time: float | None
@@ -24,7 +24,7 @@ class Record(NamedTuple):
     faults: Sequence[str]
 
 
-class Records(Protocol):
+class RowReader(Protocol):
     """Reads the lines of one format.
 
     `clock` is None until `open` has seen the line that shows the names; `open` says whether that
@@ -35,7 +35,7 @@ class Records(Protocol):
     clock: Clock | None
 
     def open(self, line: bytes, source: str | None = None, number: int | None = None) -> bool: ...
-    def record(self, line: bytes) -> Record: ...
+    def record(self, line: bytes) -> Row: ...
 
 
 class _Fields:
@@ -70,7 +70,7 @@ class _Fields:
         except UNREADABLE:
             return None
 
-    def _take(self, fields: Any) -> Record:
+    def _take(self, fields: Any) -> Row:
         number = self._number
         try:
             readings, faults = [number(fields[key]) for key in self._keys], self._good
@@ -79,7 +79,7 @@ class _Fields:
             readings, faults = [value for value, _ in told], tuple(fault for _, fault in told)
         if self._scaled:
             readings = [s.scale * x + s.offset for s, x in zip(self._sensed, readings, strict=True)]
-        return Record(self._time(fields), readings, faults)
+        return Row(self._time(fields), readings, faults)
 
     def _tell(self, fields: Any, key: Any) -> tuple[float, str]:
         """The reading at `key`, or NaN and what is wrong with it."""
@@ -95,9 +95,9 @@ class _Fields:
                 return math.nan, "empty"
             return math.nan, f"not a number: {str(text)[:40]!r}"
 
-    def _unusable(self, time: float | None, fault: str) -> Record:
+    def _unusable(self, time: float | None, fault: str) -> Row:
         sensors = len(self._good)
-        return Record(time, [math.nan] * sensors, (fault,) * sensors)
+        return Row(time, [math.nan] * sensors, (fault,) * sensors)
 
 
 def open_records(
@@ -106,8 +106,8 @@ def open_records(
     columns: str | None,
     period: float | None,
     **clock: Any,
-) -> Records:
-    """Records of one format.
+) -> RowReader:
+    """RowReader of one format.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ class CsvRecords(_Fields):
                 raise LogError("this name is there twice", column=name)
         return False
 
-    def record(self, line: bytes) -> Record:
+    def record(self, line: bytes) -> Row:
         fields = line.split(self._separator)
         if b'"' in line:
             fields = [field.encode() for field in self._unquoted(line.decode("utf-8", "replace"))]
@@ -189,7 +189,7 @@ class NdjsonRecords(_Fields):
         self._lay_out({name: name for name in fields}, json_number)
         return True
 
-    def record(self, line: bytes) -> Record:
+    def record(self, line: bytes) -> Row:
         try:
             fields = json.loads(line)
         except (ValueError, RecursionError):

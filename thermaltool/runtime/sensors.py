@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.inverse.standing import Static, through
+from thermaltool.estimation.standing import Static, through
 from thermaltool.model import MARGIN
 
 Report = Callable[[str, str], None]  # (channel, message)

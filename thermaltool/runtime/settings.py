@@ -10,8 +10,8 @@ from typing import Literal
 from thermaltool.control.heaters import Stabilizer, parts_of
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.errors import ModelError
-from thermaltool.inverse.chain import Chain, Inlet
-from thermaltool.inverse.losses import LossyEstimator
+from thermaltool.estimation.chain import Chain, Inlet
+from thermaltool.estimation.losses import LossyEstimator
 from thermaltool.model import Model
 from thermaltool.runtime.checkpoint import Checkpoint, design_digest
 from thermaltool.runtime.compensator import Compensator, Pass, Policy

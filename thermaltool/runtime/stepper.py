@@ -6,8 +6,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from thermaltool.inverse.estimator import Estimator
-from thermaltool.inverse.losses import LossyEstimator
+from thermaltool.estimation.estimator import Estimator
+from thermaltool.estimation.losses import LossyEstimator
 from thermaltool.responses.modes import CLOCK_STEP, Float
 
 # Sample lengths kept as ready matrices; an even clock needs one, a printed jittering clock a few.

@@ -17,7 +17,7 @@ from thermaltool.runtime.checkpoint import MEND, Checkpoint
 from thermaltool.runtime.compensator import Compensator
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
-from thermaltool.runtime.records import Records
+from thermaltool.runtime.records import RowReader
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
@@ -50,7 +50,7 @@ class Stream:
     Attributes
     ----------
     pipe : LinePipe
-    records : Records
+    records : RowReader
     writer : Writer
     compensator : Compensator
     messages : Messages
@@ -66,7 +66,7 @@ class Stream:
     """
 
     pipe: LinePipe
-    records: Records
+    records: RowReader
     writer: Writer
     compensator: Compensator
     messages: Messages

@@ -1,0 +1,190 @@
+"""Choice of orders and delay, forms in continuous time, and what data cannot carry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reference.random_systems import case, fit_percent
+
+from thermaltool.errors import FitError, ModelError
+from thermaltool.fitting.transfer.choose import choose, started
+from thermaltool.fitting.transfer.continuation import continued
+from thermaltool.fitting.transfer.continuous import identify_continuous
+from thermaltool.fitting.transfer.data import Data, Stretch, even_stretches
+from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.model import simulate_response
+from thermaltool.responses.rational import Rational1, Rational2
+
+
+def data(u, y, dt=1.0, names=None):
+    u = np.atleast_2d(u)
+    return Data((Stretch(u, y),), dt, names or tuple(f"u{k}" for k in range(len(u))), "y")
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_delay_and_a_sufficient_order_are_found(seed):
+    known = case(seed, 3000)
+    record = data(known.u, known.y)
+    best = choose(record, "oe", (1,)).best
+    # The slow pole of a stiff one hides the fast one, which moves its output by little.
+    if not known.stiff:
+        assert best.nk == (known.nk,)
+        assert best.nf in (2, 3)
+    model = identify(record, "oe", orders_of("oe", (best.nb,), best.nf, best.nk))
+    assert fit_percent(known.x, model.respond(known.u[None])) > 98.5
+
+
+def thermal(hold, delay, dt=5.0, rows=3000, seed=3):
+    rng = np.random.default_rng(seed)
+    response, time = Rational2(3.0, 400.0, 1.0, 40.0, delay), dt * np.arange(rows)
+    u = np.repeat(rng.uniform(0, 1, rows // 60), 60)
+    if hold == "first":
+        u = np.cumsum(u - u.mean()) / 60
+    y = simulate_response(response, time, u - u[0], hold)
+    return response, time, u, y + 0.01 * np.std(y) * rng.standard_normal(rows) + 20.0
+
+
+@pytest.mark.parametrize("hold", ["zero", "first"])
+@pytest.mark.parametrize("delay", [0.0, 35.0])
+def test_physical_time_constants_and_weights_come_back(hold, delay):
+    response, time, u, y = thermal(hold, delay)
+    nk = round(delay / 5.0) + (hold == "zero")
+    orders = orders_of("oe", (2 + (hold == "first"),), 2, (nk,))
+    model = identify(data(u, y, 5.0).from_rest(), "oe", orders)
+    way = continued(model, 0, hold)
+    assert way.response.kind == "rational2"
+    assert way.response.delay == pytest.approx(delay)
+    for name in ("tau1", "tau2", "K1", "K2"):
+        assert getattr(way.response, name) == pytest.approx(getattr(response, name), rel=0.1)
+    again = simulate_response(way.response, time, u - u[0], hold)
+    assert fit_percent(y - 20.0, again) > 98.5
+
+
+def test_a_pole_without_an_equivalent_is_named():
+    rng = np.random.default_rng(2)
+    u = rng.standard_normal(800)
+    y = np.zeros(800)
+    for k in range(1, 800):
+        y[k] = -0.6 * y[k - 1] + u[k - 1]
+    model = identify(data(u, y), "oe", orders_of("oe", (1,), 1, (1,)))
+    assert model.F[0][1] == pytest.approx(0.6, abs=1e-6)
+    with pytest.raises(ModelError, match=r"z = -0\.6"):
+        continued(model, 0, "zero")
+
+
+@pytest.mark.parametrize("turned", [0.0, 1e-9, -1e-9])
+def test_a_pole_that_is_there_twice_becomes_two(turned):
+    """Critical damping, to rounding a pair or two values."""
+    _, _, u, y = thermal("zero", 0.0)
+    found = identify(data(u, y, 5.0).from_rest(), "oe", orders_of("oe", (2,), 2, (1,)))
+    z = np.exp(-5.0 / 200.0)
+    twice = replace(found, F=(np.array([1.0, -2 * z, z * z * (1 + turned)]),))
+    way = continued(twice, 0, "zero")
+    assert way.response.kind == "rational2"
+    assert way.mismatch < 1e-4
+    assert way.response.tau1 == pytest.approx(200.0, rel=2e-2)
+
+
+def test_rest_is_told_from_a_transient():
+    _, _, u, y = thermal("zero", 0.0)
+    assert started(data(u, y, 5.0), (1,)).stretches[0].at_rest
+    late = slice(150, None)
+    assert not started(data(u[late], y[late], 5.0), (1,)).stretches[0].at_rest
+
+
+STEPPED = {
+    "first order": Rational1(1.0, 3000.0),
+    "second order": Rational2(1.0, 6000.0, 0.5, 600.0),
+    "first order, delayed": Rational1(1.0, 3000.0, 600.0),
+    "second order, delayed": Rational2(1.0, 6000.0, 0.5, 600.0, 600.0),
+}
+
+
+def stepped(response, noise, hot=0.0, idle=30, rows=700, dt=60.0):
+    """One step of 60 after an idle start, at rest or hot from the past."""
+    time = dt * np.arange(rows)
+    u = np.where(np.arange(rows) < idle, 0.0, 60.0)
+    y = simulate_response(response, time, u, "zero") + hot * np.exp(-time / 3000.0) + 5.0
+    return data(u, y + noise * np.random.default_rng(rows).standard_normal(rows), dt)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02, 2.0])
+@pytest.mark.parametrize("label", STEPPED)
+def test_a_step_after_an_idle_start_is_from_rest(label, noise):
+    """The delay alone lets a free state lower the squared error, here by up to a third."""
+    assert started(stepped(STEPPED[label], noise), (1,)).stretches[0].at_rest
+
+
+def test_an_idle_start_that_still_cools_down_is_not_rest():
+    assert not started(stepped(STEPPED["first order"], 0.02, hot=30.0), (1,)).stretches[0].at_rest
+
+
+def test_parts_of_a_record():
+    first, rest = data(np.arange(10.0), np.arange(10.0) ** 2).parted(0.3)
+    assert (first.size, rest.size) == (3, 7)
+    assert rest.stretches[0].output[0] == 9.0
+    with pytest.raises(FitError, match="split"):
+        data(np.arange(3.0), np.arange(3.0)).parted(0.01)
+
+
+def test_an_uneven_clock_is_drawn_and_a_hole_parts():
+    time = np.array([0.0, 1.0, 2.0, 3.3, 4.0, 9.0, 10.0])
+    y = np.array([0.0, 1.0, 2.0, 3.3, 4.0, np.nan, 7.0])
+    parts = list(even_stretches(time, time[None], y, [slice(0, 7)], 1.0))
+    assert [len(p) for p in parts] == [5, 1]
+    np.testing.assert_allclose(parts[0].output, [0, 1, 2, 3, 4])
+
+
+GOOD = np.random.default_rng(1).standard_normal(200)
+REFUSED = [
+    (np.full(200, 4.0), GOOD, (2, 2, 1), "never moves"),
+    (GOOD, np.full(200, 4.0), (2, 2, 1), "constant"),
+    (GOOD, GOOD, (2, 2, 300), "longer than the record"),
+    (GOOD[:20], GOOD[:20], (4, 4, 1), "do not carry"),
+    (GOOD, GOOD, (0, 2, 1), "nb counts from 1"),
+]
+
+
+@pytest.mark.parametrize(("u", "y", "orders", "message"), REFUSED)
+def test_what_data_cannot_carry_is_refused(u, y, orders, message):
+    nb, nf, nk = orders
+    for structure in ("oe", "arx"):
+        with pytest.raises(FitError, match=message):
+            identify(data(u, y), structure, orders_of(structure, (nb,), nf, (nk,)))
+
+
+def test_collinear_inputs_are_named_and_others_are_not():
+    rng = np.random.default_rng(6)
+    a, b = rng.standard_normal((2, 300))
+    u = np.array([a, b, 3.0 * a + 1.0])
+    record = data(u, a + b, names=("Q_a_W", "Q_b_W", "Q_c_W"))
+    with pytest.raises(FitError, match="collinear") as error:
+        identify(record, "oe", orders_of("oe", (1, 1, 1), 1, (1, 1, 1)))
+    assert "Q_a_W" in str(error.value)
+    assert "Q_c_W" in str(error.value)
+    assert "Q_b_W" not in str(error.value)
+
+
+def test_unequal_lengths_are_refused():
+    with pytest.raises(FitError, match="length"):
+        Stretch(np.ones((1, 5)), np.ones(4))
+
+
+@pytest.mark.parametrize("hold", ["zero", "first"])
+@pytest.mark.parametrize("dt", [0.5, 5.0])
+def test_continuous_time_gives_the_same_physics(hold, dt):
+    response, _, u, y = thermal(hold, 7 * dt, dt, rows=round(15000 / dt))
+    nk = 7 + (hold == "zero")
+    record = data(u, y, dt).from_rest()
+    model = identify_continuous(record, orders_of("oe", (2,), 2, (nk,)), (hold,))
+    assert model.converged
+    assert "continuous" in model.method
+    way = continued(model, 0, hold)
+    assert way.mismatch < 1e-5
+    for name in ("tau1", "tau2", "K1", "K2"):
+        assert getattr(way.response, name) == pytest.approx(getattr(response, name), rel=0.12)
+    slow, fast = model.time_constants()
+    assert slow.low < 400.0 < slow.high
+    assert fast.low < 40.0 < fast.high

@@ -1,0 +1,279 @@
+"""Documents and files at the border: JSON read field by field, files written whole or not at all.
+
+A reader takes a value of a document and returns what a model holds, or raises `ModelError`; what
+cannot be read is told with its place in the file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import stat
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, BinaryIO, Literal
+
+from thermaltool.errors import ModelError, OutputError
+
+
+@dataclass(frozen=True)
+class DocumentFormat:
+    """A JSON document of this tool: what its ``format`` and ``version`` say.
+
+    Attributes
+    ----------
+    name : str
+        The ``format`` field.
+    version : int
+        The newest version that is read, and the one that is written.
+    noun : str
+        What an error calls it.
+    """
+
+    name: str
+    version: int
+    noun: str
+
+    def dumps(self, body: Mapping[str, Any]) -> str:
+        """The file's text: sorted keys, no clock time, no NaN."""
+        document = {"format": self.name, "version": self.version, **body}
+        return json.dumps(document, sort_keys=True, indent=1, allow_nan=False) + "\n"
+
+    def loads(self, text: str, source: str) -> dict[str, Any]:
+        """The document in a text.
+
+        Raises
+        ------
+        ModelError
+            No JSON, another format, no version or a newer one; each names `source`.
+        """
+        try:
+            document = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise ModelError(f"{source}:{error.lineno}: not JSON: {error.msg}") from error
+        return self.check(document, source)
+
+    def check(self, document: Any, source: str) -> dict[str, Any]:
+        """The document itself, if it is one of this format (ModelError as in `loads`)."""
+        if not isinstance(document, dict) or document.get("format") != self.name:
+            raise ModelError(f'{source}: not {self.noun} (no "format": "{self.name}")')
+        version = document.get("version")
+        if type(version) is not int or version < 1:
+            raise ModelError(f"{source}: no version of the format: {version!r}")
+        if version > self.version:
+            raise ModelError(
+                f"{source}: version {version} is newer than this thermaltool reads "
+                f"({self.version}): update it"
+            )
+        return document
+
+
+MODEL = DocumentFormat("thermaltool-model", 1, "a thermaltool model")
+NOISE = DocumentFormat("thermaltool-noise", 1, "what thermaltool noise -o writes")
+ARMA = DocumentFormat("thermaltool-arma", 1, "an ARMA model of thermaltool fit")
+DIAGNOSIS = DocumentFormat("thermaltool-diagnosis", 1, "a diagnosis")
+CHECKPOINT = DocumentFormat("thermaltool-checkpoint", 1, "a checkpoint")
+
+
+class Part:
+    """An object of the file, which names the field that cannot be read."""
+
+    def __init__(self, value: Any, place: str = "") -> None:
+        self._value, self._place = value, place
+        if not isinstance(value, dict):
+            raise ModelError(f"{place}: not an object: {value!r:.60}")
+
+    def read(self, field: str, reader: Callable[[Any], Any], *absent: Any) -> Any:
+        """What `reader` makes of a field; `absent` where it is null or not there, if given."""
+        value = self._value.get(field)
+        if absent and value is None:
+            return absent[0]
+        if field not in self._value:
+            raise ModelError(f"{self._place}{': ' if self._place else ''}{field!r} is missing")
+        return told(reader, value, self._field(field))
+
+    def parts(self, field: str, *absent: Any) -> list[Part]:
+        """The objects of a list."""
+        return [
+            Part(each, f"{self._field(field)}[{k}]")
+            for k, each in enumerate(self.read(field, items, *absent))
+        ]
+
+    def part(self, field: str) -> Part:
+        """The object in a field."""
+        return Part(self.read(field, mapping), self._field(field))
+
+    def as_whole(self, reader: Callable[[Any], Any]) -> Any:
+        """What `reader` makes of the object."""
+        return told(reader, self._value, self._place)
+
+    def _field(self, field: str) -> str:
+        return f"{self._place}.{field}" if self._place else field
+
+
+def told(reader: Callable[[Any], Any], value: Any, place: str) -> Any:
+    """What `reader` makes of a value, or where in the file it cannot."""
+    try:
+        return reader(value)
+    except ModelError as error:
+        raise ModelError(f"{place}: {error}") from error
+    except KeyError as error:
+        raise ModelError(f"{place}: {error.args[0]!r} is missing") from error
+    except (AttributeError, TypeError, ValueError, OverflowError) as error:
+        raise ModelError(f"{place}: cannot be read: {json.dumps(value):.60}") from error
+
+
+def one_of(known: tuple[str, ...]) -> Callable[[Any], Any]:
+    """A reader of one of several words."""
+
+    def reader(value: Any) -> Any:
+        if value not in known:
+            raise ModelError(f"{value!r:.60} is none of {', '.join(known)}")
+        return value
+
+    return reader
+
+
+def text(value: Any) -> str:
+    """A name."""
+    if not isinstance(value, str) or not value:
+        raise ModelError(f"not a name: {value!r:.60}")
+    return value
+
+
+def items(value: Any) -> list[Any]:
+    """A list."""
+    if not isinstance(value, list):
+        raise ModelError(f"not a list: {value!r:.60}")
+    return value
+
+
+def names(value: Any) -> tuple[str, ...]:
+    """A list of names."""
+    return tuple(map(text, items(value)))
+
+
+def mapping(value: Any) -> dict[str, Any]:
+    """An object."""
+    if not isinstance(value, dict):
+        raise ModelError(f"not an object: {value!r:.60}")
+    return value
+
+
+def finite(value: Any) -> float:
+    """A number, neither NaN nor infinity."""
+    number = isinstance(value, float | int) and not isinstance(value, bool)
+    # Beyond the largest float an integer is no number of a model.
+    if not number or not abs(value) <= sys.float_info.max:
+        raise ModelError(f"not a finite number: {value!r:.60}")
+    return float(value)
+
+
+def above_zero(value: Any) -> float:
+    """A number above zero."""
+    if not (number := finite(value)) > 0:
+        raise ModelError(f"not above 0: {number:g}")
+    return number
+
+
+def rest(value: Any) -> float | Literal["first"]:
+    """A number, or "first" for the first value of a log."""
+    return "first" if value == "first" else finite(value)
+
+
+def pair(values: Any) -> tuple[float, float]:
+    """A low and a high number."""
+    if not isinstance(values, list) or len(values) != 2:
+        raise ModelError(f"not two numbers: {values!r:.60}")
+    low, high = map(finite, values)
+    if low > high:
+        raise ModelError(f"{low:g} is above {high:g}")
+    return low, high
+
+
+@contextlib.contextmanager
+def atomic_output(target: str) -> Iterator[BinaryIO]:
+    """Open `target` for bytes; it appears whole when the block ends, or not at all.
+
+    ``-`` is stdout. The data go to a temporary file in the same folder, are synced, and take the
+    target's name with `os.replace`; when the block fails the old file stays as it was. Devices and
+    pipes (``/dev/full``, a FIFO) cannot be replaced and are written directly.
+
+    Raises
+    ------
+    OutputError
+        Folder missing or read-only, disk full. `BrokenPipeError` passes: the reader has left.
+    """
+    if target == "-":
+        if sys.stdout is None:
+            raise OutputError("<stdout>: closed")
+        try:
+            yield sys.stdout.buffer
+            sys.stdout.buffer.flush()
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            _discard_stdout()
+            raise OutputError(f"<stdout>: {error.strerror}") from error
+        return
+    # A symbolic link stays one: what it points to is replaced.
+    path = os.path.realpath(target)
+    try:
+        if os.path.exists(path) and not os.path.isfile(path):
+            with open(path, "wb") as device:
+                yield device
+            return
+        mode = stat.S_IMODE(os.stat(path).st_mode) if os.path.exists(path) else 0o666 & ~_umask()
+        folder, name = os.path.split(path)
+        import tempfile  # costs 5 ms, which a pipe does not pay
+
+        handle, temporary = tempfile.mkstemp(prefix=f".{name}.", dir=folder)
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                yield stream
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.chmod(temporary, mode)
+            os.replace(temporary, path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+            raise
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if isinstance(error, OutputError):
+            raise
+        raise OutputError(f"{target}: {error.strerror or error}") from error
+
+
+def check_folder(target: str) -> None:
+    """Refuse a target whose folder is missing or read-only, before any work is done for it.
+
+    Raises
+    ------
+    OutputError
+    """
+    path = os.path.realpath(target)
+    if target == "-" or (os.path.exists(path) and not os.path.isfile(path)):
+        return
+    folder = os.path.dirname(path)
+    if not os.path.isdir(folder):
+        raise OutputError(f"{target}: {os.strerror(errno.ENOENT)}")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(f"{target}: {os.strerror(errno.EACCES)}")
+
+
+def _discard_stdout() -> None:
+    """Let what stdout still holds go nowhere: the interpreter flushes it once more at exit."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,390 @@
+"""Estimators: recursions from measured temperatures to heat and deflection.
+
+Two forms. The Kalman form carries the responses as state space and the heat as a random walk; the
+kernel form is the regularized inverse of the temperature response (Fraser 1997, ch. 5) followed by
+the deflection response. Both are linear and end in the same `Recursion`, with constant work per
+sample. This module needs numpy alone: it is what the stream runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Protocol
+
+import numpy as np
+
+from thermaltool.errors import FitError, ModelError
+from thermaltool.estimation.known import Feedforward, load_known
+from thermaltool.responses.modes import CLOCK_STEP, Float, Modes, Recursion, uniform_spans
+
+# The Kalman gain varies slowly with the sample length: it is solved for on this relative grid.
+GAIN_GRID = 0.01
+# Enough for every sample length from a clock step to 10⁷ s: a gain is solved for once.
+GAINS_KEPT = 4096
+
+
+class Estimator(Protocol):
+    """Names and recursion of an estimator; state and reading in, state and estimates out.
+
+    `sensors` are the columns that it reads; `outputs`, the deflections, end the `estimates`.
+    """
+
+    @property
+    def sensors(self) -> tuple[str, ...]: ...
+    @property
+    def outputs(self) -> tuple[str, ...]: ...
+    @property
+    def estimates(self) -> tuple[str, ...]: ...
+    def recursion(self, dt: float) -> Recursion: ...
+    def document(self) -> dict[str, Any]: ...
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Noise of one sensor: white plus a stationary Ornstein-Uhlenbeck drift.
+
+    Attributes
+    ----------
+    white : float [unit of the sensor, per sample]
+    drift : float [unit of the sensor]
+        Standard deviation of the drift; zero for none.
+    drift_time : float [s]
+    """
+
+    white: float
+    drift: float = 0.0
+    drift_time: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class KalmanEstimator:
+    """Heat as a random walk, responses as exact state space.
+
+    Attributes
+    ----------
+    sensors, drives, outputs : tuple of str
+    sensed : tuple of (int, int, Modes)
+        (sensor, drive, response) for every term that ends in a sensor.
+    followed : tuple of (int, int, Modes)
+        (output, drive, response) for every other term.
+    walk : tuple of float
+        Random-walk rate of each drive [unit of the drive/√s].
+    noise : tuple of SensorNoise
+    """
+
+    sensors: tuple[str, ...]
+    drives: tuple[str, ...]
+    outputs: tuple[str, ...]
+    sensed: tuple[tuple[int, int, Modes], ...]
+    followed: tuple[tuple[int, int, Modes], ...]
+    walk: tuple[float, ...]
+    noise: tuple[SensorNoise, ...]
+
+    @property
+    def estimates(self) -> tuple[str, ...]:
+        return self.drives + self.outputs
+
+    def __post_init__(self) -> None:
+        # A cache of the instance: it goes when the estimator goes.
+        object.__setattr__(self, "_recursion", lru_cache(maxsize=64)(self._build))
+        object.__setattr__(self, "_gain", lru_cache(GAINS_KEPT)(self._solve_gain))
+
+    def recursion(self, dt: float) -> Recursion:
+        """x ← (I − L Cs) F x + L y, for a sample of `dt` [s]."""
+        recursion: Recursion = self._recursion(round(dt / CLOCK_STEP))  # type: ignore[attr-defined]
+        return recursion
+
+    def _build(self, ticks: int) -> Recursion:
+        dt = ticks * CLOCK_STEP
+        F, Cs, Cd = self._matrices(dt)
+        gain = self._gain(round(np.log(dt) / GAIN_GRID))  # type: ignore[attr-defined]
+        kept = np.eye(len(F)) - gain @ Cs
+        return Recursion(kept @ F, np.zeros_like(gain), gain, Cd)
+
+    def _matrices(self, dt: float) -> tuple[Float, Float, Float]:
+        """State: modes of every term, then the drives, then the sensors' drifts."""
+        terms = [*self.sensed, *self.followed]
+        sizes = [modes.states for _, _, modes in terms]
+        heat = sum(sizes)
+        drift = heat + len(self.drives)
+        n = drift + len(self.sensors)
+        F = np.zeros((n, n))
+        Cs = np.zeros((len(self.sensors), n))
+        Cd = np.zeros((len(self.estimates), n))
+        at = 0
+        for k, ((target, drive, modes), size) in enumerate(zip(terms, sizes, strict=True)):
+            part = modes.discretize(dt)
+            F[at : at + size, at : at + size] = part.F
+            F[at : at + size, heat + drive] = part.G0[:, 0]
+            row = Cs[target] if k < len(self.sensed) else Cd[len(self.drives) + target]
+            row[at : at + size] = part.C[0]
+            at += size
+        for k in range(len(self.drives)):
+            F[heat + k, heat + k] = Cd[k, heat + k] = 1.0
+        for k, noise in enumerate(self.noise):
+            F[drift + k, drift + k] = np.exp(-dt / noise.drift_time)
+            Cs[k, drift + k] = 1.0
+        return F, Cs, Cd
+
+    @property
+    def modal(self) -> int:
+        """How many states are modes of a response; the drives come next."""
+        return sum(modes.states for _, _, modes in (*self.sensed, *self.followed))
+
+    def heated(self, dt: float) -> tuple[Float, dict[str, Float]]:
+        """What the drives add to the state through the modes, and what reads outputs off these.
+
+        Returns
+        -------
+        heated : ndarray, shape (n, n_drives)
+            Part of ``recursion(dt).F``.
+        rows : dict of channel to ndarray, shape (modal,)
+        """
+        F, Cs, Cd = self._matrices(dt)
+        modal, drives = self.modal, len(self.drives)
+        # The gain sees what is added, and corrects it.
+        added = np.zeros((len(F), drives))
+        added[:modal] = F[:modal, modal : modal + drives]
+        names = (*self.sensors, *self.estimates)
+        rows = dict(zip(names, np.vstack([Cs, Cd])[:, :modal], strict=True))
+        return added - self.recursion(dt).G1 @ Cs @ added, rows
+
+    def _solve_gain(self, index: int) -> Float:
+        dt = float(np.exp(index * GAIN_GRID))
+        F, Cs, _ = self._matrices(dt)
+        heat = len(F) - len(self.sensors) - len(self.drives)
+        process = np.zeros(len(F))
+        process[heat : heat + len(self.drives)] = np.square(self.walk) * dt
+        drift = [n.drift**2 * -np.expm1(-2 * dt / n.drift_time) for n in self.noise]
+        process[heat + len(self.drives) :] = drift
+        white = np.diag([n.white**2 for n in self.noise])
+        P = predicted_covariance(F, Cs, np.diag(process), white)
+        return np.asarray(np.linalg.solve(Cs @ P @ Cs.T + white, Cs @ P).T)
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "form": "kalman",
+            "sensors": list(self.sensors),
+            "drives": list(self.drives),
+            "outputs": list(self.outputs),
+            "sensed": _terms_document(self.sensed),
+            "followed": _terms_document(self.followed),
+            "walk_per_sqrt_s": list(self.walk),
+            "noise": [
+                {"white_sigma": n.white, "drift_sigma": n.drift, "drift_time_s": n.drift_time}
+                for n in self.noise
+            ],
+        }
+
+
+def predicted_covariance(F: Float, H: Float, Q: Float, R: Float) -> Float:
+    """Steady covariance of the one-step prediction: the filter Riccati equation by doubling.
+
+    Parameters
+    ----------
+    F : ndarray, shape (n, n)
+    H : ndarray, shape (p, n)
+    Q : ndarray, shape (n, n)
+    R : ndarray, shape (p, p)
+
+    Returns
+    -------
+    P : ndarray, shape (n, n)
+        P = F P Fᵀ − F P Hᵀ (H P Hᵀ + R)⁻¹ H P Fᵀ + Q.
+
+    Raises
+    ------
+    FitError
+        Where it does not converge: a state that no sensor sees and that does not decay.
+    """
+    A, G, P = F.T.copy(), H.T @ np.linalg.solve(R, H), Q.copy()
+    eye = np.eye(len(F))
+    for _ in range(64):
+        W = np.linalg.solve(eye + G @ P, np.hstack([A, G]))
+        WA, WG = W[:, : len(F)], W[:, len(F) :]
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = A.T @ P @ WA
+            G = G + A @ WG @ A.T
+            A = A @ WA
+            P = P + step
+        P = (P + P.T) / 2
+        if not np.all(np.isfinite(P)):
+            break
+        if np.max(np.abs(step)) <= 1e-13 * np.max(np.abs(P)):
+            return P
+    raise FitError("the estimator's Riccati equation has no steady solution")
+
+
+@dataclass(frozen=True, eq=False)
+class KernelEstimator:
+    """Regularized inverse, artificial delay, then the deflection responses.
+
+    Q̂ = (filter · 1/H_R) ΔT with H_R = H + As/(s+c)² + 2Bs/(s+c)³, (5.55), (5.59). The estimate
+    is taken to belong `delay` earlier and its last value held, so the deflection is the state that
+    Q̂ has driven up to now − delay, carried over `delay` with Q̂ constant.
+
+    Attributes
+    ----------
+    sensor, drive : str
+    outputs : tuple of str
+    inverse : Modes
+        The filtered inverse as modes (its poles are the zeros of H_R and the filter's poles).
+    followed : tuple of (int, int, Modes)
+        (output, 0, response).
+    delay : float [s]
+    """
+
+    sensor: str
+    drive: str
+    outputs: tuple[str, ...]
+    inverse: Modes
+    followed: tuple[tuple[int, int, Modes], ...]
+    delay: float
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        return (self.sensor,)
+
+    @property
+    def estimates(self) -> tuple[str, ...]:
+        return (self.drive, *self.outputs)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_recursion", lru_cache(maxsize=64)(self._build))
+
+    def recursion(self, dt: float) -> Recursion:
+        """For a sample of `dt` [s]; the temperature is a straight line between samples."""
+        recursion: Recursion = self._recursion(round(dt / CLOCK_STEP))  # type: ignore[attr-defined]
+        return recursion
+
+    def _build(self, ticks: int) -> Recursion:
+        dt = ticks * CLOCK_STEP
+        first = self.inverse.discretize(dt, "first")
+        m = len(first.F)
+        n = m + sum(modes.states for _, _, modes in self.followed)
+        F, C = np.zeros((n, n)), np.zeros((1 + len(self.outputs), n))
+        G0, G1 = np.zeros((n, 1)), np.zeros((n, 1))
+        F[:m, :m], G0[:m], G1[:m], C[0, :m] = first.F, first.G0, first.G1, first.C[0]
+        at = m
+        for output, _, modes in self.followed:
+            # The deflection advances with the heat known now: rows of the new inverse state.
+            part, ahead = modes.discretize(dt), modes.discretize(self.delay)
+            to = slice(at, at + len(part.F))
+            F[to, to] = part.F
+            F[to, :m] = part.G0 @ first.C @ first.F
+            G0[to] = part.G0 @ first.C @ first.G0
+            G1[to] = part.G0 @ first.C @ first.G1
+            C[1 + output, to] += part.C[0] @ ahead.F
+            C[1 + output, :m] += (part.C @ ahead.G0)[0, 0] * first.C[0]
+            at += len(part.F)
+        return Recursion(F, G0, G1, C)
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "form": "kernel",
+            "sensors": [self.sensor],
+            "drives": [self.drive],
+            "outputs": list(self.outputs),
+            "inverse": self.inverse.document(),
+            "followed": _terms_document(self.followed),
+            "delay_s": self.delay,
+        }
+
+
+def _terms_document(terms: tuple[tuple[int, int, Modes], ...]) -> list[dict[str, Any]]:
+    return [{"to": to, "drive": drive, "modes": modes.document()} for to, drive, modes in terms]
+
+
+def _terms(
+    documents: list[dict[str, Any]], targets: tuple[str, ...], drives: tuple[str, ...]
+) -> tuple[tuple[int, int, Modes], ...]:
+    for d in documents:
+        if d["to"] not in range(len(targets)) or d["drive"] not in range(len(drives)):
+            raise ModelError(f"a term from {d['drive']!r} to {d['to']!r}, which are not there")
+    return tuple((d["to"], d["drive"], Modes.from_document(d["modes"])) for d in documents)
+
+
+def _above_zero(name: str, values: Sequence[float], owners: tuple[str, ...]) -> None:
+    if len(values) != len(owners) or not all(0 < value < np.inf for value in values):
+        raise ModelError(f"{name} must be a number above 0 for each of {', '.join(owners)}")
+
+
+def load_estimator(document: dict[str, Any]) -> Estimator:
+    """The estimator that `document` (the design of a model file) describes.
+
+    Raises
+    ------
+    ModelError
+        Unknown form, or a part missing or not sound.
+    """
+    try:
+        inner = _load_form(document)
+        return load_known(inner, document["known"]) if "known" in document else inner
+    except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
+        raise ModelError(
+            f"the design is not sound ({error}); run thermaltool regularize again"
+        ) from error
+
+
+def _load_form(document: dict[str, Any]) -> Estimator:
+    sensors, drives, outputs = (tuple(document[k]) for k in ("sensors", "drives", "outputs"))
+    if document["form"] == "kalman":
+        noise = tuple(
+            SensorNoise(n["white_sigma"], n["drift_sigma"], n["drift_time_s"])
+            for n in document["noise"]
+        )
+        walk = tuple(document["walk_per_sqrt_s"])
+        _above_zero("walk_per_sqrt_s", walk, drives)
+        _above_zero("white_sigma", [n.white for n in noise], sensors)
+        _above_zero("drift_time_s", [n.drift_time for n in noise], sensors)
+        return KalmanEstimator(
+            sensors,
+            drives,
+            outputs,
+            _terms(document["sensed"], sensors, drives),
+            _terms(document["followed"], outputs, drives),
+            walk,
+            noise,
+        )
+    if document["form"] == "kernel":
+        delay = float(document["delay_s"])
+        if not 0 <= delay < np.inf:
+            raise ModelError(f"delay_s cannot be {delay:g}")
+        return KernelEstimator(
+            sensors[0],
+            drives[0],
+            outputs,
+            Modes.from_document(document["inverse"]),
+            _terms(document["followed"], outputs, drives),
+            delay,
+        )
+    if document["form"] == "feedforward":
+        return Feedforward(outputs)
+    raise ModelError(f"unknown form of estimator: {document['form']!r}")
+
+
+def run_estimator(
+    estimator: Estimator, time: Float, readings: Float, settled: bool = False
+) -> Float:
+    """Estimates for a whole record, equal to the stream's sample by sample.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,) [s], increasing
+    readings : ndarray, shape (n, n_sensors)
+    settled : bool
+        The machine has stood at the first readings for long; else it is at rest there.
+
+    Returns
+    -------
+    estimates : ndarray, shape (n, n_estimates)
+    """
+    out = np.zeros((len(time), len(estimator.estimates)))
+    x = None
+    for rows, dt in uniform_spans(time):
+        if settled and x is None:
+            x = estimator.recursion(dt).settled(readings[0])
+        out[rows], x = estimator.recursion(dt).run(readings[rows], x)
+    return out

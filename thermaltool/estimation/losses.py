@@ -1,0 +1,175 @@
+"""An estimator for a machine that loses heat at a rate which changes with its state.
+
+Every mode decays faster by e^(−rate·dt) in a sample, as `simulate_response` has it; the gain is
+that of the model's own loss.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from thermaltool.effects.effect import Effect
+from thermaltool.errors import FitError, ModelError
+from thermaltool.estimation.estimator import Estimator, KalmanEstimator
+from thermaltool.estimation.known import WithKnown
+from thermaltool.estimation.standing import lags_of, refuse, standing
+from thermaltool.model import Model
+from thermaltool.record import Record
+from thermaltool.responses.modes import CLOCK_STEP, Float, Recursion
+
+# A loss that depends on the state it leads to: repeated so often at the most.
+_SETTLING, _SETTLED = 200, 1e-9
+
+
+def losses_of(model: Model) -> tuple[Effect, ...]:
+    """The effects by which a model's loss of heat changes."""
+    return tuple(e for e in standing(model) if e.side == "state")
+
+
+def examine_losses(model: Model, measured: tuple[str, ...]) -> None:
+    """Refuse by name what no estimator can follow.
+
+    Raises
+    ------
+    ModelError
+    """
+    outputs, drives = ([each.channel for each in ends] for ends in (model.outputs, model.drives))
+    for effect in losses_of(model):
+        if measured:
+            refuse(effect, f"not supported beside a measured drive ({measured[0]})")
+        if any(channel in drives for channel in effect.needs()):
+            refuse(effect, "it counts when the drive is off, and an estimate of it never is quite")
+        if not effect.needs() and effect.channel not in outputs:
+            refuse(effect, "no column and no output tells the state")
+        for sensor in model.sensors:
+            if lags_of(model, sensor.channel):
+                refuse(effect, f"not supported beside a lag of the sensor {sensor.channel}")
+
+
+@dataclass(frozen=True, eq=False)
+class LossyEstimator:
+    """A Kalman form whose modes decay faster by the rate that `losses` tell.
+
+    Attributes
+    ----------
+    linear : Estimator
+        The same at the model's own loss: `kalman`, with known columns or without.
+    kalman : KalmanEstimator
+    losses : tuple of Effect
+    """
+
+    linear: Estimator
+    kalman: KalmanEstimator
+    losses: tuple[Effect, ...]
+    _columns: dict[str, int] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        known = self.linear.known if isinstance(self.linear, WithKnown) else ()
+        first = len(self.kalman.sensors)
+        states = {k.channel: first + i for i, k in enumerate(known) if k.role == "state"}
+        self._columns.update(states)
+        object.__setattr__(self, "_parts", lru_cache(maxsize=64)(self._take_apart))
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        return self.linear.sensors
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return self.linear.outputs
+
+    @property
+    def estimates(self) -> tuple[str, ...]:
+        return self.linear.estimates
+
+    def recursion(self, dt: float) -> Recursion:
+        """At the model's own loss."""
+        return self.linear.recursion(dt)
+
+    def document(self) -> dict[str, Any]:
+        return self.linear.document()
+
+    def _take_apart(self, ticks: int) -> tuple[Recursion, Float, dict[str, Float]]:
+        """The recursion, its part from heat to modes, and what reads outputs off the modes."""
+        dt = ticks * CLOCK_STEP
+        whole = self.linear.recursion(dt)
+        heated, rows = self.kalman.heated(dt)
+        below = np.zeros((len(whole.F) - len(heated), heated.shape[1]))
+        return whole, np.vstack([heated, below]), rows
+
+    def rate(self, x: Float, first: Float, now: Float, rows: dict[str, Float]) -> float:
+        """By how much every mode decays faster at this state [1/s].
+
+        Parameters
+        ----------
+        x : ndarray, shape (n,)
+        first, now : ndarray, shape (m,)
+            The columns that are read, at the first sample and at this one.
+        """
+        modal = self.kalman.modal
+        columns = {name: np.array([first[k], now[k]]) for name, k in self._columns.items()}
+        outputs = {name: np.array([0.0, row @ x[:modal]]) for name, row in rows.items()}
+        signals = Record(np.zeros(2), columns)
+        found = [effect.loss(signals, outputs) for effect in self.losses]
+        return float(sum(loss[-1] for loss in found if loss is not None))
+
+    def advance(self, ticks: int, x: Float, first: Float, before: Float, now: Float) -> Float:
+        """The state after a sample of `ticks` clock steps that ends with the readings `now`.
+
+        Raises
+        ------
+        FitError
+            The loss is not a finite number any more.
+        """
+        r, heated, rows = self._parts(ticks)  # type: ignore[attr-defined]
+        exponent = self.rate(x, first, before, rows) * ticks * CLOCK_STEP
+        if not abs(exponent) < 100.0:
+            raise FitError(f"the loss of heat cannot be followed: e^{exponent:g} in a sample")
+        state: Float = self._matrix(r.F, heated, exponent) @ x + r.G0 @ before + r.G1 @ now
+        return state
+
+    def _matrix(self, F: Float, heated: Float, exponent: float) -> Float:
+        """A held drive acts, on the mean, half a sample later than its first moment."""
+        modal, drives = self.kalman.modal, len(self.kalman.drives)
+        lossy = F.copy()
+        lossy[:, :modal] *= np.exp(-exponent)
+        lossy[:, modal : modal + drives] += np.expm1(-exponent / 2) * heated
+        return lossy
+
+    def settled(self, dt: float, readings: Float) -> Float:
+        """The state in which a machine that has stood at `readings` for ever is.
+
+        Raises
+        ------
+        ModelError
+            There is none that the loss leaves alone.
+        """
+        r, heated, rows = self._parts(round(dt / CLOCK_STEP))  # type: ignore[attr-defined]
+        x, pushed = r.settled(readings), (r.G0 + r.G1) @ readings
+        for _ in range(_SETTLING):
+            exponent = self.rate(x, readings, readings, rows) * dt
+            F = self._matrix(r.F, heated, exponent)
+            new: Float = np.linalg.solve(np.eye(len(F)) - F, pushed)
+            if np.max(np.abs(new - x)) <= _SETTLED * np.max(np.abs(new)):
+                return new
+            x = (x + new) / 2
+        raise ModelError("no settled state: the loss of heat depends too much on it")
+
+    def run(self, time: Float, readings: Float, settled: bool = False) -> Float:
+        """Estimates for a whole record; see `run_estimator`."""
+        ticks = np.round(np.diff(time) / CLOCK_STEP).astype(np.int64).tolist()
+        out = np.zeros((len(time), len(self.estimates)))
+        if len(time) < 2:
+            return out
+        dt = ticks[0] * CLOCK_STEP
+        x = self.settled(dt, readings[0]) if settled else np.zeros(len(self.recursion(dt).F))
+        C = self.recursion(dt).C
+        out[0] = C @ x
+        for k, each in enumerate(ticks):
+            x = self.advance(each, x, readings[0], readings[k], readings[k + 1])
+            out[k + 1] = C @ x
+        return out

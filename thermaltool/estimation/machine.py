@@ -1,0 +1,238 @@
+"""The machine as a design sees it: responses as modes, noise of the sensors, a reference step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from thermaltool.effects.effect import Effect
+from thermaltool.errors import FitError, ModelError
+from thermaltool.estimation.estimator import (
+    Estimator,
+    KalmanEstimator,
+    KernelEstimator,
+    SensorNoise,
+)
+from thermaltool.estimation.kernel import Regularization, invert_modes
+from thermaltool.estimation.known import Known, Way, WithKnown
+from thermaltool.estimation.losses import examine_losses, losses_of
+from thermaltool.estimation.standing import ahead_of, amplification, columns_of, examine, through
+from thermaltool.estimation.ways import Ways
+from thermaltool.model import Model
+from thermaltool.responses.delay import DelayedModes
+from thermaltool.responses.modes import Float, Modes
+
+# Below this damping ratio the kernel of the regularized inverse rings.
+LEAST_DAMPING = 0.3
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What a design needs of a model: responses as modes, and the level that counts.
+
+    Attributes
+    ----------
+    sensors, drives, outputs : tuple of str
+    sensed : tuple of (sensor, drive, Modes)
+    followed : tuple of (output, drive, Modes)
+    level : tuple of float
+        Step of each drive for which the band is predicted.
+    noise : tuple of SensorNoise
+        Of the truth behind the readings.
+    dt : float [s]
+    known : tuple of Known
+        Columns beside the sensors; `to_sensors` and `to_outputs` are what they do there.
+    losses : tuple of Effect
+        By which the loss of heat changes.
+    notes : tuple of str
+        What a user should know of the model's effects at run time.
+    """
+
+    sensors: tuple[str, ...]
+    drives: tuple[str, ...]
+    outputs: tuple[str, ...]
+    sensed: tuple[tuple[int, int, Modes], ...]
+    followed: tuple[tuple[int, int, Modes], ...]
+    level: tuple[float, ...]
+    noise: tuple[SensorNoise, ...]
+    dt: float
+    known: tuple[Known, ...] = ()
+    to_sensors: tuple[Way, ...] = ()
+    to_outputs: tuple[Way, ...] = ()
+    losses: tuple[Effect, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def finished(self, estimator: Estimator) -> Estimator:
+        """An estimator with the columns that are read beside the sensors."""
+        if not self.known:
+            return estimator
+        return WithKnown(estimator, self.known, self.to_sensors, self.to_outputs)
+
+    def kalman(self, walk: Sequence[float]) -> KalmanEstimator:
+        """The Kalman form for given random-walk rates [unit of the drive/√s]."""
+        return KalmanEstimator(
+            self.sensors,
+            self.drives,
+            self.outputs,
+            self.sensed,
+            self.followed,
+            tuple(walk),
+            self.noise,
+        )
+
+    @staticmethod
+    def of(
+        model: Model,
+        noise: Mapping[str, SensorNoise],
+        dt: float,
+        measured: Sequence[str] = (),
+    ) -> Machine:
+        """The machine of a model document, for samples of `dt` [s].
+
+        Where every drive is measured, and where the model has no sensor, there is nothing to
+        estimate: no sensor is read, and `drives` is empty.
+
+        Parameters
+        ----------
+        noise : mapping of column to SensorNoise
+        measured : sequence of str
+            Drives that are read at run time.
+
+        Raises
+        ------
+        ModelError
+            No deflection in the model, a drive that no sensor sees, the noise of a sensor not
+            given, or an effect that no estimator can follow.
+        """
+        every = [d.channel for d in model.drives]
+        for name in measured:
+            if name not in every:
+                raise ModelError(f"no drive {name} in the model; there are: {', '.join(every)}")
+        outputs = tuple(o.channel for o in model.deflections)
+        if not outputs:
+            raise ModelError("the model has no deflection to estimate")
+        given = tuple(every if not model.sensors else measured)
+        _examine_bands(model, given)
+        notes, losses = examine(model, given), losses_of(model)
+        examine_losses(model, given)
+        sensors = tuple(o.channel for o in model.sensors) if set(every) - set(given) else ()
+        columns = columns_of(model)
+        for sensor in sensors:
+            if columns[sensor] not in noise:
+                raise ModelError(
+                    f"no noise for the sensor {columns[sensor]}; there is {', '.join(noise)}"
+                )
+        seen = [t.drive for t in model.terms if t.output in sensors]
+        drives = tuple(name for name in every if name in seen and name not in given)
+        lost = [t.drive for t in model.terms if t.drive not in (*drives, *given)]
+        if lost:
+            raise ModelError(
+                f"no sensor sees the drive {lost[0]}: it cannot be estimated; where it is "
+                f"measured: --measured {lost[0]}"
+            )
+        ways = Ways(model, dt, given, sensors, outputs)
+        if not drives and not ways.known:
+            raise ModelError("nothing acts on the deflections of the model")
+
+        def terms(targets: tuple[str, ...]) -> tuple[tuple[int, int, Modes], ...]:
+            own = [t for t in model.terms if t.output in targets and t.drive in drives]
+            for t in own:
+                if isinstance(ways.response(t), DelayedModes):
+                    raise ModelError(
+                        f"{t.drive} → {t.output} has a delay: such a drive cannot be estimated; "
+                        f"where it is measured: --measured {t.drive}"
+                    )
+            return tuple(
+                (targets.index(t.output), drives.index(t.drive), ways.response(t)) for t in own
+            )
+
+        levels = {d.channel: np.array([max(map(abs, d.range))]) for d in model.drives}
+        return Machine(
+            sensors,
+            drives,
+            outputs,
+            terms(sensors),
+            terms(outputs),
+            # What acts at the largest level.
+            tuple(float(through(ahead_of(model, name), levels[name])[0]) for name in drives),
+            tuple(_behind(noise[columns[name]], amplification(model, name)) for name in sensors),
+            dt,
+            ways.known,
+            ways.to(sensors),
+            ways.to(outputs),
+            losses,
+            notes,
+        )
+
+    @cached_property
+    def clock(self) -> Float:
+        """Times of the trial: six of the slowest time constants of the sensors, within reason."""
+        slowest = max(1 / np.min(-modes.poles.real) for _, _, modes in self.sensed)
+        samples = int(np.clip(6 * slowest / self.dt, 2000, 40000))
+        return np.asarray(self.dt * np.arange(samples), float)
+
+    @cached_property
+    def trials(self) -> list[tuple[Float, Float]]:
+        """For a step of each drive: readings (n, sensors) and deflections (n, outputs)."""
+        trials = []
+        for drive, level in enumerate(self.level):
+            readings = np.zeros((len(self.clock), len(self.sensors)))
+            truth = np.zeros((len(self.clock), len(self.outputs)))
+            for table, terms in ((readings, self.sensed), (truth, self.followed)):
+                for target, source, modes in terms:
+                    if source == drive:
+                        table[:, target] += level * modes.step(self.clock)
+            trials.append((readings, truth))
+        return trials
+
+    def kernel(
+        self, regularization: Regularization, cutoff: float, delay: float
+    ) -> KernelEstimator:
+        """The kernel form; one sensor, one drive."""
+        response = self.single()
+        inverse = invert_modes(response, regularization)
+        if inverse.damping < LEAST_DAMPING:
+            raise FitError(f"the kernel rings: damping ratio {inverse.damping:.2f}")
+        return KernelEstimator(
+            self.sensors[0],
+            self.drives[0],
+            self.outputs,
+            inverse.filtered(cutoff),
+            self.followed,
+            delay,
+        )
+
+    def single(self) -> Modes:
+        """The one response that the kernel form inverts.
+
+        Raises
+        ------
+        FitError
+            More sensors or drives than one, or a loss of heat that changes.
+        """
+        if len(self.sensed) != 1 or len(self.drives) != 1:
+            raise FitError("the kernel form takes one sensor and one drive; use --form kalman")
+        for effect in self.losses:
+            raise FitError(f"the kernel form cannot follow {effect.name}; use --form kalman")
+        return self.sensed[0][2]
+
+
+def _behind(noise: SensorNoise, slope: float) -> SensorNoise:
+    return SensorNoise(slope * noise.white, slope * noise.drift, noise.drift_time)
+
+
+def _examine_bands(model: Model, measured: Sequence[str]) -> None:
+    """A schedule bends its drives: they are read, and what chooses is read or no drive."""
+    drives = [d.channel for d in model.drives]
+    for term in model.terms:
+        if term.band is None:
+            continue
+        for channel in (term.drive, term.band.channel):
+            if channel in drives and channel not in measured:
+                raise ModelError(
+                    f"{channel} has a schedule of transfer functions: it cannot be estimated; "
+                    f"where it is measured: --measured {channel}"
+                )

@@ -1,0 +1,231 @@
+"""Design of the estimator from the model and the measured noise.
+
+Both forms are judged alike, by what they do to the deflection: the error that a step of heat
+leaves while the estimate catches up (lag), and the error that the sensors' noise leaves for good.
+The design minimizes the width of the band that holds both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.signal import lfilter
+
+from thermaltool.errors import FitError
+from thermaltool.estimation.estimator import Estimator
+from thermaltool.estimation.kernel import Regularization
+from thermaltool.estimation.machine import Machine
+from thermaltool.responses.modes import Float
+
+# Half-width of the noise band in standard deviations: 99.7 % of a normal error.
+SPREAD = 3.0
+# What the search sees where there is no usable inverse.
+OUTSIDE = 1e3
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What an estimator will do on the model that it was designed for.
+
+    Attributes
+    ----------
+    band : tuple of float, one for each deflection [unit of the deflection]
+        Width of the error band after a step of the reference level, noise included.
+    lag_error : tuple of float
+        Largest error while the estimate catches up.
+    noise_sigma : tuple of float
+        Standard deviation of the deflection error in steady state.
+    heat_sigma : tuple of float, one for each drive
+    lag : float [s]
+        Until the heat estimate passes half of a step.
+    settling : float [s]
+        From a step until the error of every deflection stays inside what noise leaves.
+    """
+
+    band: tuple[float, ...]
+    lag_error: tuple[float, ...]
+    noise_sigma: tuple[float, ...]
+    heat_sigma: tuple[float, ...]
+    lag: float
+    settling: float
+
+
+def predict(estimator: Estimator, machine: Machine) -> Prediction:
+    """Band, lag and noise of an estimator on its own model.
+
+    A step of each drive in turn (the widest counts) gives the lag error; the response to an
+    impulse on each sensor gives the noise.
+    """
+    dt, heats = machine.dt, len(machine.drives)
+    recursion = estimator.recursion(dt)
+    variance = np.zeros(len(estimator.estimates))
+    for k, noise in enumerate(machine.noise):
+        impulse = np.zeros((len(machine.clock), len(machine.sensors)))
+        impulse[1, k] = 1.0
+        h = recursion.run(impulse)[0][1:]
+        stays = np.exp(-dt / noise.drift_time)
+        drifted = lfilter([1.0], [1.0, -stays], h, axis=0)
+        variance += noise.white**2 * np.sum(h**2, axis=0)
+        variance += noise.drift**2 * (1 - stays**2) * np.sum(drifted**2, axis=0)
+    sigma = np.sqrt(variance)
+    high = SPREAD * sigma[heats:]
+    low, lag, settling = -high, 0.0, 0.0
+    worst = np.zeros(len(machine.outputs))
+    for drive, (readings, truth) in enumerate(machine.trials):
+        estimates = recursion.run(readings)[0]
+        bias = estimates[:, heats:] - truth
+        high, low = np.maximum(high, bias.max(axis=0)), np.minimum(low, bias.min(axis=0))
+        worst = np.maximum(worst, np.abs(bias).max(axis=0))
+        below = estimates[:, drive] / machine.level[drive] < 0.5
+        lag = max(lag, float(np.argmin(below)) * dt)
+        outside = np.flatnonzero(np.any(np.abs(bias) > SPREAD * sigma[heats:], axis=1))
+        settling = max(settling, float(outside[-1]) * dt if len(outside) else 0.0)
+    return Prediction(
+        band=tuple((high - low).tolist()),
+        lag_error=tuple(worst.tolist()),
+        noise_sigma=tuple(sigma[heats:].tolist()),
+        heat_sigma=tuple(sigma[:heats].tolist()),
+        lag=lag,
+        settling=settling,
+    )
+
+
+def relative_band(prediction: Prediction, machine: Machine) -> float:
+    """Band as a share of the deflection that the reference step makes, the widest output."""
+    size = np.zeros(len(machine.outputs))
+    for output, drive, modes in machine.followed:
+        size[output] += abs(machine.level[drive] * modes.dc_gain())
+    return float(np.max(np.array(prediction.band) / np.maximum(size, 1e-300)))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One point of a trade-off: the settings, the estimator and what it will do."""
+
+    settings: dict[str, float]
+    estimator: Estimator
+    prediction: Prediction
+    objective: float
+
+
+def design_kalman(
+    machine: Machine,
+    walk: float | None = None,
+    progress: Callable[[str], None] = lambda message: None,
+) -> list[Choice]:
+    """Kalman designs over random-walk rates; the chosen one has the smallest objective.
+
+    Rates run from 10⁻⁴ to 1 of the reference level per √s, the same share for every drive, and
+    are refined around the best.
+
+    Parameters
+    ----------
+    walk : float, optional
+        The one rate to use [share of the level per √s].
+    """
+
+    def at(share: float) -> Choice:
+        progress(f"kalman form, walk {share:.2g}")
+        estimator = machine.kalman([share * abs(level) for level in machine.level])
+        prediction = predict(estimator, machine)
+        return Choice(
+            {"walk_per_sqrt_s": share}, estimator, prediction, relative_band(prediction, machine)
+        )
+
+    if walk is not None:
+        return [at(walk)]
+    choices = [at(float(share)) for share in np.geomspace(1e-4, 1.0, 17)]
+    best = min(range(len(choices)), key=lambda k: choices[k].objective)
+    low, high = max(best - 1, 0), min(best + 1, len(choices) - 1)
+    first, last = (choices[k].settings["walk_per_sqrt_s"] for k in (low, high))
+    choices += [at(float(share)) for share in np.geomspace(first, last, 8)[1:-1]]
+    return sorted(choices, key=lambda choice: choice.settings["walk_per_sqrt_s"])
+
+
+def design_kernel(
+    machine: Machine,
+    pinned: Mapping[str, float] | None = None,
+    progress: Callable[[str], None] = lambda message: None,
+) -> list[Choice]:
+    """Kernel designs over the artificial delay; the chosen one has the smallest objective.
+
+    A, B, c, the filter's cutoff and the delay are searched by the simplex method from the best of
+    a space-filling sample; unstable and ringing inverses are outside. The other delays show the
+    trade-off of lag against noise around the best.
+
+    Parameters
+    ----------
+    pinned : mapping, optional
+        Any of ``A``, ``B``, ``c``, ``cutoff_Hz``, ``delay_s`` that are not to be searched.
+
+    Raises
+    ------
+    FitError
+        More than one sensor or drive, or no stable inverse without ringing.
+    """
+    # Slow to import, and the Kalman form needs none of it.
+    from scipy.stats import qmc
+
+    pinned = dict(pinned or {})
+    response = machine.single()
+    if pinned.keys() >= {"A", "B", "c"}:
+        # Says why, where the pinned shape has no usable inverse.
+        machine.kernel(
+            Regularization(pinned["A"], pinned["B"], pinned["c"]), 0.25 / machine.dt, 0.0
+        )
+    dc = response.dc_gain()
+    half = float(np.interp(0.5, response.step(machine.clock) / dc, machine.clock))
+
+    def settings(theta: Float) -> dict[str, float]:
+        """From logarithms of A·half/dc, B/(A c), c·half, cutoff·half and delay/half."""
+        A, B, c, cutoff, delay = np.exp(theta)
+        free = {
+            "A": A * dc / half,
+            "B": B * (A * dc / half) * (c / half),
+            "c": c / half,
+            "cutoff_Hz": min(cutoff / half, 0.25 / machine.dt),
+            "delay_s": delay * half,
+        }
+        return {name: float(pinned.get(name, value)) for name, value in free.items()}
+
+    def choice(values: dict[str, float]) -> Choice:
+        regularization = Regularization(values["A"], values["B"], values["c"])
+        estimator = machine.kernel(regularization, values["cutoff_Hz"], values["delay_s"])
+        prediction = predict(estimator, machine)
+        return Choice(values, estimator, prediction, relative_band(prediction, machine))
+
+    def objective(theta: Float) -> float:
+        try:
+            return choice(settings(theta)).objective
+        except FitError:
+            return OUTSIDE
+
+    if len(pinned) == 5:
+        return [choice(pinned)]
+    low = np.log([0.03, 0.05, 1.0, 2.0, 0.005])
+    high = np.log([2.0, 20.0, 20.0, 30.0, 0.25])
+    sample = low + (high - low) * qmc.Halton(5, scramble=False).random(400)[1:]
+    sizes = np.array([objective(theta) for theta in sample])
+    if np.min(sizes) == OUTSIDE:
+        raise FitError("no stable regularization without ringing was found; use --form kalman")
+    best = (OUTSIDE, sample[0])
+    for number, k in enumerate(np.argsort(sizes)[:3]):
+        progress(f"kernel form, start {number + 1} of 3")
+        found = minimize(
+            objective,
+            sample[k],
+            method="Nelder-Mead",
+            options={"maxfev": 250, "xatol": 0.02, "fatol": 1e-6},
+        )
+        best = min(best, (float(found.fun), found.x), key=lambda each: each[0])
+    values = settings(best[1])
+    shifts = (1.0,) if "delay_s" in pinned else (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
+    return [choice({**values, "delay_s": values["delay_s"] * shift}) for shift in shifts]
+
+
+def best_choice(choices: Sequence[Choice]) -> Choice:
+    """The one with the narrowest relative band."""
+    return min(choices, key=lambda each: each.objective)

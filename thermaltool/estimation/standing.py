@@ -1,0 +1,204 @@
+"""What the effects of a model do where readings come in and drives are unknown.
+
+Only effects without a log of their own stand: an accident of one log says nothing of the next.
+Sensor and wiring effects are taken back on the readings, and a sensor's lag joins its response;
+sources are known columns (`thermaltool.estimation.known`); structure effects bend the estimated
+deflection; drive effects are taken back on the estimated drive, or act on a measured one. What
+cannot be had in a stream is refused by name (`examine`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal, NoReturn
+
+import numpy as np
+
+from thermaltool.effects.effect import Effect
+from thermaltool.errors import ModelError
+from thermaltool.model import Model
+from thermaltool.record import Record
+from thermaltool.responses.modes import Float
+
+Static = Callable[[Float], Float | None]
+
+# For effects that look at the value of the moment alone.
+STILL = Record(np.zeros(1), {})
+# A curve is judged at so many points of the calibrated range.
+_POINTS = 201
+
+
+@dataclass(frozen=True)
+class Inlet:
+    """One column on its way into the estimator.
+
+    Attributes
+    ----------
+    column : str
+    rest : "first" or float
+        What counts as zero; "first" is the first value.
+    seen : (float, float) or None
+        What the calibration has seen of it, relative to rest; None where it is not in the model.
+    sensor : bool
+        Estimates rest on it; else it is a known column.
+    commanded : bool
+        It may stand still for as long as it likes.
+    back, ahead : tuple of callable
+        From a reading to the truth behind it, and from a measured drive to what acts.
+    """
+
+    column: str
+    rest: float | Literal["first"]
+    seen: tuple[float, float] | None
+    sensor: bool
+    commanded: bool = False
+    back: tuple[Static, ...] = ()
+    ahead: tuple[Static, ...] = ()
+
+
+def through(steps: Iterable[Static], values: Float) -> Float:
+    """`values` through one static step after the other."""
+    for step in steps:
+        passed = step(values)
+        assert passed is not None, "examined before"
+        values = passed
+    return values
+
+
+def standing(model: Model) -> tuple[Effect, ...]:
+    """The effects that are not confined to a log."""
+    return tuple(e for e in model.effects if e.log is None)
+
+
+def columns_of(model: Model) -> dict[str, str]:
+    """Where the reading of each output stands: its own column, unless plugs were swapped."""
+    stands = {o.channel: o.channel for o in model.outputs}
+    for effect in standing(model):
+        if effect.side == "wiring" and effect.partner in stands and effect.channel in stands:
+            a, b = effect.channel, effect.partner
+            stands[a], stands[b] = stands[b], stands[a]
+    return {sensor: column for column, sensor in stands.items()}
+
+
+def _sensor_effects(model: Model, sensor: str) -> list[Effect]:
+    return [e for e in standing(model) if e.side == "sensor" and e.channel == sensor]
+
+
+def lags_of(model: Model, sensor: str) -> list[float]:
+    """Time constants with which a sensor follows the truth [s]."""
+    return [e.lag for e in _sensor_effects(model, sensor) if e.lag > 0]
+
+
+def back_of(model: Model, sensor: str) -> tuple[Static, ...]:
+    """From a sensor's reading, relative to rest, to the truth behind it."""
+    return tuple(e.undone for e in reversed(_sensor_effects(model, sensor)) if not e.lag > 0)
+
+
+def ahead_of(model: Model, drive: str) -> tuple[Static, ...]:
+    """From a drive, relative to its reference, to what acts of it at once."""
+    return tuple(partial(e.drive, STILL) for e in _drive_effects(model, drive) if e.memoryless)
+
+
+def _drive_effects(model: Model, drive: str) -> list[Effect]:
+    return [e for e in standing(model) if e.side == "drive" and e.channel == drive]
+
+
+def _bent(effect: Effect, values: Float) -> Float:
+    return effect.output(effect.channel, {effect.channel: values}, STILL)
+
+
+def told_of(model: Model, estimate: str) -> tuple[Static, ...]:
+    """From an estimate to what is told: drives as they are logged, deflections as they bend."""
+    bends = [e for e in standing(model) if e.side == "structure" and e.channel == estimate]
+    acting = reversed(_drive_effects(model, estimate))
+    before = (e.undone for e in acting if e.undone(STILL.time) is not None)
+    return (*before, *(partial(_bent, e) for e in bends))
+
+
+def amplification(model: Model, sensor: str) -> float:
+    """Largest slope of the truth over the reading, in the calibrated range.
+
+    Raises
+    ------
+    ModelError
+        A reading does not say what is behind it.
+    """
+    static = [e for e in _sensor_effects(model, sensor) if not e.lag > 0]
+    if not static:
+        return 1.0
+    low, high = next(o.range for o in model.outputs if o.channel == sensor)
+    truth = np.linspace(min(low, 0.0), max(high, 0.0), _POINTS)
+    for effect in static:
+        if effect.undone(truth) is None:
+            refuse(effect, "no reading of a stream tells what is behind it")
+    reading = truth
+    for effect in static:
+        reading = effect.output(sensor, {sensor: reading}, STILL)
+    back = through(back_of(model, sensor), reading)
+    if not np.allclose(back, truth, rtol=0, atol=1e-6 * max(np.ptp(truth), 1e-12)):
+        refuse(static[-1], "two values give one reading within the calibrated range")
+    return float(np.max(np.abs(np.diff(truth) / np.diff(reading))))
+
+
+def examine(model: Model, measured: Sequence[str] = ()) -> tuple[str, ...]:
+    """What a user should know of the effects at run time; refuses what cannot be had there.
+
+    Parameters
+    ----------
+    measured : sequence of str
+        Drives that are read from the stream.
+
+    Raises
+    ------
+    ModelError
+        An effect that no estimator can follow, by name.
+    """
+    roles = {o.channel: o.role for o in model.outputs}
+    notes = []
+    for effect in standing(model):
+        name, channel = effect.name, effect.channel
+        if effect.event:
+            refuse(effect, "an accident that belongs to one log, which is not named")
+        if effect.side == "drive":
+            if channel in measured and not effect.memoryless:
+                refuse(effect, "not supported on a drive that is read from the stream")
+            if channel not in measured and effect.undone(STILL.time) is None:
+                notes.append(f"{channel}: the estimate is what acts, behind {name}")
+        elif effect.side == "source":
+            if not any(effect.path(output) for output in roles):
+                refuse(effect, "no column tells a stream of it")
+        elif effect.side == "structure":
+            if roles.get(channel) != "deflection" or not effect.memoryless:
+                refuse(effect, "supported only where it bends an estimated deflection at once")
+        elif effect.side == "sensor":
+            if roles.get(channel) == "deflection":
+                notes.append(f"{channel}: what is estimated is the truth, before {name}")
+            else:
+                amplification(model, channel)
+                _examine_order(model, channel)
+        elif effect.side == "wiring":
+            ends = {roles.get(channel), roles.get(effect.partner or "")}
+            if len(ends) > 1 or None in ends:
+                refuse(effect, f"{channel} and {effect.partner} are not two sensors of the model")
+            if ends == {"deflection"}:
+                notes.append(f"{channel}, {effect.partner}: estimated under their right names")
+    return tuple(notes)
+
+
+def _examine_order(model: Model, sensor: str) -> None:
+    """A lag behind a bent curve is not that of a linear response."""
+    bent = None
+    for effect in _sensor_effects(model, sensor):
+        if effect.lag > 0 and bent is not None:
+            refuse(effect, f"not supported behind {bent.name}")
+        if effect.lag <= 0:
+            one, two = (_bent(effect, np.array([x])) for x in (1.0, 2.0))
+            bent = bent if np.allclose(two, 2 * one) else effect
+
+
+def refuse(effect: Effect, why: str) -> NoReturn:
+    """Say by name which effect cannot be had, and why."""
+    place = f" of {effect.channel}" if effect.channel else ""
+    raise ModelError(f"the model's effect {effect.name}{place}: {why}")

@@ -1,0 +1,192 @@
+"""How many modes, which delays, and whether a record begins at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.network.data import Records
+from thermaltool.fitting.network.identify import MOST_MODES, identify_network, runs_of
+from thermaltool.fitting.network.model import Network
+from thermaltool.fitting.network.problem import Delays, Problem
+from thermaltool.fitting.network.search import THINNED, Found, search
+from thermaltool.fitting.transfer.choose import (
+    FITTED,
+    LARGEST_DELAY,
+    brief,
+    in_transient,
+    standing,
+)
+from thermaltool.fitting.transfer.colour import effective_share
+from thermaltool.fitting.transfer.data import Array
+from thermaltool.signals.agreement import Agreement
+
+# Delays and time constants are found in turn at most so often.
+ROUNDS = 5
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One number of modes.
+
+    Attributes
+    ----------
+    modes : int
+    fit_percent : tuple of float, one for each output
+        Free run over the part that was not fitted.
+    bic : float
+        Of all outputs on the part that was fitted.
+    score : float
+        Mean over the outputs of ln of the held-out error variance, with ln(N)/N for each
+        parameter; N are the rows that count, fewer where errors are coloured.
+    """
+
+    modes: int
+    fit_percent: tuple[float, ...]
+    bic: float
+    score: float
+
+
+def choose_modes(data: Records, delays: Delays) -> tuple[Candidate, ...]:
+    """Numbers of modes by what they predict of rows that were not fitted, the best first.
+
+    Raises
+    ------
+    FitError
+        No candidate fits.
+    """
+    data.check()
+    fitted, held = data.parted(FITTED)
+    found: list[tuple[Network, tuple[Agreement, ...]]] = []
+    problem: FitError | None = None
+    for modes in range(1, MOST_MODES + 1):
+        try:
+            network = identify_network(fitted, modes, delays)
+        except FitError as error:
+            problem = problem or error
+            continue
+        agreements = tuple(network.fit(held))
+        if all(np.isfinite(a.rmse) and a.rmse > 0 for a in agreements):
+            found.append((network, agreements))
+    if not found:
+        raise problem or FitError("no number of modes fits these data")
+    best = min(found, key=lambda each: _error(each[1]))[0]
+    rows = max(_share(best, held) * held.size, 2.0)
+    ranked = (_judged(network, agreements, fitted, rows) for network, agreements in found)
+    return tuple(sorted(ranked, key=lambda c: c.score))
+
+
+def _error(agreements: tuple[Agreement, ...]) -> float:
+    """Mean over the outputs of ln of the error variance."""
+    return float(np.mean([2 * np.log(a.rmse) for a in agreements]))
+
+
+def _judged(
+    network: Network, agreements: tuple[Agreement, ...], fitted: Records, rows: float
+) -> Candidate:
+    p, modes = len(network.shares), len(network.lags)
+    parameters = (modes + sum(s.parameters - modes for s in network.shares)) / p
+    score = _error(agreements) + parameters * float(np.log(rows)) / rows
+    bic = 2 * network.criterion + p * parameters * float(np.log(fitted.size))
+    return Candidate(modes, tuple(a.fit_percent for a in agreements), bic, score)
+
+
+def _share(network: Network, held: Records) -> float:
+    """Share of the rows that count as independent, in the mean over the outputs."""
+    computed = [network.simulate(s) for s in held.spans]
+    shares = []
+    for k in range(len(network.shares)):
+        errors = [s.outputs[k] - y[k] for s, y in zip(held.spans, computed, strict=True)]
+        runs = [run for error in errors for run in runs_of(error)]
+        shares.append(effective_share(runs) if runs else 1.0)
+    return float(np.mean(shares))
+
+
+def choose_delays(data: Records) -> Delays:
+    """Dead time of every output behind every input, in whole sample periods.
+
+    By the loss of modes whose time constants stand, the other delays held, until none changes;
+    then all together by a period, with the time constants searched again.
+    """
+    data.check()
+    stride = max(1, data.size // THINNED)
+    longest = max(len(s) for s in data.spans)
+    tried = (data.dt * np.arange(1 + min(LARGEST_DELAY, max(4, longest // 8)))).tolist()
+    delays: Delays = tuple((0.0,) * len(data.names) for _ in data.targets)
+    score, best = _leanest(Problem(data, delays, stride))
+    for _ in range(ROUNDS):
+        before = delays
+        delays = tuple(
+            _own_delays(Problem(data.only(k), (own,), stride), best.lags, tried)
+            for k, own in enumerate(delays)
+        )
+        if delays != before:
+            score, best = _leanest(Problem(data, delays, stride))
+        moved = [_shifted(delays, step) for step in (-data.dt, data.dt)]
+        for other in moved:
+            price, found = _leanest(Problem(data, other, stride))
+            if price < score:
+                delays, score, best = other, price, found
+        if delays == before:
+            break
+    return delays
+
+
+def _own_delays(problem: Problem, lags: Array, tried: list[float]) -> tuple[float, ...]:
+    """Of one output, input by input."""
+    own = list(problem.delays[0])
+    for i in range(len(own)):
+        losses = []
+        for delay in tried:
+            own[i] = delay
+            losses.append(replace(problem, delays=(tuple(own),)).mean_square(lags)[0])
+        own[i] = tried[int(np.argmin(losses))]
+    return tuple(own)
+
+
+def _shifted(delays: Delays, step: float) -> Delays:
+    return tuple(tuple(max(delay + step, 0.0) for delay in own) for own in delays)
+
+
+def _leanest(problem: Problem) -> tuple[float, Found]:
+    """Of one to three modes those of least BIC: a delay stands for modes that are missing."""
+    found = []
+    outputs, inputs = len(problem.delays), len(problem.data.names)
+    rows = sum(problem.rows(k) for k in range(outputs))
+    for modes in (1, 2, 3):
+        try:
+            each = search(problem, modes)
+        except FitError:
+            break
+        found.append((2 * each.criterion + modes * (1 + outputs * inputs) * np.log(rows), each))
+    if not found:
+        raise FitError("no mode fits these data")
+    return min(found, key=lambda pair: pair[0])
+
+
+def started(data: Records) -> Records:
+    """The records from rest, unless a free state at the start describes some output clearly better.
+
+    The rule is that of transfer functions (`transfer.choose.started`), with shared modes.
+    """
+    data.check()
+    if brief(data.spans):
+        return data
+    if all(standing(data.of(k)) for k in range(len(data.targets))):
+        return data.from_rest()
+    none: Delays = tuple((0.0,) * len(data.names) for _ in data.targets)
+    losses: list[list[float]] = []
+    for each in (data.from_rest(), data):
+        problem = Problem(each, none)
+        rows = min(problem.rows(k) for k in range(len(data.targets)))
+        if rows <= problem.linear_count(3) + 3:
+            return data
+        found = _leanest(problem)[1]
+        losses.append([f.loss / f.rows for f in found.projected])
+    errors = list(problem.errors(found.lags, found.projected))
+    for k, (rest, free) in enumerate(zip(*losses, strict=True)):
+        if in_transient(rest, free, [run for o, _, e in errors if o == k for run in runs_of(e)]):
+            return data
+    return data.from_rest()

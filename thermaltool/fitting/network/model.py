@@ -1,0 +1,203 @@
+"""Shared first-order modes: what they mean for every output, and how sure they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermaltool.fitting.network.data import Records, Span
+from thermaltool.fitting.network.problem import Delays, driven, known
+from thermaltool.fitting.transfer.data import Array, Zero
+from thermaltool.fitting.transfer.output_error import solve
+from thermaltool.responses import Response
+from thermaltool.responses.modes import Hold
+from thermaltool.responses.rational import KINDS
+from thermaltool.signals.agreement import Agreement, agreement
+from thermaltool.signals.criteria import Criteria
+from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
+
+# An interval from a to more than this times a says that the data do not tell the mode.
+UNTOLD = 10.0
+
+
+@dataclass(frozen=True)
+class Share:
+    """One output of a network: its weights of the shared modes.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Inputs.
+    target : str
+    dt : float [s]
+    lags : ndarray, shape (N,) [s], the slowest first
+    weights : ndarray, shape (m, N)
+        Steady state of each mode per unit of each input.
+    delays : tuple of float, one for each input [s]
+    offsets : tuple of float, one for each experiment
+        Output at inputs of zero.
+    sigma2 : float [unit²]
+        Variance of the errors.
+    covariance : ndarray, shape (N + m · N, N + m · N)
+        Of the logarithms of the time constants, then of the weights input by input.
+    rows : int
+    parameters : int
+    loss : float [unit²]
+    method : str
+    """
+
+    names: tuple[str, ...]
+    target: str
+    dt: float
+    lags: Array
+    weights: Array
+    delays: tuple[float, ...]
+    offsets: tuple[float, ...]
+    sigma2: float
+    covariance: Array
+    rows: int
+    parameters: int
+    loss: float
+    method: str
+
+    @property
+    def modes(self) -> int:
+        return len(self.lags)
+
+    @property
+    def criteria(self) -> Criteria:
+        return Criteria.of_squares(self.loss, self.rows, self.parameters)
+
+    def time_constants(self) -> tuple[Estimate, ...]:
+        """With intervals that are symmetric in the logarithm [s]."""
+        found = []
+        for tau, variance in zip(self.lags.tolist(), np.diag(self.covariance), strict=False):
+            found.append(log_normal_estimate(tau, math.sqrt(max(float(variance), 0.0))))
+        return tuple(found)
+
+    def weight(self, k: int) -> tuple[Estimate, ...]:
+        """Of input k in every mode."""
+        at = self.modes * (1 + k)
+        variances = np.diag(self.covariance)[at : at + self.modes]
+        errors = np.sqrt(np.maximum(variances, 0.0))
+        return tuple(
+            normal_estimate(float(w), float(error))
+            for w, error in zip(self.weights[k], errors, strict=True)
+        )
+
+    def gain(self, k: int) -> Estimate:
+        """Steady state of the output per unit of input k: the sum of its weights."""
+        at = slice(self.modes * (1 + k), self.modes * (2 + k))
+        error = math.sqrt(max(float(self.covariance[at, at].sum()), 0.0))
+        return normal_estimate(float(self.weights[k].sum()), error)
+
+    def named(self) -> Iterator[tuple[str, Estimate]]:
+        """Time constants and weights by the names of the model file, input by input."""
+        for j, e in enumerate(self.time_constants()):
+            yield f"tau{j + 1}", e
+        for k, name in enumerate(self.names):
+            own = f"[{name}]" if len(self.names) > 1 else ""
+            for j, e in enumerate(self.weight(k)):
+                yield f"K{j + 1}{own}", e
+
+    def response(self, k: int) -> Response:
+        """The way of input k, for a model document."""
+        values = {f"tau{j + 1}": float(tau) for j, tau in enumerate(self.lags)}
+        values |= {f"K{j + 1}": float(w) for j, w in enumerate(self.weights[k])}
+        response: Response = KINDS[self.modes, 0](**values, delay=self.delays[k])
+        return response
+
+    def response_covariance(self, k: int) -> tuple[Array, tuple[str, ...]]:
+        """Of the parameters of `response`, and their names."""
+        n = self.modes
+        place = np.r_[0:n, n * (1 + k) : n * (2 + k)]
+        scale = np.concatenate([self.lags, np.ones(n)])
+        names = (*(f"tau{j + 1}" for j in range(n)), *(f"K{j + 1}" for j in range(n)))
+        return self.covariance[np.ix_(place, place)] * np.outer(scale, scale), names
+
+
+@dataclass(frozen=True)
+class Network:
+    """All outputs, and what a free run needs.
+
+    Attributes
+    ----------
+    shares : tuple of Share, one for each output
+    holds : tuple of "zero" or "first"
+        Of each input.
+    levels : ndarray, shape (experiments, m)
+        Inputs about which each experiment was fitted, and
+    zeros : ndarray, shape (p, experiments)
+        the outputs where they stand for ever.
+    converged : bool
+    criterion : float
+        ½ Σ n ln(loss/n) over the outputs.
+    """
+
+    shares: tuple[Share, ...]
+    holds: tuple[Hold, ...]
+    levels: Array
+    zeros: Array
+    converged: bool
+    criterion: float
+
+    @property
+    def lags(self) -> Array:
+        return self.shares[0].lags
+
+    @property
+    def delays(self) -> Delays:
+        return tuple(s.delays for s in self.shares)
+
+    def untold(self) -> tuple[Estimate, ...]:
+        """Time constants that the data leave open."""
+        each = self.shares[0].time_constants()
+        return tuple(e for e in each if e.high > UNTOLD * e.low)
+
+    def simulate(self, span: Span, zero: Zero = "fitted") -> Array:
+        """Free run over a span; the state at its start is estimated from it.
+
+        Parameters
+        ----------
+        span : Span
+        zero : Zero
+
+        Returns
+        -------
+        y : ndarray, shape (p, n)
+            NaN where a delayed input is not in the record.
+        """
+        at = span.origin if zero == "fitted" else 0
+        result = np.full((len(self.shares), len(span)), np.nan)
+        decays = np.exp(-span.time / self.lags[:, None])
+        for k, share in enumerate(self.shares):
+            modes = driven(span, self.levels[at], self.lags, share.delays, self.holds)
+            y = share.weights.ravel() @ modes + self.zeros[k, at]
+            if zero == "mean":
+                y += np.mean(share.offsets) - share.offsets[at]
+            there = known(span, share.delays)
+            judged = there & np.isfinite(span.outputs[k])
+            free = [] if span.at_rest else [decays]
+            columns = np.vstack([*free, *([np.ones((1, len(y)))] if zero == "free" else [])] or
+                                [np.zeros((0, len(y)))])  # fmt: skip
+            if len(columns) and int(judged.sum()) > len(columns):
+                own = columns[:, judged]
+                left = span.outputs[k][judged] - y[judged]
+                y = y + solve(own @ own.T, own @ left) @ columns
+            result[k] = np.where(there, y, np.nan)
+        return result
+
+    def fit(self, data: Records, zeros: Sequence[Zero] | None = None) -> list[Agreement]:
+        """How far the free run of every output is from it over all spans."""
+        computed = self.run(data, zeros)
+        return [agreement(data.output(k), computed[k]) for k in range(len(self.shares))]
+
+    def run(self, data: Records, zeros: Sequence[Zero] | None = None) -> Array:
+        """Free runs over all spans in a row, shape (p, n); a zero for each output."""
+        fitted: list[Zero] = ["fitted"]
+        each = zeros or fitted * len(self.shares)
+        runs = {z: np.hstack([self.simulate(s, z) for s in data.spans]) for z in set(each)}
+        return np.array([runs[z][k] for k, z in enumerate(each)])

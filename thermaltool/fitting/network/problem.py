@@ -1,0 +1,270 @@
+"""The problem y_o = Σ_ij K_oij u_i(t − L_oi)/(τ_j s + 1) + offset + Σ_j a_oj e^(−t/τ_j) + noise.
+
+For given time constants all else is linear and the same for every output: gains, one offset for
+each experiment, the decay of every mode from an unknown state. It is projected out (variable
+projection, Golub and Pereyra 1973); one pass over the rows leaves sums from which the loss of every
+output and its slopes by the logarithms of the time constants follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.fitting.network.data import Records, Span
+from thermaltool.fitting.transfer.data import Array
+from thermaltool.fitting.transfer.output_error import solve
+from thermaltool.responses.delay import DelayedModes
+from thermaltool.responses.modes import Hold, Modes
+
+Index = NDArray[np.intp]
+Delays = tuple[tuple[float, ...], ...]
+# A loss below this share of the signal is rounding.
+EXACT = 1e-13
+
+
+def driven(
+    span: Span, levels: Array, lags: Array, delays: Sequence[float], holds: Sequence[Hold],
+    slopes: bool = False, stride: int = 1,
+) -> Array:  # fmt: skip
+    """Every mode with a steady state of 1, driven by every input relative to `levels`.
+
+    An input is taken to have stood at its first value before the record; what that is wrong by
+    decays like the mode itself.
+
+    Parameters
+    ----------
+    span : Span
+    levels : ndarray, shape (m,)
+    lags : ndarray, shape (N,) [s]
+    delays : sequence of float, one for each input [s]
+    holds : sequence of "zero" or "first"
+    slopes : bool
+        The derivatives by ln τ instead: 1/(τs + 1)² − 1/(τs + 1).
+    stride : int
+        Every so many rows are kept.
+
+    Returns
+    -------
+    ndarray, shape (m · N, rows kept)
+    """
+    rows = []
+    for u, level, delay, hold in zip(span.inputs, levels, delays, holds, strict=True):
+        moved, stood = u - u[0], 0.0 if slopes else u[0] - level
+        for tau in lags.tolist():
+            pole = np.array([-1 / tau], complex)
+            weight = np.array([(-1 if slopes else 1) / tau], complex)
+            double = np.array([1 / tau**2 if slopes else 0.0])
+            modes = (DelayedModes(pole, weight, double, delay) if delay
+                     else Modes(pole, weight, double))  # fmt: skip
+            rows.append(modes.run(span.time, moved, hold)[::stride] + stood)
+    return np.array(rows)
+
+
+def known(span: Span, delays: Sequence[float]) -> NDArray[np.bool_]:
+    """Rows whose delayed inputs are in the record, or before it known to stand still."""
+    return np.asarray((span.time >= max(delays)) | span.at_rest)
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums over the rows of one output.
+
+    Attributes
+    ----------
+    gram : ndarray, shape (S, S)
+        Of the columns: gains, offsets, decays, then the slopes of gains and decays.
+    cross : ndarray, shape (S,)
+        Of the columns with the output.
+    power : float
+    rows : int
+    """
+
+    gram: Array
+    cross: Array
+    power: float
+    rows: int
+
+
+@dataclass(frozen=True)
+class Projected:
+    """One output with its linear parameters projected out.
+
+    Attributes
+    ----------
+    linear : ndarray, shape (L,)
+        Gains (input by input), offsets, decays.
+    loss : float
+        Sum of its squared errors.
+    rows : int
+    by_lags : ndarray, shape (L, N)
+        How `linear` follows the logarithms of the time constants, with opposite sign.
+    gram, reduced : ndarray, shape (L, L), (N, N)
+        Of the linear columns; of what they leave of the slopes by ln τ.
+    pull : ndarray, shape (N,)
+        Of those slopes with the error.
+    """
+
+    linear: Array
+    loss: float
+    rows: int
+    by_lags: Array
+    gram: Array
+    reduced: Array
+    pull: Array
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Records and delays.
+
+    Attributes
+    ----------
+    data : Records
+    delays : tuple of tuple of float, for each output one for each input [s]
+    stride : int
+        Every so many rows count; the modes are followed over all.
+    """
+
+    data: Records
+    delays: Delays
+    stride: int = 1
+
+    def free(self) -> list[int]:
+        """Which span has which decays: its place among those in an unknown state, or −1."""
+        counts = np.cumsum([not s.at_rest for s in self.data.spans]) - 1
+        return [-1 if s.at_rest else int(k) for s, k in zip(self.data.spans, counts, strict=True)]
+
+    def linear_count(self, modes: int) -> int:
+        unknown = sum(not s.at_rest for s in self.data.spans)
+        return modes * (len(self.data.names) + unknown) + self.data.origins
+
+    def rows(self, k: int) -> int:
+        """Rows of output k that count."""
+        return sum(int(there[k].sum()) for there in map(self.there, self.data.spans))
+
+    def there(self, span: Span) -> NDArray[np.bool_]:
+        """Which of every `stride` rows count for each output, shape (p, rows)."""
+        kept = np.isfinite(span.outputs)
+        for k, delays in enumerate(self.delays):
+            kept[k] &= known(span, delays)
+        return kept[:, :: self.stride]
+
+    def centres(self) -> Array:
+        """Mean of every output in every experiment, shape (p, origins)."""
+        found = np.zeros((len(self.delays), self.data.origins))
+        for origin in range(self.data.origins):
+            own = [s.outputs for s in self.data.spans if s.origin == origin]
+            values = np.hstack(own) if own else np.zeros((len(self.delays), 0))
+            for k, y in enumerate(values):
+                there = np.isfinite(y)
+                found[k, origin] = float(np.mean(y[there])) if there.any() else 0.0
+        return found
+
+    def columns(self, span: Span, lags: Array, delays: Sequence[float], slopes: bool) -> Array:
+        """Of every `stride` rows of a span: gains, offset, decays, the slopes where wanted."""
+        way = lags, delays, self.data.holds
+        levels, time = self.data.levels()[span.origin], span.time[:: self.stride]
+        parts = [driven(span, levels, *way, stride=self.stride), np.ones((1, len(time)))]
+        passed = time / lags[:, None] if not span.at_rest else np.zeros((0, len(time)))
+        parts.append(np.exp(-passed))
+        if slopes:
+            parts.append(driven(span, levels, *way, slopes=True, stride=self.stride))
+            parts.append(passed * np.exp(-passed))
+        return np.vstack(parts)
+
+    def places(self, modes: int, slopes: bool) -> list[Index]:
+        """Where the columns of each span stand among all."""
+        gains, origins = modes * len(self.data.names), self.data.origins
+        linear, found = self.linear_count(modes), []
+        for span, free in zip(self.data.spans, self.free(), strict=True):
+            own = np.arange(0 if free < 0 else modes) + modes * max(free, 0)
+            offset = np.array([gains + span.origin])
+            place = [np.arange(gains), offset, gains + origins + own]
+            if slopes:
+                place += [linear + np.arange(gains), linear + gains + own]
+            found.append(np.concatenate(place).astype(np.intp))
+        return found
+
+    def sums(self, lags: Array, slopes: bool = True) -> list[Sums]:
+        """Of every output; outputs with the same delays and rows share one matrix."""
+        n, p = len(lags), len(self.delays)
+        linear = self.linear_count(n)
+        size = 2 * linear - self.data.origins if slopes else linear
+        grams: dict[tuple[bytes, ...], Array] = {}
+        keys: list[list[bytes]] = [[] for _ in range(p)]
+        cross, power, rows = np.zeros((p, size)), np.zeros(p), np.zeros(p, int)
+        centres, parts = self.centres(), []
+        for span, place in zip(self.data.spans, self.places(n, slopes), strict=True):
+            there, columns = self.there(span), {}
+            products: dict[bytes, Array] = {}
+            for k, delays in enumerate(self.delays):
+                if delays not in columns:
+                    columns[delays] = self.columns(span, lags, delays, slopes)
+                key = repr(delays).encode() + np.packbits(there[k]).tobytes()
+                kept = columns[delays] if there[k].all() else columns[delays][:, there[k]]
+                if key not in products:
+                    products[key] = kept @ kept.T
+                y = span.outputs[k, :: self.stride][there[k]] - centres[k, span.origin]
+                cross[k, place] += kept @ y
+                power[k] += float(y @ y)
+                rows[k] += len(y)
+                keys[k].append(key)
+            parts.append((place, products))
+        for each in map(tuple, keys):
+            if each not in grams:
+                whole = np.zeros((size, size))
+                for own, (place, products) in zip(each, parts, strict=True):
+                    whole[np.ix_(place, place)] += products[own]
+                grams[each] = whole
+        return [Sums(grams[tuple(keys[k])], cross[k], float(power[k]), int(rows[k]))
+                for k in range(p)]  # fmt: skip
+
+    def mean_square(self, lags: Array) -> list[float]:
+        """Error of every output for given time constants [unit²]."""
+        sums = self.sums(lags, slopes=False)
+        losses = [s.power - float(s.cross @ solve(s.gram, s.cross)) for s in sums]
+        return [loss / max(s.rows, 1) for loss, s in zip(losses, sums, strict=True)]
+
+    def project(self, lags: Array) -> list[Projected]:
+        """Every output for given time constants."""
+        n = len(lags)
+        linear, gains = self.linear_count(n), n * len(self.data.names)
+        inner, outer = slice(0, linear), slice(linear, None)
+        found = []
+        for s in self.sums(lags):
+            G, g = s.gram[inner, inner], s.cross[inner]
+            # A slope by ln τ_j: those of its gains and decays, by their sizes.
+            c = solve(G, g)
+            sizes = np.concatenate([c[:gains], c[gains + self.data.origins :]])
+            turn = np.zeros((len(sizes), n))
+            turn[np.arange(len(sizes)), np.arange(len(sizes)) % n] = sizes
+            across = s.gram[inner, outer] @ turn
+            by_lags = solve(G, across)
+            reduced = turn.T @ s.gram[outer, outer] @ turn - across.T @ by_lags
+            pull = turn.T @ s.cross[outer] - across.T @ c
+            loss = max(s.power - float(g @ c), EXACT * s.power, 1e-300)
+            found.append(Projected(c, loss, s.rows, by_lags, G, reduced, pull))
+        return found
+
+    def errors(self, lags: Array, found: Sequence[Projected]) -> Iterator[tuple[int, int, Array]]:
+        """For each output and span: (output, span, its errors, NaN where no row counts)."""
+        centres = self.centres()
+        for j, (span, place) in enumerate(
+            zip(self.data.spans, self.places(len(lags), False), strict=True)
+        ):
+            there, seen = self.there(span), dict.fromkeys(self.delays)
+            columns = {delays: self.columns(span, lags, delays, slopes=False) for delays in seen}
+            for k, delays in enumerate(self.delays):
+                computed = found[k].linear[place] @ columns[delays]
+                error = span.outputs[k, :: self.stride] - centres[k, span.origin] - computed
+                yield k, j, np.where(there[k], error, np.nan)
+
+
+def criterion(found: Sequence[Projected] | Sequence[tuple[float, int]]) -> float:
+    """½ Σ n ln(loss/n): the likelihood of outputs whose noise is not known."""
+    pairs = [(f.loss, f.rows) if isinstance(f, Projected) else f for f in found]
+    return float(sum(0.5 * n * np.log(loss / n) for loss, n in pairs if n))

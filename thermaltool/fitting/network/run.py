@@ -1,0 +1,133 @@
+"""All outputs from their records to a network that is judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from thermaltool.fitting.network.choose import (
+    Candidate,
+    choose_delays,
+    choose_modes,
+    started,
+)
+from thermaltool.fitting.network.data import Records
+from thermaltool.fitting.network.identify import identify_network
+from thermaltool.fitting.network.model import Network
+from thermaltool.fitting.network.residuals import network_tests
+from thermaltool.fitting.transfer.choose import first_that_fits
+from thermaltool.fitting.transfer.continuation import Continued
+from thermaltool.fitting.transfer.judge import judged, rests, zero_of
+from thermaltool.fitting.transfer.residuals import ResidualTests
+from thermaltool.fitting.transfer.run import Initial
+from thermaltool.signals.agreement import Agreement
+
+
+@dataclass(frozen=True)
+class SharedPlan:
+    """What is wanted.
+
+    Attributes
+    ----------
+    modes : int or None
+        None: chosen by held-out data.
+    delay : float [s] or "auto"
+        Dead time of every input and output; "auto" finds each.
+    initial, split
+        As in `thermaltool.fitting.transfer.run.Plan`.
+    """
+
+    modes: int | None = None
+    delay: float | Literal["auto"] = 0.0
+    initial: Initial = "auto"
+    split: float | None = None
+
+
+@dataclass(frozen=True)
+class Shared:
+    """A network, identified and judged.
+
+    Attributes
+    ----------
+    network : Network
+    data : Records
+        What it was fitted to.
+    training, validation : tuple of Agreement, one for each output
+        Of free runs; `validation` is None where no data were kept for it.
+    improvement : tuple of float, or None
+        As in `Identified`, of each output [%].
+    tests : tuple of ResidualTests
+    candidates : tuple of Candidate, or None
+        Where the number of modes was chosen.
+    """
+
+    network: Network
+    data: Records
+    training: tuple[Agreement, ...]
+    validation: tuple[Agreement, ...] | None
+    improvement: tuple[float, ...] | None
+    tests: tuple[ResidualTests, ...]
+    candidates: tuple[Candidate, ...] | None
+
+    def ways(self, k: int) -> tuple[Continued, ...]:
+        """Of output k, as a model document takes them: they are continuous as they are."""
+        share = self.network.shares[k]
+        return tuple(
+            Continued(share.response(i), 0.0, *share.response_covariance(i))
+            for i in range(len(share.names))
+        )
+
+
+def run_shared(data: Records, plan: SharedPlan, fresh: Records | None = None) -> Shared:
+    """Fit and judge one network for all outputs.
+
+    Parameters
+    ----------
+    data : Records
+    plan : SharedPlan
+    fresh : Records, optional
+        Of another log, for validation.
+
+    Raises
+    ------
+    FitError
+        As `identify_network` and `judged`; no number of modes fits.
+    """
+    held = fresh
+    if plan.split is not None:
+        data, held = data.parted(plan.split)
+    if plan.initial != "free":
+        data = data.from_rest() if plan.initial == "rest" else started(data)
+    network, candidates = _fitted(data, plan)
+    validation = gained = None
+    if held is not None:
+        validation, gained = _validated(network, held, fresh is not None)
+    return Shared(network, data, tuple(network.fit(data)), validation, gained,
+                  tuple(network_tests(network, data)), candidates)  # fmt: skip
+
+
+def _fitted(data: Records, plan: SharedPlan) -> tuple[Network, tuple[Candidate, ...] | None]:
+    data.check()
+    if plan.delay == "auto":
+        delays = choose_delays(data)
+    else:
+        delays = tuple((plan.delay,) * len(data.names) for _ in data.targets)
+    if plan.modes is not None:
+        return identify_network(data, plan.modes, delays), None
+    candidates = choose_modes(data, delays)
+    modes = (c.modes for c in candidates)
+    return first_that_fits(modes, lambda n: identify_network(data, n, delays)), candidates
+
+
+def _validated(
+    network: Network, held: Records, other_log: bool
+) -> tuple[tuple[Agreement, ...], tuple[float, ...]]:
+    zeros = tuple(zero_of(target, other_log) for target in held.targets)
+    fits, gains = [], []
+    for k, (share, y) in enumerate(zip(network.shares, network.run(held, zeros), strict=True)):
+        outputs = [s.outputs[k] for s in held.spans]
+        rest = rests(held.spans, outputs, zeros[k], share.offsets)
+        fit, gain = judged(share.target, held.spans, outputs, y, rest, share.modes)
+        fits.append(fit)
+        gains.append(gain)
+    return tuple(fits), tuple(gains)

@@ -1,0 +1,130 @@
+"""A discrete transfer function as responses in continuous time, for the model document."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import ModelError
+from thermaltool.fitting.transfer.data import Array
+from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.responses import Response
+from thermaltool.responses.modes import Hold
+from thermaltool.responses.rational import KINDS
+
+# The steps of both forms are compared over so many slowest time constants, and samples at most.
+SPAN, MOST = 8, 20000
+# Poles nearer to each other than this share of their size are one pole, twice; a pair with a
+# smaller imaginary part than that is two or three real poles, to rounding.
+TWICE, ROUNDED = 1e-3, 1e-2
+
+
+@dataclass(frozen=True)
+class Continued:
+    """One input's way to the output in continuous time.
+
+    Attributes
+    ----------
+    response : Response
+    mismatch : float
+        Largest difference of the step responses at the samples, as a share of the largest value.
+        Zero to rounding where the discrete form is a sampled continuous one.
+    covariance : ndarray, or None
+        Of the response's parameters, in the order of `names`, where it was found in this form.
+    names : tuple of str
+    """
+
+    response: Response
+    mismatch: float
+    covariance: Array | None = None
+    names: tuple[str, ...] = ()
+
+
+def continued(model: TransferModel, k: int, hold: Hold) -> Continued:
+    """The response of input k: poles z → ln z/dt, gains by least squares on the step.
+
+    Parameters
+    ----------
+    model : TransferModel
+    k : int
+    hold : "zero" or "first"
+        Of the input between samples. A held input reaches the next sample first: of nk samples
+        of delay one is the sampling's own.
+
+    Raises
+    ------
+    ModelError
+        A pole without an equivalent, or one that does not settle; more poles than a kind holds,
+        no denominator.
+    """
+    poles = model.poles(model.group_of(k))
+    place = f"{model.names[k]} → {model.target}"
+    for z in poles:
+        _continues(z, place)
+    s = _apart(np.asarray(np.log(poles) / model.dt, complex))
+    real, pairs = s[s.imag == 0].real, s[s.imag > 0]
+    cls = KINDS.get((len(real), len(pairs)))
+    if cls is None:
+        raise ModelError(f"{place}: no kind of response has {len(real)} lags and {len(pairs)} "
+                         "oscillations")  # fmt: skip
+    searched = {f"tau{i + 1}": float(-1 / p) for i, p in enumerate(real)}
+    for p in pairs:
+        searched |= {"omega": float(abs(p)), "zeta": float(-p.real / abs(p))}
+    lead = 1 if hold == "zero" else 0
+    delay = max(model.orders.nk[k] - lead, 0) * model.dt
+    samples = int(min(SPAN * max(-1 / s.real) / model.dt + model.orders.first + 10, MOST))
+    time, u = model.dt * np.arange(samples), np.ones(samples)
+    u[0] = 0.0
+    wanted = _alone(model, k, u)
+    shapes = []
+    for name in cls.gains:
+        gains = {other: float(other == name) for other in cls.gains}
+        shapes.append(cls(**searched, **gains, delay=delay).modes(model.dt).run(time, u, hold))
+    rows = np.array(shapes)
+    gains_found = np.linalg.lstsq(rows.T, wanted, rcond=1e-12)[0]
+    left = np.max(np.abs(wanted - gains_found @ rows)) / np.max(np.abs(wanted))
+    named = {name: float(g) for name, g in zip(cls.gains, gains_found, strict=True)}
+    return Continued(cls(**searched, **named, delay=delay), float(left))
+
+
+def _continues(z: complex, place: str) -> None:
+    """Refuse a pole that no response has (ModelError)."""
+    told = f"{z.real:.4g}" if z.imag == 0 else f"{z.real:.4g} ± {abs(z.imag):.4g}j"
+    if abs(z) >= 1:
+        raise ModelError(
+            f"{place}: a pole at z = {told} does not settle: the data look unstable or "
+            "integrating, a model file needs a steady state"
+        )
+    if z.imag == 0 and z.real <= 0:
+        raise ModelError(
+            f"{place}: a pole at z = {told} has no equivalent in continuous time: take a lower "
+            "order"
+        )
+
+
+def oscillates(z: complex) -> bool:
+    """Whether a pole is one of a pair; a pair to rounding is two real poles (`_apart`)."""
+    return bool(z.imag != 0 and abs(np.log(z).imag) >= ROUNDED * abs(np.log(z)))
+
+
+def _apart(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Poles with those drawn apart that are twice there: no kind has a double pole.
+
+    Critical damping comes out of a search over real poles, to rounding as a pair or as one value.
+    """
+    parted = s.copy()
+    for k in range(len(s) - 1):
+        here, after = parted[k], parted[k + 1]
+        gap, turned = abs(here - after) / abs(here), here.imag != 0 or after.imag != 0
+        if gap < 2 * (ROUNDED if turned else TWICE):
+            middle = float((here + after).real) / 2
+            parted[k], parted[k + 1] = middle * (1 - TWICE), middle * (1 + TWICE)
+    return parted
+
+
+def _alone(model: TransferModel, k: int, u: Array) -> Array:
+    inputs = np.zeros((len(model.names), len(u)))
+    inputs[k] = u
+    return model.respond(inputs)

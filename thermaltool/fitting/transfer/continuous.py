@@ -1,0 +1,258 @@
+"""OE in continuous time by simplified refined instrumental variables (SRIVC; Young 2011, 8).
+
+The same search as in discrete time with the filters s^j/A(s) in place of lags: those of an input
+are exact between its samples (held or joined by lines), those of the output join it by lines. Time
+counts in samples within the search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.transfer.data import Array, Data
+from thermaltool.fitting.transfer.identify import check_orders, coloured_gram
+from thermaltool.fitting.transfer.model import TransferModel, decay
+from thermaltool.fitting.transfer.output_error import Orders, Problem, inverse_of
+from thermaltool.fitting.transfer.polynomials import partial_fractions
+from thermaltool.fitting.transfer.search import overdamped, search
+from thermaltool.responses.modes import Hold
+from thermaltool.signals.intervals import Estimate, normal_estimate, standard_error
+
+# A constant coefficient of A(s) below this is that of a pole at zero, s in 1/samples.
+SLOWEST = 1e-30
+
+
+@dataclass(frozen=True)
+class ContinuousProblem(Problem):
+    """Denominators A(s) = s^n + a1 s^(n−1) + ... + an, as (1, a1, ..., an), s in 1/samples.
+
+    Attributes
+    ----------
+    holds : tuple of "zero" or "first"
+        Of each input.
+    """
+
+    holds: tuple[Hold, ...] = ()
+
+    def recursion(self, f: Array) -> Array:
+        return np.asarray(np.poly(np.exp(np.roots(f))).real)
+
+    def start(self, lags: Array) -> Array:
+        return np.asarray(np.poly(-1 / np.asarray(lags, float)).real)
+
+    def only(self, inputs: Sequence[int], data: Data, orders: Orders) -> ContinuousProblem:
+        holds = tuple(self.holds[i] for i in inputs)
+        return replace(self, data=data, orders=orders, holds=holds)
+
+    def parts(self, lags: Array, nb: int) -> Array:
+        return partial_fractions(-1.0 / lags, range(nb))
+
+    def numerators(self, u: Array, f: Array, i: int, out: Array) -> None:
+        n = len(u) - self.orders.first
+        # A held input reaches the next sample first: the filter has that sample in it.
+        begin = self.orders.first - self.orders.nk[i] + (self.holds[i] == "zero")
+        numerators, denominator = sampled(f, self.holds[i])
+        for j, row in enumerate(out):
+            row[:] = lfilter(numerators[j], denominator, u)[begin : begin + n]
+
+    def _follow(self, x: Array, f: Array, out: Array) -> None:
+        numerators, denominator = sampled(f, "first")
+        for j, row in enumerate(out):
+            row[:] = -lfilter(numerators[len(out) - 1 - j], denominator, x)
+
+    def step_between(self, f: Array, after: Array) -> Array:
+        return (after - f)[1:]
+
+    def moved(self, F: Sequence[Array], step: Array) -> tuple[Array, ...]:
+        result, at = [], 0
+        for f in F:
+            n = len(f) - 1
+            after = np.concatenate([[1.0], f[1:] + step[at : at + n]])
+            if np.isfinite(after).all():
+                poles = np.roots(after)
+                after = np.poly(np.where(poles.real > 0, -poles.conj(), poles)).real
+            result.append(after)
+            at += n
+        return tuple(result)
+
+
+@dataclass(frozen=True)
+class ContinuousModel(TransferModel):
+    """B(s)/A(s) of each input, A = s^n + a1 s^(n−1) + ... + an, B = b0 + b1 s + ...
+
+    `B` and `F` are its exact discrete form; `orders` those of B(s) and A(s).
+
+    Attributes
+    ----------
+    theta : ndarray, shape (p,)
+        All a, then all b, s in 1/samples; `covariance` is theirs.
+    """
+
+    theta: Array = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def coefficients(self) -> Array:
+        return self.theta * self.dt**self.seconds
+
+    @property
+    def coefficient_covariance(self) -> Array:
+        scale = self.dt**self.seconds
+        return self.covariance * np.outer(scale, scale)
+
+    @property
+    def seconds(self) -> Array:
+        """A(s) is divided by dt^n where s is in 1/s, and so is B(s)."""
+        o = self.orders
+        a = [-np.arange(1.0, n + 1) for n in o.nf]
+        b = [np.arange(float(nb)) - n for nb, n in zip(o.nb, o.nf, strict=True)]
+        return np.concatenate([*a, *b])
+
+    def _denominator(self, group: int) -> tuple[slice, Array]:
+        """Where its coefficients stand, and A(s)."""
+        start = sum(self.orders.nf[:group])
+        own = slice(start, start + self.orders.nf[group])
+        return own, np.concatenate([[1.0], self.theta[own]])
+
+    def _rates(self, group: int) -> NDArray[np.complex128]:
+        """Roots of A(s), the slowest first."""
+        s = np.roots(self._denominator(group)[1]).astype(complex)
+        return s[np.argsort(-s.real, kind="stable")]
+
+    def poles(self, group: int = 0) -> Array:
+        return np.asarray(np.exp(self._rates(group)))
+
+    def time_constants(self, group: int = 0) -> tuple[Estimate, ...]:
+        own, _ = self._denominator(group)
+        rates, block = self._rates(group), self.covariance[own, own]
+        found, n = [], len(rates)
+        for k, s in enumerate(rates):
+            # A(s) = 0: ∂s/∂a_j = −s^(n−j)/Π(s − others).
+            others = np.prod(s - np.delete(rates, k))
+            slope = -(s ** np.arange(n - 1.0, -1.0, -1.0)) / (others or 1e-300)
+            found.append(decay(float(s.real), slope.real, block, self.dt))
+        return tuple(found)
+
+    def gain(self, k: int) -> Estimate:
+        o = self.orders
+        last = sum(o.nf[: k + 1]) - 1
+        first = sum(o.nf) + sum(o.nb[:k])
+        value = float(self.theta[first] / self.theta[last])
+        slope = np.zeros(len(self.theta))
+        slope[first], slope[last] = 1 / self.theta[last], -value / self.theta[last]
+        return normal_estimate(value, standard_error(slope, self.covariance))
+
+    def labels(self) -> list[str]:
+        own = [f"[{name}]" if len(self.names) > 1 else "" for name in self.names]
+        a = [f"a{j + 1}{x}" for x, n in zip(own, self.orders.nf, strict=True) for j in range(n)]
+        b = [f"b{j}{x}" for x, nb in zip(own, self.orders.nb, strict=True) for j in range(nb)]
+        return [*a, *b]
+
+
+def sampled(f: Array, hold: Hold) -> tuple[Array, Array]:
+    """s^j/A(s), j = 0 ... n−1, over one sample: numerators (n, n + 1), denominator (n + 1).
+
+    By the exponential of the companion matrix with the input's own course (Van Loan 1978).
+    """
+    n = len(f) - 1
+    whole = np.zeros((n + 2, n + 2))
+    whole[: n - 1, 1:n] = np.eye(n - 1)
+    whole[n - 1, :n] = -f[:0:-1]
+    whole[n - 1, n] = whole[n, n + 1] = 1.0
+    M = expm(whole)
+    A, held, ramp = M[:n, :n], M[:n, n], M[:n, n + 1]
+    before, now = (held, np.zeros(n)) if hold == "zero" else (held - ramp, ramp)
+    denominator = np.poly(A).real
+    markov, x = [now], before + A @ now
+    for _ in range(n):
+        markov.append(x)
+        x = A @ x
+    h = np.array(markov).T
+    numerators = np.array([np.convolve(row, denominator)[: n + 1] for row in h])
+    return numerators, np.asarray(denominator)
+
+
+def identify_continuous(
+    data: Data, orders: Orders, holds: Sequence[Hold], real: bool = False
+) -> TransferModel:
+    """A model in continuous time, given as its exact discrete form.
+
+    Parameters
+    ----------
+    data : Data
+    orders : Orders
+        nb coefficients of B(s), at most nf; nk samples of delay, of which a held input has one.
+    holds : sequence of "zero" or "first"
+    real : bool
+        Real poles only.
+
+    Raises
+    ------
+    FitError
+        nb above nf, nf of zero, a held input without delay; as `search`.
+    """
+    data.check()
+    check_orders(data, orders)
+    if any(b > f for b, f in zip(orders.nb, orders.nf, strict=True)):
+        raise FitError("in continuous time nb is at most nf: the response has no direct part")
+    for name, nk, hold in zip(data.names, orders.nk, holds, strict=True):
+        if hold == "zero" and nk < 1:
+            raise FitError(f"{name} is held between samples: its delay nk is at least 1")
+    problem = ContinuousProblem(data.padded(orders.first), orders, holds=tuple(holds))
+    found = search(problem)
+    if real:
+        found = overdamped(problem, found)
+    here = found.projection if found.projection.rows else problem.project(found.F)
+    slopes = problem.slopes(found.F, here, mixed=False)
+    sigma2 = slopes.loss / max(problem.rows - slopes.searched - problem.linear_count, 1)
+    own = orders.parameters
+    inverse = inverse_of(slopes.gram)
+    middle = coloured_gram(problem, found, slopes.gram, sigma2)
+    covariance = (inverse @ middle @ inverse)[:own, :own]
+    theta = np.concatenate([*(f[1:] for f in found.F), here.linear[: sum(orders.nb)]])
+    F, B = _discrete(theta, orders, holds)
+    edge = sum(orders.nb)
+    for f in found.F:
+        if not f[-1] > SLOWEST:
+            raise FitError("the fit has a pole at 0, it integrates: take a lower order")
+    starts = sum(orders.nf) + np.cumsum([0, *orders.nb[:-1]])
+    gains = theta[starts] / np.array([f[-1] for f in found.F])
+    return ContinuousModel(
+        "oe",
+        data.names,
+        data.target,
+        data.dt,
+        orders,
+        B,
+        F,
+        tuple((here.linear[edge : edge + data.origins] - data.levels() @ gains).tolist()),
+        data.levels(),
+        tuple(here.linear[edge : edge + data.origins].tolist()),
+        sigma2,
+        covariance,
+        found.method + " in continuous time",
+        found.converged,
+        problem.rows,
+        max(slopes.loss, 1e-300),
+        theta=theta,
+    )
+
+
+def _discrete(
+    theta: Array, orders: Orders, holds: Sequence[Hold]
+) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """F(q) and B(q) of every input, one denominator each."""
+    F, B, at, on = [], [], 0, sum(orders.nf)
+    for n, nb, hold in zip(orders.nf, orders.nb, holds, strict=True):
+        numerators, denominator = sampled(np.concatenate([[1.0], theta[at : at + n]]), hold)
+        b = theta[on : on + nb] @ numerators[:nb]
+        F.append(denominator)
+        B.append(b[1:] if hold == "zero" else b)
+        at, on = at + n, on + nb
+    return tuple(F), tuple(B)

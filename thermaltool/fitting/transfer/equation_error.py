@@ -1,0 +1,191 @@
+"""ARX and ARMAX: F(q) y = Σ B(q) u + offset + C(q) e, all inputs over one denominator.
+
+ARX is linear. ARMAX starts from the errors of a long ARX model in place of e (Hannan and Rissanen)
+and goes on by damped Gauss-Newton on the one-step error (Ljung 1999, 10.2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.transfer.data import Array, Data, Stretch
+from thermaltool.fitting.transfer.output_error import Orders, solve
+from thermaltool.fitting.transfer.polynomials import difference_basis, stabilized
+
+# The long ARX model that stands in for the noise has so many times the orders.
+LONG = 5
+
+
+@dataclass(frozen=True)
+class Regression:
+    """What an equation-error fit found.
+
+    Attributes
+    ----------
+    F, C : ndarray
+    numerators : tuple of ndarray
+    constants : tuple of float
+        F(1)·offset of each experiment.
+    gram : ndarray
+        Of the slopes of the error by (F, B, C) in differences, constants.
+    loss : float
+    rows : int
+    converged : bool
+    steps : int
+    """
+
+    F: Array
+    C: Array
+    numerators: tuple[Array, ...]
+    constants: tuple[float, ...]
+    gram: Array
+    loss: float
+    rows: int
+    converged: bool = True
+    steps: int = 0
+
+
+def arx(data: Data, orders: Orders) -> Regression:
+    """ARX by least squares."""
+    return _step(data, orders, 0, None)
+
+
+def armax(data: Data, orders: Orders, nc: int, most: int = 50) -> Regression:
+    """ARMAX by Gauss-Newton from two regressions."""
+    longer = min(LONG * max(orders.nf[0], nc, 2), max(2, data.longest // 10))
+    long_orders = Orders(orders.nb, (max(longer, orders.nf[0]),), orders.nk, orders.groups)
+    long = arx(data, long_orders)
+    noise = [_errors(s, long_orders, long) for s in data.stretches]
+    here = _step(data, orders, nc, noise)
+    here = _evaluated(data, orders, here)
+    damping = 1e-3
+    for k in range(1, most + 1):
+        gram, score = _slopes(data, orders, here)
+        while True:
+            step = solve(gram + damping * np.diag(np.diag(gram)), score)
+            there = _evaluated(data, orders, _moved(here, orders, step, data.origins))
+            if there.loss < here.loss or damping > 1e8:
+                break
+            damping *= 10
+        if not here.loss - there.loss > 1e-4 * here.loss / here.rows:
+            return _finished(data, orders, here, True, k)
+        here, damping = there, max(damping / 10, 1e-12)
+    return _finished(data, orders, here, False, most)
+
+
+def _finished(data: Data, orders: Orders, r: Regression, converged: bool, k: int) -> Regression:
+    gram, _ = _slopes(data, orders, r)
+    return Regression(r.F, r.C, r.numerators, r.constants, gram, r.loss, r.rows, converged, k)
+
+
+def _first(orders: Orders) -> int:
+    return max(orders.first, orders.nf[0])
+
+
+def _rows(s: Stretch, orders: Orders, y: Array, inputs: Array, one: Array) -> list[Array]:
+    """Columns of F and B in differences, and the constant, on the rows that count."""
+    first = _first(orders)
+    n = len(s) - first
+    rows = []
+    lag = y
+    for j in range(orders.nf[0]):
+        if j:
+            lag = np.diff(lag)
+        rows.append(-lag[first - 1 - j : first - 1 - j + n])
+    for u, nb, nk in zip(inputs, orders.nb, orders.nk, strict=True):
+        for j in range(nb):
+            if j:
+                u = np.diff(u)
+            rows.append(u[first - nk - j : first - nk - j + n])
+    rows.append(one[first:])
+    return rows
+
+
+def _lags(e: Array, count: int) -> list[Array]:
+    return [np.concatenate([np.zeros(j), e[: len(e) - j]]) for j in range(1, count + 1)]
+
+
+def _place(orders: Orders, nc: int, origin: int) -> NDArray[np.intp]:
+    own = orders.parameters
+    parts = np.arange(own), [own + nc + origin], own + np.arange(nc)
+    return np.concatenate(parts).astype(np.intp)
+
+
+def _step(data: Data, orders: Orders, nc: int, noise: list[Array] | None) -> Regression:
+    """One linear regression; `noise` stands for e where C is wanted."""
+    size = orders.parameters + nc + data.origins
+    gram, right, power, rows_seen = np.zeros((size, size)), np.zeros(size), 0.0, 0
+    for k, s in enumerate(data.stretches):
+        first = _first(orders)
+        if len(s) <= first + 1:
+            continue
+        X = _rows(s, orders, s.output, s.inputs, np.ones(len(s)))
+        if noise is not None:
+            X += [lag[first:] for lag in _lags(noise[k], nc)]
+        Z, y, place = np.array(X), s.output[first:], _place(orders, nc, s.origin)
+        gram[np.ix_(place, place)] += Z @ Z.T
+        right[place] += Z @ y
+        power += float(y @ y)
+        rows_seen += len(y)
+    if rows_seen <= size:
+        raise FitError(f"{rows_seen} rows are too few for {size} parameters")
+    theta = solve(gram, right)
+    loss = max(power - float(theta @ right), 1e-30 * power)
+    start = Regression(np.eye(1, orders.nf[0] + 1)[0], np.eye(1, nc + 1)[0],
+                       tuple(np.zeros(b) for b in orders.nb), (0.0,) * data.origins,
+                       gram, loss, rows_seen)  # fmt: skip
+    return _moved(start, orders, theta, data.origins)
+
+
+def _moved(r: Regression, orders: Orders, step: Array, origins: int) -> Regression:
+    n, at = orders.nf[0], orders.nf[0]
+    F = np.concatenate([[1.0], r.F[1:] + step[:n] @ difference_basis(n)])
+    B = []
+    for b in r.numerators:
+        B.append(b + step[at : at + len(b)] @ difference_basis(len(b)))
+        at += len(b)
+    nc = len(r.C) - 1
+    C = stabilized(np.concatenate([[1.0], r.C[1:] + step[at : at + nc]]))
+    constants = tuple(np.add(r.constants, step[at + nc : at + nc + origins]).tolist())
+    return Regression(F, C, tuple(B), constants, r.gram, r.loss, r.rows)
+
+
+def _errors(s: Stretch, orders: Orders, r: Regression) -> Array:
+    """One-step errors e on every row, zero before the first that counts."""
+    first = _first(orders)
+    if len(s) <= first:
+        return np.zeros(len(s))
+    error = lfilter(r.F, [1.0], s.output) - r.constants[s.origin]
+    for u, b, nk in zip(s.inputs, r.numerators, orders.nk, strict=True):
+        error = error - lfilter(np.concatenate([np.zeros(nk), b]), [1.0], u)
+    result = np.zeros(len(s))
+    result[first:] = lfilter([1.0], r.C, error[first:])
+    return result
+
+
+def _evaluated(data: Data, orders: Orders, r: Regression) -> Regression:
+    """With the loss of the one-step errors."""
+    loss = sum(float(np.sum(_errors(s, orders, r) ** 2)) for s in data.stretches)
+    return Regression(r.F, r.C, r.numerators, r.constants, r.gram, loss, r.rows)
+
+
+def _slopes(data: Data, orders: Orders, r: Regression) -> tuple[Array, Array]:
+    nc = len(r.C) - 1
+    size = orders.parameters + nc + data.origins
+    gram, score, first = np.zeros((size, size)), np.zeros(size), _first(orders)
+    for s in data.stretches:
+        if len(s) <= first + 1:
+            continue
+        e = _errors(s, orders, r)
+        rows = [lfilter([1.0], r.C, x) for x in
+                _rows(s, orders, s.output, s.inputs, np.ones(len(s)))]  # fmt: skip
+        rows += [lag[first:] for lag in _lags(lfilter([1.0], r.C, e), nc)]
+        Z, place = np.array(rows), _place(orders, nc, s.origin)
+        gram[np.ix_(place, place)] += Z @ Z.T
+        score[place] += Z @ e[first:]
+    return gram, score

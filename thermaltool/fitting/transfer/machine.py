@@ -1,0 +1,153 @@
+"""Identified transfer functions as a model document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from thermaltool.effects.dynamics import hold_of
+from thermaltool.errors import ModelError
+from thermaltool.fitting.transfer.continuation import Continued
+from thermaltool.fitting.transfer.data import Array, Data, Stretch
+from thermaltool.model import Drive, Model, Output, Role, Term, relative
+from thermaltool.record import Record
+from thermaltool.signals.agreement import Agreement, agreement
+from thermaltool.signals.intervals import Estimate
+from thermaltool.units import parse_channel
+
+Reference = float | Literal["first"]
+
+
+class Identity(Protocol):
+    """What the document takes of an identified model of one output."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def target(self) -> str: ...
+    @property
+    def dt(self) -> float: ...
+    @property
+    def offsets(self) -> tuple[float, ...]: ...
+    @property
+    def method(self) -> str: ...
+    def gain(self, k: int) -> Estimate: ...
+
+
+def machine(
+    found: Sequence[tuple[Identity, Sequence[Continued | str], Agreement, Data]],
+    reference: Reference | None,
+    provenance: Mapping[str, Any],
+) -> Model:
+    """All outputs with their terms in continuous time.
+
+    Parameters
+    ----------
+    found : sequence of (model, its inputs in continuous time, training fit, training data)
+    reference : "first", float or None
+        What counts as no drive; None is "first" for an absolute temperature and 0 otherwise.
+
+    Raises
+    ------
+    ModelError
+        A term that has no form in continuous time.
+    """
+    drives: dict[str, Drive] = {}
+    outputs, terms = [], []
+    for model, ways, training, data in found:
+        for k, name in enumerate(model.names):
+            rest = _reference(name, reference)
+            drives[name] = Drive(name, hold_of(name), rest, _extent(data, k, rest))
+        for name, way in zip(model.names, ways, strict=True):
+            if isinstance(way, str):
+                raise ModelError(way)
+            terms.append(Term(name, model.target, way.response, way.covariance, way.names))
+        outputs.append(_output(model, training, data, drives))
+    return Model(tuple(drives.values()), tuple(outputs), tuple(terms),
+                 found[0][0].dt, provenance)  # fmt: skip
+
+
+def in_use(model: Model, data: Data, clocks: Sequence[Array] | None = None) -> Agreement:
+    """How far the model document, from rest, is from the output of `data`.
+
+    That is what ``simulate`` gives: it takes every log to begin at rest, where a fit may have
+    estimated the state.
+
+    Parameters
+    ----------
+    model : Model
+    data : Data
+        Of one of its outputs; the first stretch of each experiment counts.
+    clocks : sequence of ndarray [s], optional
+        Of every stretch, where it is not even.
+    """
+    times = [data.dt * np.arange(0.0, len(s)) for s in data.stretches] if clocks is None else clocks
+    begins = {s.origin: (t, s) for t, s in zip(reversed(times), reversed(data.stretches),
+                                               strict=True)}  # fmt: skip
+    output = next(o for o in model.outputs if o.channel == data.target)
+    measured, computed = [], []
+    for time, s in begins.values():
+        columns = dict(zip(data.names, s.inputs, strict=True))
+        computed.append(model.simulate(Record(time, columns))[data.target])
+        measured.append(relative(s.output, output.offset))
+    return agreement(np.concatenate(measured), np.concatenate(computed))
+
+
+def _reference(channel: str, given: Reference | None) -> Reference:
+    if given is not None:
+        return given
+    return "first" if parse_channel(channel).dimension == "temperature" else 0.0
+
+
+def _extent(data: Data, k: int, rest: Reference) -> tuple[float, float]:
+    return _range([s.inputs[k] for s in data.stretches],
+                  _rests([s.inputs[k] for s in _begun(data)], rest))  # fmt: skip
+
+
+def _begun(data: Data) -> list[Stretch]:
+    """For each stretch the one that its experiment begins with."""
+    first = {s.origin: s for s in reversed(data.stretches)}
+    return [first[s.origin] for s in data.stretches]
+
+
+def _rests(begun: Sequence[Array], rest: Reference) -> list[float]:
+    return [float(values[0]) if rest == "first" else rest for values in begun]
+
+
+def _range(values: Sequence[Array], rests: Sequence[float]) -> tuple[float, float]:
+    moved = np.concatenate([v - rest for v, rest in zip(values, rests, strict=True)])
+    return float(moved.min()), float(moved.max())
+
+
+def _output(
+    model: Identity, training: Agreement, data: Data, drives: Mapping[str, Drive]
+) -> Output:
+    """The output with its value at rest: what the offset and the drives at rest give.
+
+    A displacement has no zero of its own, and a drive that starts from anywhere leaves none.
+    """
+    arbitrary = parse_channel(model.target).dimension in ("length", "angle")
+    rests = [drives[name].reference for name in model.names]
+    offset: Reference = "first"
+    if not arbitrary and "first" not in rests:
+        gains = [model.gain(k).value for k in range(len(model.names))]
+        moved = sum(g * float(r) for g, r in zip(gains, rests, strict=True))
+        offset = float(np.mean(model.offsets)) + moved
+    role: Role = "deflection" if arbitrary else "sensor"
+    return Output(
+        model.target,
+        role,
+        offset,
+        _range(
+            [s.output for s in data.stretches], _rests([s.output for s in _begun(data)], offset)
+        ),
+        {
+            "rmse": training.rmse,
+            "max_error": training.max_error,
+            "fit_percent": training.fit_percent,
+            "rows": training.rows,
+            "method": model.method,
+        },
+    )

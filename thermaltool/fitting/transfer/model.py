@@ -1,0 +1,266 @@
+"""An identified transfer function: its polynomials, what they mean, and how sure they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.signal import lfilter
+
+from thermaltool.fitting.transfer.data import Array, Data, Stretch, Zero
+from thermaltool.fitting.transfer.output_error import Orders, free_responses, solve
+from thermaltool.fitting.transfer.polynomials import difference_basis
+from thermaltool.signals.agreement import Agreement, agreement
+from thermaltool.signals.criteria import Criteria
+from thermaltool.signals.intervals import (
+    Estimate,
+    log_normal_estimate,
+    normal_estimate,
+    standard_error,
+)
+
+
+@dataclass(frozen=True)
+class TransferModel:
+    """y(k) = Σ_i B_i(q)/F_i(q) u_i(k − nk_i) + offset + noise, sampled at dt.
+
+    Attributes
+    ----------
+    structure : {"oe", "bj", "arx", "armax"}
+        The noise is white, (C/D) white, (1/F) white, (C/F) white.
+    names : tuple of str
+        Inputs.
+    target : str
+        Output.
+    dt : float [s]
+    orders : Orders
+    B : tuple of ndarray
+        Numerator of each input, from its first coefficient after the delay on.
+    F : tuple of ndarray
+        Denominator of each group of inputs, leading 1 included.
+    C, D : ndarray
+        Noise polynomials, leading 1 included.
+    offsets : tuple of float, one for each experiment
+    levels : ndarray, shape (experiments, m)
+        Inputs about which each experiment was fitted, and
+    zeros : tuple of float
+        its output where they stand for ever; `offsets` are those of inputs of zero.
+    sigma2 : float [unit²]
+        Variance of the white noise.
+    covariance : ndarray, shape (p, p)
+        Of all F − 1 = q^-1 Σ d_j (1 − q^-1)^j, then of all B = Σ c_j (1 − q^-1)^j: in differences,
+        where gains and slow poles are not small differences of large numbers.
+    method : str
+    converged : bool
+    rows : int
+        Samples that count.
+    loss : float [unit²]
+        Sum of the squared one-step errors.
+    """
+
+    structure: str
+    names: tuple[str, ...]
+    target: str
+    dt: float
+    orders: Orders
+    B: tuple[Array, ...]
+    F: tuple[Array, ...]
+    offsets: tuple[float, ...]
+    levels: Array
+    zeros: tuple[float, ...]
+    sigma2: float
+    covariance: Array
+    method: str
+    converged: bool
+    rows: int
+    loss: float
+    C: Array = field(default_factory=lambda: np.ones(1))
+    D: Array = field(default_factory=lambda: np.ones(1))
+
+    def group_of(self, k: int) -> int:
+        """Which denominator belongs to input k."""
+        return next(g for g, inputs in enumerate(self.orders.groups) if k in inputs)
+
+    def denominator(self, k: int) -> Array:
+        return self.F[self.group_of(k)]
+
+    @property
+    def coefficients(self) -> Array:
+        """Of all F without their 1, then of all B."""
+        return np.concatenate([*(f[1:] for f in self.F), *self.B])
+
+    @property
+    def seconds(self) -> Array:
+        """Powers of a second in the units of the `coefficients`: none by lags."""
+        return np.zeros(len(self.coefficients))
+
+    @property
+    def coefficient_covariance(self) -> Array:
+        """Of the `coefficients`, shape (p, p)."""
+        turn = _lag_map(self.orders)
+        return turn @ self.covariance @ turn.T
+
+    @property
+    def parameters(self) -> int:
+        """Coefficients of all polynomials and the offsets."""
+        return len(self.coefficients) + len(self.C) + len(self.D) - 2 + len(self.offsets)
+
+    @property
+    def criteria(self) -> Criteria:
+        return Criteria.of_squares(self.loss, self.rows, self.parameters)
+
+    def yic(self, variance: float) -> float:
+        """ln(σ²/σ²_y) + ln(mean of p_ii/θ_i²) for an output of this `variance` (Young 2011)."""
+        share = np.diag(self.coefficient_covariance) / np.maximum(self.coefficients**2, 1e-300)
+        # A candidate of too high an order can have variances below rounding.
+        return float(np.log(self.sigma2 / variance) + np.log(max(float(np.mean(share)), 1e-300)))
+
+    def respond(self, inputs: Array) -> Array:
+        """Noise-free output from rest, without the offset; inputs (m, n) before the record: zero.
+
+        Parameters
+        ----------
+        inputs : ndarray, shape (m, n)
+        """
+        y = np.zeros(inputs.shape[1])
+        for k, (b, nk) in enumerate(zip(self.B, self.orders.nk, strict=True)):
+            numerator = np.concatenate([np.zeros(nk), b])
+            y += lfilter(numerator, self.denominator(k), inputs[k])
+        return y
+
+    def simulate(self, stretch: Stretch, zero: Zero = "fitted") -> Array:
+        """Free run over a stretch; the state at its start is estimated from it.
+
+        Parameters
+        ----------
+        stretch : Stretch
+        zero : Zero
+
+        Returns
+        -------
+        y : ndarray, shape (n,)
+            NaN on the first rows, whose inputs are not all in the record.
+        """
+        # About the levels of the fit: slow poles make gains too large to be taken off again.
+        at = stretch.origin if zero == "fitted" else 0
+        settled = self.respond(stretch.inputs - self.levels[at][:, None]) + self.zeros[at]
+        if zero == "mean":
+            settled += np.mean(self.offsets) - self.offsets[at]
+        if stretch.at_rest:
+            left = stretch.output - settled
+            return settled + (float(np.mean(left)) if zero == "free" else 0.0)
+        first = self.orders.first
+        y = np.full(len(stretch), np.nan)
+        if len(stretch) <= self.orders.shortest:
+            return y
+        inner = settled[first:]
+        columns = [r for f in self.F for r in free_responses(f, len(inner))]
+        if zero == "free":
+            columns.append(np.ones(len(inner)))
+        if columns:
+            rows = np.array(columns)
+            left = stretch.output[first:] - inner
+            inner = inner + solve(rows @ rows.T, rows @ left) @ rows
+        y[first:] = inner
+        return y
+
+    def run(self, data: Data, zero: Zero = "fitted") -> Array:
+        """Free runs over all stretches in a row."""
+        return np.concatenate([self.simulate(s, zero) for s in data.stretches])
+
+    def fit(self, data: Data, zero: Zero = "fitted") -> Agreement:
+        """How far the free run is from the output over all stretches."""
+        return agreement(data.output(), self.run(data, zero))
+
+    def errors(self, data: Data) -> Iterator[tuple[Stretch, Array]]:
+        """One-step errors, white where the model holds, of each stretch that is long enough.
+
+        They end with the stretch and begin after the rows that its start takes.
+        """
+        equation = self.structure in ("arx", "armax")
+        for s in data.stretches:
+            if len(s) <= self.orders.shortest and not (s.at_rest and not equation):
+                continue
+            if equation:
+                error = s.output - self.respond(s.inputs) - self.offsets[s.origin]
+                error = lfilter(self.F[0], [1.0], error)[self.orders.first + len(self.F[0]) - 1 :]
+                yield s, np.asarray(lfilter([1.0], self.C, error))
+            else:
+                error = (s.output - self.simulate(s))[0 if s.at_rest else self.orders.first :]
+                yield s, np.asarray(lfilter(self.D, self.C, error))
+
+    def poles(self, group: int = 0) -> Array:
+        """Roots of a denominator in z, the slowest first."""
+        z = np.roots(self.F[group]).astype(complex)
+        return z[np.argsort(-np.abs(z), kind="stable")]
+
+    def time_constants(self, group: int = 0) -> tuple[Estimate, ...]:
+        """−dt/ln|z| of every pole, the slowest first, with intervals by the delta method [s].
+
+        Of a pair it is the decay of its envelope. The interval is symmetric in the logarithm.
+        """
+        start = sum(len(f) - 1 for f in self.F[:group])
+        poles = self.poles(group)
+        n = len(poles)
+        block = self.covariance[start : start + n, start : start + n]
+        found = []
+        for k, z in enumerate(poles):
+            # z^n F(z) = 0: ∂z/∂d_j = −z^(n−1) (1 − 1/z)^j/Π(z − others); ln|z| changes by the real
+            # part of ∂z/z.
+            others = np.prod(z - np.delete(poles, k))
+            change = -(z ** (n - 2.0)) * (1 - 1 / z) ** np.arange(n) / (others or 1e-300)
+            found.append(decay(math.log(max(abs(z), 1e-300)), change.real, block, self.dt))
+        return tuple(found)
+
+    def gain(self, k: int) -> Estimate:
+        """Steady state of the output per unit of input k, B(1)/F(1)."""
+        g = self.group_of(k)
+        b, f = self.B[k], self.F[g]
+        value = float(b.sum() / f.sum())
+        # F(1) = 1 + d_0, B(1) = c_0.
+        at_b = sum(len(each) - 1 for each in self.F) + sum(len(each) for each in self.B[:k])
+        slope = np.zeros(len(self.covariance))
+        if len(f) > 1:
+            slope[sum(len(each) - 1 for each in self.F[:g])] = -value / f.sum()
+        slope[at_b] = 1 / f.sum()
+        return normal_estimate(value, standard_error(slope, self.covariance))
+
+    def named(self) -> Iterator[tuple[str, Estimate]]:
+        """Every coefficient by name, with its 95 % interval."""
+        errors = np.sqrt(np.maximum(np.diag(self.coefficient_covariance), 0.0))
+        for label, value, error in zip(self.labels(), self.coefficients, errors, strict=True):
+            yield label, normal_estimate(float(value), float(error))
+
+    def labels(self) -> list[str]:
+        """Names of the `coefficients`."""
+        letter = "a" if self.structure in ("arx", "armax") else "f"
+        several = len(self.names) > 1
+        labels = []
+        for group, f in zip(self.orders.groups, self.F, strict=True):
+            own = f"[{self.names[group[0]]}]" if len(self.F) > 1 else ""
+            labels += [f"{letter}{j}{own}" for j in range(1, len(f))]
+        for name, b, nk in zip(self.names, self.B, self.orders.nk, strict=True):
+            labels += [f"b{nk + j}" + (f"[{name}]" if several else "") for j in range(len(b))]
+        return labels
+
+
+def _lag_map(orders: Orders) -> Array:
+    """From parameters in differences to those by lags: denominators, then numerators."""
+    return np.asarray(block_diag(*(difference_basis(n).T for n in (*orders.nf, *orders.nb))))
+
+
+def decay(rate: float, slope: Array, covariance: Array, dt: float) -> Estimate:
+    """The time constant −dt/rate of a pole [s], its interval symmetric in the logarithm.
+
+    Parameters
+    ----------
+    rate : float
+        Real part of the pole in s, per sample: ln|z|.
+    slope : ndarray
+        Of the rate, in parameters of this covariance.
+    """
+    tau = -dt / min(rate, -1e-16)
+    return log_normal_estimate(tau, standard_error(slope, covariance) * tau / dt)

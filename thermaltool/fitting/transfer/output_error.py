@@ -1,0 +1,350 @@
+"""The output-error problem y = Σ B/F u + offset + what is left of the start + noise.
+
+For given denominators F everything else is linear and is projected out: numerators, one offset for
+each experiment and, within each stretch, the free responses of F from an unknown state. What
+remains is searched by two kinds of step that share all their filters:
+
+- refined instrumental variables (SRIV; Young 2011, chapter 7): the equation is filtered by 1/F,
+  y = −ΔF·y/F + B·u/F + e, and the lags of y, which carry noise, are correlated with those of the
+  noise-free output;
+- Gauss-Newton on the prediction error: the same with the noise-free output on both sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from thermaltool.fitting.transfer.data import Array, Data, Stretch
+from thermaltool.fitting.transfer.polynomials import (
+    difference_basis,
+    from_lags,
+    partial_fractions,
+    stabilized,
+)
+
+# Directions of the normal equations below this share of the largest are left out.
+RANK = 1e-13
+
+
+@dataclass(frozen=True)
+class Orders:
+    """Orders of one model.
+
+    Attributes
+    ----------
+    nb, nk : tuple of int
+        For each input: coefficients of B, and samples of delay before the first.
+    nf : tuple of int
+        Order of each denominator: one for each group of inputs.
+    groups : tuple of tuple of int
+        Inputs that share a denominator.
+    """
+
+    nb: tuple[int, ...]
+    nf: tuple[int, ...]
+    nk: tuple[int, ...]
+    groups: tuple[tuple[int, ...], ...]
+
+    @cached_property
+    def first(self) -> int:
+        """First row whose inputs are all in the record."""
+        return max(b + k for b, k in zip(self.nb, self.nk, strict=True)) - 1
+
+    @cached_property
+    def shortest(self) -> int:
+        """A stretch of no more rows says nothing: its start takes them."""
+        return self.first + sum(self.nf) + 1
+
+    @cached_property
+    def parameters(self) -> int:
+        return sum(self.nb) + sum(self.nf)
+
+
+@dataclass(frozen=True)
+class Projection:
+    """The linear parameters for given denominators.
+
+    Attributes
+    ----------
+    linear : ndarray
+        Numerators (in differences), offsets.
+    loss : float [unit²]
+        Sum of the squared errors.
+    free : tuple of ndarray
+        For each used stretch the weights of its free responses.
+    rows : tuple of ndarray
+        For each used stretch its columns, each a row: room for those of the denominators, then
+        its numerators, its offset and its free responses.
+    """
+
+    linear: Array
+    loss: float
+    free: tuple[Array, ...] = ()
+    rows: tuple[Array, ...] = field(default=(), compare=False, repr=False)
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Sums over all rows that a step needs, the free responses of each stretch projected out.
+
+    Attributes
+    ----------
+    gram, mixed : ndarray, shape (p, p)
+        Of the instruments with themselves and with the regressors that carry the noise.
+    score : ndarray, shape (p,)
+        Of the instruments with the error.
+    loss : float
+    searched : int
+        How many of the p belong to the denominators; they come first.
+    """
+
+    gram: Array
+    mixed: Array
+    score: Array
+    loss: float
+    searched: int
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One data set and one choice of orders.
+
+    Attributes
+    ----------
+    whitening : (ndarray, ndarray) or None
+        D and C: all rows pass D/C first, where the noise is (C/D) white (RIV).
+    """
+
+    data: Data
+    orders: Orders
+    whitening: tuple[Array, Array] | None = None
+    _basis: dict[int, Array] = field(default_factory=dict, compare=False)
+
+    def basis(self, n: int) -> Array:
+        if n not in self._basis:
+            self._basis[n] = difference_basis(n)
+        return self._basis[n]
+
+    @cached_property
+    def rows(self) -> int:
+        """Rows that count."""
+        return sum(len(s) - self.orders.first for s in self.used)
+
+    @cached_property
+    def used(self) -> list[Stretch]:
+        """Stretches long enough to say anything."""
+        return [s for s in self.data.stretches if len(s) > self.orders.shortest]
+
+    @cached_property
+    def shared_count(self) -> int:
+        """Linear parameters that all stretches share: numerators and offsets."""
+        return sum(self.orders.nb) + self.data.origins
+
+    @cached_property
+    def linear_count(self) -> int:
+        """All linear parameters, those of the free responses as well."""
+        free = sum(not s.at_rest for s in self.used) * sum(self.orders.nf)
+        return self.shared_count + free
+
+    def place(self, stretch: Stretch) -> NDArray[np.intp]:
+        """Where the numerators and the offset of a stretch stand among those shared."""
+        own = sum(self.orders.nb)
+        return np.append(np.arange(own), own + stretch.origin)
+
+    def _columns(self, stretch: Stretch, F: Sequence[Array]) -> Array:
+        """Of one stretch, each a row: room for the denominators, numerators, offset, responses."""
+        o, n = self.orders, len(stretch) - self.orders.first
+        searched, own = sum(o.nf), sum(o.nb)
+        rows = np.empty((searched + own + 1 + (0 if stretch.at_rest else searched), n))
+        at, free = np.cumsum([searched, *o.nb]), searched + own + 1
+        rows[free - 1] = 1.0
+        for group, f in zip(o.groups, F, strict=True):
+            for i in group:
+                self.numerators(stretch.inputs[i], f, i, rows[at[i] : at[i + 1]])
+            if not stretch.at_rest:
+                rows[free : free + len(f) - 1] = free_responses(self.recursion(f), n)
+                free += len(f) - 1
+        return rows
+
+    def recursion(self, f: Array) -> Array:
+        """The denominator in q^-1 whose free responses are those of `f`."""
+        return f
+
+    def start(self, lags: Array) -> Array:
+        """A denominator of these time constants, in samples."""
+        return from_lags(lags)
+
+    def only(self, inputs: Sequence[int], data: Data, orders: Orders) -> Problem:
+        """The same problem of some of the inputs."""
+        return replace(self, data=data, orders=orders)
+
+    def parts(self, lags: Array, nb: int) -> Array:
+        """The numerators q^0, q^-1, ... over poles of these time constants in partial fractions.
+
+        Parameters
+        ----------
+        lags : ndarray, shape (..., nf) [samples]
+            Distinct.
+        nb : int
+            Of those above nf only nf are made: what is left are plain lags of the input.
+
+        Returns
+        -------
+        parts : ndarray, shape (..., min(nb, nf), nf)
+        """
+        return partial_fractions(np.exp(-1.0 / lags), range(lags.shape[-1] - 1, -1, -1)[:nb])
+
+    def numerators(self, u: Array, f: Array, i: int, out: Array) -> None:
+        """(1 − q^-1)^j u/F, delayed, on the rows that count; into the rows `out`."""
+        x = lfilter([1.0], f, u)
+        n = len(x) - self.orders.first
+        for j in range(len(out)):
+            if j:
+                x = np.diff(x)
+            begin = self.orders.first - self.orders.nk[i] - j
+            out[j] = x[begin : begin + n]
+
+    def _follow(self, x: Array, f: Array, out: Array) -> None:
+        """−q^-1 (1 − q^-1)^j x/F into the rows `out`: how the output follows a change of F."""
+        for j in range(len(out)):
+            if j:
+                out[j, 0], out[j, 1:] = out[j - 1, 0], np.diff(out[j - 1])
+            else:
+                out[0, 0], out[0, 1:] = 0.0, lfilter([-1.0], f, x)[:-1]
+
+    def denominators(self, signals: Sequence[Array], F: Sequence[Array], out: Array) -> None:
+        at = 0
+        for x, f in zip(signals, F, strict=True):
+            self._follow(x, f, out[at : at + len(f) - 1])
+            at += len(f) - 1
+
+    def white(self, rows: Array) -> Array:
+        return rows if self.whitening is None else lfilter(*self.whitening, rows)
+
+    def project(self, F: Sequence[Array], keep: bool = True) -> Projection:
+        """Numerators, offsets and free responses by least squares."""
+        n, searched = self.shared_count, sum(self.orders.nf)
+        gram, right, power, kept, parts = np.zeros((n, n)), np.zeros(n), 0.0, [], []
+        for s in self.used:
+            columns, y = self._columns(s, F), self.white(s.output[self.orders.first :])
+            rows, place = self.white(columns[searched:]), self.place(s)
+            own, with_output, count = rows @ rows.T, rows @ y, len(place)
+            inner = solve(own[count:, count:], np.column_stack([own[count:, :count],
+                                                                with_output[count:]]))  # fmt: skip
+            across = own[:count, count:]
+            gram[np.ix_(place, place)] += own[:count, :count] - across @ inner[:, :count]
+            right[place] += with_output[:count] - across @ inner[:, count]
+            power += float(y @ y) - float(with_output[count:] @ inner[:, count])
+            parts.append((place, inner))
+            if keep:
+                kept.append(columns)
+        linear = solve(gram, right)
+        free = tuple(inner[:, -1] - inner[:, :-1] @ linear[place] for place, inner in parts)
+        return Projection(linear, max(power - float(linear @ right), 0.0), free, tuple(kept))
+
+    def slopes(self, F: Sequence[Array], here: Projection, mixed: bool = True) -> Slopes:
+        """The sums for a step from `F`."""
+        searched = sum(self.orders.nf)
+        size = searched + self.shared_count
+        gram, cross = np.zeros((size, size)), np.zeros((size, searched))
+        score, loss = np.zeros(size), 0.0
+        for place, Z, error in self.instruments(F, here):
+            e, n = self.white(error), len(place)
+            own = self.white(Z)
+            products, with_error = own @ own.T, own @ e
+            inner = solve(products[n:, n:], products[n:, :n])
+            gram[np.ix_(place, place)] += products[:n, :n] - products[:n, n:] @ inner
+            score[place] += with_error[:n] - inner.T @ with_error[n:]
+            loss += float(e @ e)
+            if mixed:
+                carried = np.empty((searched, len(error)))
+                self.denominators([error] * len(F), F, carried)
+                through = own @ self.white(carried).T
+                cross[place] += through[:n] - inner.T @ through[n:]
+        whole = gram.copy()
+        whole[:, :searched] += cross
+        return Slopes(gram, whole, score, loss, searched)
+
+    def instruments(
+        self, F: Sequence[Array], here: Projection
+    ) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
+        """For each used stretch: places of its shared columns, all its columns, the error.
+
+        The columns that are not shared, those of its free responses, come last.
+        """
+        searched = sum(self.orders.nf)
+        for k, (s, (error, signals)) in enumerate(zip(self.used, self.errors(here), strict=True)):
+            self.denominators(signals, F, here.rows[k][:searched])
+            place = np.concatenate([np.arange(searched), searched + self.place(s)])
+            yield place, here.rows[k], error
+
+    def errors(self, here: Projection) -> Iterator[tuple[Array, list[Array]]]:
+        """For each used stretch: its error, and the response of each group without the offset."""
+        o, searched = self.orders, sum(self.orders.nf)
+        edges = np.cumsum([0, *o.nb])
+        for k, s in enumerate(self.used):
+            rows = here.rows[k][searched:]
+            theta = np.concatenate([here.linear[self.place(s)], here.free[k]])
+            error = s.output[o.first :] - theta @ rows
+            signals, free = [], sum(o.nb) + 1
+            for group, n in zip(o.groups, o.nf, strict=True):
+                only = np.zeros(len(theta))
+                own = [np.arange(edges[i], edges[i + 1]) for i in group]
+                state = np.arange(free, free + (0 if s.at_rest else n))
+                place = np.concatenate([*own, state])
+                only[place] = theta[place]
+                signals.append(only @ rows)
+                free += n
+            yield error, signals
+
+    def step_between(self, f: Array, after: Array) -> Array:
+        """The step of `moved` that leads from one denominator to another."""
+        return np.asarray(np.linalg.solve(self.basis(len(f) - 1).T, (after - f)[1:]))
+
+    def moved(self, F: Sequence[Array], step: Array) -> tuple[Array, ...]:
+        """Denominators after a step in the difference basis, made stable."""
+        result, at = [], 0
+        for f in F:
+            n = len(f) - 1
+            after = np.concatenate([[1.0], f[1:] + step[at : at + n] @ self.basis(n)])
+            result.append(stabilized(after) if np.isfinite(after).all() else after)
+            at += n
+        return tuple(result)
+
+
+def free_responses(f: Array, n: int) -> Array:
+    """What a state of 1/F leaves behind, in differences, shape (nf, n)."""
+    rows = np.zeros((len(f) - 1, n))
+    row = np.zeros(n)
+    row[:1] = 1.0
+    row = lfilter([1.0], f, row)
+    for j in range(len(rows)):
+        rows[j] = row
+        row = np.diff(row, prepend=0.0)
+    return rows
+
+
+def solve(matrix: Array, right: Array) -> Array:
+    """matrix⁻¹ right, scaled first; directions without support stay at zero."""
+    if not len(matrix):
+        return np.zeros_like(right)
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    size = np.where(size > 0, size, 1.0)
+    scaled = matrix / np.outer(size, size)
+    answer = np.linalg.lstsq(scaled, (right.T / size).T, rcond=RANK)[0]
+    return np.asarray((answer.T / size).T)
+
+
+def inverse_of(matrix: Array) -> Array:
+    """matrix⁻¹ for covariances, scaled first: directions without support come out very unsure."""
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    size = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    least = RANK * max(float(values[-1]), 1e-300)
+    return np.asarray((vectors / np.maximum(values, least)) @ vectors.T / np.outer(size, size))

@@ -1,0 +1,117 @@
+"""Residual tests: are the one-step errors white, and independent of the inputs.
+
+Ljung 1999, 16.6; Ljung and Box, Biometrika 65 (1978) 297; prewhitening as Box, Jenkins and
+Reinsel (2008), 12.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+from thermaltool.fitting.transfer.colour import LONGEST, error_record, long_runs
+from thermaltool.fitting.transfer.data import Array, Data
+from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.timeseries.ar import burg
+
+LAGS = 25
+
+
+@dataclass(frozen=True)
+class ResidualTests:
+    """p-values; small ones speak against the model.
+
+    Attributes
+    ----------
+    lags : int
+    white_p : float
+        Of the errors being white (Ljung-Box).
+    independent_p : mapping of input to float
+        Of the errors being independent of this input's past.
+    """
+
+    lags: int
+    white_p: float
+    independent_p: Mapping[str, float]
+
+
+def residual_tests(model: TransferModel, data: Data) -> ResidualTests:
+    """Both tests on a data set.
+
+    Parameters
+    ----------
+    model : TransferModel
+    data : Data
+        Training or validation data.
+    """
+    # What the plant has takes nothing from the course of an output's own errors.
+    fitted = len(model.C) + len(model.D) - 2
+    if model.structure in ("arx", "armax"):
+        fitted += len(model.F[0]) - 1
+    runs = [(error, s.inputs) for s, error in model.errors(data)]
+    return tested(runs, dict(zip(model.names, model.orders.nk, strict=True)), fitted)
+
+
+def tested(
+    runs: Sequence[tuple[Array, Array]], delays: Mapping[str, int], fitted: int
+) -> ResidualTests:
+    """Both tests on one-step errors.
+
+    Parameters
+    ----------
+    runs : sequence of (errors, inputs)
+        Shapes (n,) and (m, at least n): both end at the same row.
+    delays : mapping of input to int
+        Samples before which each of the m inputs acts on nothing.
+    fitted : int
+        Parameters that were fitted to the course of the errors.
+    """
+    long = [runs[k] for k in long_runs([error for error, _ in runs])]
+    lags = min(LAGS, min((len(error) for error, _ in long), default=0) // 5)
+    if lags < 2:
+        return ResidualTests(0, float("nan"), dict.fromkeys(delays, float("nan")))
+    errors = [error - np.mean(error) for error, _ in long]
+    rows = sum(len(e) for e in errors)
+    power = sum(float(e @ e) for e in errors) or 1.0
+    r = np.array([sum(float(e[k:] @ e[: len(e) - k]) for e in errors) for k in range(1, lags + 1)])
+    statistic = rows * (rows + 2) * np.sum((r / power) ** 2 / (rows - np.arange(1.0, lags + 1)))
+    white = float(chi2.sf(statistic, max(lags - fitted, 1)))
+    whitened, independent = _whitened(errors), {}
+    for k, (name, delay) in enumerate(delays.items()):
+        acts = _whitened([u[k] - np.mean(u[k]) for _, u in long])
+        independent[name] = _independence(whitened, acts, delay, lags)
+    return ResidualTests(lags, white, independent)
+
+
+def _independence(errors: list[Array], acts: list[Array], delay: int, lags: int) -> float:
+    """N Σ r² of whitened errors with the whitened input, from the delay on.
+
+    Judged as of `lags` free sums: parameters that were fitted make it smaller, by how much hangs
+    on how slow they are, and the test is a little cautious.
+    """
+    products = np.zeros(lags)
+    acts = [u[len(u) - len(own) :] for own, u in zip(errors, acts, strict=True)]
+    for own, u in zip(errors, acts, strict=True):
+        for lag in range(lags):
+            at = lag + delay
+            if at < len(own):
+                products[lag] += float(own[at:] @ u[: len(own) - at])
+    power = sum(float(x @ x) for x in errors) * sum(float(x @ x) for x in acts)
+    if not power > 0:
+        return float("nan")
+    rows = sum(len(x) for x in errors)
+    return float(chi2.sf(rows * float(np.sum(products**2)) / power, lags))
+
+
+def _whitened(series: list[Array]) -> list[Array]:
+    """Each run through the AR model of least AIC that all together have."""
+    most = min(LONGEST, min(len(x) for x in series) // 5)
+    if most < 1 or not any(np.any(x) for x in series):
+        return series
+    table = burg(error_record(series), most)
+    polynomial = np.concatenate([[1.0], -table.coefficients[table.best]])
+    return [np.asarray(lfilter(polynomial, [1.0], x)) for x in series]

@@ -1,0 +1,164 @@
+"""One output from its data to a model that is judged: start, orders, fit, free runs, residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from thermaltool.effects.dynamics import hold_of
+from thermaltool.errors import FitError, ModelError
+from thermaltool.fitting.transfer.choose import (
+    Choice,
+    choose,
+    first_that_fits,
+    real_poles,
+    started,
+)
+from thermaltool.fitting.transfer.continuation import Continued, continued
+from thermaltool.fitting.transfer.continuous import identify_continuous
+from thermaltool.fitting.transfer.data import Data
+from thermaltool.fitting.transfer.identify import Structure, identify, orders_of
+from thermaltool.fitting.transfer.judge import judged, rests, zero_of
+from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.fitting.transfer.output_error import Orders
+from thermaltool.fitting.transfer.residuals import ResidualTests, residual_tests
+from thermaltool.signals.agreement import Agreement
+
+Initial = Literal["auto", "rest", "free"]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is wanted of every output.
+
+    Attributes
+    ----------
+    structure : Structure
+    orders : tuple of (nb, nf, nk) or None
+        For all inputs or one for each; empty, or None among them: chosen by held-out data.
+    noise : (int, int)
+        Orders of the noise.
+    continuous, real : bool
+        In continuous time; real poles only.
+    initial : {"auto", "rest", "free"}
+        State at the first row.
+    split : float or None
+        Share of the rows that are fitted; the rest validates.
+    """
+
+    structure: Structure
+    orders: tuple[tuple[int, int, int] | None, ...] = ()
+    noise: tuple[int, int] = (1, 1)
+    continuous: bool = False
+    real: bool = False
+    initial: Initial = "auto"
+    split: float | None = None
+
+
+@dataclass(frozen=True)
+class Identified:
+    """One output, identified and judged.
+
+    Attributes
+    ----------
+    model : TransferModel
+    data : Data
+        What it was fitted to.
+    training, validation : Agreement
+        Of free runs; `validation` is None where no data were kept for it.
+    improvement : float or None
+        Share by which the model would have reduced the mean deviation of the validation data [%]
+        (Mareš et al.: imp).
+    tests : ResidualTests
+    choice : Choice or None
+        Where the orders were chosen.
+    continued : tuple of Continued or str
+        The way of each input in continuous time, or why there is none.
+    """
+
+    model: TransferModel
+    data: Data
+    training: Agreement
+    validation: Agreement | None
+    improvement: float | None
+    tests: ResidualTests
+    choice: Choice | None
+    continued: tuple[Continued | str, ...]
+
+    @property
+    def variance(self) -> float:
+        """Of the training output [unit²]."""
+        return float(np.var(self.data.output()))
+
+
+def run(data: Data, plan: Plan, fresh: Data | None = None) -> Identified:
+    """Fit and judge one output.
+
+    Parameters
+    ----------
+    data : Data
+    plan : Plan
+    fresh : Data, optional
+        Of another log, for validation.
+
+    Raises
+    ------
+    FitError
+        As `identify`, `choose` and `judged`, with the name of the output.
+    """
+    target, held = data.target, fresh
+    try:
+        if plan.split is not None:
+            data, held = data.parted(plan.split)
+        least = tuple(1 if hold_of(name) == "zero" else 0 for name in data.names)
+        if plan.initial != "free" and plan.structure in ("oe", "bj"):
+            data = data.from_rest() if plan.initial == "rest" else started(data, least)
+        model, choice = _model(data, least, plan)
+        # OE searches over real poles; slow ones side by side only look like pairs to rounding.
+        if plan.real and plan.structure != "oe" and not real_poles(model):
+            raise FitError("not all poles are real: take lower orders, or --structure oe")
+    except FitError as error:
+        raise FitError(f"{target}: {error}") from error
+    training, validation, gained = model.fit(data), None, None
+    if held is not None:
+        zero = zero_of(target, fresh is not None)
+        outputs = [s.output for s in held.stretches]
+        rest = rests(held.stretches, outputs, zero, model.offsets)
+        validation, gained = judged(target, held.stretches, outputs, model.run(held, zero), rest,
+                                    sum(model.orders.nf))  # fmt: skip
+    return Identified(
+        model,
+        data,
+        training,
+        validation,
+        gained,
+        residual_tests(model, data),
+        choice,
+        tuple(_continued(model, k) for k in range(len(model.names))),
+    )
+
+
+def _model(data: Data, least: tuple[int, ...], plan: Plan) -> tuple[TransferModel, Choice | None]:
+    def fit(orders: Orders) -> TransferModel:
+        if plan.continuous:
+            holds = [hold_of(name) for name in data.names]
+            orders = replace(orders, nb=tuple(map(min, orders.nb, orders.nf)))
+            return identify_continuous(data, orders, holds, plan.real)
+        return identify(data, plan.structure, orders, *plan.noise, plan.real)
+
+    given = [each for each in plan.orders if each is not None]
+    if given and len(given) == len(plan.orders):
+        each = given * len(data.names) if len(given) == 1 else given
+        nb, nf, nk = zip(*each, strict=True)
+        return fit(orders_of(plan.structure, nb, nf, nk)), None
+    choice = choose(data, plan.structure, least, *plan.noise, plan.real)
+    return first_that_fits((c.orders(plan.structure) for c in choice.candidates), fit), choice
+
+
+def _continued(model: TransferModel, k: int) -> Continued | str:
+    try:
+        return continued(model, k, hold_of(model.names[k]))
+    except ModelError as error:
+        return str(error)

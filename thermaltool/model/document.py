@@ -1,0 +1,560 @@
+"""The model document: drives → terms → outputs, and the effects on them; one JSON file.
+
+A drive is a channel that is known (in the log) or to be estimated; a term takes one drive through
+one response; an output is a channel, the sum of its terms. An output with the role "sensor" is one
+from which unknown drives are estimated. An effect is a physical cause that changes a drive, the
+loss of heat or an output (`thermaltool.effects`). `design` holds the estimator that ``regularize``
+made.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from thermaltool import documents
+from thermaltool.documents import MODEL, Part
+from thermaltool.effects import load_effect
+from thermaltool.effects.band import Band, load_band
+from thermaltool.effects.effect import SIDES, Effect, needed, reference_of
+from thermaltool.errors import ModelError
+from thermaltool.record import Record
+from thermaltool.responses import Response, parameter_names, response_class
+from thermaltool.responses.modes import Float, Hold, Modes
+
+Role = Literal["sensor", "deflection"]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """An input of the machine.
+
+    Attributes
+    ----------
+    channel : str
+    hold : "zero" or "first"
+        Between samples: constant (heat, voltage, speed), or a straight line (a temperature).
+    reference : "first" or float
+        What counts as no drive; "first" is the first value of the log (the machine is taken to be
+        at rest there).
+    range : (float, float)
+        Values, relative to the reference, that the calibration has seen.
+    """
+
+    channel: str
+    hold: Hold
+    reference: float | Literal["first"]
+    range: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Output:
+    """A channel that the model computes.
+
+    Attributes
+    ----------
+    channel : str
+    role : "sensor" or "deflection"
+    offset : "first" or float
+        Its value at rest; "first" where the zero is arbitrary (a displacement): the first value
+        of a log.
+    range : (float, float)
+        Values, relative to rest, that the calibration has seen.
+    fit : mapping
+        Statistics of the calibration.
+    """
+
+    channel: str
+    role: Role
+    offset: float | Literal["first"]
+    range: tuple[float, float]
+    fit: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Term:
+    """One drive through one response into one output.
+
+    Attributes
+    ----------
+    drive, output : str
+    response : Response
+    covariance : ndarray, shape (n, n), or None
+        Of the fitted parameters, in the order of `covariance_names`.
+    covariance_names : tuple of str
+    band : Band or None
+        Its place among terms that are scheduled by level.
+    """
+
+    drive: str
+    output: str
+    response: Response
+    covariance: Float | None = None
+    covariance_names: tuple[str, ...] = ()
+    band: Band | None = None
+
+
+@dataclass(frozen=True)
+class Model:
+    drives: tuple[Drive, ...]
+    outputs: tuple[Output, ...]
+    terms: tuple[Term, ...]
+    sample_period: float
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    design: Mapping[str, Any] | None = None
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def sensors(self) -> tuple[Output, ...]:
+        return tuple(o for o in self.outputs if o.role == "sensor")
+
+    @property
+    def deflections(self) -> tuple[Output, ...]:
+        return tuple(o for o in self.outputs if o.role == "deflection")
+
+    def reference(self, channel: str) -> float | Literal["first"]:
+        """What counts as zero of a channel that is read: that of a drive, else 0."""
+        return next((d.reference for d in self.drives if d.channel == channel), 0.0)
+
+    def with_design(self, design: Mapping[str, Any]) -> Model:
+        """The same model with an estimator, tied to the parameters that it was designed for."""
+        return replace(self, design={**design, "parameters_sha256": self.parameters_digest()})
+
+    def parameters_digest(self) -> str:
+        """Identifies terms and effects: a design belongs to one set of parameters."""
+        parts = [_term_document(t) for t in self.terms]
+        parts += [effect.document() for effect in self.effects]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+    def estimator_design(self) -> Mapping[str, Any]:
+        """The design, when it is there and belongs to these parameters.
+
+        Raises
+        ------
+        ModelError
+        """
+        if self.design is None:
+            raise ModelError("the model has no estimator yet: run thermaltool regularize")
+        if self.design.get("parameters_sha256") != self.parameters_digest():
+            raise ModelError(
+                "the estimator was designed for other parameters: run thermaltool regularize again"
+            )
+        known, read = [o.channel for o in self.outputs], self.design.get("sensors")
+        if not isinstance(read, list) or any(sensor not in known for sensor in read):
+            raise ModelError(
+                "the estimator reads a sensor that the model does not have: "
+                "run thermaltool regularize again"
+            )
+        return self.design
+
+    def simulate(self, record: Record) -> dict[str, Float]:
+        """Outputs of every channel, relative to rest.
+
+        Parameters
+        ----------
+        record : Record
+            The drives, without NaN, and what the effects need. Effects that belong to one record
+            (its digest) act in that one alone.
+
+        Returns
+        -------
+        dict of channel to ndarray, shape (n,)
+
+        Raises
+        ------
+        ModelError
+            A drive, or a channel that an effect needs, is missing.
+        """
+        acting = [e for e in self.effects if e.log in (None, record.digest)]
+        return read_outputs(acting, respond(self, acting, record), record)
+
+    def needs(self) -> tuple[str, ...]:
+        """Channels that a simulation reads: drives, and what the effects need."""
+        own = [*(d.channel for d in self.drives), *(c for e in self.effects for c in e.needs())]
+        own += [term.band.channel for term in self.terms if term.band is not None]
+        return tuple(dict.fromkeys(own))
+
+
+# The loss of heat may depend on the outputs: repeated until it changes by less than this share of
+# a rate over the record, and at most so often.
+LOSS_STEPS, LOSS_CHANGE = 12, 1e-6
+
+
+def driven(model: Model, effects: Sequence[Effect], signals: Record) -> dict[str, Float]:
+    """What acts in place of every drive, relative to its reference.
+
+    Raises
+    ------
+    ModelError
+        A drive is missing.
+    """
+    result = {}
+    for drive in model.drives:
+        if drive.channel not in signals.columns:
+            raise ModelError(f"the model's drive {drive.channel} is not in the log")
+        u = relative(signals.columns[drive.channel], drive.reference)
+        for effect in effects:
+            if effect.side == "drive" and effect.channel == drive.channel:
+                u = effect.drive(signals, u)
+        result[drive.channel] = u
+    return result
+
+
+def respond(model: Model, effects: Sequence[Effect], signals: Record) -> dict[str, Float]:
+    """Sums of the terms of every output: what the machine does, before sources and sensors."""
+    inputs = driven(model, effects, signals)
+    holds = {d.channel: d.hold for d in model.drives}
+    shares = [taken(model, term, inputs, signals) for term in model.terms]
+    lossy = [e for e in effects if e.side == "state"]
+
+    def sums(cooling: Float | None) -> dict[str, Float]:
+        outputs = {output.channel: np.zeros(len(signals.time)) for output in model.outputs}
+        for term, u in zip(model.terms, shares, strict=True):
+            outputs[term.output] += simulate_response(
+                term.response, signals.time, u, holds[term.drive], cooling
+            )
+        return outputs
+
+    outputs, cooling = sums(None), np.zeros(len(signals.time))
+    for _ in range(LOSS_STEPS if lossy else 0):
+        rates = [r for e in lossy if (r := e.loss(signals, outputs)) is not None]
+        total = np.sum(rates, axis=0) if rates else np.zeros(len(signals.time))
+        exponent = np.append(0.0, np.cumsum(total[:-1] * np.diff(signals.time)))
+        change, cooling = float(np.max(np.abs(exponent - cooling))), exponent
+        if change < LOSS_CHANGE:
+            break
+        outputs = sums(cooling)
+    return outputs
+
+
+def taken(model: Model, term: Term, inputs: Mapping[str, Float], signals: Record) -> Float:
+    """What a term takes of its drive, one of `inputs`: all of it, or its level's share."""
+    if term.band is None:
+        return inputs[term.drive]
+    chooser = term.band.channel
+    values = relative(needed(signals, chooser), model.reference(chooser))
+    return inputs[term.drive] * term.band.share(values)
+
+
+def read_outputs(
+    effects: Sequence[Effect], outputs: Mapping[str, Float], signals: Record
+) -> dict[str, Float]:
+    """What is read of `outputs`: sources, structure, sensors, wiring, in this order."""
+    result = dict(outputs)
+    for effect in sorted(effects, key=lambda e: SIDES.index(e.side)):
+        result = {name: effect.output(name, result, signals) for name in result}
+    return result
+
+
+def relative(values: Float, rest: float | Literal["first"]) -> Float:
+    """Values minus the value at rest, which may be the first one that is there."""
+    if rest != "first":
+        return values - rest
+    there = np.flatnonzero(np.isfinite(values))
+    return values - values[there[0]] if len(there) else values
+
+
+@dataclass(frozen=True)
+class Excursion:
+    """Where a channel leaves the range that the calibration has seen."""
+
+    channel: str
+    rows: int
+    first: int
+    value: float
+    low: float
+    high: float
+
+
+# Beyond the calibrated range by more than this part of its width, a model extrapolates.
+MARGIN = 0.1
+# A first reading further from rest than this share of what the calibration has seen is no rest.
+REST_SHARE = 0.1
+NOT_AT_REST = "is not rest, which the estimates start from: see --initial settled"
+
+
+def away_from_rest(value: float, seen: tuple[float, float]) -> bool:
+    """Whether a first reading, relative to rest, contradicts a machine at rest."""
+    return abs(value) > REST_SHARE * max(abs(seen[0]), abs(seen[1]))
+
+
+def excursions(
+    model: Model, columns: Mapping[str, Float], margin: float = MARGIN
+) -> tuple[Excursion, ...]:
+    """Channels that leave their calibrated range by more than `margin` of its width.
+
+    Parameters
+    ----------
+    columns : mapping of channel to ndarray, shape (n,); channels that are absent are passed over
+    """
+    found = []
+    rests = [(d.channel, d.reference, d.range) for d in model.drives]
+    rests += [(o.channel, o.offset, o.range) for o in model.outputs]
+    for channel, rest, seen in rests:
+        if channel in columns:
+            found += _excursion(channel, relative(columns[channel], rest), seen, margin)
+    return tuple(found)
+
+
+def extrapolated(
+    model: Model, estimates: Mapping[str, Float], margin: float = MARGIN
+) -> tuple[Excursion, ...]:
+    """Estimated deflections, relative to rest, beyond what the calibration has seen."""
+    found = []
+    for output in model.deflections:
+        if output.channel in estimates:
+            found += _excursion(output.channel, estimates[output.channel], output.range, margin)
+    return tuple(found)
+
+
+def _excursion(
+    channel: str, values: Float, seen: tuple[float, float], margin: float
+) -> list[Excursion]:
+    low, high = seen
+    slack = margin * (high - low)
+    outside = np.flatnonzero((values < low - slack) | (values > high + slack))
+    if not len(outside):
+        return []
+    first = int(outside[0])
+    return [Excursion(channel, len(outside), first, float(values[first]), low, high)]
+
+
+def only_sensors(model: Model, sensors: Sequence[str]) -> Model:
+    """The model with some of its sensors, and the effects that these see.
+
+    Raises
+    ------
+    ModelError
+        A name that is no sensor of the model, or a sensor that an effect on others needs.
+    """
+    known = [o.channel for o in model.sensors]
+    for name in sensors:
+        if name not in known:
+            raise ModelError(f"no sensor {name} in the model; there are: {', '.join(known)}")
+    dropped = set(known) - set(sensors)
+    return replace(
+        model,
+        outputs=tuple(o for o in model.outputs if o.channel not in dropped),
+        terms=tuple(t for t in model.terms if t.output not in dropped),
+        effects=tuple(e for e in (_seen(e, dropped) for e in model.effects) if e is not None),
+    )
+
+
+def _seen(effect: Effect, dropped: set[str]) -> Effect | None:
+    """What is left of an effect without some sensors."""
+    if effect.side in ("wiring", "state"):
+        for needed in {effect.channel, effect.partner} & dropped:
+            raise ModelError(f"the effect {effect.name} needs the sensor {needed}: keep it")
+    gone = tuple(n for n in effect.parameters if reference_of(n)[1] in dropped)
+    if gone:
+        effect = effect.without(gone)
+        return effect if any(reference_of(n)[1] for n in effect.parameters) else None
+    return None if effect.channel in dropped else effect
+
+
+# Beyond this the weights of a varying loss overflow.
+MOST_COOLING = 300.0
+
+
+def simulate_response(
+    response: Response, time: Float, u: Float, hold: Hold, cooling: Float | None = None
+) -> Float:
+    """One response to any input at any (increasing) times; at rest at the first.
+
+    Parameters
+    ----------
+    time, u : ndarray, shape (n,)
+    cooling : ndarray, shape (n,), optional
+        Γ, the integral of a rate by which every mode decays faster. Each mode z' = −(λ + Γ')z + u
+        is that of e^Γ u without Γ, times e^(−Γ).
+
+    Returns
+    -------
+    y : ndarray, shape (n,)
+
+    Raises
+    ------
+    ModelError
+        Γ spans more than can be followed.
+    """
+    if len(time) < 2:
+        return np.zeros(len(time))
+    if cooling is not None:
+        if not np.ptp(cooling) < MOST_COOLING:
+            raise ModelError("the loss of heat changes too much over this log to be followed")
+        centred = cooling - (cooling.max() + cooling.min()) / 2
+        # A held drive acts, on the mean, half a sample later than its first moment.
+        inside = np.append((centred[1:] + centred[:-1]) / 2, centred[-1])
+        u = u * np.exp(inside if hold == "zero" else centred)
+    known: Any = response  # frozen, therefore hashable
+    y = _modes(known, float(np.min(np.diff(time)))).run(time, u, hold)
+    return y if cooling is None else y * np.exp(-centred)
+
+
+@lru_cache(maxsize=64)
+def _modes(response: Any, shortest: float) -> Modes:
+    return response.modes(shortest)
+
+
+# ---------------------------------------------------------------- the file
+
+
+def to_document(model: Model) -> dict[str, Any]:
+    """The model as JSON-ready dict."""
+    document: dict[str, Any] = {
+        "format": MODEL.name,
+        "version": MODEL.version,
+        "sample_period_s": model.sample_period,
+        "drives": [
+            {
+                "channel": d.channel,
+                "hold": d.hold,
+                "reference": d.reference,
+                "range": list(d.range),
+            }
+            for d in model.drives
+        ],
+        "outputs": [
+            {
+                "channel": o.channel,
+                "role": o.role,
+                "offset": o.offset,
+                "range": list(o.range),
+                "fit": dict(o.fit),
+            }
+            for o in model.outputs
+        ],
+        "terms": [_term_document(t) for t in model.terms],
+        "provenance": dict(model.provenance),
+    }
+    if model.effects:
+        document["effects"] = [effect.document() for effect in model.effects]
+    if model.design is not None:
+        document["design"] = dict(model.design)
+    return document
+
+
+def _term_document(term: Term) -> dict[str, Any]:
+    response = term.response
+    band = {} if term.band is None else {"band": term.band.document()}
+    return {
+        "drive": term.drive,
+        "output": term.output,
+        "kind": response.kind,
+        "parameters": {name: getattr(response, name) for name in parameter_names(response.kind)},
+        "covariance": None if term.covariance is None else np.asarray(term.covariance).tolist(),
+        "covariance_names": list(term.covariance_names),
+        **band,
+    }
+
+
+def dumps(model: Model) -> str:
+    """The file's text: sorted keys, no clock time, no NaN."""
+    return MODEL.dumps(to_document(model))
+
+
+def loads(text: str, name: str = "<model>") -> Model:
+    """Read a model document.
+
+    Raises
+    ------
+    ModelError
+        No JSON, another format, a newer version, a part missing or out of range; each names the
+        file.
+    """
+    document = MODEL.loads(text, name)
+    try:
+        return _load(Part(document))
+    except ModelError as error:
+        raise ModelError(f"{name}: {error}") from error
+
+
+def _load(whole: Part) -> Model:
+    model = Model(
+        drives=tuple(_load_drive(part) for part in whole.parts("drives")),
+        outputs=tuple(_load_output(part) for part in whole.parts("outputs")),
+        terms=tuple(_load_term(part) for part in whole.parts("terms")),
+        sample_period=whole.read("sample_period_s", documents.above_zero),
+        provenance=whole.read("provenance", documents.mapping, {}),
+        design=whole.read("design", documents.mapping, None),
+        effects=tuple(_load_effect(part) for part in whole.parts("effects", ())),
+    )
+    _check_ends(model)
+    return model
+
+
+def _load_drive(part: Part) -> Drive:
+    return Drive(
+        part.read("channel", documents.text),
+        part.read("hold", documents.one_of(get_args(Hold))),
+        part.read("reference", documents.rest),
+        part.read("range", documents.pair),
+    )
+
+
+def _load_output(part: Part) -> Output:
+    return Output(
+        part.read("channel", documents.text),
+        part.read("role", documents.one_of(get_args(Role))),
+        part.read("offset", documents.rest),
+        part.read("range", documents.pair),
+        part.read("fit", documents.mapping, {}),
+    )
+
+
+def _load_term(part: Part) -> Term:
+    return Term(
+        part.read("drive", documents.text),
+        part.read("output", documents.text),
+        _load_response(part),
+        part.read("covariance", _covariance, None),
+        part.read("covariance_names", documents.names, ()),
+        part.read("band", _band, None),
+    )
+
+
+def _load_effect(part: Part) -> Effect:
+    # A source that nobody logged has no channel.
+    part.read("channel", lambda value: value if value == "" else documents.text(value))
+    part.read("covariance", _covariance, None)
+    effect: Effect = part.as_whole(load_effect)
+    return effect
+
+
+def _band(value: Any) -> Band | None:
+    Part(documents.mapping(value)).read("channel", documents.text)
+    return load_band(value)
+
+
+def _covariance(rows: Any) -> Float:
+    values = np.array(rows, float)
+    if values.ndim != 2 or len(set(values.shape)) > 1 or not np.isfinite(values).all():
+        raise ModelError("not a square of finite numbers")
+    return values
+
+
+def _load_response(part: Part) -> Response:
+    kind, known = part.read("kind", documents.text), part.read("kind", parameter_names)
+    given = part.part("parameters")
+    values = {name: given.read(name, documents.finite) for name in known}
+    response: Response = part.as_whole(lambda _: response_class(kind)(**values))
+    return response
+
+
+def _check_ends(model: Model) -> None:
+    """Terms go from a drive of the model to an output of the model, each of which is there once."""
+    drives, outputs = ([each.channel for each in ends] for ends in (model.drives, model.outputs))
+    for channel in (*drives, *outputs):
+        if drives.count(channel) > 1 or outputs.count(channel) > 1:
+            raise ModelError(f"{channel} is there twice")
+    if not model.terms:
+        raise ModelError("terms: there is none")
+    for term in model.terms:
+        if term.drive not in drives or term.output not in outputs:
+            raise ModelError(f"a term from {term.drive!r} to {term.output!r}, which are not there")

@@ -1,0 +1,158 @@
+"""Record: the only stretch of samples between a reader and a result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import LogError
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.bool_]
+
+# A step may differ from the period by this share of it before the clock counts as uneven.
+MAX_UNEVENNESS = 0.02
+
+
+@dataclass(frozen=True)
+class Record:
+    """Named channels against one clock.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,) [s]
+        Increasing.
+    columns : mapping of str to ndarray, shape (n,)
+        Channels in the units of their names; NaN where missing.
+    segments : tuple of slice
+        Stretches between pauses, in order; they cover every row. The whole by default.
+    digest : str
+        SHA-256 of the input bytes: identifies the record in provenance and in effects that belong
+        to one record alone.
+    name : str
+        What messages call it.
+    at_rest : bool
+        Settled at its first inputs when it begins; else its state there is unknown.
+    origin : int
+        The experiment it is a part of: parts of one experiment have one zero.
+    """
+
+    time: Array
+    columns: Mapping[str, Array]
+    segments: tuple[slice, ...] = ()
+    digest: str = ""
+    name: str = "<record>"
+    at_rest: bool = False
+    origin: int = 0
+
+    def __post_init__(self) -> None:
+        for channel, values in self.columns.items():
+            if values.shape != self.time.shape:
+                raise LogError(
+                    f"{channel} has shape {values.shape}, the clock {self.time.shape}", self.name
+                )
+        if not self.segments and len(self.time):
+            object.__setattr__(self, "segments", (slice(0, len(self.time)),))
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def column(self, channel: str) -> Array:
+        """Samples of `channel`, shape (n,), in the unit of its name.
+
+        Raises
+        ------
+        LogError
+            Where there is no such channel; the message names the near ones.
+        """
+        if channel not in self.columns:
+            raise LogError(f"no column {channel}{hint(channel, self.columns)}", self.name)
+        return self.columns[channel]
+
+    def matrix(self, channels: Sequence[str]) -> Array:
+        """Samples of several channels, shape (channels, n); raises as `column`."""
+        rows = [self.column(channel) for channel in channels]
+        return np.array(rows).reshape(len(rows), len(self))
+
+    @cached_property
+    def period(self) -> float:
+        """Median sample period [s]; NaN below two rows."""
+        return float(np.median(np.diff(self.time))) if len(self) > 1 else float("nan")
+
+    @property
+    def duration(self) -> float:
+        """Time from the first row to the last [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    def with_columns(self, columns: Mapping[str, Array]) -> Self:
+        """The same clock with more or other channels."""
+        return replace(self, columns={**self.columns, **columns})
+
+    def rows(self, part: slice) -> Self:
+        """Consecutive rows; those that follow the first begin in an unknown state."""
+        low, high, _ = part.indices(len(self))
+        cut = [slice(max(s.start, low) - low, min(s.stop, high) - low) for s in self.segments]
+        return self._cut(slice(low, high), cut, low == 0)
+
+    def where(self, keep: Rows) -> Self:
+        """The rows of a mask, shape (n,); segments that lose all of theirs are gone."""
+        before = np.concatenate(([0], np.cumsum(keep)))
+        cut = [slice(int(before[s.start]), int(before[s.stop])) for s in self.segments]
+        return self._cut(keep, cut, bool(keep[:1].all()))
+
+    def _cut(self, rows: slice | Rows, segments: Sequence[slice], first: bool) -> Self:
+        """Some rows; `first` tells whether the first row is among them."""
+        return replace(
+            self,
+            time=self.time[rows],
+            columns={name: values[rows] for name, values in self.columns.items()},
+            segments=tuple(s for s in segments if s.stop > s.start),
+            at_rest=self.at_rest and first,
+        )
+
+    def between(self, start: float | None, stop: float | None) -> Self:
+        """The rows from `start` up to and including `stop` [s]; open where None.
+
+        Raises
+        ------
+        LogError
+            Where no row is left.
+        """
+        low = 0 if start is None else int(np.searchsorted(self.time, start, side="left"))
+        high = len(self) if stop is None else int(np.searchsorted(self.time, stop, side="right"))
+        if low == 0 and high == len(self):
+            return self
+        if low >= high:
+            raise LogError(f"no row between {start} s and {stop} s", self.name)
+        return self.rows(slice(low, high))
+
+    def known(self, channels: Iterable[str]) -> Rows:
+        """Rows in which all of `channels` have a value, shape (n,)."""
+        known = np.ones(len(self), dtype=bool)
+        for channel in channels:
+            known &= np.isfinite(self.column(channel))
+        return known
+
+    def pieces(self, channels: Sequence[str]) -> Iterator[Self]:
+        """Parts without a pause in which all of `channels` have a value, of two rows and more."""
+        known = self.known(channels)
+        for part in self.segments:
+            rows = part.start + np.flatnonzero(known[part])
+            for piece in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+                if len(piece) > 1:
+                    yield self.rows(slice(int(piece[0]), int(piece[-1]) + 1))
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """The names nearest to `name`, as the tail of a message; else all that there are."""
+    known = list(known)
+    near = get_close_matches(name, known, n=3, cutoff=0.6)
+    if near:
+        return f" (near: {', '.join(near)})"
+    return f" (there are: {', '.join(known)})" if known else ""

@@ -1,0 +1,184 @@
+"""AR models of every order in one pass: Burg, Yule-Walker, least squares.
+
+Each pass gives the coefficients of every order and its innovation variance. The criterion of these
+tables is that of R's `ar`: N ln(variance) + 2 (order + 1), the innovation variance without the
+correction for degrees of freedom.
+
+Sources: J. P. Burg (1967) by way of S. L. Marple, Digital Spectral Analysis (1987), 8.5;
+P. J. Brockwell, R. A. Davis, Introduction to Time Series and Forecasting (2002), 5.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import FitError
+from thermaltool.timeseries.lagged import inner, lagged_products, lagged_sums
+from thermaltool.timeseries.record import Record
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ArOrders:
+    """AR fits of order 0, 1, ..., P.
+
+    Attributes
+    ----------
+    coefficients : tuple of ndarray (k,)
+        One per order k.
+    variance : ndarray (P + 1,)
+        Innovation variance [unit²].
+    samples : int
+        N.
+    parameters : int
+        Besides the coefficients (1 where a mean was taken off).
+    errors : ndarray (P + 1,) or None
+        Burg alone: mean square of the forward and backward errors, the other usual estimate.
+    """
+
+    coefficients: tuple[Array, ...]
+    variance: Array
+    samples: int
+    parameters: int
+    errors: Array | None = None
+
+    @property
+    def aic(self) -> Array:
+        """N ln(variance) + 2 (order + parameters), ndarray (P + 1,)."""
+        order = np.arange(self.variance.size)
+        return self.samples * np.log(self.variance) + 2.0 * (order + self.parameters)
+
+    @property
+    def best(self) -> int:
+        """Order of the least AIC."""
+        return int(np.argmin(self.aic))
+
+
+def burg(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
+    """Burg's method: reflections from forward and backward errors of all runs together.
+
+    Parameters
+    ----------
+    record : Record
+        Without mean; runs shorter than an order do not count for it.
+    max_order : int
+        At least 0, below the length of the longest run.
+    """
+    _check(record, max_order)
+    forward = [run.copy() for run in record.runs]
+    backward = [run.copy() for run in record.runs]
+    phi = np.empty(0)
+    coefficients, variance = [phi], [_power(record)]
+    errors = variance.copy()
+    for _ in range(max_order):
+        forward = [f[1:] for f in forward if f.size > 1]
+        backward = [b[:-1] for b in backward if b.size > 1]
+        cross = sum(inner(f, b) for f, b in zip(forward, backward, strict=True))
+        power = sum(inner(f, f) + inner(b, b) for f, b in zip(forward, backward, strict=True))
+        r = 2.0 * cross / power if power > 0.0 else 0.0
+        for f, b in zip(forward, backward, strict=True):
+            before = f * r
+            f -= r * b
+            b -= before
+        both = sum(inner(f, f) + inner(b, b) for f, b in zip(forward, backward, strict=True))
+        errors.append(both / (2 * sum(f.size for f in forward)))
+        phi = np.append(phi - r * phi[::-1], r)
+        coefficients.append(phi)
+        variance.append(variance[-1] * (1.0 - r * r))
+    return replace(_orders(coefficients, variance, record, parameters), errors=np.array(errors))
+
+
+def yule_walker(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
+    """Levinson-Durbin recursion on the autocovariances (sums over pairs, divided by N)."""
+    _check(record, max_order)
+    covariance = autocovariance(record, max_order)
+    phi = np.empty(0)
+    coefficients, variance = [phi], [float(covariance[0])]
+    for k in range(1, max_order + 1):
+        r = (covariance[k] - phi @ covariance[k - 1 : 0 : -1]) / variance[-1]
+        phi = np.append(phi - r * phi[::-1], r)
+        coefficients.append(phi)
+        variance.append(variance[-1] * (1.0 - r * r))
+    return _orders(coefficients, variance, record, parameters)
+
+
+def least_squares(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
+    """Regression on the last k values and a constant, on the samples that have all of them.
+
+    As R's `ar.ols`, order k uses the samples after the first k of each run, and its criterion
+    counts all N. All Gram matrices come from one of the largest order by taking the ends in.
+    """
+    _check(record, max_order)
+    runs = [run for run in record.runs if run.size > max_order]
+    gram = np.zeros((max_order + 2, max_order + 2))
+    for run in runs:
+        gram[1:, 1:] += lagged_products(run, run, max_order, max_order, max_order)
+        gram[0, 1:] += lagged_sums(run, max_order, max_order)
+        gram[0, 0] += run.size - max_order
+    gram[1:, 0] = gram[0, 1:]
+    coefficients, variance = [], []
+    for k in range(max_order, -1, -1):
+        if k < max_order:
+            # Lower orders see one more sample of each run.
+            gram = gram[:-1, :-1]
+            rows = [np.concatenate(([1.0], run[k::-1])) for run in record.runs if run.size > k]
+            gram = gram + sum(np.outer(row, row) for row in rows)
+        index = np.r_[0, 2 : k + 2]
+        try:
+            beta = np.linalg.solve(gram[np.ix_(index, index)], gram[index, 1])
+        except np.linalg.LinAlgError as error:
+            raise FitError(f"least squares of order {k} has no unique answer") from error
+        coefficients.append(beta[1:])
+        variance.append(float(gram[1, 1] - beta @ gram[index, 1]) / gram[0, 0])
+    return _orders(coefficients[::-1], variance[::-1], record, parameters)
+
+
+def autocovariance(record: Record, lags: int) -> Array:
+    """Autocovariances of a record without mean, divided by N, ndarray (lags + 1,) [unit²].
+
+    Pairs across a hole count; where samples are missing each lag is weighted by its pairs, so
+    that the estimate is not drawn to zero.
+    """
+    span = record.starts[-1] + record.runs[-1].size - record.starts[0]
+    if len(record.runs) == 1 or span > 4 * record.size:
+        sums = [sum(_lagged(run, k) for run in record.runs) for k in range(lags + 1)]
+        return np.array(sums) / record.size
+    full, there = np.zeros(span), np.zeros(span)
+    for run, start in zip(record.runs, record.starts, strict=True):
+        at = slice(start - record.starts[0], start - record.starts[0] + run.size)
+        full[at], there[at] = run, 1.0
+    sums = [_lagged(full, k) for k in range(lags + 1)]
+    pairs = [max(_lagged(there, k), 1.0) for k in range(lags + 1)]
+    whole = span - np.arange(lags + 1.0)
+    return np.array(sums) / np.array(pairs) * whole / span
+
+
+def _lagged(x: Array, lag: int) -> float:
+    return inner(x[lag:], x[: x.size - lag]) if lag < x.size else 0.0
+
+
+def _power(record: Record) -> float:
+    return sum(inner(run, run) for run in record.runs) / record.size
+
+
+def _orders(
+    coefficients: list[Array], variance: list[float], record: Record, parameters: int
+) -> ArOrders:
+    return ArOrders(
+        tuple(coefficients),
+        np.maximum(variance, np.finfo(float).tiny),
+        record.size,
+        parameters,
+    )
+
+
+def _check(record: Record, max_order: int) -> None:
+    longest = max(run.size for run in record.runs)
+    if max_order >= longest:
+        raise FitError(
+            f"order {max_order} needs more than {max_order} samples in a row; there are {longest}"
+        )

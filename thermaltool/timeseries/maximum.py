@@ -1,0 +1,132 @@
+"""Maximum of the exact likelihood: damped Gauss-Newton steps in unbounded coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.timeseries.likelihood import Data, Likelihood, Slope, slope
+from thermaltool.timeseries.polynomials import free_jacobian, from_free, to_free
+
+Array = NDArray[np.float64]
+
+_DAMPING = 1e-3
+_HARDEST = 1e8  # damping at which no step is left
+_FARTHEST = 1e3  # coordinate at which a root counts as on the unit circle
+_TOLERANCE = 1e-9  # of the deviance that a step could still gain
+
+
+@dataclass(frozen=True)
+class Maximum:
+    """Where the search stands.
+
+    Attributes
+    ----------
+    ar, ma : ndarray
+    at : Likelihood
+    converged : bool
+    promise : float
+        Fall of the deviance that the next step promised.
+    here : Slope or None
+        Of the likelihood, where it has been taken.
+    """
+
+    ar: Array
+    ma: Array
+    at: Likelihood
+    converged: bool
+    promise: float = 0.0
+    here: Slope | None = None
+
+    @property
+    def deviance(self) -> float:
+        return self.at.deviance
+
+
+def start(data: Data, ar: Array, ma: Array) -> Maximum:
+    """The likelihood at a start value, made stationary and invertible."""
+    free, free_ma = to_free(ar), to_free(-ma)
+    while True:
+        ar, ma = from_free(free), -from_free(free_ma)
+        try:
+            here = slope(data, ar, ma)
+            return Maximum(ar, ma, here.at, ar.size + ma.size == 0, here=here)
+        except np.linalg.LinAlgError:  # drawn in until the state's variance can be told
+            free = 0.5 * free
+
+
+def climb(
+    data: Data, begin: Maximum, steps: int = 100, tolerance: float = _TOLERANCE
+) -> tuple[Maximum, int]:
+    """At most `steps` steps of Levenberg and Marquardt from `begin`.
+
+    The coordinates are those of the partial autocorrelations, so every point is stationary and
+    invertible; the curvature is that of Gauss and Newton, the gradient that of the exact
+    likelihood.
+
+    Returns
+    -------
+    Maximum
+    int
+        Slopes of the likelihood that it took.
+    """
+    if begin.converged:
+        return begin, 0
+    p, damping = begin.ar.size, _DAMPING
+    free, here = _free(begin), begin.here or slope(data, begin.ar, begin.ma)
+    best = replace(begin, at=here.at, here=here)
+    curvature, gradient = _turned(here, free, p)
+    for taken in range(1, steps + 2):
+        scale = np.diagonal(curvature) + 1e-12 * np.trace(curvature)
+        step = -np.linalg.solve(curvature + damping * np.diag(scale), gradient)
+        gain = -float(gradient @ step + 0.5 * step @ curvature @ step)
+        if gain < tolerance or damping > _HARDEST:
+            return replace(best, converged=True), taken
+        if taken > steps:
+            break
+        trial = np.clip(free + step, -_FARTHEST, _FARTHEST)
+        ar, ma = from_free(trial[:p]), -from_free(trial[p:])
+        try:  # most steps are good, so the slope is taken along at once
+            there = slope(data, ar, ma)
+            won = best.deviance - there.at.deviance
+        except np.linalg.LinAlgError:  # too near to the circle to be told from it
+            won = -np.inf
+        if won > 0.0:
+            best, free = Maximum(ar, ma, there.at, False, here=there), trial
+            curvature, gradient = _turned(there, free, p)
+            damping *= 0.1 if won > 0.5 * gain else 1.0 if won > 0.1 * gain else 4.0
+        else:
+            damping = max(10.0 * damping, 1e-3)
+    return replace(best, promise=gain), taken
+
+
+def _turned(here: Slope, free: Array, p: int) -> tuple[Array, Array]:
+    """Curvature and gradient in the free coordinates."""
+    turn = np.zeros((free.size, free.size))
+    turn[:p, :p] = free_jacobian(free[:p])
+    turn[p:, p:] = -free_jacobian(free[p:])
+    return turn.T @ here.curvature @ turn, turn.T @ here.gradient
+
+
+def _free(point: Maximum) -> Array:
+    return np.concatenate((to_free(point.ar), to_free(-point.ma)))
+
+
+def information(data: Data, point: Maximum) -> Array:
+    """Half the second derivatives of the deviance in (ar, ma), by differences of the gradient.
+
+    Returns
+    -------
+    ndarray (p + q, p + q)
+        Observed information; its inverse is the covariance of the estimates.
+    """
+    p, size = point.ar.size, point.ar.size + point.ma.size
+    both = np.concatenate((point.ar, point.ma))
+    hessian = np.empty((size, size))
+    for k in range(size):
+        step = 1e-4 * np.eye(size)[k]
+        ends = [slope(data, (both + s)[:p], (both + s)[p:]).gradient for s in (step, -step)]
+        hessian[k] = (ends[0] - ends[1]) / 2e-4
+    return 0.25 * (hessian + hessian.T)

@@ -1,0 +1,398 @@
+"""The order of an ARMA model: every pair (p, q) at once, the best ones by exact likelihood.
+
+All pairs are estimated from one Gram matrix (Hannan-Rissanen). From the promising ones a
+best-first search goes on by exact maximum likelihood: each fitted model proposes its neighbours
+(one coefficient more or less, by the quadratic expansion of its likelihood) and the narrow lines
+left in its innovations; the proposal with the least expected criterion is fitted next. A full grid
+of maximum-likelihood fits costs some ten times more and, started from regressions alone, misses
+those lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import cycle
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import FitError
+from thermaltool.timeseries.ar import burg
+from thermaltool.timeseries.criteria import CRITERIA, Entry
+from thermaltool.timeseries.hannan import corrected, gram_matrix
+from thermaltool.timeseries.lagged import inner, products_of
+from thermaltool.timeseries.likelihood import Data, residuals, slope, with_trend, without
+from thermaltool.timeseries.maximum import Maximum, climb, start
+from thermaltool.timeseries.narrow import narrow_factors, with_line
+from thermaltool.timeseries.polynomials import (
+    CANCELLING,
+    cancelling,
+    is_stationary,
+    without_root,
+)
+from thermaltool.timeseries.record import Record
+from thermaltool.timeseries.starts import all_starts, as_difference, summed
+
+Array = NDArray[np.float64]
+Pair = tuple[int, int]
+
+# Slopes of the likelihood that the search may take: the cost of a slope grows with the record.
+BUDGET = 55
+_FIRST_STEPS = 0  # from a regression
+_STEPS = 8  # of one visit to a model
+_TOLERANCE = 2e-2  # of the deviance
+_LAST_STEPS, _LAST_TOLERANCE = 25, 1e-5  # for the best model
+_HOPE = 3.0  # by which a model may end better than its linear prediction says
+# By which a start may miss what was hoped for, and still be climbed from at once; else so far.
+_FALSE, _FALSE_STEPS = 10.0, 3
+_LINE_HOPE = 1.5  # the same of a narrow line, whose gain is known better
+_INTERACT = 30.0  # distance of lines, times samples [rad], below which their gains do not add
+_CLOSE = 4.0  # models this near to the best propose others
+_PATIENCE = 3.0  # the search ends where no proposal hopes to come this near to the best
+# Short records have more maxima: there the best few small models start again from elsewhere.
+_SHORT, _LEADING = 500, 3
+_SEEDS = 4  # starts from the regressions for each criterion
+_SMALL = 7  # orders p + q up to this are all looked at
+_WANDERS = 0.9  # correlation of neighbours above which the series may be a difference
+# Each run costs a filter of its own: where there are more, fewer models are looked at.
+_FEW_RUNS, _TINY = 20, 2
+_PER_PARAMETER = 3  # samples that a model needs for each parameter
+
+
+@dataclass(frozen=True)
+class OrderTable:
+    """What the search has seen.
+
+    Attributes
+    ----------
+    entries : tuple of Entry
+        One per pair, by p, then q.
+    fits : mapping of (p, q) to Maximum
+        The exact ones.
+    max_p, max_q : int
+        The grid as it was asked for.
+    cut_short : bool
+        The budget ended the search, while orders were left that might be better.
+    """
+
+    entries: tuple[Entry, ...]
+    fits: Mapping[Pair, Maximum]
+    max_p: int
+    max_q: int
+    cut_short: bool
+
+    def best(self, criterion: str) -> Entry:
+        """The exact entry of the least `criterion`."""
+        return min((e for e in self.entries if e.exact), key=CRITERIA[criterion])
+
+    def at_edge(self, entry: Entry) -> bool:
+        """Whether a larger grid might hold a better model."""
+        return (entry.p == self.max_p > 0) or (entry.q == self.max_q > 0)
+
+
+def select_order(
+    record: Record,
+    max_p: int = 10,
+    max_q: int = 10,
+    degree: int = 0,
+    criteria: Sequence[str] = ("aic", "aicc", "bic"),
+    budget: int = BUDGET,
+) -> OrderTable:
+    """Criteria of every ARMA order up to (max_p, max_q).
+
+    Parameters
+    ----------
+    record : Record
+    max_p, max_q : int
+    degree : int
+        Of the trend that is estimated along: 0 for a mean, 1 for a line, -1 for none.
+    criteria : sequence of str
+        Names in `CRITERIA` whose best models are looked for.
+    budget : int
+        Slopes of the likelihood that may be taken.
+
+    Raises
+    ------
+    FitError
+        Constant series, or too short for the smallest models.
+    """
+    search = _Search(record, max_p, max_q, degree, criteria)
+    cut_short = search.run(budget)
+    entries = tuple(search.entries[k] for k in sorted(search.entries))
+    return OrderTable(entries, search.fits, max_p, max_q, cut_short)
+
+
+@dataclass(frozen=True)
+class _Proposal:
+    """A model to be fitted, the deviance and criteria that it may reach; its fit where known."""
+
+    pair: Pair
+    ar: Array
+    ma: Array
+    hope: float
+    values: tuple[float, ...]
+    known: Maximum | None = None
+
+
+class _Search:
+    def __init__(
+        self, record: Record, max_p: int, max_q: int, degree: int, criteria: Sequence[str]
+    ) -> None:
+        self.data, self.criteria = with_trend(record, degree), tuple(criteria)
+        centred, power = detrended(record, self.data)
+        size = record.size
+        largest = size // _PER_PARAMETER - self.data.regressors - 1
+        if largest < 1:
+            raise FitError(f"{size} samples are too few to choose an order")
+        self.max_p, self.max_q = min(max_p, largest), min(max_q, largest)
+        self.largest = largest
+        self.fits: dict[Pair, Maximum] = {}
+        self.entries: dict[Pair, Entry] = {}
+        self.proposals: list[_Proposal] = []
+        self.seen: set[Pair] = set()
+        self.finished: set[Pair] = set()
+        self.best = dict.fromkeys(self.criteria, np.inf)
+        self.centred = centred
+        self._regressions(power)
+        self._differences()
+
+    def _regressions(self, power: float) -> None:
+        """Every pair from the Gram matrix; the promising ones are proposed."""
+        centred = self.centred
+        gram = gram_matrix(centred, self.max_p, self.max_q)
+        starts: dict[Pair, tuple[Array, Array]] = {}
+        for p in range(self.max_p + 1):
+            for q in range(min(self.max_q, self.largest - p) + 1):
+                ar, ma, sigma2 = gram.solve(p, q)
+                # What no regression can reach counts as what rounding leaves.
+                sigma2 = max(sigma2, 1e-14 * power)
+                starts[p, q] = ar, ma
+                self.entries[p, q] = self._entry((p, q), self._deviance(sigma2), sigma2, False)
+        autoregressions = burg(centred, self.max_p)
+        for p in range(1, self.max_p + 1):
+            starts[p, 0] = autoregressions.coefficients[p], np.empty(0)
+        few = len(centred.runs) <= _FEW_RUNS
+        chosen = {pair for pair in starts if sum(pair) <= (_SMALL if few else _TINY)}
+        for name in self.criteria:
+            value = CRITERIA[name]
+            ranked = sorted(starts, key=lambda pair: value(self.entries[pair]))
+            chosen |= set(ranked[: _SEEDS if few else 1])
+            pure = min(range(self.max_p + 1), key=lambda p: value(self.entries[p, 0]))
+            chosen.add((pure, 0))
+        for pair in sorted(chosen):
+            ar, ma = starts[pair]
+            if pair[
+                1
+            ]:  # the third regression comes much nearer where roots are close to the circle
+                better = corrected(centred, ar, ma)
+                ar, ma = better.ar, better.ma
+            at, _ = climb(self.data, start(self.data, ar, ma), _FIRST_STEPS, _TOLERANCE)
+            self._keep(pair, at)
+            hope = at.deviance - max(_HOPE, 1.5 * at.promise)
+            self._propose(pair, at.ar, at.ma, hope, at)
+
+    def _differences(self) -> None:
+        """Where the series wanders, models with an MA root at 1 from the orders of its sum."""
+        x = self.centred.values
+        if self.max_q == 0 or inner(x[1:], x[:-1]) < _WANDERS * inner(x, x):
+            return
+        sums = summed(self.centred)
+        try:
+            gram = gram_matrix(sums, self.max_p, self.max_q)
+        except FitError:
+            return
+        found = {}
+        for p, q in self.entries:
+            if q:
+                ar, ma, sigma2 = gram.solve(p, q - 1)
+                found[p, q] = ar, ma, self._entry((p, q), self._deviance(sigma2), sigma2, False)
+        chosen: set[Pair] = set()
+        for name in self.criteria:
+            chosen |= set(sorted(found, key=lambda pair: CRITERIA[name](found[pair][2]))[:2])
+        for pair in sorted(chosen):
+            better = corrected(sums, *found[pair][:2])
+            at = start(self.data, better.ar, as_difference(better.ma))
+            self._propose(pair, at.ar, at.ma, at.deviance - _HOPE)
+
+    def _entry(self, pair: Pair, deviance: float, sigma2: float, exact: bool) -> Entry:
+        return Entry(*pair, float(deviance), float(sigma2), self.data.size, self.data.regressors,
+                     exact)  # fmt: skip
+
+    def _keep(self, pair: Pair, fit: Maximum) -> bool:
+        """Keep a fit that is better than what is known of its pair."""
+        known = self.fits.get(pair)
+        if known is not None and known.deviance <= fit.deviance:
+            return False
+        self.fits[pair] = fit
+        entry = self.entries[pair] = self._entry(pair, fit.deviance, fit.at.sigma2, fit.converged)
+        for name in self.criteria:
+            self.best[name] = min(self.best[name], CRITERIA[name](entry))
+        return True
+
+    def _propose(
+        self, pair: Pair, ar: Array, ma: Array, hope: float, known: Maximum | None = None
+    ) -> None:
+        if min(pair) >= 0 and pair in self.entries:
+            entry = self._entry(pair, hope, self._sigma2(hope), True)
+            values = tuple(CRITERIA[name](entry) for name in self.criteria)
+            self.proposals.append(_Proposal(pair, ar, ma, hope, values, known))
+
+    def _excess(self, name: str, pair: Pair, deviance: float) -> float:
+        """By how much a deviance misses the best in one criterion."""
+        entry = self._entry(pair, deviance, self._sigma2(deviance), True)
+        return CRITERIA[name](entry) - self.best[name]
+
+    def _deviance(self, sigma2: float) -> float:
+        """Deviance of white noise with this variance."""
+        return self.data.size * (float(np.log(2.0 * np.pi * sigma2)) + 1.0)
+
+    def _sigma2(self, deviance: float) -> float:
+        """Variance of white noise with this deviance."""
+        return float(np.exp(min(deviance / self.data.size, 600.0) - 1.0) / (2.0 * np.pi))
+
+    def run(self, budget: int) -> bool:
+        """Fit what promises most until nothing is left that could win; criteria take turns.
+
+        Returns whether the budget was spent before.
+        """
+        cut_short = self._search(budget)
+        for name in self.criteria:
+            self._finish(CRITERIA[name])
+        return cut_short
+
+    def _finish(self, value: Callable[[Entry], float]) -> None:
+        """Climb on until the best model is at its maximum; the best few of a short record anew."""
+        count = _LEADING if self.data.size <= _SHORT else 1
+        while True:
+            leading = sorted(self.fits, key=lambda each: value(self.entries[each]))[:count]
+            left = [pair for pair in leading if pair not in self.finished]
+            if not left:
+                return
+            self._complete(left[0])
+
+    def _complete(self, pair: Pair) -> None:
+        fit = replace(self.fits.pop(pair), converged=sum(pair) == 0)
+        few = len(self.data.columns) <= _FEW_RUNS
+        if few and self.data.size <= _SHORT and sum(pair) <= _SMALL:
+            others = [climb(self.data, each, _STEPS, _TOLERANCE)[0]
+                      for each in all_starts(self.data, self.centred, *pair)]  # fmt: skip
+            fit = min(fit, *others, key=lambda each: each.deviance)
+            fit = replace(fit, converged=sum(pair) == 0)
+        fit, _ = climb(self.data, fit, _LAST_STEPS, _LAST_TOLERANCE)
+        # A maximum on the unit circle is approached for ever: this near will do.
+        self._keep(pair, replace(fit, converged=True))
+        self.finished.add(pair)
+
+    def _search(self, budget: int) -> bool:
+        idle, names = 0, cycle(enumerate(self.criteria))
+        while budget > 0:
+            k, name = next(names)
+            excess = [each.values[k] - self.best[name] for each in self.proposals]
+            first = int(np.argmin(excess)) if excess else 0
+            idle = 0 if excess and excess[first] < _PATIENCE else idle + 1
+            if idle == 0:
+                budget -= self._visit(self.proposals.pop(first))
+            if idle == len(self.criteria):
+                return False
+        return True
+
+    def _visit(self, proposal: _Proposal) -> int:
+        """Fit one proposal and let it propose others; the slopes that it took."""
+        pair = proposal.pair
+        begin = proposal.known or start(self.data, proposal.ar, proposal.ma)
+        false = begin.deviance > proposal.hope + _FALSE
+        fit, slopes = climb(self.data, begin, _FALSE_STEPS if false else _STEPS, _TOLERANCE)
+        known = self.fits.get(pair)
+        fresh = known is None or known.deviance > fit.deviance + _TOLERANCE or pair not in self.seen
+        self.seen.add(pair)
+        self._keep(pair, fit)
+        if not fit.converged:
+            won = begin.deviance - fit.deviance
+            hope = fit.deviance - min(won, fit.promise, _FALSE)
+            self._propose(pair, fit.ar, fit.ma, hope, fit)
+        excess = min(self._excess(name, pair, fit.deviance) for name in self.criteria)
+        if fresh and excess < _CLOSE:
+            self._neighbours(pair, fit)
+            slopes += 1
+        return slopes * (1 + len(self.data.columns) // _FEW_RUNS)
+
+    def _neighbours(self, pair: Pair, fit: Maximum) -> None:
+        """Models with one coefficient more or less, and with one narrow line more."""
+        p, q = pair
+        if p + 2 <= self.max_p and q + 2 <= self.max_q:
+            self._lines(fit)
+        for root, other in cancelling(fit.ar, fit.ma, 2.0 * CANCELLING):
+            fewer = 1 + (root.imag != 0.0)
+            if (p - fewer, q - fewer) in self.seen:
+                continue
+            less = start(self.data, without_root(fit.ar, root), -without_root(-fit.ma, other))
+            pair_less = less.ar.size, less.ma.size
+            self._propose(pair_less, less.ar, less.ma, less.deviance - _HOPE)
+        # One slope at the model with a zero coefficient more on both sides serves all.
+        wide = slope(self.data, np.append(fit.ar, 0.0), np.append(fit.ma, 0.0))
+        own = [*range(p), *range(p + 1, p + 1 + q)]
+        both = np.concatenate((fit.ar, [0.0], fit.ma, [0.0]))
+        for pair_more, extra in (((p + 1, q), p), ((p, q + 1), p + q + 1)):
+            index = np.array(sorted([*own, extra]))
+            step = -np.linalg.solve(_ridged(wide.curvature, index), wide.gradient[index])
+            gain = -0.5 * float(wide.gradient[index] @ step)
+            more = both[index] + step
+            ar, ma = more[: pair_more[0]], more[pair_more[0] :]
+            if not (is_stationary(ar) and is_stationary(-ma)):
+                gain = min(gain, _HOPE)  # nothing is known of the likelihood out there
+            self._propose(pair_more, ar, ma, fit.deviance - gain - 0.5)
+        if own:
+            inverse = np.asarray(np.linalg.inv(_ridged(wide.curvature, np.array(own))), float)
+            self._smaller(pair, fit, inverse)
+
+    def _lines(self, fit: Maximum) -> None:
+        """Models with one narrow line more, and with the first few lines at once."""
+        e = residuals(self.data, fit.ar, fit.ma, fit.at.coefficients)
+        several, hope, angles = (fit.ar, fit.ma), fit.deviance - _LINE_HOPE, np.empty(0)
+        for line in narrow_factors(e):
+            ar, ma = with_line(fit.ar, fit.ma, line)
+            self._propose((ar.size, ma.size), ar, ma, fit.deviance - line.gain - _LINE_HOPE)
+            if np.any(np.abs(angles - line.angle) < _INTERACT / self.data.size):
+                continue
+            angles = np.append(angles, line.angle)
+            several, hope = with_line(*several, line), hope - line.gain
+            if angles.size > 1:
+                self._propose((several[0].size, several[1].size), *several, hope)
+
+    def _smaller(self, pair: Pair, fit: Maximum, inverse: Array) -> None:
+        p, q = pair
+        values = np.concatenate((fit.ar, fit.ma))
+        for less, last in (((p - 1, q), p - 1), ((p, q - 1), p + q - 1)):
+            if min(less) < 0:
+                continue
+            share = values[last] / inverse[last, last]
+            rest = np.delete(values - inverse[:, last] * share, last)
+            self._propose(less, rest[: less[0]], rest[less[0] :],
+                          fit.deviance + 0.5 * values[last] * share - 0.5)  # fmt: skip
+
+
+def _ridged(curvature: Array, index: NDArray[np.intp]) -> Array:
+    """A block of the curvature; a ridge in place of what cancelling roots leave undetermined."""
+    block = curvature[np.ix_(index, index)]
+    return np.asarray(block + 1e-9 * np.trace(block) / index.size * np.eye(index.size))
+
+
+def detrended(record: Record, data: Data) -> tuple[Record, float]:
+    """The record without its regressors (least squares), and its mean square [unit²].
+
+    Raises
+    ------
+    FitError
+        Nothing is left: constant, or an exact line.
+    """
+    columns = np.concatenate(data.columns, axis=1)
+    scale = float(np.abs(record.values).max())
+    products = products_of(columns)
+    best = np.asarray(np.linalg.solve(products[1:, 1:], products[1:, 0]), float)
+    x = without(columns, best)
+    power = inner(x, x) / x.size
+    if np.sqrt(power) <= 1e-13 * scale:
+        shape = "constant" if data.regressors < 2 else "a straight line"
+        raise FitError(f"the series is {shape}: it has no order")
+    return record.with_values(x), power

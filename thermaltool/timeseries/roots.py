@@ -1,0 +1,105 @@
+"""What the roots of an ARMA model say: modes in continuous time, stationarity, cancellation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from thermaltool.timeseries.model import ArmaModel
+from thermaltool.timeseries.polynomials import characteristic_roots
+
+Array = NDArray[np.float64]
+
+# 5 % points of samples times (root - 1) for long records: W. A. Fuller, Introduction to Statistical
+# Time Series (1976), table 8.5.1, by the degree of the trend.
+UNIT = {-1: -8.1, 0: -14.1, 1: -21.8}
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A real root, or a conjugate pair, of the AR part and its equivalent in continuous time.
+
+    Attributes
+    ----------
+    root : complex
+        λ, with imaginary part >= 0.
+    natural : (float, float, float) or None
+        Natural frequency ω_n = |ln λ| / Δ of a pair, low, high [rad/s].
+    damping : (float, float, float) or None
+        ξ = -Re ln λ / |ln λ| of a pair, low, high.
+    time_constant : (float, float, float) or None
+        -Δ / ln|λ|, low, high [s]. A negative real root alternates: it has no such equivalent, and
+        this is the decay of its amplitude.
+    """
+
+    root: complex
+    natural: tuple[float, float, float] | None
+    damping: tuple[float, float, float] | None
+    time_constant: tuple[float, float, float]
+
+    @property
+    def alternates(self) -> bool:
+        """A real root below 0: no process in continuous time has it."""
+        return self.root.imag == 0.0 and self.root.real < 0.0
+
+
+def modes(model: ArmaModel, level: float = 0.95) -> tuple[Mode, ...]:
+    """The AR roots of a model as modes, slowest first; intervals by the delta method.
+
+    ln λ changes with the coefficients by ∂λ/∂ar_i = λ^(p-i) / P'(λ), P the characteristic
+    polynomial. The intervals are NaN where the coefficients are undetermined or a root is double.
+    """
+    p = model.ar.size
+    polynomial = np.concatenate(([1.0], -model.ar))
+    found = []
+    quantile = float(ndtri(0.5 + 0.5 * level))
+    for root in characteristic_roots(model.ar):
+        if root.imag < 0.0 or root == 0.0:
+            continue
+        slope = np.polyval(np.polyder(polynomial), root)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = root ** np.arange(p - 1.0, -1.0, -1.0) / slope / root
+        found.append(_mode(complex(root), change, model, quantile))
+    return tuple(sorted(found, key=lambda mode: -abs(mode.root)))
+
+
+def _mode(root: complex, change: NDArray[np.complex128], model: ArmaModel, z: float) -> Mode:
+    s = np.log(root) / model.period_s
+    ds = change / model.period_s
+    p = model.ar.size
+    covariance = np.full((p, p), np.nan)
+    if model.covariance is not None:
+        covariance = model.covariance[:p, :p]
+
+    def interval(value: float, gradient: Array) -> tuple[float, float, float]:
+        half = z * float(np.sqrt(np.abs(gradient @ covariance @ gradient)))
+        # Positive quantities: the interval is symmetric in the logarithm.
+        spread = np.exp(min(half / abs(value), 700.0)) if value else np.nan
+        return value, float(value / spread), float(value * spread)
+
+    decay = interval(float(-s.real), -ds.real)
+    time = (1.0 / decay[0], 1.0 / decay[2], 1.0 / decay[1]) if s.real else (np.inf,) * 3
+    if root.imag == 0.0:
+        return Mode(root, None, None, time)
+    size = abs(s)
+    d_size = (s.real * ds.real + s.imag * ds.imag) / size
+    d_damping = -ds.real / size + s.real * d_size / size**2
+    return Mode(
+        root,
+        interval(float(size), d_size),
+        interval(float(-s.real / size), d_damping),
+        time,
+    )
+
+
+def near_unit(ar: Array, size: int, degree: int = 0) -> bool:
+    """Whether a real AR root is not told from 1 by so many samples: a random walk.
+
+    By its distance from 1 in units of 1/size (Fuller's coefficient test).
+    """
+    roots = characteristic_roots(ar)
+    limit = max(1.0 + UNIT[degree] / size, 0.0)
+    return bool(np.any((roots.imag == 0.0) & (roots.real > limit)))
