@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.control.heaters import Stabilizer
-from thermaltool.effects.dynamics import hold_of
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.static import correct
 from thermaltool.fitting.transfer.continuation import continued
@@ -38,6 +37,7 @@ from thermaltool.plants.heated import OUTPUTS, POWERS, SENSORS, HeatedPlant
 from thermaltool.plants.noise import read_sensors
 from thermaltool.record import Record
 from thermaltool.signals.agreement import improvement
+from thermaltool.units import hold_of
 
 Array = NDArray[np.float64]
 DT, START, LEAD = 60.0, 1800.0, 120.0

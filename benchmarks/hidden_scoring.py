@@ -16,12 +16,13 @@ from thermaltool.diagnosis.diagnose import TIGHT, diagnose
 from thermaltool.diagnosis.result import Diagnosis
 from thermaltool.diagnosis.scan import refine, scan
 from thermaltool.diagnosis.workbench import Workbench
-from thermaltool.effects.effect import Effect, is_displacement, reference_of
+from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.fitting.records import Plan, calibrate
 from thermaltool.model import Model, relative
 from thermaltool.plants.hidden import Hidden, HiddenLog, hide
 from thermaltool.plants.scenario import DEFLECTIONS, DRIVE, SENSORS, Table
 from thermaltool.record import Record
+from thermaltool.units import is_displacement
 
 Float = NDArray[np.float64]
 

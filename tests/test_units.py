@@ -5,7 +5,16 @@ from __future__ import annotations
 import pytest
 
 from thermaltool.errors import UnitError
-from thermaltool.units import UNITS, Channel, parse_channel
+from thermaltool.units import (
+    UNITS,
+    Channel,
+    clock_unit,
+    counts_from_first,
+    drive_reference,
+    hold_of,
+    is_displacement,
+    parse_channel,
+)
 
 
 @pytest.mark.parametrize(
@@ -41,3 +50,31 @@ def test_absolute_and_difference_temperatures_are_not_mixed() -> None:
     for name in ("dT_a_degC", "T_a_K", "T_a_mK"):
         with pytest.raises(UnitError):
             parse_channel(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "hold", "reference", "displacement", "from_first"),
+    [
+        ("T_spindle_degC", "first", "first", False, True),
+        ("dT_pair1_K", "first", 0.0, False, False),
+        ("d_z_um", "first", 0.0, True, True),
+        ("a_head_urad", "first", 0.0, True, True),
+        ("Q_main_W", "zero", 0.0, False, False),
+        ("Q_main_1", "zero", 0.0, False, False),
+        ("n_spindle_rpm", "zero", 0.0, False, False),
+        ("U_heater_V", "zero", 0.0, False, False),
+    ],
+)
+def test_hold_and_zero_follow_from_the_quantity(
+    name: str, hold: str, reference: float | str, displacement: bool, from_first: bool
+) -> None:
+    assert hold_of(name) == hold
+    assert drive_reference(name) == reference
+    assert is_displacement(name) is displacement
+    assert counts_from_first(name) is from_first
+
+
+def test_the_clock_is_found_by_its_name() -> None:
+    assert clock_unit(["time", "time_min", "T_a_degC"]) == "min"
+    assert clock_unit(["T_a_degC", "time"]) == "iso"
+    assert clock_unit(["t_s", "T_a_degC"]) is None

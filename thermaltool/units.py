@@ -8,11 +8,21 @@ absent (``T_degC``) and may contain underscores.
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from difflib import get_close_matches
+from typing import Literal
 
 from thermaltool.errors import UnitError
 
+# Between two samples a value is constant ("zero") or runs straight ("first"): the hold's order.
+Hold = Literal["zero", "first"]
+# What counts as zero of a channel: a value, or its first one in a log.
+Reference = float | Literal["first"]
+
+# Quantities that run on between samples; heat, voltage, speed are commanded.
+_CONTINUOUS = ("temperature", "temperature difference", "length", "angle")
+_DISPLACEMENTS = ("length", "angle")
 _SYMBOLS = {"degC": "°C", "um": "µm", "urad": "µrad", "pct": "%"}
 
 # unit -> (dimension, factor to the dimension's base unit)
@@ -81,6 +91,34 @@ def parse_channel(name: str) -> Channel:
     if quantity == "T" and unit in ("K", "mK"):
         raise UnitError(f"{name}: an absolute temperature is in degC; a difference is dT_..._K")
     return Channel(name, quantity, place, unit)
+
+
+def hold_of(channel: str) -> Hold:
+    """How a channel goes on between samples, by its quantity."""
+    return "first" if parse_channel(channel).dimension in _CONTINUOUS else "zero"
+
+
+def is_displacement(channel: str) -> bool:
+    """Whether a channel is a length or an angle, which have no zero of their own."""
+    return parse_channel(channel).dimension in _DISPLACEMENTS
+
+
+def drive_reference(channel: str) -> Reference:
+    """What counts as no drive: the first value of an absolute temperature, 0 of all else."""
+    return "first" if parse_channel(channel).dimension == "temperature" else 0.0
+
+
+def counts_from_first(channel: str) -> bool:
+    """Whether only changes of a channel mean anything: a displacement or absolute temperature."""
+    return is_displacement(channel) or drive_reference(channel) == "first"
+
+
+def clock_unit(names: Container[str]) -> str | None:
+    """The unit of the clock among column names: of ``time_<unit>``, "iso" for ``time``, or None."""
+    for unit, (dimension, _) in UNITS.items():
+        if dimension == "time" and f"time_{unit}" in names:
+            return unit
+    return "iso" if "time" in names else None
 
 
 def symbol(unit: str) -> str:

@@ -11,11 +11,11 @@ import pytest
 from effects.machine import AIR, BEARING, COOLANT, HEAT, PART, columns, model, scene
 
 from thermaltool.effects import CATALOGUE, effect_class, load_effect
-from thermaltool.effects.effect import SIDES, is_displacement, reference_of
+from thermaltool.effects.effect import SIDES, reference_of
 from thermaltool.errors import ModelError
 from thermaltool.model import dumps, loads
 from thermaltool.record import Record
-from thermaltool.units import UNITS
+from thermaltool.units import UNITS, is_displacement
 
 # Found by the diagnosis itself; there is nothing to simulate.
 NO_TRIAL = ("record_too_short", "outliers")

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from thermaltool.cli.transfer import Findings, read_one
-from thermaltool.effects.dynamics import hold_of
 from thermaltool.errors import FitError
 from thermaltool.fitting.network.data import Records, Span, spans_of
 from thermaltool.fitting.network.run import Shared, SharedPlan, run_shared
@@ -16,6 +15,7 @@ from thermaltool.fitting.transfer.machine import in_use
 from thermaltool.model import Model
 from thermaltool.report.network import network_document, network_table, network_warnings
 from thermaltool.report.transfer import lost_from_rest
+from thermaltool.units import hold_of
 
 
 def identify_shared(

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any
 
 import click
+
+from thermaltool.units import Reference
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -118,7 +120,7 @@ def number_of(text: str, option: str) -> float:
     return value
 
 
-def reference_of(text: str | None) -> float | Literal["first"] | None:
+def reference_of(text: str | None) -> Reference | None:
     """``--reference first|NUMBER``; None where it is not given."""
     if text is None or text == "first":
         return "first" if text else None

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.diagnosis.workbench import Workbench
-from thermaltool.effects.dynamics import hold_of
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.model import away_from_rest as not_at_rest
 from thermaltool.model import relative
 from thermaltool.record import Record
+from thermaltool.units import hold_of
 
 # Rows of an experiment that are simulated at most (where it would have more, they are further
 # apart), and means of rows that count.

@@ -14,9 +14,10 @@ import numpy as np
 
 from thermaltool.diagnosis.result import Gain
 from thermaltool.diagnosis.workbench import Series, Workbench
-from thermaltool.effects.effect import Float, is_displacement
+from thermaltool.effects.effect import Float
 from thermaltool.signals.agreement import agreement
 from thermaltool.signals.likelihood import ColouredNoise
+from thermaltool.units import is_displacement
 
 FOLDS = 6
 # Blocks of the bootstrap, and draws.

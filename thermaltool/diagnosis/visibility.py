@@ -16,7 +16,8 @@ from thermaltool.diagnosis.scan import every_probe
 from thermaltool.diagnosis.sight import Changes, Normal, Rehearsal, Sight, displaced, noise_before
 from thermaltool.diagnosis.workbench import Workbench
 from thermaltool.effects import CATALOGUE, effect_class
-from thermaltool.effects.effect import Effect, Float, is_displacement
+from thermaltool.effects.effect import Effect, Float
+from thermaltool.units import is_displacement
 
 # A signature of which the model's own parameters leave less than this share of the power is theirs.
 DEGENERATE = 1e-4

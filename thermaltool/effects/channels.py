@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from thermaltool.effects.effect import Scene, is_displacement
-from thermaltool.units import parse_channel
+from thermaltool.effects.effect import Scene
+from thermaltool.units import is_displacement, parse_channel
 
 _AIR = {
     "air",

@@ -8,8 +8,8 @@ import numpy as np
 
 from thermaltool.effects.effect import Float, Scene, needed
 from thermaltool.record import Record
-from thermaltool.responses.modes import CLOCK_STEP, Hold
-from thermaltool.units import parse_channel
+from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.units import Hold, hold_of
 
 HOUR = 3600.0
 # A lag of so many records is a trend.
@@ -17,13 +17,6 @@ SLOWEST = 3.0
 # A jump is looked for between the means of so many readings before and after it, and at so many
 # places for each.
 _SIDES, _PLACES = (2, 8, 32), 3
-# Between samples a temperature or a displacement runs on; heat, voltage, speed are commanded.
-CONTINUOUS = ("temperature", "temperature difference", "length", "angle")
-
-
-def hold_of(channel: str) -> Hold:
-    """How a channel goes on between samples."""
-    return "first" if parse_channel(channel).dimension in CONTINUOUS else "zero"
 
 
 def lagged(time: Float, u: Float, time_constant: float, hold: Hold, start: float = 0.0) -> Float:

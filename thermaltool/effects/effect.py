@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
-from thermaltool.units import parse_channel
+from thermaltool.units import is_displacement, parse_channel
 
 Float = NDArray[np.float64]
 Side = Literal["drive", "state", "source", "structure", "sensor", "wiring"]
@@ -128,11 +128,6 @@ def needed(record: Record, channel: str) -> Float:
     if channel not in record.columns:
         raise ModelError(f"an effect of the model needs {channel}, which is not in the log")
     return record.columns[channel]
-
-
-def is_displacement(channel: str) -> bool:
-    """Whether a channel is a length or an angle."""
-    return parse_channel(channel).dimension in ("length", "angle")
 
 
 def reference_of(name: str) -> tuple[str, str | None]:

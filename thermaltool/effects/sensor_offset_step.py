@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, is_displacement
+from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
 from thermaltool.record import Record
+from thermaltool.units import is_displacement
 
 
 class SensorOffsetStep(Effect):

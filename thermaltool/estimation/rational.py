@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import polynomial as poly
 
-from thermaltool.effects.dynamics import hold_of
 from thermaltool.errors import ModelError
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.responses.modes import Complex
 from thermaltool.responses.rational import KINDS, Rational
+from thermaltool.units import hold_of
 
 # A leading coefficient below this share of what it is summed from is rounding.
 ROUNDING = 1e-9

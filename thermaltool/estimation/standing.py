@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal, NoReturn
+from typing import NoReturn
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from thermaltool.errors import ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
+from thermaltool.units import Reference
 
 Static = Callable[[Float], Float | None]
 
@@ -50,7 +51,7 @@ class Inlet:
     """
 
     column: str
-    rest: float | Literal["first"]
+    rest: Reference
     seen: tuple[float, float] | None
     sensor: bool
     commanded: bool = False

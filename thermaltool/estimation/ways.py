@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from thermaltool.effects.dynamics import hold_of
 from thermaltool.effects.effect import Effect
 from thermaltool.estimation.cascade import lagged_modes
 from thermaltool.estimation.known import Known, Way
@@ -16,6 +15,7 @@ from thermaltool.estimation.losses import losses_of
 from thermaltool.estimation.standing import lags_of, standing
 from thermaltool.model import Model, Term
 from thermaltool.responses.modes import Modes
+from thermaltool.units import hold_of
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from thermaltool.effects.dynamics import hold_of
 from thermaltool.errors import ModelError
 from thermaltool.fitting.calibrate import Fit, Loss, fit_output
 from thermaltool.fitting.projection import OutputRecord
 from thermaltool.model import Drive, Model, Output, Role, Term, relative
 from thermaltool.record import Record
 from thermaltool.responses import response_class
-from thermaltool.responses.modes import Float, Hold
-from thermaltool.units import parse_channel
+from thermaltool.responses.modes import Float
+from thermaltool.units import Hold, Reference, drive_reference, hold_of, is_displacement
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Plan:
     sensors: tuple[str, ...]
     deflections: tuple[str, ...]
     kinds: Mapping[str, str] = field(default_factory=dict)
-    reference: float | Literal["first"] | None = None
+    reference: Reference | None = None
     hold: Hold | None = None
     fixed: Mapping[str, float] = field(default_factory=dict)
     loss: Loss = "huber"
@@ -55,10 +54,10 @@ class Plan:
             return self.hold
         return hold_of(channel)
 
-    def drive_reference(self, channel: str) -> float | Literal["first"]:
+    def drive_reference(self, channel: str) -> Reference:
         if self.reference is not None:
             return self.reference
-        return "first" if parse_channel(channel).dimension == "temperature" else 0.0
+        return drive_reference(channel)
 
     def outputs(self) -> list[tuple[str, Role, str]]:
         """(channel, role, kind) of every output."""
@@ -150,7 +149,7 @@ def _output(
 ) -> Output:
     levels = [r.values - offset for r, offset in zip(records, fit.offsets, strict=True)]
     # A displacement has no zero of its own; any other reading at rest is a property of the sensor.
-    arbitrary = parse_channel(channel).dimension in ("length", "angle")
+    arbitrary = is_displacement(channel)
     return Output(
         channel,
         role,

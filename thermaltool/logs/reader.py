@@ -16,7 +16,7 @@ from thermaltool.logs.csv_table import CsvTable
 from thermaltool.logs.log import Log
 from thermaltool.logs.table import Cells, Kind, Source, Table, format_of, read_source, told
 from thermaltool.record import Array, hint
-from thermaltool.units import UNITS, Channel, parse_channel
+from thermaltool.units import UNITS, Channel, clock_unit, parse_channel
 
 
 def read_log(
@@ -156,11 +156,9 @@ def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:
 
 def _own_clock(file: str, table: Table) -> Clock:
     """The clock by the tool's own names: ``time_s``, another time unit, or ISO 8601 ``time``."""
-    for unit, (dimension, _) in UNITS.items():
-        if dimension == "time" and f"time_{unit}" in table.names:
-            return Clock(f"time_{unit}", unit)
-    if "time" in table.names:
-        return Clock("time", "iso")
+    unit = clock_unit(table.names)
+    if unit is not None:
+        return Clock("time" if unit == "iso" else f"time_{unit}", unit)
     raise LogError(
         f"no clock: no column time_s or time{hint('time_s', table.names)}; a map for --columns "
         "names another one, or a period for logs without",

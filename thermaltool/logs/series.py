@@ -14,7 +14,7 @@ from thermaltool.logs.columns import ColumnMap
 from thermaltool.logs.reader import open_table, read_log
 from thermaltool.logs.table import Kind, format_of, read_source
 from thermaltool.record import Array, hint
-from thermaltool.units import UNITS
+from thermaltool.units import UNITS, clock_unit
 
 # Share of the period by which a step may differ from a whole number of periods.
 UNEVEN = 0.25
@@ -151,10 +151,10 @@ def _lenient(
 
 
 def _clock(names: list[str]) -> tuple[int | None, str]:
-    for unit, (dimension, _) in UNITS.items():
-        if dimension == "time" and f"time_{unit}" in names:
-            return names.index(f"time_{unit}"), unit
-    return (names.index("time"), "iso") if "time" in names else (None, "")
+    unit = clock_unit(names)
+    if unit is None:
+        return None, ""
+    return names.index("time" if unit == "iso" else f"time_{unit}"), unit
 
 
 def _stamps(file: str, stamps: list[str | None], lines: NDArray[np.intp]) -> Array | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 from thermaltool.model import Drive, Model, Output
 from thermaltool.record import MAX_UNEVENNESS
+from thermaltool.units import Reference
 
 CORRECT_LATER = "superpose first, correct then"
 
@@ -178,7 +178,7 @@ def _joined(models: Sequence[Model], **parts: object) -> Model:
     return replace(joined, **parts)  # type: ignore[arg-type]
 
 
-def _zero(models: Sequence[Model], channel: str) -> float | Literal["first"]:
+def _zero(models: Sequence[Model], channel: str) -> Reference:
     """Where an output rests: numbers are estimates of one state, of which the mean is taken."""
     zeros = [o.offset for m in models for o in m.outputs if o.channel == channel]
     numbers = [zero for zero in zeros if zero != "first"]

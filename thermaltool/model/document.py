@@ -27,6 +27,7 @@ from thermaltool.errors import ModelError
 from thermaltool.record import Record
 from thermaltool.responses import Response, parameter_names, response_class
 from thermaltool.responses.modes import Float, Hold, Modes
+from thermaltool.units import Reference
 
 Role = Literal["sensor", "deflection"]
 
@@ -49,7 +50,7 @@ class Drive:
 
     channel: str
     hold: Hold
-    reference: float | Literal["first"]
+    reference: Reference
     range: tuple[float, float]
 
 
@@ -72,7 +73,7 @@ class Output:
 
     channel: str
     role: Role
-    offset: float | Literal["first"]
+    offset: Reference
     range: tuple[float, float]
     fit: Mapping[str, Any] = field(default_factory=dict)
 
@@ -118,7 +119,7 @@ class Model:
     def deflections(self) -> tuple[Output, ...]:
         return tuple(o for o in self.outputs if o.role == "deflection")
 
-    def reference(self, channel: str) -> float | Literal["first"]:
+    def reference(self, channel: str) -> Reference:
         """What counts as zero of a channel that is read: that of a drive, else 0."""
         return next((d.reference for d in self.drives if d.channel == channel), 0.0)
 
@@ -252,7 +253,7 @@ def read_outputs(
     return result
 
 
-def relative(values: Float, rest: float | Literal["first"]) -> Float:
+def relative(values: Float, rest: Reference) -> Float:
     """Values minus the value at rest, which may be the first one that is there."""
     if rest != "first":
         return values - rest

@@ -29,7 +29,7 @@ from thermaltool.report.style import (
     with_unit,
 )
 from thermaltool.signals.agreement import agreement
-from thermaltool.units import UNITS, parse_channel, symbol
+from thermaltool.units import counts_from_first, parse_channel, symbol
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -199,19 +199,14 @@ def _unit(channel: str) -> str:
     return parse_channel(channel).unit
 
 
-def _floats(channel: str) -> bool:
-    """The zero of the channel is arbitrary."""
-    return UNITS[_unit(channel)][0] in ("length", "angle", "temperature")
-
-
 def _titled(channel: str) -> str:
-    return f"{channel}, from rest" if _floats(channel) else channel
+    return f"{channel}, from rest" if counts_from_first(channel) else channel
 
 
 def _at(time: Array, reference: Log, channel: str) -> Array:
     """A channel of the reference at the times of a result, NaN outside its record."""
     values = reference.columns[channel]
-    if _floats(channel):
+    if counts_from_first(channel):
         values = relative(values, "first")
     if np.array_equal(time, reference.time):
         return values

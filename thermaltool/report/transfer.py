@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.effects.dynamics import hold_of
 from thermaltool.fitting.transfer.choose import Choice
 from thermaltool.fitting.transfer.continuation import Continued, oscillates
 from thermaltool.fitting.transfer.model import TransferModel
@@ -19,7 +18,7 @@ from thermaltool.report.orders import aligned
 from thermaltool.responses import parameter_names
 from thermaltool.signals.agreement import Agreement
 from thermaltool.signals.intervals import Estimate
-from thermaltool.units import parse_channel, printed
+from thermaltool.units import hold_of, parse_channel, printed
 
 # Residual tests speak against a model below this p-value.
 DOUBTFUL = 0.01

@@ -12,16 +12,16 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import ModelError
+from thermaltool.units import Hold
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Hold = Literal["zero", "first"]
 Range = tuple[float, float]
 
 # Two samples whose lengths differ by less than this count as equal [s].

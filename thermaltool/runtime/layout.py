@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from thermaltool.errors import LogError
 from thermaltool.runtime.clocks import ArrivalClock, Clock, ColumnClock, PeriodClock, StampClock
-from thermaltool.units import UNITS
+from thermaltool.units import UNITS, clock_unit
 
 if TYPE_CHECKING:
     from thermaltool.logs.columns import ColumnMap
@@ -102,11 +102,11 @@ def _clock(keys: Mapping[str, Any], wanted: Wanted, number: Callable[[Any], floa
         if mapped.unit == "iso":
             return StampClock(keys[mapped.column], mapped.format)
         return ColumnClock(keys[mapped.column], number, UNITS[mapped.unit][1])
-    for unit, (dimension, factor) in UNITS.items():
-        if dimension == "time" and f"time_{unit}" in keys:
-            return ColumnClock(keys[f"time_{unit}"], number, factor)
-    if "time" in keys:
+    unit = clock_unit(keys)
+    if unit == "iso":
         return StampClock(keys["time"])
+    if unit is not None:
+        return ColumnClock(keys[f"time_{unit}"], number, UNITS[unit][1])
     raise LogError(f"no clock: no column time_s or time{_hint('time_s', keys)}; {wanted.mend}")
 
 

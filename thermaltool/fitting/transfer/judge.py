@@ -9,14 +9,14 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.transfer.data import Array, Piece, Zero
 from thermaltool.signals.agreement import Agreement, agreement, improvement
-from thermaltool.units import parse_channel
+from thermaltool.units import is_displacement
 
 
 def zero_of(target: str, other_log: bool) -> Zero:
     """The zero of validation data: that of a displacement is arbitrary in every log."""
     if not other_log:
         return "fitted"
-    return "free" if parse_channel(target).dimension in ("length", "angle") else "mean"
+    return "free" if is_displacement(target) else "mean"
 
 
 def judged(

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from thermaltool.effects.dynamics import hold_of
 from thermaltool.errors import ModelError
 from thermaltool.fitting.transfer.continuation import Continued
 from thermaltool.fitting.transfer.data import Array, Data, Stretch
@@ -15,9 +14,7 @@ from thermaltool.model import Drive, Model, Output, Role, Term, relative
 from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.signals.intervals import Estimate
-from thermaltool.units import parse_channel
-
-Reference = float | Literal["first"]
+from thermaltool.units import Reference, drive_reference, hold_of, is_displacement
 
 
 class Identity(Protocol):
@@ -58,7 +55,7 @@ def machine(
     outputs, terms = [], []
     for model, ways, training, data in found:
         for k, name in enumerate(model.names):
-            rest = _reference(name, reference)
+            rest = drive_reference(name) if reference is None else reference
             drives[name] = Drive(name, hold_of(name), rest, _extent(data, k, rest))
         for name, way in zip(model.names, ways, strict=True):
             if isinstance(way, str):
@@ -95,12 +92,6 @@ def in_use(model: Model, data: Data, clocks: Sequence[Array] | None = None) -> A
     return agreement(np.concatenate(measured), np.concatenate(computed))
 
 
-def _reference(channel: str, given: Reference | None) -> Reference:
-    if given is not None:
-        return given
-    return "first" if parse_channel(channel).dimension == "temperature" else 0.0
-
-
 def _extent(data: Data, k: int, rest: Reference) -> tuple[float, float]:
     return _range([s.inputs[k] for s in data.stretches],
                   _rests([s.inputs[k] for s in _begun(data)], rest))  # fmt: skip
@@ -128,7 +119,7 @@ def _output(
 
     A displacement has no zero of its own, and a drive that starts from anywhere leaves none.
     """
-    arbitrary = parse_channel(model.target).dimension in ("length", "angle")
+    arbitrary = is_displacement(model.target)
     rests = [drives[name].reference for name in model.names]
     offset: Reference = "first"
     if not arbitrary and "first" not in rests:

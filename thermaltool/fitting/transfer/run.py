@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 
-from thermaltool.effects.dynamics import hold_of
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.transfer.choose import (
     Choice,
@@ -25,6 +24,7 @@ from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.output_error import Orders
 from thermaltool.fitting.transfer.residuals import ResidualTests, residual_tests
 from thermaltool.signals.agreement import Agreement
+from thermaltool.units import hold_of
 
 Initial = Literal["auto", "rest", "free"]
 
