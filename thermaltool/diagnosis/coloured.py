@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import chdtrc, erfc, ndtri
+from scipy.special import erfc, ndtri
 
 from thermaltool.diagnosis.observed import Observed
 from thermaltool.effects.effect import Float
 from thermaltool.record import Record
+from thermaltool.signals.whiteness import ljung_box
 
 # A test below this rejects.
 LEVEL = 0.01
@@ -140,13 +141,8 @@ class ColouredTests:
     def white_p(self) -> float:
         """Ljung-Box on the innovations of the fitted description."""
         innovations = self._innovations()
-        n, lags = len(innovations), min(_LAGS, len(innovations) // 4)
-        power = float(innovations @ innovations)
-        if power == 0.0:
-            return 1.0
-        r = [float(innovations[k:] @ innovations[:-k]) / power for k in range(1, lags + 1)]
-        q = n * (n + 2) * sum(x**2 / (n - k) for k, x in enumerate(r, 1))
-        return float(chdtrc(lags - 2 if self.ratio else lags, q))
+        lags = min(_LAGS, len(innovations) // 4)
+        return ljung_box([innovations], lags, 2 if self.ratio else 0).p_value
 
     def _innovations(self) -> Float:
         """One-step prediction errors in units of their standard deviation."""

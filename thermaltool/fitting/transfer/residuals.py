@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.stats import chi2
 
 from thermaltool.fitting.transfer.colour import LONGEST, error_record, long_runs
 from thermaltool.fitting.transfer.data import Array, Data
 from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.signals.whiteness import cross_correlation, ljung_box
 from thermaltool.timeseries.ar import burg
 
 LAGS = 25
@@ -75,36 +75,13 @@ def tested(
     if lags < 2:
         return ResidualTests(0, float("nan"), dict.fromkeys(delays, float("nan")))
     errors = [error - np.mean(error) for error, _ in long]
-    rows = sum(len(e) for e in errors)
-    power = sum(float(e @ e) for e in errors) or 1.0
-    r = np.array([sum(float(e[k:] @ e[: len(e) - k]) for e in errors) for k in range(1, lags + 1)])
-    statistic = rows * (rows + 2) * np.sum((r / power) ** 2 / (rows - np.arange(1.0, lags + 1)))
-    white = float(chi2.sf(statistic, max(lags - fitted, 1)))
+    white = ljung_box(errors, lags, fitted).p_value
     whitened, independent = _whitened(errors), {}
     for k, (name, delay) in enumerate(delays.items()):
         acts = _whitened([u[k] - np.mean(u[k]) for _, u in long])
-        independent[name] = _independence(whitened, acts, delay, lags)
+        acts = [u[len(u) - len(own) :] for own, u in zip(whitened, acts, strict=True)]
+        independent[name] = cross_correlation(whitened, acts, lags, delay).p_value
     return ResidualTests(lags, white, independent)
-
-
-def _independence(errors: list[Array], acts: list[Array], delay: int, lags: int) -> float:
-    """N Σ r² of whitened errors with the whitened input, from the delay on.
-
-    Judged as of `lags` free sums: parameters that were fitted make it smaller, by how much hangs
-    on how slow they are, and the test is a little cautious.
-    """
-    products = np.zeros(lags)
-    acts = [u[len(u) - len(own) :] for own, u in zip(errors, acts, strict=True)]
-    for own, u in zip(errors, acts, strict=True):
-        for lag in range(lags):
-            at = lag + delay
-            if at < len(own):
-                products[lag] += float(own[at:] @ u[: len(own) - at])
-    power = sum(float(x @ x) for x in errors) * sum(float(x @ x) for x in acts)
-    if not power > 0:
-        return float("nan")
-    rows = sum(len(x) for x in errors)
-    return float(chi2.sf(rows * float(np.sum(products**2)) / power, lags))
 
 
 def _whitened(series: list[Array]) -> list[Array]:

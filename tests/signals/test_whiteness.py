@@ -1,0 +1,59 @@
+"""Residual tests against statsmodels and against what independent noise gives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+from statsmodels.stats.diagnostic import acorr_ljungbox
+
+from thermaltool.signals.whiteness import cross_correlation, ljung_box
+
+
+@pytest.mark.parametrize("fitted", [0, 3])
+def test_one_piece_agrees_with_statsmodels(fitted: int) -> None:
+    x = np.random.default_rng(1).normal(size=300)
+    x[1:] += 0.2 * x[:-1]
+    x -= x.mean()
+    ours = ljung_box([x], 12, fitted)
+    theirs = acorr_ljungbox(x, lags=[12], model_df=fitted).iloc[0]
+    assert ours.statistic == pytest.approx(theirs["lb_stat"], rel=1e-10)
+    assert ours.p_value == pytest.approx(theirs["lb_pvalue"], rel=1e-10)
+
+
+def test_pairs_do_not_reach_across_pieces() -> None:
+    x = np.random.default_rng(2).normal(size=(40, 50))
+    x[:, [0, -1]] = 4.0
+    one = ljung_box(list(x), 5)
+    assert ljung_box(list(x[::-1]), 5).statistic == pytest.approx(one.statistic, rel=1e-12)
+    assert one.p_value > 0.01
+    assert acorr_ljungbox(np.concatenate(x), lags=[5]).iloc[0]["lb_pvalue"] < 1e-6
+
+
+def test_p_values_of_white_noise_are_uniform() -> None:
+    rng = np.random.default_rng(3)
+    p = [ljung_box([rng.normal(size=200) for _ in range(4)], 10).p_value for _ in range(400)]
+    assert kstest(p, "uniform").pvalue > 0.01
+
+
+def test_p_values_of_independent_series_are_uniform() -> None:
+    rng = np.random.default_rng(4)
+    p = [
+        cross_correlation([rng.normal(size=500)], [rng.normal(size=500)], 10, 2).p_value
+        for _ in range(400)
+    ]
+    assert kstest(p, "uniform").pvalue > 0.01
+
+
+def test_an_input_that_acts_late_is_found_from_its_delay_on() -> None:
+    rng = np.random.default_rng(5)
+    u = rng.normal(size=400)
+    e = rng.normal(size=400)
+    e[3:] += 0.4 * u[:-3]
+    assert cross_correlation([e], [u], 5, 3).p_value < 1e-6
+    assert cross_correlation([e], [u], 5, 4).p_value > 1e-3
+
+
+def test_what_does_not_vary_is_white_and_has_no_correlation() -> None:
+    assert ljung_box([np.zeros(50)], 5).p_value == 1.0
+    assert np.isnan(cross_correlation([np.zeros(50)], [np.ones(50)], 5).p_value)
