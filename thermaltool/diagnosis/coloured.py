@@ -13,15 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.special import erfc, ndtri
 
 from thermaltool.diagnosis.observed import Observed
 from thermaltool.effects.effect import Float
 from thermaltool.record import Record
+from thermaltool.signals.likelihood import RestrictedLikelihood, least_on_grid
 from thermaltool.signals.whiteness import ljung_box
 
 # A test below this rejects.
@@ -92,44 +91,25 @@ class ColouredTests:
         return self.seen.gather([values[r] for r in self.records])
 
     def _fit(self) -> tuple[float, float]:
-        noise = self.seen.noise
-        low, high = 3 * self.period, max(noise.span / 2, 6 * self.period)
+        """Variance of the discrepancy over that of the white noise, and its time constant [s]."""
+        seen = self.seen
+        likelihood = RestrictedLikelihood(
+            self.clock, self.columns[:, 0], seen.noise.starts, 0, seen.share, self.period
+        )
 
         def negative_log(log_ratio: float, log_tau: float) -> float:
-            factor = noise.factor(float(np.exp(log_ratio)), float(np.exp(log_tau)))
-            gram = self.columns.T @ factor.solve(self.columns)
-            fitted = np.linalg.solve(gram[1:, 1:], gram[1:, :1])
-            square = max(float(gram[0, 0] - gram[0, 1:] @ fitted[:, 0]), 1e-300)
-            logdet = factor.logdet + float(np.linalg.slogdet(gram[1:, 1:])[1])
-            return 0.5 * (self.dof * np.log(square / self.dof) + logdet)
+            tau = float(np.exp(log_tau))
+            return likelihood.negative_log(likelihood.walk(float(np.exp(log_ratio)), tau), tau)
 
-        grid = [
-            (r, t)
-            for r in np.log(10.0) * np.arange(-3, 7)
-            for t in np.log(np.geomspace(low, high, 5))
-        ]
-        best = min(grid, key=lambda point: negative_log(*point))
+        low, high = 3 * self.period, max(likelihood.span / 2, 6 * self.period)
+        taus = np.log(np.geomspace(low, high, 5)).tolist()
+        grid = [(r, t) for r in (np.log(10.0) * np.arange(-3, 7)).tolist() for t in taus]
         bounds = np.log([[1e-4, 1e9], [low, high]])
-
-        def objective(point: Any) -> float:
-            inside = np.clip(point, bounds[:, 0], bounds[:, 1])
-            return negative_log(*inside.tolist()) + float(np.sum((point - inside) ** 2))
-
-        found = minimize(
-            objective,
-            np.array(best),
-            method="Nelder-Mead",
-            options={
-                "initial_simplex": np.array(best) + np.array([[0, 0], [1.0, 0], [0, 0.5]]),
-                "xatol": 0.02,
-                "fatol": 0.01,
-                "maxfev": 80,
-            },
-        )
+        point, value = least_on_grid(negative_log, grid, bounds, (1.0, 0.5), 0.01, 80)
         # Two parameters more than white noise have to earn their keep (BIC).
-        if 2 * (negative_log(-40.0, np.log(low)) - found.fun) < 2 * np.log(self.dof):
+        if 2 * (likelihood.negative_log(0.0, 1.0) - value) < 2 * np.log(self.dof):
             return 0.0, 1.0
-        ratio, tau = np.exp(np.clip(found.x, bounds[:, 0], bounds[:, 1])).tolist()
+        ratio, tau = np.exp(point).tolist()
         return ratio, tau
 
     def effective_rows(self) -> float:

@@ -8,14 +8,12 @@ polynomial in each block (a constant where there is no signal).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.special import chdtri, ndtri
 
-from thermaltool.signals.likelihood import RestrictedLikelihood
+from thermaltool.signals.likelihood import RestrictedLikelihood, least_on_grid
 
 Array = NDArray[np.float64]
 
@@ -141,22 +139,12 @@ def _search(likelihood: RestrictedLikelihood, bounds: Array) -> Array:
     """Global search for the optimum: a coarse grid, then the simplex method."""
     walks = np.linspace(np.log(1e-6), np.log(1e2), 9)
     taus = np.linspace(bounds[1, 0], bounds[1, 1] - np.log(10.0), 8)
-    grid = [(q, t) for q in walks for t in taus]
 
-    def objective(point: Any) -> float:
-        inside = np.clip(point, bounds[:, 0], bounds[:, 1])
-        outside = float(np.sum((point - inside) ** 2))
-        return likelihood.negative_log(*np.exp(inside)) + outside
+    def negative_log(log_walk: float, log_tau: float) -> float:
+        return likelihood.negative_log(float(np.exp(log_walk)), float(np.exp(log_tau)))
 
-    start = np.array(min(grid, key=lambda p: likelihood.negative_log(*np.exp(p))))
-    simplex = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.8]])
-    found = minimize(
-        objective,
-        start,
-        method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-3, "maxfev": 150},
-    )
-    return np.clip(found.x, bounds[:, 0], bounds[:, 1])
+    grid = [(float(q), float(t)) for q in walks for t in taus]
+    return least_on_grid(negative_log, grid, bounds, (1.0, 0.8), 1e-3, 150)[0]
 
 
 def _refine(

@@ -11,13 +11,18 @@ J. Am. Stat. Assoc. 72 (1977) 320 (restricted likelihood).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpttrf, dpttrs
+from scipy.optimize import minimize
 
 Array = NDArray[np.float64]
+
+_PARAMETER_TOLERANCE = 0.02  # of the simplex, in log parameters: far below their standard errors
 
 
 class ColouredNoise:
@@ -236,3 +241,57 @@ class RestrictedLikelihood:
         """Negative logarithm, maximized over σ_w, up to a constant."""
         logdet, square = self.terms(walk, tau)
         return 0.5 * (self.dof * np.log(max(square, 1e-300) / self.dof) + logdet)
+
+    def walk(self, ratio: float, tau: float) -> float:
+        """q of a drift of variance `ratio` (in units of the white variance) and constant `tau`."""
+        return 2.0 * self.period * ratio / tau
+
+
+def least_on_grid(
+    negative_log: Callable[[float, float], float],
+    grid: Iterable[tuple[float, float]],
+    bounds: Array,
+    steps: tuple[float, float],
+    tolerance: float,
+    evaluations: int,
+) -> tuple[Array, float]:
+    """Least of a likelihood of two noise parameters: the best of a grid, then the simplex method.
+
+    Parameters
+    ----------
+    negative_log : callable
+        Of the logarithms of size and time constant of the drift.
+    grid : iterable of (float, float)
+        Where the search begins.
+    bounds : ndarray, shape (2, 2)
+        Lowest and highest of each.
+    steps : (float, float)
+        Size of the first simplex.
+    tolerance : float
+        Of `negative_log`, at which the simplex ends.
+    evaluations : int
+        Largest number after the grid.
+
+    Returns
+    -------
+    point : ndarray, shape (2,)
+    value : float
+    """
+    start = np.array(min(grid, key=lambda point: negative_log(*point)))
+
+    def objective(point: Any) -> float:
+        inside = np.clip(point, bounds[:, 0], bounds[:, 1])
+        return negative_log(*inside.tolist()) + float(np.sum((point - inside) ** 2))
+
+    found = minimize(
+        objective,
+        start,
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": start + np.array([[0.0, 0.0], [steps[0], 0.0], [0.0, steps[1]]]),
+            "xatol": _PARAMETER_TOLERANCE,
+            "fatol": tolerance,
+            "maxfev": evaluations,
+        },
+    )
+    return np.clip(found.x, bounds[:, 0], bounds[:, 1]), float(found.fun)
