@@ -14,9 +14,9 @@ from hypothesis.extra import numpy as hnp
 from thermaltool.errors import OutputError
 from thermaltool.logs import csv_table as csv_table_module
 from thermaltool.logs import read_log, write_table
-from thermaltool.logs import writer as writer_module
+from thermaltool.logs import text as text_module
+from thermaltool.logs.formats import FORMATS, TableFormat
 
-FORMATS = ["csv", "ndjson", "parquet"]
 numbers = st.floats(allow_infinity=False, allow_nan=True)
 
 
@@ -39,7 +39,7 @@ def test_round_trip(
     path = str(tmp_path_factory.mktemp("log") / f"log.{form}")
     with pytest.MonkeyPatch.context() as patch:
         if fast:
-            patch.setattr(writer_module, "FAST_CELLS", 0)
+            patch.setattr(text_module, "FAST_CELLS", 0)
             patch.setattr(csv_table_module, "FAST_BYTES", 0)
         write_table(table, path)
         log = read_log(path)
@@ -51,8 +51,8 @@ def test_round_trip(
 @given(values=hnp.arrays(float, st.integers(1, 30), elements=numbers))
 def test_a_number_has_the_same_text_however_long_the_table(values: np.ndarray) -> None:
     layout = ([values], [""], "\n", "null")
-    short = writer_module._short_lines(*layout)
-    assert short == writer_module._fast_lines(*layout)
+    short = text_module._short_lines(*layout)
+    assert short == text_module._fast_lines(*layout)
     written = [float(line) for line in short.decode().split("\n") if line not in ("", "null")]
     np.testing.assert_array_equal(written, values[~np.isnan(values)])
 
@@ -73,7 +73,7 @@ def test_a_number_has_the_same_text_however_long_the_table(values: np.ndarray) -
     ],
 )
 def test_number_text(value: float, text: str) -> None:
-    assert writer_module.number_text(value, "null") == text
+    assert text_module.number_text(value, "null") == text
 
 
 def test_missing_values(tmp_path: Path) -> None:
@@ -115,3 +115,34 @@ def test_infinity_is_not_written_and_the_old_file_stays(tmp_path: Path, form: st
 def test_columns_of_different_lengths(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="different lengths"):
         write_table({"time_s": np.arange(2), "T_a_degC": np.arange(3)}, str(tmp_path / "x.csv"))
+
+
+def test_a_format_is_one_module_and_one_line(tmp_path: Path, monkeypatch) -> None:
+    """Read and written by its name and by its suffix, once it stands in the table."""
+    (tmp_path / "tabs_table.py").write_text(
+        """
+from thermaltool.logs.columns import Dialect
+from thermaltool.logs.csv_table import CsvTable
+
+def open_table(source, mapping):
+    return CsvTable(source, Dialect(separator="\\t"))
+
+def write_columns(columns, stream):
+    rows = zip(*(values.tolist() for values in columns.values()))
+    stream.write("\\t".join(columns).encode() + b"\\n")
+    stream.writelines("\\t".join(map(repr, row)).encode() + b"\\n" for row in rows)
+"""
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(FORMATS, "tabs", TableFormat("tabs_table", (".tsv",)))
+    table = {"time_s": np.array([0.0, 1.0]), "T_p1_degC": np.array([20.0, 20.5])}
+    for path, chosen in ((str(tmp_path / "log.tsv"), None), (str(tmp_path / "log"), "tabs")):
+        write_table(table, path, chosen)
+        assert Path(path).read_text() == "time_s\tT_p1_degC\n0.0\t20.0\n1.0\t20.5\n"
+        read = read_log(path, from_format=chosen)
+        np.testing.assert_array_equal(read.column("T_p1_degC"), table["T_p1_degC"])
+
+
+def test_a_format_that_nobody_knows(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no format 'xlsx': there are csv, ndjson, parquet"):
+        write_table({"time_s": np.zeros(1)}, str(tmp_path / "log"), "xlsx")

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from thermaltool.logs.formats import FORMATS
 from thermaltool.units import Reference
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -72,13 +73,13 @@ columns_option: Decorator = click.option(
 from_option: Decorator = click.option(
     "--from",
     "from_format",
-    type=click.Choice(["csv", "ndjson", "parquet"]),
+    type=click.Choice(list(FORMATS)),
     help="Format of stdin (a file's format follows its suffix).  [default: csv]",
 )
 to_option: Decorator = click.option(
     "--to",
     "to_format",
-    type=click.Choice(["csv", "ndjson", "parquet"]),
+    type=click.Choice(list(FORMATS)),
     help="Format of stdout (a file's format follows its suffix).  [default: csv]",
 )
 nan_option: Decorator = click.option(

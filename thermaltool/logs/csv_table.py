@@ -5,20 +5,37 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
-from collections.abc import Sequence
-from typing import NoReturn
+from collections.abc import Mapping, Sequence
+from typing import BinaryIO, NoReturn
 
 import numpy as np
 
 from thermaltool.errors import LogError
-from thermaltool.logs.columns import Dialect
-from thermaltool.logs.table import UNFINISHED, Cells, Kind, Source, Values, told
+from thermaltool.logs.columns import ColumnMap, Dialect
+from thermaltool.logs.table import UNFINISHED, Cells, InputBytes, Kind, Values, told
+from thermaltool.logs.text import row_lines
 from thermaltool.record import Array
 
 # Below this the exact reader is done before pyarrow is imported.
 FAST_BYTES = 500_000
 NAN_WORDS = ("nan", "NaN", "NAN", "Nan")
 BOM = b"\xef\xbb\xbf"
+
+
+def open_table(source: InputBytes, mapping: ColumnMap) -> CsvTable:
+    """The header of a CSV text, in the dialect of the map."""
+    return CsvTable(source, mapping.dialect)
+
+
+def write_columns(columns: Mapping[str, np.ndarray], stream: BinaryIO) -> None:
+    """Write columns as CSV; a missing value is an empty cell."""
+    header = io.StringIO()
+    csv.writer(header, lineterminator="\n").writerow(columns)
+    stream.write(header.getvalue().encode())
+    before = ["," if i else "" for i in range(len(columns))]
+    # A lone empty cell would be an empty line, which readers skip.
+    empty = "" if len(columns) > 1 else '""'
+    stream.writelines(row_lines(list(columns.values()), before, "\n", empty))
 
 
 class CsvTable:
@@ -33,7 +50,7 @@ class CsvTable:
         Nothing but comments, bytes that are not UTF-8, no header, or another separator.
     """
 
-    def __init__(self, source: Source, dialect: Dialect) -> None:
+    def __init__(self, source: InputBytes, dialect: Dialect) -> None:
         self.file, self.dialect = source.name, dialect
         data = source.data.removeprefix(BOM)
         if b"\r" in data:

@@ -4,15 +4,29 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from thermaltool.errors import LogError
-from thermaltool.logs.table import UNFINISHED, Cells, Kind, Source, Values, told
+from thermaltool.logs.columns import ColumnMap
+from thermaltool.logs.table import UNFINISHED, Cells, InputBytes, Kind, Values, told
+from thermaltool.logs.text import row_lines
 from thermaltool.record import Array
+
+
+def open_table(source: InputBytes, mapping: ColumnMap) -> NdjsonTable:
+    """The objects of an NDJSON text, which has no dialect."""
+    return NdjsonTable(source)
+
+
+def write_columns(columns: Mapping[str, np.ndarray], stream: BinaryIO) -> None:
+    """Write columns as NDJSON; a missing value is null."""
+    keys = [json.dumps(name, ensure_ascii=False) + ": " for name in columns]
+    before = [("{" if i == 0 else ", ") + key for i, key in enumerate(keys)]
+    stream.writelines(row_lines(list(columns.values()), before, "}\n", "null"))
 
 
 class NdjsonTable:
@@ -26,7 +40,7 @@ class NdjsonTable:
 
     header_line = None
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: InputBytes) -> None:
         self.file = source.name
         self.lines: list[int] = []
         self.faults: list[LogError] = []

@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import BinaryIO
 
 import numpy as np
 
 from thermaltool.errors import LogError
-from thermaltool.logs.table import Cells, Kind, Source, Values, told
+from thermaltool.logs.columns import ColumnMap
+from thermaltool.logs.table import Cells, InputBytes, Kind, Values, told
 from thermaltool.record import Array
+
+
+def open_table(source: InputBytes, mapping: ColumnMap) -> ParquetTable:
+    """The columns of a Parquet file, which has no dialect."""
+    return ParquetTable(source)
+
+
+def write_columns(columns: Mapping[str, np.ndarray], stream: BinaryIO) -> None:
+    """Write columns as Parquet; a missing value is null."""
+    import pyarrow
+    from pyarrow import parquet
+
+    table = {name: pyarrow.array(array, from_pandas=True) for name, array in columns.items()}
+    parquet.write_table(pyarrow.table(table), stream)
 
 
 class ParquetTable:
@@ -22,7 +38,7 @@ class ParquetTable:
 
     header_line = None
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: InputBytes) -> None:
         import pyarrow
         from pyarrow import parquet
 

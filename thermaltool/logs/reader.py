@@ -12,9 +12,9 @@ import numpy as np
 from thermaltool.errors import LogError, UnitError
 from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import Clock, ColumnMap, Rename, read_map
-from thermaltool.logs.csv_table import CsvTable
+from thermaltool.logs.formats import format_of, load_format
 from thermaltool.logs.log import Log
-from thermaltool.logs.table import Cells, Kind, Source, Table, format_of, read_source, told
+from thermaltool.logs.table import Cells, Kind, Table, read_source, told
 from thermaltool.record import Array, hint
 from thermaltool.units import UNITS, Channel, clock_unit, parse_channel
 
@@ -37,8 +37,8 @@ def read_log(
         A file; ``-`` is stdin.
     columns : str, optional
         A column map (TOML) for foreign names.
-    from_format : {"csv", "ndjson", "parquet"}, optional
-        Default: by the file's suffix, else CSV.
+    from_format : str, optional
+        A key of `thermaltool.logs.formats.FORMATS`. Default: by the file's suffix, else CSV.
     nan_policy : {"raise", "omit", "hold"}
         What a missing value in a channel of `need` does: raise, leave the row out, or take the
         channel's last value. Other channels keep NaN.
@@ -65,7 +65,7 @@ def read_log(
     """
     mapping = ColumnMap() if columns is None else read_map(columns)
     raw = read_source(source)
-    table = open_table(raw, format_of(source, from_format), mapping)
+    table = load_format(format_of(source, from_format)).open_table(raw, mapping)
     mapping.check(table.names, raw.name)
     plan = _plan(raw.name, table, mapping)
     cells = table.cells(plan.kinds)
@@ -104,19 +104,6 @@ class _Plan:
     renames: dict[int, Rename]
     channels: dict[str, Channel]
     problems: list[LogError]
-
-
-def open_table(raw: Source, form: str, mapping: ColumnMap) -> Table:
-    """The header of an input in one of the formats."""
-    if form == "parquet":
-        from thermaltool.logs.parquet_table import ParquetTable
-
-        return ParquetTable(raw)
-    if form == "ndjson":
-        from thermaltool.logs.ndjson_table import NdjsonTable
-
-        return NdjsonTable(raw)
-    return CsvTable(raw, mapping.dialect)
 
 
 def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:

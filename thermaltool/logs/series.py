@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from thermaltool.errors import LogError
 from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import ColumnMap
-from thermaltool.logs.reader import open_table, read_log
-from thermaltool.logs.table import Kind, format_of, read_source
+from thermaltool.logs.formats import format_of, load_format
+from thermaltool.logs.reader import read_log
+from thermaltool.logs.table import Kind, read_source
 from thermaltool.record import Array, hint
 from thermaltool.units import UNITS, clock_unit
 
@@ -124,7 +125,7 @@ def _lenient(
     source: str, column: str, from_format: str | None
 ) -> tuple[str, str, NDArray[np.intp], Array | None, Array]:
     raw = read_source(source)
-    table = open_table(raw, format_of(source, from_format), ColumnMap())
+    table = load_format(format_of(source, from_format)).open_table(raw, ColumnMap())
     if column not in table.names:
         raise LogError(f"no column {column}{hint(column, table.names)}", raw.name)
     clock, unit = _clock(table.names)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,17 +21,9 @@ Kind = Literal["number", "text"] | None
 TOLD = 5
 UNFINISHED = "the last line is unfinished: left out"
 
-SUFFIXES = {
-    ".csv": "csv",
-    ".txt": "csv",
-    ".ndjson": "ndjson",
-    ".jsonl": "ndjson",
-    ".parquet": "parquet",
-}
-
 
 @dataclass(frozen=True)
-class Source:
+class InputBytes:
     """The bytes of an input and the name that messages give it."""
 
     name: str
@@ -72,22 +63,17 @@ class Table(Protocol):
         """The values, one kind per name."""
 
 
-def read_source(source: str) -> Source:
+def read_source(source: str) -> InputBytes:
     """All bytes of a file, or of stdin for ``-``; a file that cannot be read is a LogError."""
     try:
         if source == "-":
-            return Source("<stdin>", sys.stdin.buffer.read())
+            return InputBytes("<stdin>", sys.stdin.buffer.read())
         with open(source, "rb") as stream:
-            return Source(source, stream.read())
+            return InputBytes(source, stream.read())
     except IsADirectoryError as error:
         raise LogError("this is a folder, not a log", source) from error
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror or error}", source) from error
-
-
-def format_of(target: str, chosen: str | None) -> str:
-    """The format of a file or pipe: as chosen, else by suffix, else CSV."""
-    return chosen or SUFFIXES.get(os.path.splitext(target)[1].lower(), "csv")
 
 
 def told(problems: list[LogError]) -> list[LogError]:
