@@ -14,6 +14,7 @@ import stat
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, BinaryIO, Literal
 
 from thermaltool.errors import ModelError, OutputError
@@ -31,16 +32,28 @@ class DocumentFormat:
         The newest version that is read, and the one that is written.
     noun : str
         What an error calls it.
+    needs_version : bool
+        Whether a document without ``version`` is refused; else it counts as the first.
     """
 
     name: str
     version: int
     noun: str
+    needs_version: bool = True
+
+    def wrap(self, body: Mapping[str, Any]) -> dict[str, Any]:
+        """The document of a body: ``format`` and ``version`` beside its fields."""
+        return {"format": self.name, "version": self.version, **body}
 
     def dumps(self, body: Mapping[str, Any]) -> str:
-        """The file's text: sorted keys, no clock time, no NaN."""
-        document = {"format": self.name, "version": self.version, **body}
-        return json.dumps(document, sort_keys=True, indent=1, allow_nan=False) + "\n"
+        """The file's text: sorted keys, no clock time.
+
+        Raises
+        ------
+        ValueError
+            NaN or infinity in the body.
+        """
+        return to_json(self.wrap(body))
 
     def loads(self, text: str, source: str) -> dict[str, Any]:
         """The document in a text.
@@ -53,14 +66,19 @@ class DocumentFormat:
         try:
             document = json.loads(text)
         except json.JSONDecodeError as error:
-            raise ModelError(f"{source}:{error.lineno}: not JSON: {error.msg}") from error
+            raise ModelError(
+                f"{source}:{error.lineno}: not JSON: {error.msg} (not {self.noun})"
+            ) from error
         return self.check(document, source)
 
     def check(self, document: Any, source: str) -> dict[str, Any]:
         """The document itself, if it is one of this format (ModelError as in `loads`)."""
-        if not isinstance(document, dict) or document.get("format") != self.name:
+        if not isinstance(document, dict) or "format" not in document:
             raise ModelError(f'{source}: not {self.noun} (no "format": "{self.name}")')
-        version = document.get("version")
+        if not self.matches(document):
+            other = repr(document["format"])
+            raise ModelError(f"{source}: not {self.noun}: format {other:.60} is not {self.name}")
+        version = document.get("version", None if self.needs_version else 1)
         if type(version) is not int or version < 1:
             raise ModelError(f"{source}: no version of the format: {version!r}")
         if version > self.version:
@@ -70,12 +88,60 @@ class DocumentFormat:
             )
         return document
 
+    def matches(self, document: Mapping[str, Any]) -> bool:
+        """Whether a document says that it is of this format, whatever its version."""
+        return document.get("format") == self.name
+
 
 MODEL = DocumentFormat("thermaltool-model", 1, "a thermaltool model")
-NOISE = DocumentFormat("thermaltool-noise", 1, "what thermaltool noise -o writes")
-ARMA = DocumentFormat("thermaltool-arma", 1, "an ARMA model of thermaltool fit")
+NOISE = DocumentFormat("thermaltool-noise", 1, "what thermaltool noise -o writes", False)
+ARMA = DocumentFormat("thermaltool-arma", 1, "what thermaltool fit -o writes")
 DIAGNOSIS = DocumentFormat("thermaltool-diagnosis", 1, "a diagnosis")
 CHECKPOINT = DocumentFormat("thermaltool-checkpoint", 1, "a checkpoint")
+
+
+def jsonable(value: Any) -> Any:
+    """What JSON can say: lists for tuples and arrays, numbers of Python, None for NaN."""
+    if isinstance(value, Mapping):
+        return {str(key): jsonable(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):  # NumPy, which a stream need not have loaded for this
+        value = value.tolist()
+    if isinstance(value, tuple | list):
+        return [jsonable(item) for item in value]
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    return value
+
+
+def to_json(document: Mapping[str, Any], indent: int | None = 1) -> str:
+    """A document as text: sorted keys, an end of line; ValueError for NaN and infinity."""
+    return json.dumps(document, sort_keys=True, indent=indent, allow_nan=False) + "\n"
+
+
+def write_json(document: Mapping[str, Any], target: str) -> None:
+    """Write a document whole, as `to_json`; ``-`` is stdout."""
+    text = to_json(document)
+    with atomic_output(target) as stream:
+        stream.write(text.encode())
+
+
+def read_text(path: str) -> str:
+    """A text file, or stdin for ``-``.
+
+    Raises
+    ------
+    ModelError
+        Not a text file.
+    OSError
+        It cannot be read.
+    """
+    try:
+        if path == "-":
+            return sys.stdin.read()
+        with open(path, encoding="utf-8") as stream:
+            return stream.read()
+    except UnicodeDecodeError as error:
+        raise ModelError(f"{path}: not a text file") from error
 
 
 class Part:
@@ -101,6 +167,10 @@ class Part:
             Part(each, f"{self._field(field)}[{k}]")
             for k, each in enumerate(self.read(field, items, *absent))
         ]
+
+    def names(self) -> tuple[str, ...]:
+        """The fields that are there."""
+        return tuple(self._value)
 
     def part(self, field: str) -> Part:
         """The object in a field."""

@@ -7,24 +7,20 @@ from typing import TYPE_CHECKING
 
 import click
 
-from thermaltool.cli.documents import (
-    keep_inputs,
-    one_stdin,
-    terminal_progress,
-    warn,
-    warn_pauses,
-    write_json,
-)
+from thermaltool.cli.messages import terminal_progress, warn, warn_pauses
 from thermaltool.cli.options import (
     NUMBER,
     json_option,
+    keep_inputs,
     log_options,
     logs_argument,
     number_of,
+    one_stdin,
     output_option,
     quiet_option,
     reference_of,
 )
+from thermaltool.documents import write_json
 from thermaltool.report.text import aligned
 
 if TYPE_CHECKING:

@@ -194,7 +194,9 @@ def command(model: str, log: str, **options: Any) -> None:
     """
     # One small product per line: threads would only cost memory. Read when numpy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from thermaltool.cli.documents import emitter, one_stdin, read_model, usage_errors
+    from thermaltool.api.inputs import read_model
+    from thermaltool.cli.messages import emitter
+    from thermaltool.cli.options import one_stdin, usage_errors
     from thermaltool.runtime.settings import Settings, open_stream
 
     one_stdin(model, log)

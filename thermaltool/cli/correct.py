@@ -7,23 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.cli.documents import (
-    keep_inputs,
-    one_stdin,
-    read_model,
-    warn,
-    warn_pauses,
-    write_json,
-)
+from thermaltool.api.inputs import read_model
+from thermaltool.cli.messages import warn, warn_pauses
 from thermaltool.cli.options import (
     Source,
     json_option,
+    keep_inputs,
     log_options,
     logs_argument,
     model_argument,
+    one_stdin,
     output_option,
     quiet_option,
 )
+from thermaltool.documents import write_json
 from thermaltool.report.text import aligned
 
 if TYPE_CHECKING:

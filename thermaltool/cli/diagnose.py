@@ -9,24 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.cli.documents import (
-    keep_inputs,
-    one_stdin,
-    read_model,
-    terminal_progress,
-    warn,
-    warn_excursions,
-    warn_pauses,
-    write_json,
-)
+from thermaltool.api.inputs import read_model
+from thermaltool.cli.messages import terminal_progress, warn, warn_excursions, warn_pauses
 from thermaltool.cli.options import (
     NumberRange,
     Source,
+    keep_inputs,
     log_options,
     logs_argument,
     model_argument,
+    one_stdin,
     quiet_option,
 )
+from thermaltool.documents import write_json
 from thermaltool.report.text import aligned
 
 if TYPE_CHECKING:

@@ -6,27 +6,21 @@ from dataclasses import replace
 
 import click
 
-from thermaltool.cli.documents import (
-    keep_inputs,
-    one_stdin,
-    read_model,
-    warn,
-    warn_excursion,
-    warn_excursions,
-    warn_pauses,
-    warn_row,
-    write_json,
-)
+from thermaltool.api.inputs import read_model
+from thermaltool.cli.messages import warn, warn_excursion, warn_excursions, warn_pauses, warn_row
 from thermaltool.cli.options import (
     Source,
     initial_option,
     json_option,
+    keep_inputs,
     log_options,
     model_argument,
+    one_stdin,
     output_option,
     quiet_option,
     to_option,
 )
+from thermaltool.documents import write_json
 from thermaltool.errors import LogError
 from thermaltool.report.text import aligned
 

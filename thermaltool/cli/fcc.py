@@ -168,7 +168,8 @@ def command(log: str, **options: Any) -> None:
     """
     # One small product per line: threads would only cost memory. Read when numpy is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from thermaltool.cli.documents import emitter, usage_errors
+    from thermaltool.cli.messages import emitter
+    from thermaltool.cli.options import usage_errors
     from thermaltool.runtime.fcc import FccSettings, open_fcc
 
     emit = emitter("fcc", options.pop("quiet"))

@@ -71,9 +71,10 @@ def command(log: str, order: tuple[int, int] | None, method: str, long_order: in
     The table goes to stdout, the model to -o. Likelihood and criteria are exact for every method.
     """
     one_thread()
-    from thermaltool.cli.documents import keep_inputs, warn, write_json
+    from thermaltool.cli.messages import warn
+    from thermaltool.cli.options import keep_inputs
     from thermaltool.cli.series import load_record, load_series
-    from thermaltool.documents import atomic_output
+    from thermaltool.documents import atomic_output, write_json
     from thermaltool.errors import FitError
     from thermaltool.report.orders import fit_table, fit_warnings
     from thermaltool.timeseries.fit import fit_arma

@@ -56,7 +56,8 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
     clock.
     """
     one_thread()
-    from thermaltool.cli.documents import keep_inputs, one_stdin, read_text
+    from thermaltool.cli.options import keep_inputs, one_stdin
+    from thermaltool.documents import read_text
     from thermaltool.timeseries.model import loads
 
     one_stdin(model, log)
@@ -76,7 +77,7 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
 def _batch(model: ArmaModel, log: str, output: str, options: dict[str, Any]) -> None:
     import numpy as np
 
-    from thermaltool.cli.documents import warn
+    from thermaltool.cli.messages import warn
     from thermaltool.cli.series import load_series, without_outliers
     from thermaltool.errors import LogError
     from thermaltool.logs import write_table
@@ -115,7 +116,8 @@ class KnownArma:
 
 
 def _stream(model: ArmaModel, log: str, quiet: int, options: dict[str, Any]) -> None:
-    from thermaltool.cli.documents import emitter, usage_errors
+    from thermaltool.cli.messages import emitter
+    from thermaltool.cli.options import usage_errors
     from thermaltool.runtime.forecasts import ForecastSettings, run_forecasts
 
     if model.difference or len(model.trend) > 1:

@@ -8,19 +8,22 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from thermaltool.cli.documents import keep_inputs, one_stdin, warn, write_json
 from thermaltool.cli.fit import Order
+from thermaltool.cli.messages import warn
 from thermaltool.cli.options import (
     NUMBER,
     NumberRange,
     Source,
     json_option,
+    keep_inputs,
     log_options,
     logs_argument,
+    one_stdin,
     quiet_option,
     reference_of,
 )
 from thermaltool.cli.series import one_thread
+from thermaltool.documents import write_json
 
 # From the tenth order on the search leaves the range of numbers (--continuous first).
 LARGEST_ORDER = 9

@@ -6,15 +6,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from thermaltool.cli.documents import keep_inputs, read_model, warn, write_json
+from thermaltool.api.inputs import read_model
+from thermaltool.cli.messages import warn
 from thermaltool.cli.options import (
     NUMBER,
     POSITIVE,
     json_option,
+    keep_inputs,
     model_argument,
     output_option,
     to_option,
 )
+from thermaltool.documents import write_json
 from thermaltool.errors import ModelError
 
 if TYPE_CHECKING:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import click
 
-from thermaltool.cli.documents import keep_inputs
 from thermaltool.cli.options import (
     NUMBER,
     columns_option,
     from_option,
     gap_option,
     json_option,
+    keep_inputs,
     log_argument,
     output_option,
 )

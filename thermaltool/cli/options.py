@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import click
 
+from thermaltool.documents import check_folder
+from thermaltool.errors import ThermalToolError
 from thermaltool.logs.formats import FORMATS
 from thermaltool.units import Reference
 
@@ -126,3 +130,29 @@ def reference_of(text: str | None) -> Reference | None:
     if text is None or text == "first":
         return "first" if text else None
     return number_of(text, "--reference")
+
+
+def one_stdin(*paths: str) -> None:
+    """Refuse a second ``-``: there is one stdin."""
+    if paths.count("-") > 1:
+        raise click.UsageError("only one input can be -: name a file for the others")
+
+
+def keep_inputs(output: str, *inputs: str) -> None:
+    """Refuse an output that would replace what the command reads."""
+    for name in inputs:
+        both = "-" not in (output, name) and os.path.exists(output) and os.path.exists(name)
+        if both and os.path.samefile(output, name):
+            raise click.UsageError(f"-o {output} would replace the input")
+    check_folder(output)
+
+
+@contextlib.contextmanager
+def usage_errors() -> Iterator[None]:
+    """What settings refuse (ValueError) is an error of usage."""
+    try:
+        yield
+    except ThermalToolError:
+        raise
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error

@@ -43,9 +43,10 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
     the order of a process more often.
     """
     one_thread()
-    from thermaltool.cli.documents import keep_inputs, warn, write_json
+    from thermaltool.cli.messages import warn
+    from thermaltool.cli.options import keep_inputs
     from thermaltool.cli.series import load_record, load_series
-    from thermaltool.documents import atomic_output
+    from thermaltool.documents import atomic_output, write_json
     from thermaltool.errors import FitError
     from thermaltool.report.orders import draw_orders, order_document, order_table, order_warnings
     from thermaltool.report.style import figure_format, render

@@ -6,13 +6,14 @@ import sys
 
 import click
 
-from thermaltool.cli.documents import keep_inputs, write_json
 from thermaltool.cli.options import (
     Source,
     json_option,
+    keep_inputs,
     log_options,
     output_option,
 )
+from thermaltool.documents import write_json
 
 
 @click.command(

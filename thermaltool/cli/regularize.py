@@ -7,25 +7,21 @@ from typing import Any
 
 import click
 
-from thermaltool.cli.documents import (
-    keep_inputs,
-    one_stdin,
-    read_model,
-    read_noise,
-    terminal_progress,
-    warn,
-    write_json,
-)
+from thermaltool.api.inputs import read_model, read_noise
+from thermaltool.cli.messages import terminal_progress, warn
 from thermaltool.cli.options import (
     NOT_NEGATIVE,
     NUMBER,
     POSITIVE,
     Source,
     json_option,
+    keep_inputs,
     model_argument,
+    one_stdin,
     output_option,
     quiet_option,
 )
+from thermaltool.documents import write_json
 from thermaltool.errors import FitError, ModelError
 from thermaltool.report.text import aligned
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import click
 
-from thermaltool.cli.options import Source, output_option
+from thermaltool.cli.messages import command_line
+from thermaltool.cli.options import Source, keep_inputs, one_stdin, output_option
 
 
 class Levels(click.ParamType):
@@ -41,7 +42,10 @@ def command(
     as a number, the schedule rests at their mean. The result simulates and streams as any
     other model, where the drive and the channel are measured.
     """
-    from thermaltool.cli.documents import write_combined
+    from thermaltool.api.inputs import read_model, source_name, write_model
     from thermaltool.model.combine import scheduled
 
-    write_combined(lambda parts, names: scheduled(parts, by, levels, names), models, output)
+    one_stdin(*models)
+    keep_inputs(output, *models)
+    parts, names = [read_model(path) for path in models], [source_name(path) for path in models]
+    write_model(scheduled(parts, by, levels, names), output, command_line())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.cli.documents import warn
+from thermaltool.cli.messages import warn
 from thermaltool.cli.options import NUMBER, POSITIVE, columns_option, from_option, gap_option
 
 if TYPE_CHECKING:

@@ -6,25 +6,21 @@ import sys
 
 import click
 
-from thermaltool.cli.documents import (
-    keep_inputs,
-    one_stdin,
-    read_model,
-    warn,
-    warn_excursions,
-    warn_pauses,
-    write_json,
-)
+from thermaltool.api.inputs import read_model
+from thermaltool.cli.messages import warn, warn_excursions, warn_pauses
 from thermaltool.cli.options import (
     NUMBER,
     Source,
     json_option,
+    keep_inputs,
     log_options,
     model_argument,
+    one_stdin,
     output_option,
     quiet_option,
     to_option,
 )
+from thermaltool.documents import write_json
 from thermaltool.record import Record
 from thermaltool.report.text import aligned
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import click
 
-from thermaltool.cli.options import Source, output_option
+from thermaltool.cli.messages import command_line
+from thermaltool.cli.options import Source, keep_inputs, one_stdin, output_option
 
 
 @click.command(
@@ -22,7 +23,10 @@ def command(models: tuple[str, ...], output: str) -> None:
     refused: it would count twice. So is a drive with a curve in one model and another, or none, in
     the next: superpose first, correct then.
     """
-    from thermaltool.cli.documents import write_combined
+    from thermaltool.api.inputs import read_model, source_name, write_model
     from thermaltool.model.combine import superposed
 
-    write_combined(superposed, models, output)
+    one_stdin(*models)
+    keep_inputs(output, *models)
+    parts, names = [read_model(path) for path in models], [source_name(path) for path in models]
+    write_model(superposed(parts, names), output, command_line())

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.cli.documents import warn, warn_pauses
+from thermaltool.cli.messages import warn, warn_pauses
 from thermaltool.errors import LogError
 from thermaltool.fitting.transfer.continuation import Continued
 from thermaltool.fitting.transfer.data import UNEVEN, Data, even_stretches

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.diagnosis.residual import ResidualReport
+from thermaltool.documents import DIAGNOSIS, jsonable
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 
 Float = NDArray[np.float64]
 Interval = tuple[float, float]
-
-FORMAT, VERSION = "thermaltool-diagnosis", 1
 
 # Less of the RMS than this is of no practical use.
 LEAST_GAIN = 0.1
@@ -216,9 +215,7 @@ class Diagnosis:
 
     def document(self) -> dict[str, Any]:
         """As JSON: without the curves and the model, null for what is not finite."""
-        document: dict[str, Any] = {
-            "format": FORMAT,
-            "version": VERSION,
+        document = {
             "adequate": self.adequate,
             "noise_share": self.noise_share,
             "residuals": {name: report.document() for name, report in self.residuals.items()},
@@ -237,17 +234,4 @@ class Diagnosis:
             "tried": [asdict(each) for each in self.tried],
             "notes": self.notes,
         }
-        return {key: _plain(value) for key, value in document.items()}
-
-
-def _plain(value: Any) -> Any:
-    """What JSON can say: no tuples, no NaN, no types of NumPy."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(each) for each in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
+        return DIAGNOSIS.wrap(jsonable(document))

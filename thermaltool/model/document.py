@@ -409,8 +409,6 @@ def _modes(response: Any, shortest: float) -> Modes:
 def to_document(model: Model) -> dict[str, Any]:
     """The model as JSON-ready dict."""
     document: dict[str, Any] = {
-        "format": MODEL.name,
-        "version": MODEL.version,
         "sample_period_s": model.sample_period,
         "drives": [
             {
@@ -438,7 +436,7 @@ def to_document(model: Model) -> dict[str, Any]:
         document["effects"] = [effect.document() for effect in model.effects]
     if model.design is not None:
         document["design"] = dict(model.design)
-    return document
+    return MODEL.wrap(document)
 
 
 def _term_document(term: Term) -> dict[str, Any]:

@@ -12,13 +12,11 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from thermaltool.documents import MODEL
-from thermaltool.errors import LogError
+from thermaltool.documents import MODEL, NOISE
+from thermaltool.errors import LogError, ModelError
 from thermaltool.logs import Log, read_log
 from thermaltool.logs.table import UNFINISHED
 from thermaltool.model import loads
-from thermaltool.report.noise import FORMAT as NOISE_FORMAT
-from thermaltool.report.noise import VERSION as NOISE_VERSION
 from thermaltool.report.records import RESIDUAL, SETPOINT
 
 Kind = Literal[
@@ -82,12 +80,13 @@ def read_document(source: str) -> Content:
         lines = " (a log of JSON lines: name it .ndjson, or give --from ndjson)"
         more = lines if error.msg == "Extra data" else ""
         raise LogError(f"not JSON: {error.msg}{more}", name, error.lineno) from error
-    if document.get("format") == MODEL.name:
+    if MODEL.matches(document):
         return Content("model", name, loads(text, name))
-    if document.get("format") == NOISE_FORMAT:
-        if document.get("version", NOISE_VERSION) > NOISE_VERSION:
-            raise LogError(f"version {document['version']} is newer than this thermaltool", name)
-        return Content("noise", name, document)
+    if NOISE.matches(document):
+        try:
+            return Content("noise", name, NOISE.check(document, name))
+        except ModelError as error:
+            raise LogError(str(error)) from error
     if {"chosen", "forms"} <= document.keys():
         return Content("trade-off", name, document)
     if {"time_s", "weight", "A0", "A1_s"} <= document.keys():

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from thermaltool.documents import NOISE, jsonable
 from thermaltool.errors import LogError
 from thermaltool.report.style import (
     COMPUTED,
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FORMAT, VERSION = "thermaltool-noise", 1
-
 Results = Mapping[str, "NoiseEstimate | str"]  # a string says why there is no estimate
 
 _OUTLIERS_LISTED = 100
@@ -44,13 +43,13 @@ def noise_document(
     log: str, period: float, units: Mapping[str, str], results: Results
 ) -> dict[str, Any]:
     """The document that the next stage reads; figures that are not available are None."""
-    return {
-        "format": FORMAT,
-        "version": VERSION,
-        "log": log,
-        "sample_period_s": period,
-        "channels": {name: _channel(units[name], result) for name, result in results.items()},
-    }
+    return NOISE.wrap(
+        {
+            "log": log,
+            "sample_period_s": period,
+            "channels": {name: _channel(units[name], result) for name, result in results.items()},
+        }
+    )
 
 
 def _channel(unit: str, result: NoiseEstimate | str) -> dict[str, Any]:
@@ -114,18 +113,8 @@ def _channel(unit: str, result: NoiseEstimate | str) -> dict[str, Any]:
 
 def to_json(document: dict[str, Any]) -> bytes:
     """Sorted, one line; what is not finite is null."""
-    text = json.dumps(_finite(document), sort_keys=True, allow_nan=False, ensure_ascii=False)
+    text = json.dumps(jsonable(document), sort_keys=True, allow_nan=False, ensure_ascii=False)
     return text.encode() + b"\n"
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
 
 
 def noise_table(units: Mapping[str, str], results: Results) -> str:

@@ -1,0 +1,1 @@
+"""The Python API: one file a stage, what the commands call and `thermaltool` offers."""

@@ -1,0 +1,73 @@
+"""What commands say on stderr, one line each."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from thermaltool.logs import Log
+    from thermaltool.model import Excursion, Model
+
+
+def command_line() -> str:
+    """The call as it goes into a model's provenance."""
+    return "thermaltool " + " ".join(sys.argv[1:])
+
+
+def warn(message: str) -> None:
+    """One line on stderr."""
+    click.echo(message, err=True)
+
+
+def emitter(command: str, quiet: int) -> Callable[[str], None]:
+    """Where a stream's messages go: one line each on stderr, nowhere with --quiet."""
+
+    def emit(message: str) -> None:
+        # A terminal that has gone must not stop the stream.
+        if not quiet:
+            with contextlib.suppress(OSError):
+                click.echo(f"thermaltool {command}: {message}", err=True)
+
+    return emit
+
+
+def warn_row(log: Log, row: int, message: str) -> None:
+    """One line on stderr, with the file and the line of a row."""
+    warn(f"{log.name}:{log.lines[row]}: {message}")
+
+
+def terminal_progress(label: str) -> Callable[[str], None]:
+    """A line that is overwritten, on a terminal only."""
+    if not sys.stderr.isatty():
+        return lambda message: None
+    return lambda message: click.echo(f"\r\033[K{label}: {message}", nl=False, err=True)
+
+
+def warn_excursions(model: Model, log: Log) -> None:
+    """Say where the log leaves what the calibration has seen."""
+    from thermaltool.model import excursions
+
+    for e in excursions(model, log.columns):
+        warn_excursion(log, e)
+
+
+def warn_excursion(log: Log, e: Excursion) -> None:
+    """Say where one channel leaves it."""
+    warn_row(
+        log,
+        e.first,
+        f"{e.channel}: {e.value:.4g} is outside the calibrated range {e.low:.4g} to {e.high:.4g} "
+        f"({e.rows} rows): the model extrapolates",
+    )
+
+
+def warn_pauses(log: Log, meaning: str) -> None:
+    """Say where the log has pauses (above --max-gap), and what they mean here."""
+    for part in log.segments[1:]:
+        pause = log.time[part.start] - log.time[part.start - 1]
+        warn_row(log, part.start, f"a pause of {pause:g} s; {meaning}")
