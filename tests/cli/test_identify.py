@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
+from reference.measured import MAPS, published
 
 from thermaltool.model import simulate_response
 from thermaltool.responses.rational import Rational1, Rational2
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
-MAPS = Path(__file__).parents[2] / "data_samples" / "maps"
-needs_data = pytest.mark.skipif(not DATA.exists(), reason="measured logs are not copied")
 RESPONSE = Rational2(12.0, 400.0, 5.0, 40.0, 20.0)
 
 
@@ -188,11 +185,10 @@ def test_usage(thermaltool, log, extra, message):
     assert message in done.err
 
 
-@needs_data
 @pytest.mark.parametrize("structure", ["oe", "arx", "armax"])
 def test_hairdryer_delay_and_free_run(thermaltool, structure):
     """Three samples of delay; a free run over the second half at 85 % or better."""
-    done = thermaltool("identify", DATA / "daisy/hairdryer_ljung.csv", "--columns",
+    done = thermaltool("identify", published("daisy/hairdryer_ljung.csv"), "--columns",
                        MAPS / "hairdryer.toml", "--input", "U_heater_V", "--output", "U_air_V",
                        "--structure", structure, "--split", "0.5", "--json")  # fmt: skip
     (model,) = done.json["models"]
@@ -200,9 +196,8 @@ def test_hairdryer_delay_and_free_run(thermaltool, structure):
     assert model["fit_validation_percent"] >= 85
 
 
-@needs_data
 def test_heating_system_held_out_half(thermaltool):
-    done = thermaltool("identify", DATA / "daisy/heating_system.csv", "--columns",
+    done = thermaltool("identify", published("daisy/heating_system.csv"), "--columns",
                        MAPS / "heating_system.toml", "--input", "U_lamp_V", "--output",
                        "T_plate_degC", "--split", "0.5", "--real-poles", "--json")  # fmt: skip
     (model,) = done.json["models"]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from reference.measured import MAPS, whole_log
 
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.errors import FitError, ModelError
@@ -15,8 +15,6 @@ from thermaltool.logs import read_log
 from thermaltool.model import Model, dumps, loads
 from thermaltool.record import Record
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
-MAPS = Path(__file__).parents[2] / "data_samples" / "maps"
 LEVELS = np.repeat([0.0, 1.0, 0.0, 0.6, 0.3, 1.0, 0.0, 0.8, 0.0, 0.5], 120)
 TIME = 3.0 * np.arange(len(LEVELS))
 
@@ -125,12 +123,11 @@ def test_a_log_of_few_rows_is_refused(model: Model) -> None:
         diagnose(model, [few])
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="no shared/data beside the project")
 def test_the_gantry_names_its_bed() -> None:
     runs = []
     for part in ("morning", "evening"):
         run = read_log(
-            str(DATA / f"gantry/run_2021-06-13_{part}.csv"), columns=str(MAPS / "gantry.toml")
+            str(whole_log(f"gantry/run_2021-06-13_{part}.csv")), columns=str(MAPS / "gantry.toml")
         )
         runs.append(Record(run.time, dict(run.columns), digest=run.digest))
     morning, evening = runs

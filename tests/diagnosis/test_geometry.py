@@ -1,9 +1,8 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from reference.measured import MAPS, published
 
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.experiments import duration_text, levels_of, library
@@ -34,7 +33,6 @@ PERIOD, ROWS = 5.0, 800
 TIME = PERIOD * np.arange(ROWS)
 GAIN = {NEAR: (20.0, 1 / 600), FAR: (9.0, 1 / 900), X: (-60.0, 1 / 500), Y: (80.0, 1 / 900)}
 LEVELS = np.repeat([0.0, 1.0, 0.3, 0.8, 0.0, 0.5, 1.0, 0.0], ROWS // 8)
-DATA = Path(__file__).parents[3] / "shared" / "data"
 
 
 def machine(outputs, *effects):
@@ -350,11 +348,9 @@ def test_a_hidden_delay():
 
 def test_the_first_half_of_the_heating_system():
     """Issue: 4 V and 9 V cannot identify the lamp's exponent; a third level of the lamp can."""
-    file = DATA / "daisy/heating_system.csv"
-    if not file.exists():
-        pytest.skip(f"{file.name} is not here: measured logs are not copied")
-    maps = Path(__file__).parents[2] / "data_samples/maps/heating_system.toml"
-    log = read_log(str(file), columns=str(maps))
+    log = read_log(
+        str(published("daisy/heating_system.csv")), columns=str(MAPS / "heating_system.toml")
+    )
 
     def halved(end):
         rows = log.time <= end

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from reference.measured import MAPS, published, whole_log
 
 from thermaltool.errors import LogError
 from thermaltool.logs import Log, read_log
-
-ROOT = Path(__file__).parents[2]
-MAPS = ROOT / "data_samples" / "maps"
-DATA = ROOT / "../shared/data"
 
 
 @pytest.fixture
@@ -104,26 +102,21 @@ def test_two_columns_of_one_name(mapped) -> None:
         mapped("time_s,a,b\n0,1,2\n", '[columns]\na = "T_a_degC"\nb = "T_a_degC"\n')
 
 
-def measured(path: str, name: str) -> Log:
-    if not (DATA / path).exists():
-        pytest.skip(f"../shared/data/{path} is not here: measured logs are not copied")
-    return read_log(str(DATA / path), columns=str(MAPS / name))
-
-
 @pytest.mark.parametrize(
-    ("path", "name", "rows", "channels", "period"),
+    ("find", "path", "name", "rows", "channels", "period"),
     [
-        ("cnc_spindle/spindle_first_28h.csv", "cnc_spindle.toml", 6668, 22, 15.0),
-        ("gantry/run_2021-06-13_morning.csv", "gantry.toml", 1203, 6, 4.0),
-        ("gantry/run_2021-06-13_evening.csv", "gantry.toml", 990, 6, 4.0),
-        ("daisy/heating_system.csv", "heating_system.toml", 801, 2, 2.0),
-        ("daisy/hairdryer_ljung.csv", "hairdryer.toml", 1000, 2, 0.08),
+        (whole_log, "cnc_spindle/spindle_first_28h.csv", "cnc_spindle.toml", 6668, 22, 15.0),
+        (published, "spindle/spindle_first_10min.csv", "cnc_spindle.toml", 40, 22, 15.0),
+        (whole_log, "gantry/run_2021-06-13_morning.csv", "gantry.toml", 1203, 6, 4.0),
+        (whole_log, "gantry/run_2021-06-13_evening.csv", "gantry.toml", 990, 6, 4.0),
+        (published, "daisy/heating_system.csv", "heating_system.toml", 801, 2, 2.0),
+        (published, "daisy/hairdryer_ljung.csv", "hairdryer.toml", 1000, 2, 0.08),
     ],
 )
 def test_measured_logs_load_as_they_are(
-    path: str, name: str, rows: int, channels: int, period: float
+    find: Callable[[str], Path], path: str, name: str, rows: int, channels: int, period: float
 ) -> None:
-    log = measured(path, name)
+    log = read_log(str(find(path)), columns=str(MAPS / name))
     assert len(log) == rows
     assert len(log.channels) == len(log.columns) == channels
     assert log.period == pytest.approx(period)
@@ -132,15 +125,37 @@ def test_measured_logs_load_as_they_are(
 
 
 def test_the_gantry_moves_by_2_5_um_per_step() -> None:
-    log = measured("gantry/run_2021-06-13_evening.csv", "gantry.toml")
+    log = read_log(
+        str(whole_log("gantry/run_2021-06-13_evening.csv")), columns=str(MAPS / "gantry.toml")
+    )
     assert log.column("d_z_um")[:2].tolist() == [-3051 * 2.5, -3047 * 2.5]
     assert log.epoch == "2021-06-13T20:05:00"
 
 
+GANTRY = """# step_dist=0.0125
+sample,time,mcu_pos_z,frame_t,chamber_t,bed_t,bed_target,he_t,he_target
+0,2024/02/28-23:59:56,-40,22.5,23.5,25.25,105.0,25.0,100.0
+0,2024/02/29-00:00:00,-38,22.5,23.75,30.5,105.0,34.5,100.0
+1,2024/02/29-00:00:56,-30,22.625,24.0,61.0,105.0,100.5,100.0
+"""
+
+
+def test_a_log_as_the_gantry_writes_it(tmp_path: Path) -> None:
+    """With numbers of our own: the measured ones are not in every checkout."""
+    (tmp_path / "run.csv").write_text(GANTRY)
+    log = read_log(str(tmp_path / "run.csv"), columns=str(MAPS / "gantry.toml"))
+    assert log.column("d_z_um").tolist() == [-100.0, -95.0, -75.0]
+    assert log.time.tolist() == [0.0, 4.0, 60.0]
+    assert log.epoch == "2024-02-28T23:59:56"
+    assert list(log.columns) == [
+        "d_z_um", "T_frame_degC", "T_chamber_degC", "T_bed_degC", "T_bed_target_degC",
+        "T_hotend_degC",
+    ]  # fmt: skip
+
+
 def test_classic_series_load_as_they_are() -> None:
-    paths = sorted((DATA / "series").glob("*.csv"))
-    if not paths:
-        pytest.skip("../shared/data/series is not here: measured logs are not copied")
+    paths = sorted(published("series").glob("*.csv"))
+    assert len(paths) == 8
     for path in paths:
         log = read_log(str(path), columns=str(MAPS / "series.toml"))
         assert list(log.columns) == ["x_series_1"]

@@ -10,10 +10,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
+from reference.measured import PUBLISHED
 
 ROOT = Path(__file__).parents[2]
-DATA = ROOT.parent / "shared/data"
 TOOLS = (f"THERMALTOOL={Path(sys.executable).with_name('thermaltool')}", f"PYTHON={sys.executable}")
 
 
@@ -47,10 +46,9 @@ def test_measured_logs_that_are_absent_are_left_out(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="the measured logs are not here")
 def test_measured_log_is_judged_on_its_second_half(tmp_path: Path) -> None:
     target = tmp_path / "heating_system.held_out.json"
-    make("measured.mk", f"DATA={DATA}", f"OUT={tmp_path}", str(target))
+    make("measured.mk", f"DATA={PUBLISHED}", f"OUT={tmp_path}", str(target))
     held_out = json.loads(target.read_text())["T_plate_degC"]
     trained = json.loads((tmp_path / "heating_system.model.json").read_text())["outputs"][0]["fit"]
     assert (trained["rows"], held_out["rows"]) == (401, 400)

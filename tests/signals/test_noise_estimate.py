@@ -1,13 +1,10 @@
 """The whole estimate: simulated records, awkward ones, and measured logs."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from reference.measured import published, whole_log
 
 from thermaltool.signals.noise import MIN_SAMPLES, estimate_noise
-
-DATA = Path(__file__).parents[3] / "shared" / "data"
 
 
 def test_white_sigma_beside_a_warm_up_and_a_step(warm_up):
@@ -126,10 +123,9 @@ def test_time_shift_and_scale(drifting):
     assert b.drift.sigma == pytest.approx(2.0 * a.drift.sigma, rel=1e-2)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="measured logs are not beside the checkout")
 class TestMeasured:
     def test_spindle(self):
-        path = DATA / "cnc_spindle" / "spindle_first_28h.csv"
+        path = whole_log("cnc_spindle/spindle_first_28h.csv")
         names = path.read_text().partition("\n")[0].split(",")
         table = np.loadtxt(path, delimiter=",", skiprows=1)
         speed = estimate_noise(table[:, 0], table[:, 1])
@@ -144,7 +140,7 @@ class TestMeasured:
         assert 0.005 < temperature.drift.sigma < 0.1
 
     def test_lamp(self):
-        table = np.loadtxt(DATA / "daisy" / "heating_system.csv", delimiter=",", skiprows=1)
+        table = np.loadtxt(published("daisy/heating_system.csv"), delimiter=",", skiprows=1)
         estimate = estimate_noise(table[:, 0], table[:, 2])
         assert estimate.resolution == pytest.approx(0.244)
         assert estimate.drift.white_sigma == pytest.approx(0.244 / np.sqrt(12.0))
@@ -152,7 +148,7 @@ class TestMeasured:
     def test_bursts(self):
         rows = [
             line.split(",")
-            for line in (DATA / "gantry" / "run_2021-06-13_morning.csv").read_text().splitlines()
+            for line in whole_log("gantry/run_2021-06-13_morning.csv").read_text().splitlines()
             if line[:1].isdigit()
         ]
         clock = np.array([r[1].replace("/", "-").replace("-", "-", 2) for r in rows], dtype=object)

@@ -1,16 +1,16 @@
 """Coefficients, likelihoods, criteria and forecasts that others have published or computed.
 
-R: arima, ar and predict of R 4.2.2, in data/series/R_reference_fits.txt beside the project.
+R: arima, ar and predict of R 4.2.2, in tests/reference/published/series/R_reference_fits.txt.
 "BD": P. J. Brockwell, R. A. Davis, Introduction to Time Series and Forecasting (2002).
 """
 
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from reference.measured import published
 
 from thermaltool.timeseries.ar import ArOrders, burg, least_squares, yule_walker
 from thermaltool.timeseries.criteria import Entry
@@ -21,9 +21,6 @@ from thermaltool.timeseries.innovations import innovations
 from thermaltool.timeseries.likelihood import evaluate, with_trend
 from thermaltool.timeseries.model import ArmaModel
 from thermaltool.timeseries.record import Record, record_of
-
-SERIES = Path(__file__).parents[4] / "shared" / "data" / "series"
-pytestmark = pytest.mark.skipif(not SERIES.is_dir(), reason="the shared series are not here")
 
 # P. J. Diggle, Time Series: A Biostatistical Introduction (1990), table A.1: luteinizing hormone.
 LH = np.fromstring(
@@ -37,13 +34,13 @@ LH = np.fromstring(
 
 
 def series(name: str) -> np.ndarray:
-    table = np.genfromtxt(SERIES / name, delimiter=",", skip_header=1)
+    table = np.genfromtxt(published(f"series/{name}"), delimiter=",", skip_header=1)
     return table if table.ndim == 1 else table[:, -1]
 
 
 def block(title: str) -> str:
     """What R printed under a title."""
-    text = (SERIES / "R_reference_fits.txt").read_text()
+    text = published("series/R_reference_fits.txt").read_text()
     return text.split(f"### {title}", 1)[1].split("\n### ", 1)[0]
 
 
