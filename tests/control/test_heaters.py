@@ -9,20 +9,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from thermaltool.control.heaters import Stabilizer, Way
+from thermaltool.control.heaters import Stabilizer
 from thermaltool.effects.curve import DriveCurve
 from thermaltool.fitting.static import correct
 from thermaltool.fitting.transfer.continuation import continued
 from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.machine import machine
-from thermaltool.model import Drive, Model, Output, Term
+from thermaltool.model import Drive, Model, ModelRecursion, Output, Term
 from thermaltool.model.combine import scheduled, superposed
 from thermaltool.model.curves import Form
 from thermaltool.plants import build_heated
 from thermaltool.plants.duties import HOUR, air, settings
 from thermaltool.record import Record
+from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.responses.rational import Oscillation1, Rational1, Rational2
+from thermaltool.responses.streaming import ResponseRecursion
 from thermaltool.runtime.records import Row
 from thermaltool.runtime.settings import Settings, open_stream
 from thermaltool.signals.agreement import improvement
@@ -79,19 +81,19 @@ def relative(each, k):
 
 @every_model
 def test_the_output_and_what_comes_are_those_of_a_simulation(name):
-    """To row 200, then all drives held for 15 samples: two codes for one model."""
+    """To row 200, then all drives held for 15 samples: row by row and as a whole."""
     each = MODELS[name]
     held = {c: np.where(np.arange(ROWS) < 200, v, v[200]) for c, v in LOG.items()}
     expected = each.simulate(Record(TIME, held))[ANGLE]
     for ahead in (0, 1, 2, 7, 15):
-        ways = [Way(each, term, ahead * DT) for term in each.terms]
+        recursion = ModelRecursion(each, horizon=ahead * DT)
+        rows = [{name: float(values[k]) for name, values in LOG.items()} for k in range(201)]
+        recursion.start(TIME[0], rows[0])
         for k in range(1, 201):
-            before, now = relative(each, k - 1), relative(each, k)
-            for way in ways:
-                way.advance(DT, float(way.acting(before)), float(way.acting(now)))
-        got = sum(float(way.ahead(way.acting(relative(each, 200)))) for way in ways)
-        assert got == pytest.approx(expected[200 + ahead], abs=1e-8)
-        assert sum(way.now() for way in ways) == pytest.approx(expected[200], abs=1e-8)
+            now = recursion.step(TIME[k], rows[k])[ANGLE]
+        got = recursion.ahead(rows[200])[ANGLE]
+        assert float(got) == pytest.approx(expected[200 + ahead], abs=1e-8)
+        assert now == pytest.approx(expected[200], abs=1e-8)
 
 
 def lags(t, moments, values, hold, delay, *pairs):
@@ -121,37 +123,37 @@ def test_any_clock_any_delay_and_any_horizon_are_those_of_plain_sums(hold, delay
     moments, values = uneven(90, rng), np.append(0.0, rng.uniform(-20, 60, 89))
     pairs = (1.8, 1200.0), (0.9, 6000.0)
     response = Rational2(*pairs[0], *pairs[1], delay)
-    drive = replace(HEATER_DRIVE, hold=hold)
-    each = Model((drive,), (OUTPUT,), (Term(HEATER, ANGLE, response),), DT)
-    way = Way(each, each.terms[0], horizon)
+    recursion = ResponseRecursion(response.modes(DT), hold, horizon)
     for k in range(1, 90):
         if k == 40:
-            state = json.loads(json.dumps(way.state()))
-            way = Way(each, each.terms[0], horizon)
-            way.resume(state)
-        way.advance(moments[k] - moments[k - 1], values[k - 1], values[k])
+            state = json.loads(json.dumps(recursion.state()))
+            recursion = ResponseRecursion(response.modes(DT), hold, horizon)
+            recursion.resume(state)
+        ticks = round((moments[k] - moments[k - 1]) / CLOCK_STEP)
+        recursion.advance(ticks, values[k - 1], values[k])
         known = moments[: k + 1], values[: k + 1], hold, delay
-        assert way.now() == pytest.approx(lags(moments[k], *known, *pairs), abs=1e-8)
+        assert recursion.now() == pytest.approx(lags(moments[k], *known, *pairs), abs=1e-8)
         later = moments[k] + horizon
         if hold == "zero":
             # Another power from now on.
             known = moments[: k + 1], np.append(values[:k], 33.0), hold, delay
-            got = float(way.ahead(np.array(33.0)))
+            got = float(recursion.ahead(np.array(33.0)))
         else:
-            got = float(way.ahead(np.array(values[k])))
+            got = float(recursion.ahead(np.array(values[k])))
         assert got == pytest.approx(lags(later, *known, *pairs), abs=1e-8)
 
 
 def test_a_state_of_another_delay_is_refused():
-    ways = [Way(each, each.terms[1], 120.0) for each in (MODELS["delayed"], PLAIN)]
-    for one, other in (ways, ways[::-1]):
+    responses = (each.terms[1].response for each in (MODELS["delayed"], PLAIN))
+    recursions = [ResponseRecursion(response.modes(DT), "zero", 120.0) for response in responses]
+    for one, other in (recursions, recursions[::-1]):
         with pytest.raises(ValueError, match=r"state|argument"):
             one.resume(json.loads(json.dumps(other.state())))
     for place, value in ((0, 30e6 + 1), (0, float("inf")), (1, float("nan"))):
-        state = ways[0].state()
+        state = recursions[0].state()
         state[0][1][0][place] = value
         with pytest.raises(ValueError, match="not a state"):
-            ways[0].resume(state)
+            recursions[0].resume(state)
 
 
 def test_readings_that_are_lost_and_an_uneven_clock():

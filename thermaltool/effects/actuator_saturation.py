@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -38,7 +38,7 @@ class ActuatorSaturation(Effect):
         # At the largest level, a limit is none.
         return replace(known, neutral=self.parameters["level"], high=self.parameters["level"])
 
-    def drive(self, signals: Record, u: Float) -> Float:
+    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
         return np.clip(u, -self.parameters["limit"], self.parameters["limit"])
 
     @classmethod

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.channels import air_channels, air_is_logged
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene
+from thermaltool.effects.dynamics import elapsed
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene
 from thermaltool.effects.source import Source
 from thermaltool.record import Record
 
@@ -37,12 +38,12 @@ class AmbientDrift(Source):
         "phase": Parameter("rad"),
     }
 
-    def unlogged(self, name: str, signals: Record) -> Float | float:
+    def unlogged(self, name: str, signals: Record, memory: Memory | None = None) -> Float | float:
         swing = self.parameters.get(f"swing[{name}]")
         if swing is None:
             return 0.0
         phase = self.parameters["phase"]
-        since = (signals.time - signals.time[0]) / self.parameters["period"]
+        since = elapsed(signals.time, memory) / self.parameters["period"]
         return swing * (np.sin(2 * np.pi * since + phase) - np.sin(phase))
 
     @classmethod

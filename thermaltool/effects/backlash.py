@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.dynamics import play
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -25,10 +25,11 @@ class Backlash(Effect):
         "after every reversal of the drive the outputs stand still until the play is taken up"
     )
     source: ClassVar[str] = "Tao & Kokotović 1996, ch. 2 (backlash)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {"width": Parameter("{channel}", low=0.0)}
 
-    def drive(self, signals: Record, u: Float) -> Float:
-        return play(u, np.array([self.parameters["width"]]))[0]
+    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
+        return play(u, np.array([self.parameters["width"]]), memory)[0]
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

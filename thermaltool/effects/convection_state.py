@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, needed
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side, needed
 from thermaltool.record import Record
 
 
@@ -28,6 +28,7 @@ class ConvectionState(Effect):
         "all outputs decay at another rate while the state lasts, in proportion to their level"
     )
     source: ClassVar[str] = "Mize 1998 (coolant on or off); Zhu, Ni & Shih 2008 (cool-down)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {
         "rate": Parameter("1/s", low=-0.1, high=0.1),
         "level": Parameter("{channel}", fixed=True),
@@ -37,7 +38,9 @@ class ConvectionState(Effect):
     def needs(self) -> tuple[str, ...]:
         return (self.channel,)
 
-    def loss(self, signals: Record, outputs: Mapping[str, Float]) -> Float | None:
+    def loss(
+        self, signals: Record, outputs: Mapping[str, Float], memory: Memory | None = None
+    ) -> Float | None:
         share = np.abs(np.nan_to_num(needed(signals, self.channel))) / self.parameters["level"]
         if self.parameters["idle"]:
             share = (share < 0.02).astype(float)

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 
@@ -176,7 +176,7 @@ class DriveCurve(Curve):
     signature: ClassVar[str] = "steady outputs are a bent function of the drive's level"
     source: ClassVar[str] = "Hammerstein; Mareš et al., section 3.1 (correction polynomial)"
 
-    def drive(self, signals: Record, u: Float) -> Float:
+    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
         return self.bent(u)
 
 
@@ -189,5 +189,11 @@ class OutputCurve(Curve):
     signature: ClassVar[str] = "residuals are a bent function of the output, at every rate alike"
     source: ClassVar[str] = "Wiener (static nonlinearity behind a linear block)"
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         return self.bent(outputs[name]) if name == self.channel else outputs[name]

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -38,7 +38,7 @@ class DriveNonlinearity(Effect):
         "level": Parameter("{channel}", fixed=True),
     }
 
-    def drive(self, signals: Record, u: Float) -> Float:
+    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
         level = self.parameters["level"]
         if "curvature" in self.parameters:
             return u + self.parameters["curvature"] * u * np.abs(u) / level

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thermaltool.effects.effect import Float, Scene, needed
+from thermaltool.effects.effect import Float, Memory, Scene, needed
 from thermaltool.record import Record
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.units import Hold, hold_of
@@ -19,14 +19,30 @@ SLOWEST = 3.0
 _SIDES, _PLACES = (2, 8, 32), 3
 
 
-def lagged(time: Float, u: Float, time_constant: float, hold: Hold, start: float = 0.0) -> Float:
+def lagged(
+    time: Float,
+    u: Float,
+    time_constant: float,
+    hold: Hold,
+    start: float = 0.0,
+    memory: Memory | None = None,
+) -> Float:
     """``τ y' + y = u`` from `start` at the first sample.
 
     Parameters
     ----------
     time, u : ndarray, shape (n,)
     time_constant : float [s]
+    memory : dict, optional
+        Keeps the last sample, from which the next call goes on.
     """
+    if memory is not None:
+        before = memory.get("lag")
+        if before is not None:
+            time, u, start = np.append(before[0], time), np.append(before[1], u), before[2]
+        y = lagged(time, u, time_constant, hold, start)
+        memory["lag"] = [float(time[-1]), float(u[-1]), float(y[-1])]
+        return y if before is None else y[1:]
     steps = np.diff(time)
     x = steps / time_constant
     decay, whole = np.exp(-x), -np.expm1(-x)
@@ -50,22 +66,40 @@ def lagged(time: Float, u: Float, time_constant: float, hold: Hold, start: float
     return y
 
 
-def from_rest(signals: Record, channel: str) -> Float:
-    """A channel relative to its first value; a missing reading keeps the one before."""
+def from_rest(signals: Record, channel: str, memory: Memory | None = None) -> Float:
+    """A channel relative to its first value; a missing reading keeps the one before.
+
+    The first value and the last are kept in `memory`.
+    """
     values = needed(signals, channel)
-    there = np.isfinite(values)
-    if not there.any():
-        return np.zeros(len(values))
-    rows = np.maximum.accumulate(np.where(there, np.arange(len(values)), 0))
-    return np.nan_to_num(values[rows] - values[there][0])
+    known = values[np.isfinite(values)]
+    memory = {} if memory is None else memory
+    if "reading" not in memory:
+        if not len(known):
+            return np.zeros(len(values))
+        memory["reading"] = [float(known[0])] * 2
+    first, last = memory["reading"]
+    values = np.append(last, values)
+    rows = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), 0))
+    memory["reading"] = [first, float(values[rows[-1]])]
+    return values[rows[1:]] - first
 
 
-def warmed(signals: Record, channel: str, time_constant: float) -> Float:
+def elapsed(time: Float, memory: Memory | None = None) -> Float:
+    """Time since the first row [s], shape (n,), which `memory` keeps."""
+    first = float(time[0]) if memory is None else memory.setdefault("begin", float(time[0]))
+    return time - first
+
+
+def warmed(
+    signals: Record, channel: str, time_constant: float, memory: Memory | None = None
+) -> Float:
     """A channel relative to its first value, through a structure that follows it with a lag."""
-    return lagged(signals.time, from_rest(signals, channel), time_constant, hold_of(channel))
+    rise = from_rest(signals, channel, memory)
+    return lagged(signals.time, rise, time_constant, hold_of(channel), memory=memory)
 
 
-def play(u: Float, widths: Float) -> Float:
+def play(u: Float, widths: Float, memory: Memory | None = None) -> Float:
     """What follows `u` with so much play, from the middle of the play at rest.
 
     Parameters
@@ -73,6 +107,8 @@ def play(u: Float, widths: Float) -> Float:
     u : ndarray, shape (n,)
     widths : ndarray, shape (k,) [unit of u]
         Distance between the two flanks.
+    memory : dict, optional
+        Keeps where the last sample has left what follows.
 
     Returns
     -------
@@ -91,7 +127,11 @@ def play(u: Float, widths: Float) -> Float:
             np.hstack([edge[:, :reach], np.clip(edge[:, :-reach], *now)]) for edge in (low, high)
         )
         reach *= 2
-    return np.clip(0.0, low, high)
+    start = np.zeros(len(widths)) if memory is None else memory.get("play", np.zeros(len(widths)))
+    p = np.clip(np.reshape(start, (-1, 1)), low, high)
+    if memory is not None:
+        memory["play"] = p[:, -1]
+    return p
 
 
 def time_constants(period: float, duration: float, count: int = 7) -> list[float]:

@@ -3,7 +3,8 @@
 An effect acts at one place of the model: on a drive before its terms (`Effect.drive`), on the
 rate at which heat is lost (`Effect.loss`), or on an output (`Effect.output`). All three are the
 identity unless a cause says otherwise, so a cause is one file that overrides what it changes, lists
-its parameters, and says in `probes` at which places and sizes it is worth a trial.
+its parameters, and says in `probes` at which places and sizes it is worth a trial. A causal effect
+takes a record whole or row by row: what it has to know of the rows before is in `Memory`.
 """
 
 from __future__ import annotations
@@ -20,8 +21,12 @@ from thermaltool.record import Record
 from thermaltool.units import is_displacement, parse_channel
 
 Float = NDArray[np.float64]
+# What an effect keeps of the rows that have passed: lists and numbers by name.
+Memory = dict[str, Any]
 Side = Literal["drive", "state", "source", "structure", "sensor", "wiring"]
 
+# In place of signals, for effects that look at the value of the moment alone.
+STILL = Record(np.zeros(1), {})
 # The order in which outputs pass: physics first, then what reads it, then who it is called.
 SIDES: tuple[Side, ...] = ("drive", "state", "source", "structure", "sensor", "wiring")
 
@@ -172,17 +177,43 @@ class Effect:
     defect: ClassVar[bool] = False
     # Whether `drive` and `output` look at the value of the moment alone.
     memoryless: ClassVar[bool] = False
+    # Whether `drive`, `loss` and `output` give for rows one after another, with a memory that goes
+    # from each to the next, what they give for the whole record. What is not is refused by name.
+    causal: ClassVar[bool] = False
 
-    def drive(self, signals: Record, u: Float) -> Float:
-        """What acts in place of the drive `u`, both relative to its reference."""
+    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
+        """What acts in place of the drive `u`, both relative to its reference.
+
+        Parameters
+        ----------
+        signals : Record
+            The whole record or, with a memory, the rows that follow the last call.
+        u : ndarray, shape (n,)
+        memory : dict, optional
+            Empty before the first row; changed in place.
+        """
         return u
 
-    def loss(self, signals: Record, outputs: Mapping[str, Float]) -> Float | None:
-        """By how much every rate of decay rises at each sample [1/s]; None for not at all."""
+    def loss(
+        self, signals: Record, outputs: Mapping[str, Float], memory: Memory | None = None
+    ) -> Float | None:
+        """By how much every rate of decay rises at each sample [1/s]; None for not at all.
+
+        `signals` and `memory` as for `drive`.
+        """
         return None
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
-        """What is read in place of ``outputs[name]``, relative to rest."""
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
+        """What is read in place of ``outputs[name]``, relative to rest.
+
+        `signals` and `memory` as for `drive`; every output has a memory of its own.
+        """
         return outputs[name]
 
     # What a stream asks for, in which readings come in and drives are unknown.

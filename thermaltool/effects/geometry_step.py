@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -23,9 +23,16 @@ class GeometryStep(Effect):
         "several displacements jump between the same two samples and stay; no temperature does"
     )
     source: ClassVar[str] = "Mize 1998 (tool crash: a rigid rotation)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {"step": Parameter("{output}", linear=True), "time": Parameter("s")}
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         step = self.parameters.get(f"step[{name}]")
         if step is None:
             return outputs[name]

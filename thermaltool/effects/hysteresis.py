@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.dynamics import play
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 # The loop is made of plays of these parts of its width.
@@ -35,13 +35,14 @@ class Hysteresis(Effect):
         "with rounded corners, at any speed"
     )
     source: ClassVar[str] = "Brokate & Sprekels 1996 (play operators); Gao 2000 (piezo actuator)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {
         "width": Parameter("{channel}", low=0.0),
         "share": Parameter("1", linear=True),
     }
 
-    def drive(self, signals: Record, u: Float) -> Float:
-        loop = play(u, self.parameters["width"] * _PARTS).mean(axis=0)
+    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
+        loop = play(u, self.parameters["width"] * _PARTS, memory).mean(axis=0)
         return u + self.parameters.get("share", 1.0) * (loop - u)
 
     def plausible(self, scene: Scene) -> bool:

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 # A displacement that goes less far the other way shows nothing of the other sign.
@@ -40,7 +40,13 @@ class JointContact(Effect):
         "asymmetry": Parameter("1", low=-0.95, high=0.95, linear=True),
     }
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         y = outputs[name]
         if name != self.channel:
             return y

@@ -21,6 +21,7 @@ class Outliers(Effect):
     )
     signature: ClassVar[str] = "isolated readings far from those before and after, in one channel"
     source: ClassVar[str] = "Rousseeuw & Leroy 1987, ch. 1"
+    causal: ClassVar[bool] = True
     known: ClassVar = {
         "share": Parameter("1", low=0.0, high=1.0, fixed=True),
         "amplitude": Parameter("{channel}", low=0.0, fixed=True),

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from thermaltool.effects.channels import part_channels
 from thermaltool.effects.dynamics import from_rest
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -24,16 +24,23 @@ class PartTemperature(Effect):
         "temperatures do not"
     )
     source: ClassVar[str] = "Mize 1998 (part between 23 and 27 °C, not compensated)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {"coefficient": Parameter("{output}/K", linear=True)}
 
     def needs(self) -> tuple[str, ...]:
         return (self.channel,)
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         coefficient = self.parameters.get(f"coefficient[{name}]")
         if coefficient is None:
             return outputs[name]
-        return outputs[name] + coefficient * from_rest(signals, self.channel)
+        return outputs[name] + coefficient * from_rest(signals, self.channel, memory)
 
     def path(self, output: str) -> tuple[float, float] | None:
         coefficient = self.parameters.get(f"coefficient[{output}]")

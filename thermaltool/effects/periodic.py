@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.dynamics import HOUR
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 # Clocks of buildings and control cabinets [s].
@@ -36,13 +36,20 @@ class Periodic(Effect):
     )
     signature: ClassVar[str] = "a line in the residual's spectrum that none of the drives has"
     source: ClassVar[str] = "ISO 230-3 (cycling of the environment)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {
         "sine": Parameter("{output}", linear=True),
         "cosine": Parameter("{output}", linear=True),
         "period": Parameter("s", low=0.0, log=True),
     }
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         sine = self.parameters.get(f"sine[{name}]")
         cosine = self.parameters.get(f"cosine[{name}]")
         if sine is None or cosine is None:

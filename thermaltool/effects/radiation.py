@@ -9,7 +9,7 @@ import numpy as np
 
 from thermaltool.effects.channels import is_air, is_part
 from thermaltool.effects.dynamics import from_rest
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side, needed
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 from thermaltool.units import parse_channel
@@ -39,6 +39,7 @@ class Radiation(Effect):
         "at low ones"
     )
     source: ClassVar[str] = "Incropera & DeWitt, ch. 1 (radiation heat transfer coefficient)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {
         "rate": Parameter("1/s", low=0.0, high=0.1),
         "rest": Parameter("degC", fixed=True),
@@ -47,20 +48,23 @@ class Radiation(Effect):
     def needs(self) -> tuple[str, ...]:
         return () if "rest" in self.parameters else (self.channel,)
 
-    def loss(self, signals: Record, outputs: Mapping[str, Float]) -> Float | None:
-        cold, rise = self._temperature(signals, outputs)
+    def loss(
+        self, signals: Record, outputs: Mapping[str, Float], memory: Memory | None = None
+    ) -> Float | None:
+        cold, rise = self._temperature(signals, outputs, {} if memory is None else memory)
         hot = np.maximum(cold + rise, 0.0)
         steeper = (hot**2 + cold**2) * (hot + cold) / (4 * cold**3) - 1
         return self.parameters["rate"] * steeper
 
-    def _temperature(self, signals: Record, outputs: Mapping[str, Float]) -> tuple[float, Float]:
+    def _temperature(
+        self, signals: Record, outputs: Mapping[str, Float], memory: Memory
+    ) -> tuple[float, Float]:
         """Temperature at rest [K], and the rise above it."""
         rest = self.parameters.get("rest")
         if rest is None:
-            values = needed(signals, self.channel)
-            there = values[np.isfinite(values)]
-            rest = float(there[0]) if len(there) else _ROOM
-            return rest + KELVIN, from_rest(signals, self.channel)
+            rise = from_rest(signals, self.channel, memory)
+            first, _ = memory.get("reading", (_ROOM, _ROOM))
+            return first + KELVIN, rise
         if self.channel not in outputs:
             raise ModelError(f"{self.name}: needs the output {self.channel}, which is not there")
         return rest + KELVIN, outputs[self.channel]

@@ -23,4 +23,5 @@ class RecordTooShort(Effect):
         "the residual grows with the time since a change of the drive, beyond what was calibrated"
     )
     source: ClassVar[str] = "Ljung 1999, ch. 13 (experiment design)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {"covered": Parameter("1", neutral=1.0, low=0.0, fixed=True)}

@@ -9,7 +9,7 @@ import numpy as np
 
 from thermaltool.effects.channels import source_channels
 from thermaltool.effects.dynamics import time_constants
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, reference_of
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, reference_of
 from thermaltool.effects.source import Source
 from thermaltool.record import Record
 from thermaltool.units import parse_channel
@@ -44,7 +44,7 @@ class SecondSource(Source):
             return parse_channel(output).unit
         return super().unit(name)
 
-    def unlogged(self, name: str, signals: Record) -> Float | float:
+    def unlogged(self, name: str, signals: Record, memory: Memory | None = None) -> Float | float:
         gain = self.parameters.get(f"gain[{name}]", 0.0)
         since = np.maximum(signals.time - self.parameters["start"], 0.0)
         return -gain * np.expm1(-since / self.parameters["time_constant"])

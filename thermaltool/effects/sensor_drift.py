@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-from thermaltool.effects.dynamics import HOUR
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.dynamics import HOUR, elapsed
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -20,12 +20,19 @@ class SensorDrift(Effect):
     )
     signature: ClassVar[str] = "a straight line in time in one channel, whatever the machine does"
     source: ClassVar[str] = "JCGM 200 (VIM), 4.21 (instrumental drift)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {"rate": Parameter("{channel}/h", linear=True)}
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         if name != self.channel:
             return outputs[name]
-        hours = (signals.time - signals.time[0]) / HOUR
+        hours = elapsed(signals.time, memory) / HOUR
         return outputs[name] + self.parameters["rate"] * hours
 
     def plausible(self, scene: Scene) -> bool:

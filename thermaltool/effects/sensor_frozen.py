@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 # Fewer equal readings in a row than this, or than this many times what is usual in the log, are
@@ -33,18 +33,27 @@ class SensorFrozen(Effect):
         "one channel repeats itself to the last digit while the machine goes on"
     )
     source: ClassVar[str] = "Isermann 2006, Fault-Diagnosis Systems (sensor faults)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {
         "start": Parameter("s", fixed=True),
         "stop": Parameter("s", fixed=True),
     }
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         y, time = outputs[name], signals.time
         first = int(np.searchsorted(time, self.parameters["start"]))
         if name != self.channel or first == len(time):
             return y
+        memory = {} if memory is None else memory
+        frozen = memory.setdefault("reading", float(y[first]))
         stop = self.parameters.get("stop", np.inf)
-        return np.where((np.arange(len(y)) >= first) & (time < stop), y[first], y)
+        return np.where((np.arange(len(y)) >= first) & (time < stop), frozen, y)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

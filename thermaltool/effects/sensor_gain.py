@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -24,7 +24,13 @@ class SensorGain(Effect):
     memoryless: ClassVar[bool] = True
     known: ClassVar = {"gain": Parameter("1", neutral=1.0, linear=True)}
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         y = outputs[name]
         return y * self.parameters["gain"] if name == self.channel else y
 

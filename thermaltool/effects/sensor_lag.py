@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import lagged, time_constants
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 # On clean logs of simulated machines the error of a response's shape had up to this much evidence
@@ -25,13 +25,20 @@ class SensorLag(Effect):
     )
     signature: ClassVar[str] = "the residual of one output is minus its own slope, smoothed"
     source: ClassVar[str] = "Doebelin, Record Systems, ch. 3 (first-order instrument)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {"time_constant": Parameter("s", low=0.0, high=1e6, log=True)}
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         y, tau = outputs[name], self.parameters["time_constant"]
         if name != self.channel or tau <= 0:
             return y
-        return lagged(signals.time, y, tau, "first", float(y[0]))
+        return lagged(signals.time, y, tau, "first", float(y[0]), memory)
 
     @property
     def odds(self) -> float:

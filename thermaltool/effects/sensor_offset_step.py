@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 from thermaltool.units import is_displacement
 
@@ -22,6 +22,7 @@ class SensorOffsetStep(Effect):
     )
     signature: ClassVar[str] = "one channel jumps between two samples and stays; no other does"
     source: ClassVar[str] = "Basseville & Nikiforov 1993, ch. 2 (additive change)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {"step": Parameter("{channel}", linear=True), "time": Parameter("s")}
 
     @property
@@ -29,7 +30,13 @@ class SensorOffsetStep(Effect):
         # A displacement that jumps is more often the machine's doing than its probe's.
         return super().odds * (0.5 if is_displacement(self.channel) else 1.0)
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         if name != self.channel:
             return outputs[name]
         return outputs[name] + self.parameters["step"] * (signals.time >= self.parameters["time"])

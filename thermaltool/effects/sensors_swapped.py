@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import ClassVar
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 from thermaltool.units import parse_channel
@@ -20,9 +20,16 @@ class SensorsSwapped(Effect):
     explanation: ClassVar[str] = "two plugs or two columns have changed places"
     signature: ClassVar[str] = "each of two outputs reads what the other one should"
     source: ClassVar[str] = "field practice (like plugs side by side)"
+    causal: ClassVar[bool] = True
     known: ClassVar[Mapping[str, Parameter]] = {}
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         if name not in (self.channel, self.partner):
             return outputs[name]
         other = self.partner if name == self.channel else self.channel

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import SLOWEST, time_constants, warmed
-from thermaltool.effects.effect import Effect, Float, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Scene, Side
 from thermaltool.record import Record
 
 
@@ -18,6 +18,7 @@ class Source(Effect, ABC):
     """
 
     side: ClassVar[Side] = "source"
+    causal: ClassVar[bool] = True
 
     @property
     def everywhere(self) -> bool:
@@ -26,16 +27,22 @@ class Source(Effect, ABC):
     def needs(self) -> tuple[str, ...]:
         return (self.channel,) if self.channel else ()
 
-    def output(self, name: str, outputs: Mapping[str, Float], signals: Record) -> Float:
+    def output(
+        self,
+        name: str,
+        outputs: Mapping[str, Float],
+        signals: Record,
+        memory: Memory | None = None,
+    ) -> Float:
         if not self.channel:
-            return outputs[name] + self.unlogged(name, signals)
+            return outputs[name] + self.unlogged(name, signals, memory)
         if (followed := self.path(name)) is None:
             return outputs[name]
         gain, tau = followed
-        return outputs[name] + gain * warmed(signals, self.channel, tau)
+        return outputs[name] + gain * warmed(signals, self.channel, tau, memory)
 
     @abstractmethod
-    def unlogged(self, name: str, signals: Record) -> Float | float:
+    def unlogged(self, name: str, signals: Record, memory: Memory | None = None) -> Float | float:
         """What a source without a channel adds to an output."""
 
     def path(self, output: str) -> tuple[float, float] | None:

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -21,11 +21,19 @@ class TransportDelay(Effect):
     )
     signature: ClassVar[str] = "the residual follows minus the slope of every output of the drive"
     source: ClassVar[str] = "Ljung 1999, 7.2 (dead time)"
+    causal: ClassVar[bool] = True
     known: ClassVar = {"delay": Parameter("s", low=0.0)}
 
-    def drive(self, signals: Record, u: Float) -> Float:
+    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
         # Of a held drive, the straight line between samples is the exact mean over a sample.
-        return np.interp(signals.time - self.parameters["delay"], signals.time, u, left=0.0)
+        time, delay = signals.time, self.parameters["delay"]
+        if memory is None:
+            return np.interp(time - delay, time, u, left=0.0)
+        known = np.append(memory.get("time", []), time)
+        acted = np.append(memory.get("drive", []), u)
+        first = max(int(np.searchsorted(known, known[-1] - delay, side="right")) - 1, 0)
+        memory.update(time=known[first:], drive=acted[first:])
+        return np.interp(time - delay, known, acted, left=0.0)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

@@ -16,17 +16,14 @@ from typing import NoReturn
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect
+from thermaltool.effects.effect import STILL, Effect
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
-from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.units import Reference
 
 Static = Callable[[Float], Float | None]
 
-# For effects that look at the value of the moment alone.
-STILL = Record(np.zeros(1), {})
 # A curve is judged at so many points of the calibrated range.
 _POINTS = 201
 

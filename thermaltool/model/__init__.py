@@ -1,27 +1,32 @@
 """The model document: what a calibration writes and every later command reads."""
 
 from thermaltool.model.document import (
-    MARGIN,
-    NOT_AT_REST,
     Drive,
-    Excursion,
     Model,
     Output,
     Role,
     Term,
-    away_from_rest,
-    driven,
     dumps,
-    excursions,
-    extrapolated,
     loads,
     only_sensors,
+    to_document,
+)
+from thermaltool.model.simulate import (
+    driven,
     read_outputs,
     relative,
     respond,
     simulate_response,
     taken,
-    to_document,
+)
+from thermaltool.model.step import ModelRecursion
+from thermaltool.model.validity import (
+    MARGIN,
+    NOT_AT_REST,
+    Excursion,
+    away_from_rest,
+    excursions,
+    extrapolated,
 )
 
 __all__ = [
@@ -30,6 +35,7 @@ __all__ = [
     "Drive",
     "Excursion",
     "Model",
+    "ModelRecursion",
     "Output",
     "Role",
     "Term",

@@ -13,7 +13,6 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -22,11 +21,13 @@ from thermaltool import documents
 from thermaltool.documents import MODEL, Part
 from thermaltool.effects import load_effect
 from thermaltool.effects.band import Band, load_band
-from thermaltool.effects.effect import SIDES, Effect, needed, reference_of
+from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.errors import ModelError
+from thermaltool.model.simulate import simulate
+from thermaltool.model.step import ModelRecursion
 from thermaltool.record import Record
 from thermaltool.responses import Response, parameter_names, response_class
-from thermaltool.responses.modes import Float, Hold, Modes
+from thermaltool.responses.modes import Float, Hold
 from thermaltool.units import Reference
 
 Role = Literal["sensor", "deflection"]
@@ -172,158 +173,17 @@ class Model:
         ModelError
             A drive, or a channel that an effect needs, is missing.
         """
-        acting = [e for e in self.effects if e.log in (None, record.digest)]
-        return read_outputs(acting, respond(self, acting, record), record)
+        return simulate(self, record)
+
+    def recursion(self, digest: str = "", period: float | None = None) -> ModelRecursion:
+        """The same row by row: see `ModelRecursion`."""
+        return ModelRecursion(self, digest, period)
 
     def needs(self) -> tuple[str, ...]:
         """Channels that a simulation reads: drives, and what the effects need."""
         own = [*(d.channel for d in self.drives), *(c for e in self.effects for c in e.needs())]
         own += [term.band.channel for term in self.terms if term.band is not None]
         return tuple(dict.fromkeys(own))
-
-
-# The loss of heat may depend on the outputs: repeated until it changes by less than this share of
-# a rate over the record, and at most so often.
-LOSS_STEPS, LOSS_CHANGE = 12, 1e-6
-
-
-def driven(model: Model, effects: Sequence[Effect], signals: Record) -> dict[str, Float]:
-    """What acts in place of every drive, relative to its reference.
-
-    Raises
-    ------
-    ModelError
-        A drive is missing.
-    """
-    result = {}
-    for drive in model.drives:
-        if drive.channel not in signals.columns:
-            raise ModelError(f"the model's drive {drive.channel} is not in the log")
-        u = relative(signals.columns[drive.channel], drive.reference)
-        for effect in effects:
-            if effect.side == "drive" and effect.channel == drive.channel:
-                u = effect.drive(signals, u)
-        result[drive.channel] = u
-    return result
-
-
-def respond(model: Model, effects: Sequence[Effect], signals: Record) -> dict[str, Float]:
-    """Sums of the terms of every output: what the machine does, before sources and sensors."""
-    inputs = driven(model, effects, signals)
-    holds = {d.channel: d.hold for d in model.drives}
-    shares = [taken(model, term, inputs, signals) for term in model.terms]
-    lossy = [e for e in effects if e.side == "state"]
-
-    def sums(cooling: Float | None) -> dict[str, Float]:
-        outputs = {output.channel: np.zeros(len(signals.time)) for output in model.outputs}
-        for term, u in zip(model.terms, shares, strict=True):
-            outputs[term.output] += simulate_response(
-                term.response, signals.time, u, holds[term.drive], cooling
-            )
-        return outputs
-
-    outputs, cooling = sums(None), np.zeros(len(signals.time))
-    for _ in range(LOSS_STEPS if lossy else 0):
-        rates = [r for e in lossy if (r := e.loss(signals, outputs)) is not None]
-        total = np.sum(rates, axis=0) if rates else np.zeros(len(signals.time))
-        exponent = np.append(0.0, np.cumsum(total[:-1] * np.diff(signals.time)))
-        change, cooling = float(np.max(np.abs(exponent - cooling))), exponent
-        if change < LOSS_CHANGE:
-            break
-        outputs = sums(cooling)
-    return outputs
-
-
-def taken(model: Model, term: Term, inputs: Mapping[str, Float], signals: Record) -> Float:
-    """What a term takes of its drive, one of `inputs`: all of it, or its level's share."""
-    if term.band is None:
-        return inputs[term.drive]
-    chooser = term.band.channel
-    values = relative(needed(signals, chooser), model.reference(chooser))
-    return inputs[term.drive] * term.band.share(values)
-
-
-def read_outputs(
-    effects: Sequence[Effect], outputs: Mapping[str, Float], signals: Record
-) -> dict[str, Float]:
-    """What is read of `outputs`: sources, structure, sensors, wiring, in this order."""
-    result = dict(outputs)
-    for effect in sorted(effects, key=lambda e: SIDES.index(e.side)):
-        result = {name: effect.output(name, result, signals) for name in result}
-    return result
-
-
-def relative(values: Float, rest: Reference) -> Float:
-    """Values minus the value at rest, which may be the first one that is there."""
-    if rest != "first":
-        return values - rest
-    there = np.flatnonzero(np.isfinite(values))
-    return values - values[there[0]] if len(there) else values
-
-
-@dataclass(frozen=True)
-class Excursion:
-    """Where a channel leaves the range that the calibration has seen."""
-
-    channel: str
-    rows: int
-    first: int
-    value: float
-    low: float
-    high: float
-
-
-# Beyond the calibrated range by more than this part of its width, a model extrapolates.
-MARGIN = 0.1
-# A first reading further from rest than this share of what the calibration has seen is no rest.
-REST_SHARE = 0.1
-NOT_AT_REST = "is not rest, which the estimates start from: see --initial settled"
-
-
-def away_from_rest(value: float, seen: tuple[float, float]) -> bool:
-    """Whether a first reading, relative to rest, contradicts a machine at rest."""
-    return abs(value) > REST_SHARE * max(abs(seen[0]), abs(seen[1]))
-
-
-def excursions(
-    model: Model, columns: Mapping[str, Float], margin: float = MARGIN
-) -> tuple[Excursion, ...]:
-    """Channels that leave their calibrated range by more than `margin` of its width.
-
-    Parameters
-    ----------
-    columns : mapping of channel to ndarray, shape (n,); channels that are absent are passed over
-    """
-    found = []
-    rests = [(d.channel, d.reference, d.range) for d in model.drives]
-    rests += [(o.channel, o.offset, o.range) for o in model.outputs]
-    for channel, rest, seen in rests:
-        if channel in columns:
-            found += _excursion(channel, relative(columns[channel], rest), seen, margin)
-    return tuple(found)
-
-
-def extrapolated(
-    model: Model, estimates: Mapping[str, Float], margin: float = MARGIN
-) -> tuple[Excursion, ...]:
-    """Estimated deflections, relative to rest, beyond what the calibration has seen."""
-    found = []
-    for output in model.deflections:
-        if output.channel in estimates:
-            found += _excursion(output.channel, estimates[output.channel], output.range, margin)
-    return tuple(found)
-
-
-def _excursion(
-    channel: str, values: Float, seen: tuple[float, float], margin: float
-) -> list[Excursion]:
-    low, high = seen
-    slack = margin * (high - low)
-    outside = np.flatnonzero((values < low - slack) | (values > high + slack))
-    if not len(outside):
-        return []
-    first = int(outside[0])
-    return [Excursion(channel, len(outside), first, float(values[first]), low, high)]
 
 
 def only_sensors(model: Model, sensors: Sequence[str]) -> Model:
@@ -357,50 +217,6 @@ def _seen(effect: Effect, dropped: set[str]) -> Effect | None:
         effect = effect.without(gone)
         return effect if any(reference_of(n)[1] for n in effect.parameters) else None
     return None if effect.channel in dropped else effect
-
-
-# Beyond this the weights of a varying loss overflow.
-MOST_COOLING = 300.0
-
-
-def simulate_response(
-    response: Response, time: Float, u: Float, hold: Hold, cooling: Float | None = None
-) -> Float:
-    """One response to any input at any (increasing) times; at rest at the first.
-
-    Parameters
-    ----------
-    time, u : ndarray, shape (n,)
-    cooling : ndarray, shape (n,), optional
-        Γ, the integral of a rate by which every mode decays faster. Each mode z' = −(λ + Γ')z + u
-        is that of e^Γ u without Γ, times e^(−Γ).
-
-    Returns
-    -------
-    y : ndarray, shape (n,)
-
-    Raises
-    ------
-    ModelError
-        Γ spans more than can be followed.
-    """
-    if len(time) < 2:
-        return np.zeros(len(time))
-    if cooling is not None:
-        if not np.ptp(cooling) < MOST_COOLING:
-            raise ModelError("the loss of heat changes too much over this log to be followed")
-        centred = cooling - (cooling.max() + cooling.min()) / 2
-        # A held drive acts, on the mean, half a sample later than its first moment.
-        inside = np.append((centred[1:] + centred[:-1]) / 2, centred[-1])
-        u = u * np.exp(inside if hold == "zero" else centred)
-    known: Any = response  # frozen, therefore hashable
-    y = _modes(known, float(np.min(np.diff(time)))).run(time, u, hold)
-    return y if cooling is None else y * np.exp(-centred)
-
-
-@lru_cache(maxsize=64)
-def _modes(response: Any, shortest: float) -> Modes:
-    return response.modes(shortest)
 
 
 # ---------------------------------------------------------------- the file

@@ -1,0 +1,163 @@
+"""Simulation of whole records: the block form of `thermaltool.model.step`.
+
+What acts in place of every drive, the sums of the terms, and what is read of them; the same
+effects and the same responses as row by row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thermaltool.effects.effect import SIDES, Effect, needed
+from thermaltool.errors import ModelError
+from thermaltool.record import Record
+from thermaltool.responses import Response
+from thermaltool.responses.modes import Float, Hold, Modes
+from thermaltool.units import Reference
+
+if TYPE_CHECKING:
+    from thermaltool.model.document import Model, Term
+
+# The loss of heat may depend on the outputs: the record is repeated until the integral of the rate
+# changes by less than this [1], and at most so often.
+LOSS_TOLERANCE, MAX_LOSS_ITERATIONS = 1e-6, 12
+# Beyond this span of the integral of a varying loss [1] the weights e^Γ overflow.
+MAX_COOLING_SPAN = 300.0
+
+
+def simulate(model: Model, record: Record) -> dict[str, Float]:
+    """Outputs of every channel, relative to rest; see `Model.simulate`."""
+    effects = acting_effects(model, record.digest)
+    return read_outputs(effects, respond(model, effects, record), record)
+
+
+def acting_effects(model: Model, digest: str) -> tuple[Effect, ...]:
+    """The effects that act in a record of this digest: those of every record, and its own."""
+    return tuple(e for e in model.effects if e.log in (None, digest))
+
+
+def driven(model: Model, effects: Sequence[Effect], record: Record) -> dict[str, Float]:
+    """What acts in place of every drive, relative to its reference.
+
+    Returns
+    -------
+    dict of channel to ndarray, shape (n,)
+
+    Raises
+    ------
+    ModelError
+        A drive is missing.
+    """
+    result = {}
+    for drive in model.drives:
+        if drive.channel not in record.columns:
+            raise ModelError(f"the model's drive {drive.channel} is not in the log")
+        u = relative(record.columns[drive.channel], drive.reference)
+        for effect in effects:
+            if effect.side == "drive" and effect.channel == drive.channel:
+                u = effect.drive(record, u)
+        result[drive.channel] = u
+    return result
+
+
+def taken(model: Model, term: Term, inputs: Mapping[str, Float], record: Record) -> Float:
+    """What a term takes of its drive, one of `inputs`: all of it, or its level's share."""
+    if term.band is None:
+        return inputs[term.drive]
+    chooser = term.band.channel
+    values = relative(needed(record, chooser), model.reference(chooser))
+    return inputs[term.drive] * term.band.share(values)
+
+
+def respond(model: Model, effects: Sequence[Effect], record: Record) -> dict[str, Float]:
+    """Sums of the terms of every output: what the machine does, before sources and sensors.
+
+    Returns
+    -------
+    dict of channel to ndarray, shape (n,)
+    """
+    inputs = driven(model, effects, record)
+    holds = {d.channel: d.hold for d in model.drives}
+    acting = [taken(model, term, inputs, record) for term in model.terms]
+    losses = [e for e in effects if e.side == "state"]
+
+    def sums(cooling: Float | None) -> dict[str, Float]:
+        outputs = {output.channel: np.zeros(len(record.time)) for output in model.outputs}
+        for term, u in zip(model.terms, acting, strict=True):
+            outputs[term.output] += simulate_response(
+                term.response, record.time, u, holds[term.drive], cooling
+            )
+        return outputs
+
+    outputs, cooling = sums(None), np.zeros(len(record.time))
+    for _ in range(MAX_LOSS_ITERATIONS if losses else 0):
+        rates = [r for e in losses if (r := e.loss(record, outputs)) is not None]
+        total = np.sum(rates, axis=0) if rates else np.zeros(len(record.time))
+        exponent = np.append(0.0, np.cumsum(total[:-1] * np.diff(record.time)))
+        change, cooling = float(np.max(np.abs(exponent - cooling))), exponent
+        if change < LOSS_TOLERANCE:
+            break
+        outputs = sums(cooling)
+    return outputs
+
+
+def read_outputs(
+    effects: Sequence[Effect], outputs: Mapping[str, Float], record: Record
+) -> dict[str, Float]:
+    """What is read of `outputs`: sources, structure, sensors, wiring, in this order."""
+    result = dict(outputs)
+    for effect in sorted(effects, key=lambda e: SIDES.index(e.side)):
+        result = {name: effect.output(name, result, record) for name in result}
+    return result
+
+
+def relative(values: Float, rest: Reference) -> Float:
+    """Values minus the value at rest, which may be the first one that is there."""
+    if rest != "first":
+        return values - rest
+    there = np.flatnonzero(np.isfinite(values))
+    return values - values[there[0]] if len(there) else values
+
+
+def simulate_response(
+    response: Response, time: Float, u: Float, hold: Hold, cooling: Float | None = None
+) -> Float:
+    """One response to any input at any (increasing) times; at rest at the first.
+
+    Parameters
+    ----------
+    time, u : ndarray, shape (n,)
+    cooling : ndarray, shape (n,), optional
+        Γ, the integral of a rate by which every mode decays faster. Each mode z' = −(λ + Γ')z + u
+        is that of e^Γ u without Γ, times e^(−Γ).
+
+    Returns
+    -------
+    y : ndarray, shape (n,)
+
+    Raises
+    ------
+    ModelError
+        Γ spans more than can be followed.
+    """
+    if len(time) < 2:
+        return np.zeros(len(time))
+    if cooling is not None:
+        if not np.ptp(cooling) < MAX_COOLING_SPAN:
+            raise ModelError("the loss of heat changes too much over this log to be followed")
+        centred = cooling - (cooling.max() + cooling.min()) / 2
+        # A held drive acts, on the mean, half a sample later than its first moment.
+        inside = np.append((centred[1:] + centred[:-1]) / 2, centred[-1])
+        u = u * np.exp(inside if hold == "zero" else centred)
+    known: Any = response  # frozen, therefore hashable
+    y = _modes(known, float(np.min(np.diff(time)))).run(time, u, hold)
+    return y if cooling is None else y * np.exp(-centred)
+
+
+@lru_cache(maxsize=64)
+def _modes(response: Any, shortest: float) -> Modes:
+    return response.modes(shortest)

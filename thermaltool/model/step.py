@@ -1,0 +1,301 @@
+"""A model row by row: a state and a row in, a state and outputs out.
+
+The same effects and responses as in `thermaltool.model.simulate`, which takes whole records;
+``tests/model/test_step.py`` holds the two together for every kind of response and every effect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thermaltool.effects.effect import SIDES, STILL, Memory
+from thermaltool.errors import ModelError
+from thermaltool.model.simulate import acting_effects
+from thermaltool.record import Record
+from thermaltool.responses.modes import CLOCK_STEP, Float
+from thermaltool.responses.streaming import ResponseRecursion
+
+if TYPE_CHECKING:
+    from thermaltool.model.document import Model
+
+Row = Mapping[str, float]
+
+# Where the integral of a varying loss [1] passes this, all that is stored is scaled anew: e^Γ
+# would overflow at 700.
+MAX_COOLING = 50.0
+
+
+class ModelRecursion:
+    """The state of a model; every row costs the same, however long the record.
+
+    Parameters
+    ----------
+    model : Model
+    digest : str
+        Of the record: effects that are confined to one act in that one alone.
+    period : float, optional [s]
+        The shortest sample that comes; that of the model by default.
+    outputs : iterable of str, optional
+        Those that are computed; all by default.
+    horizon : float [s]
+        How far `ahead` looks.
+
+    Attributes
+    ----------
+    responses : list of ResponseRecursion
+        One for each term of the outputs, in the order of the model.
+
+    Raises
+    ------
+    ModelError
+        An effect that takes whole records alone, by name.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        digest: str = "",
+        period: float | None = None,
+        outputs: Iterable[str] | None = None,
+        horizon: float = 0.0,
+    ) -> None:
+        effects = acting_effects(model, digest)
+        for effect in effects:
+            if not (effect.causal or effect.memoryless):
+                raise ModelError(f"the effect {effect.name} takes whole records, not rows")
+        wanted = [o.channel for o in model.outputs] if outputs is None else list(outputs)
+        self.terms = tuple(t for t in model.terms if t.output in wanted)
+        holds = {d.channel: d.hold for d in model.drives}
+        self.responses = [
+            ResponseRecursion(
+                t.response.modes(period or model.sample_period), holds[t.drive], horizon
+            )
+            for t in self.terms
+        ]
+        self._outputs, self._held = wanted, [holds[t.drive] == "zero" for t in self.terms]
+        choosers = [t.band.channel for t in self.terms if t.band is not None]
+        drives = [d.channel for d in model.drives]
+        self._references = {c: model.reference(c) for c in dict.fromkeys([*drives, *choosers])}
+        self._drives = [
+            (c, [(e, Memory()) for e in effects if (e.side, e.channel) == ("drive", c)])
+            for c in drives
+        ]
+        self._losses = [(e, Memory()) for e in effects if e.side == "state"]
+        self._readings = [
+            (e, {name: Memory() for name in wanted})
+            for e in sorted(effects, key=lambda e: SIDES.index(e.side))
+            if e.side not in ("drive", "state")
+        ]
+        self._whole_row = any(not e.memoryless for e in effects)
+        self._time, self._inputs = math.nan, [0.0] * len(self.terms)
+        # None until the first value is there.
+        self._rests: dict[str, float | None] = {}
+        # Γ, and the rate at which it rises.
+        self._cooling, self._rate = 0.0, 0.0
+
+    def start(self, time: float, row: Row, settled: bool = False) -> dict[str, float]:
+        """Outputs at the first row: at rest, or in the steady state of what acts there.
+
+        Parameters
+        ----------
+        time : float [s]
+        row : mapping of channel to float
+            All that `Model.needs` names; NaN only beside the drives.
+        settled : bool
+
+        Returns
+        -------
+        dict of channel to float
+            Relative to rest.
+
+        Raises
+        ------
+        ModelError
+            A channel is missing; settled, with a loss of heat that changes.
+        """
+        if settled and self._losses:
+            raise ModelError(f"no steady state is known with {self._losses[0][0].name}")
+        self._time, self._cooling, self._rate = time, 0.0, 0.0
+        for memory in self._memories():
+            memory.clear()
+        self._rests = {c: None if r == "first" else r for c, r in self._references.items()}
+        signals = self._signals(time, row)
+        self._inputs = [float(u) for u in self._acting(row, signals)]
+        for response, u in zip(self.responses, self._inputs, strict=True):
+            response.start(u if settled else 0.0)
+        return self._read(signals)
+
+    def step(self, time: float, row: Row) -> dict[str, float]:
+        """Outputs at the next row; see `start`.
+
+        Raises
+        ------
+        ModelError
+            The time does not rise; a channel is missing; the loss of heat is not finite.
+        """
+        ticks = round((time - self._time) / CLOCK_STEP)
+        if ticks <= 0:
+            raise ModelError(f"time {time:.15g} s does not come after {self._time:.15g} s")
+        signals = self._signals(time, row)
+        inputs = [float(u) for u in self._acting(row, signals)]
+        if self._losses:
+            self._advance_cooled(ticks, inputs, self._rate * (time - self._time))
+        else:
+            for response, start, end in zip(self.responses, self._inputs, inputs, strict=True):
+                response.advance(ticks, start, end)
+        self._time, self._inputs = time, inputs
+        return self._read(signals)
+
+    def _advance_cooled(self, ticks: int, inputs: list[float], rise: float) -> None:
+        """As `simulate_response`: modes of e^Γ u, times e^(−Γ)."""
+        if not abs(rise) < MAX_COOLING:
+            raise ModelError("the loss of heat changes too much in a sample to be followed")
+        if abs(self._cooling) > MAX_COOLING:
+            for response in self.responses:
+                response.scale(math.exp(-self._cooling))
+            self._cooling = 0.0
+        first, last = math.exp(self._cooling), math.exp(self._cooling + rise)
+        # A held drive acts, on the mean, half a sample later than its first moment.
+        middle = math.exp(self._cooling + rise / 2)
+        for k, response in enumerate(self.responses):
+            start = self._inputs[k] * (middle if self._held[k] else first)
+            response.advance(ticks, start, inputs[k] * last)
+        self._cooling += rise
+
+    def amend(self, row: Row) -> None:
+        """Take `row` for what has acted since the last one, in place of that one.
+
+        For drives that are set, and whose value is known when their time is over.
+
+        Raises
+        ------
+        ModelError
+            An effect on a drive that looks at more than the value of the moment.
+        """
+        self._inputs = [float(u) for u in self._acting(row, None)]
+
+    def now(self) -> dict[str, float]:
+        """Sums of the terms of every output, before sources and sensors, relative to rest."""
+        decayed = math.exp(-self._cooling) if self._losses else 1.0
+        sums = dict.fromkeys(self._outputs, 0.0)
+        for term, response in zip(self.terms, self.responses, strict=True):
+            sums[term.output] += decayed * response.now()
+        return sums
+
+    def ahead(self, row: Mapping[str, float | Float]) -> dict[str, Float]:
+        """Sums of the terms at the horizon where the drives stay from now on as in `row`.
+
+        Parameters
+        ----------
+        row : mapping of channel to float or ndarray, shape (k,)
+            One value, or one for each of several futures.
+
+        Raises
+        ------
+        ModelError
+            As `amend`; a loss of heat that changes.
+        """
+        if self._losses:
+            raise ModelError(f"nothing is foretold with {self._losses[0][0].name}")
+        sums: dict[str, Float] = {name: np.zeros(()) for name in self._outputs}
+        for term, response, u in zip(
+            self.terms, self.responses, self._acting(row, None), strict=True
+        ):
+            sums[term.output] = sums[term.output] + response.ahead(np.asarray(u))
+        return sums
+
+    def _signals(self, time: float, row: Row) -> Record:
+        """The row as the effects read it."""
+        if not self._whole_row:
+            return STILL
+        return Record(np.array([time]), {name: np.array([row[name]], float) for name in row})
+
+    def _relative(self, channel: str, row: Mapping[str, Any]) -> Any:
+        """A channel of a row minus its rest, which may be its first value that is there."""
+        try:
+            value, rest = row[channel], self._rests[channel]
+        except KeyError:
+            raise ModelError(f"the model reads {channel}, which is not in the row") from None
+        if rest is None:
+            if not math.isfinite(value):
+                return math.nan
+            rest = self._rests[channel] = float(value)
+        return value - rest
+
+    def _acting(self, row: Mapping[str, Any], signals: Record | None) -> list[Any]:
+        """What every term takes of a row, of one value or several a channel.
+
+        Without `signals` the row is one that may come, and no effect remembers it.
+        """
+        drives = {}
+        for channel, effects in self._drives:
+            u = self._relative(channel, row)
+            for effect, memory in effects:
+                if effect.memoryless:
+                    u = effect.drive(STILL, np.asarray(u, float))
+                elif signals is None:
+                    raise ModelError(f"nothing is foretold with the effect {effect.name}")
+                else:
+                    u = effect.drive(signals, np.array([u], float), memory)[0]
+            drives[channel] = u
+        return self._taken(drives, row)
+
+    def _taken(self, drives: Mapping[str, Any], row: Mapping[str, Any]) -> list[Any]:
+        """Of each drive all, or the share of a level."""
+        return [
+            drives[t.drive]
+            if t.band is None
+            else drives[t.drive] * t.band.share(self._relative(t.band.channel, row))
+            for t in self.terms
+        ]
+
+    def _read(self, signals: Record) -> dict[str, float]:
+        """The outputs of the moment; the loss of heat until the next row follows from them."""
+        sums = self.now()
+        if not self._losses and not self._readings:
+            return sums
+        outputs = {name: np.array([value]) for name, value in sums.items()}
+        rates = [effect.loss(signals, outputs, memory) for effect, memory in self._losses]
+        self._rate = float(sum(rate[0] for rate in rates if rate is not None))
+        for effect, memories in self._readings:
+            outputs = {
+                name: effect.output(name, outputs, signals, memories[name]) for name in outputs
+            }
+        return {name: float(values[0]) for name, values in outputs.items()}
+
+    def _memories(self) -> list[Memory]:
+        """Of all effects, in one order."""
+        drives = [memory for _, effects in self._drives for _, memory in effects]
+        readings = [m for _, memories in self._readings for m in memories.values()]
+        return [*drives, *(memory for _, memory in self._losses), *readings]
+
+    def state(self) -> dict[str, Any]:
+        """For `resume`, as JSON."""
+        memories = [
+            {name: np.asarray(kept).tolist() for name, kept in memory.items()}
+            for memory in self._memories()
+        ]
+        return {
+            "time_s": self._time,
+            "inputs": self._inputs,
+            "cooling": [self._cooling, self._rate],
+            "rests": self._rests,
+            "responses": [response.state() for response in self.responses],
+            "effects": memories,
+        }
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from `state`; raises KeyError, TypeError or ValueError where it is none."""
+        self._time, self._inputs = float(state["time_s"]), [float(u) for u in state["inputs"]]
+        self._cooling, self._rate = (float(value) for value in state["cooling"])
+        rests = {c: state["rests"][c] for c in self._references}
+        self._rests = {c: None if rest is None else float(rest) for c, rest in rests.items()}
+        for response, kept in zip(self.responses, state["responses"], strict=True):
+            response.resume(kept)
+        for memory, kept in zip(self._memories(), state["effects"], strict=True):
+            memory.clear()
+            memory.update(kept)

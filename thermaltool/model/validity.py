@@ -1,0 +1,80 @@
+"""Validity of a model: the ranges that its calibration has seen, and the rest it starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from thermaltool.model.simulate import relative
+from thermaltool.responses.modes import Float
+
+if TYPE_CHECKING:
+    from thermaltool.model.document import Model
+
+
+@dataclass(frozen=True)
+class Excursion:
+    """Where a channel leaves the range that the calibration has seen."""
+
+    channel: str
+    rows: int
+    first: int
+    value: float
+    low: float
+    high: float
+
+
+# Beyond the calibrated range by more than this part of its width, a model extrapolates.
+MARGIN = 0.1
+# A first reading further from rest than this share of what the calibration has seen is no rest.
+REST_SHARE = 0.1
+NOT_AT_REST = "is not rest, which the estimates start from: see --initial settled"
+
+
+def away_from_rest(value: float, seen: tuple[float, float]) -> bool:
+    """Whether a first reading, relative to rest, contradicts a machine at rest."""
+    return abs(value) > REST_SHARE * max(abs(seen[0]), abs(seen[1]))
+
+
+def excursions(
+    model: Model, columns: Mapping[str, Float], margin: float = MARGIN
+) -> tuple[Excursion, ...]:
+    """Channels that leave their calibrated range by more than `margin` of its width.
+
+    Parameters
+    ----------
+    columns : mapping of channel to ndarray, shape (n,); channels that are absent are passed over
+    """
+    found = []
+    rests = [(d.channel, d.reference, d.range) for d in model.drives]
+    rests += [(o.channel, o.offset, o.range) for o in model.outputs]
+    for channel, rest, seen in rests:
+        if channel in columns:
+            found += _excursion(channel, relative(columns[channel], rest), seen, margin)
+    return tuple(found)
+
+
+def extrapolated(
+    model: Model, estimates: Mapping[str, Float], margin: float = MARGIN
+) -> tuple[Excursion, ...]:
+    """Estimated deflections, relative to rest, beyond what the calibration has seen."""
+    found = []
+    for output in model.deflections:
+        if output.channel in estimates:
+            found += _excursion(output.channel, estimates[output.channel], output.range, margin)
+    return tuple(found)
+
+
+def _excursion(
+    channel: str, values: Float, seen: tuple[float, float], margin: float
+) -> list[Excursion]:
+    low, high = seen
+    slack = margin * (high - low)
+    outside = np.flatnonzero((values < low - slack) | (values > high + slack))
+    if not len(outside):
+        return []
+    first = int(outside[0])
+    return [Excursion(channel, len(outside), first, float(values[first]), low, high)]
