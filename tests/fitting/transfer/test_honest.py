@@ -10,7 +10,7 @@ from thermaltool.fitting.transfer.choose import choose, started
 from thermaltool.fitting.transfer.continuous import identify_continuous
 from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import identify, orders_of
-from thermaltool.fitting.transfer.output_error import inverse_of
+from thermaltool.signals.gauss_newton import inverse_of
 
 
 def lags(u, parts, dt=1.0):

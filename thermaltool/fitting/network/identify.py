@@ -14,7 +14,7 @@ from thermaltool.fitting.network.problem import Delays, Index, Problem
 from thermaltool.fitting.network.search import METHOD, Found, search
 from thermaltool.fitting.transfer.colour import error_colour
 from thermaltool.fitting.transfer.data import Array
-from thermaltool.fitting.transfer.output_error import inverse_of
+from thermaltool.signals.gauss_newton import inverse_of
 
 # As many as a kind of response holds.
 MOST_MODES = 6

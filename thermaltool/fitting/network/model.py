@@ -11,12 +11,12 @@ import numpy as np
 from thermaltool.fitting.network.data import Records, Span
 from thermaltool.fitting.network.problem import Delays, driven, known
 from thermaltool.fitting.transfer.data import Array, Zero
-from thermaltool.fitting.transfer.output_error import solve
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Hold
 from thermaltool.responses.rational import KINDS
 from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.signals.criteria import Criteria
+from thermaltool.signals.gauss_newton import solve
 from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
 
 # An interval from a to more than this times a says that the data do not tell the mode.

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from thermaltool.fitting.network.data import Records, Span
 from thermaltool.fitting.transfer.data import Array
-from thermaltool.fitting.transfer.output_error import solve
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Hold, Modes
+from thermaltool.signals.gauss_newton import solve
 
 Index = NDArray[np.intp]
 Delays = tuple[tuple[float, ...], ...]

@@ -11,8 +11,8 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.network.problem import Problem, Projected, Sums, criterion
 from thermaltool.fitting.transfer.data import Array
-from thermaltool.fitting.transfer.output_error import solve
 from thermaltool.fitting.transfer.search import SLOWEST
+from thermaltool.signals.gauss_newton import minimize, solve
 
 # Starts are found on so many rows; the modes are followed over all. Of a record in many spans, each
 # with decays of its own, the longest ones do.
@@ -78,38 +78,39 @@ def box(problem: Problem) -> tuple[float, float]:
 
 
 def refine(problem: Problem, lags: Array, most: int = 60) -> Found:
-    """Damped Gauss-Newton over the logarithms of the time constants (Levenberg 1944).
+    """Damped Gauss-Newton over the logarithms of the time constants.
 
     Outputs are weighted by the inverse of their error variance, which the likelihood gives anew at
     every step.
     """
     low, high = np.log(box(problem))
-    theta, damping = np.clip(np.log(np.sort(lags)[::-1]), low, high), 1e-3
-    here, settled = problem.project(np.exp(theta)), False
-    for _ in range(most):
-        value = criterion(here)
-        reduced = sum((f.rows / f.loss * f.reduced for f in here), np.zeros((len(theta),) * 2))
-        pull = sum((f.rows / f.loss * f.pull for f in here), np.zeros(len(theta)))
-        # What a full step promises: below rounding of a long record's loss none is found.
-        if 0.5 * float(pull @ solve(reduced, pull)) <= SETTLED:
-            settled = True
-            break
-        while True:
-            step = solve(reduced + damping * np.diag(np.diag(reduced)), pull)
-            tried = np.clip(theta + np.clip(step, -1.0, 1.0), low, high)
-            there = problem.project(np.exp(tried))
-            if criterion(there) < value or damping > 1e8:
-                break
-            damping *= 10
-        gained = value - criterion(there)
-        if gained > 0:
-            theta, here, damping = tried, there, max(damping / 10, 1e-12)
-        settled = gained <= SETTLED
-        if settled or np.any(-np.diff(np.sort(theta)[::-1]) < np.log(MERGED)):
-            break
-    order = np.argsort(-theta)
-    return Found(np.exp(theta[order]), here if np.all(np.diff(order) == 1)
-                 else problem.project(np.exp(theta[order])), settled)  # fmt: skip
+
+    def found(theta: Array) -> Found:
+        return Found(np.exp(theta), problem.project(np.exp(theta)), False)
+
+    def normal_equations(here: Found) -> tuple[Array, Array]:
+        n = len(here.lags)
+        weights = [f.rows / f.loss for f in here.projected]
+        matrix = sum((w * f.reduced for w, f in zip(weights, here.projected, strict=True)),
+                     np.zeros((n, n)))  # fmt: skip
+        score = sum((w * f.pull for w, f in zip(weights, here.projected, strict=True)), np.zeros(n))
+        return matrix, score
+
+    def moved(here: Found, step: Array) -> Found:
+        return found(np.clip(np.log(here.lags) + np.clip(step, -1.0, 1.0), low, high))
+
+    def merged(here: Found) -> bool:
+        return bool(np.any(-np.diff(np.sort(np.log(here.lags))[::-1]) < np.log(MERGED)))
+
+    end = minimize(
+        found(np.clip(np.log(np.sort(lags)[::-1]), low, high)), lambda here: 2 * here.criterion,
+        normal_equations, moved, lambda here: 2 * SETTLED, most, merged,
+    )  # fmt: skip
+    order = np.argsort(-end.point.lags)
+    if np.all(np.diff(order) == 1):
+        return replace(end.point, converged=end.converged)
+    lags = end.point.lags[order]
+    return Found(lags, problem.project(lags), end.converged)
 
 
 def starts(problem: Problem, modes: int) -> list[Array]:

@@ -19,10 +19,11 @@ from thermaltool.errors import FitError
 from thermaltool.fitting.transfer.data import Array, Data
 from thermaltool.fitting.transfer.identify import check_orders, coloured_gram
 from thermaltool.fitting.transfer.model import TransferModel, decay
-from thermaltool.fitting.transfer.output_error import Orders, Problem, inverse_of
+from thermaltool.fitting.transfer.output_error import Orders, Problem
 from thermaltool.fitting.transfer.polynomials import partial_fractions
 from thermaltool.fitting.transfer.search import overdamped, search
 from thermaltool.responses.modes import Hold
+from thermaltool.signals.gauss_newton import inverse_of
 from thermaltool.signals.intervals import Estimate, normal_estimate, standard_error
 
 # A constant coefficient of A(s) below this is that of a pole at zero, s in 1/samples.

@@ -6,7 +6,7 @@ and goes on by damped Gauss-Newton on the one-step error (Ljung 1999, 10.2).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,14 @@ from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.transfer.data import Array, Data, Stretch
-from thermaltool.fitting.transfer.output_error import Orders, solve
+from thermaltool.fitting.transfer.output_error import Orders
 from thermaltool.fitting.transfer.polynomials import difference_basis, stabilized
+from thermaltool.signals.gauss_newton import minimize, solve
 
 # The long ARX model that stands in for the noise has so many times the orders.
 LONG = 5
+# A loss that changes by less than this many error variances: a hundredth of a standard error.
+SETTLED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,6 @@ class Regression:
     loss: float
     rows: int
     converged: bool = True
-    steps: int = 0
 
 
 def arx(data: Data, orders: Orders) -> Regression:
@@ -61,26 +63,16 @@ def armax(data: Data, orders: Orders, nc: int, most: int = 50) -> Regression:
     long_orders = Orders(orders.nb, (max(longer, orders.nf[0]),), orders.nk, orders.groups)
     long = arx(data, long_orders)
     noise = [_errors(s, long_orders, long) for s in data.stretches]
-    here = _step(data, orders, nc, noise)
-    here = _evaluated(data, orders, here)
-    damping = 1e-3
-    for k in range(1, most + 1):
-        gram, score = _slopes(data, orders, here)
-        while True:
-            step = solve(gram + damping * np.diag(np.diag(gram)), score)
-            there = _evaluated(data, orders, _moved(here, orders, step, data.origins))
-            if there.loss < here.loss or damping > 1e8:
-                break
-            damping *= 10
-        if not here.loss - there.loss > 1e-4 * here.loss / here.rows:
-            return _finished(data, orders, here, True, k)
-        here, damping = there, max(damping / 10, 1e-12)
-    return _finished(data, orders, here, False, most)
-
-
-def _finished(data: Data, orders: Orders, r: Regression, converged: bool, k: int) -> Regression:
-    gram, _ = _slopes(data, orders, r)
-    return Regression(r.F, r.C, r.numerators, r.constants, gram, r.loss, r.rows, converged, k)
+    end = minimize(
+        _evaluated(data, orders, _step(data, orders, nc, noise)),
+        lambda here: here.loss,
+        lambda here: _slopes(data, orders, here),
+        lambda here, step: _evaluated(data, orders, _moved(here, orders, step, data.origins)),
+        lambda here: SETTLED * here.loss / here.rows,
+        most,
+    )
+    gram, _ = _slopes(data, orders, end.point)
+    return replace(end.point, gram=gram, converged=end.converged)
 
 
 def _first(orders: Orders) -> int:

@@ -14,9 +14,10 @@ from thermaltool.fitting.transfer.colour import error_colour, error_record
 from thermaltool.fitting.transfer.data import Array, Data
 from thermaltool.fitting.transfer.equation_error import Regression, armax, arx
 from thermaltool.fitting.transfer.model import TransferModel
-from thermaltool.fitting.transfer.output_error import Orders, Problem, inverse_of, solve
+from thermaltool.fitting.transfer.output_error import Orders, Problem
 from thermaltool.fitting.transfer.polynomials import difference_basis
 from thermaltool.fitting.transfer.search import Found, overdamped, refine, search
+from thermaltool.signals.gauss_newton import inverse_of, solve
 from thermaltool.timeseries.fit import fit_arma
 
 Structure = Literal["oe", "bj", "arx", "armax"]

@@ -11,10 +11,11 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
 from thermaltool.fitting.transfer.data import Array, Data, Stretch, Zero
-from thermaltool.fitting.transfer.output_error import Orders, free_responses, solve
+from thermaltool.fitting.transfer.output_error import Orders, free_responses
 from thermaltool.fitting.transfer.polynomials import difference_basis
 from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.signals.criteria import Criteria
+from thermaltool.signals.gauss_newton import solve
 from thermaltool.signals.intervals import (
     Estimate,
     log_normal_estimate,

@@ -27,9 +27,7 @@ from thermaltool.fitting.transfer.polynomials import (
     partial_fractions,
     stabilized,
 )
-
-# Directions of the normal equations below this share of the largest are left out.
-RANK = 1e-13
+from thermaltool.signals.gauss_newton import solve
 
 
 @dataclass(frozen=True)
@@ -328,23 +326,3 @@ def free_responses(f: Array, n: int) -> Array:
         rows[j] = row
         row = np.diff(row, prepend=0.0)
     return rows
-
-
-def solve(matrix: Array, right: Array) -> Array:
-    """matrix⁻¹ right, scaled first; directions without support stay at zero."""
-    if not len(matrix):
-        return np.zeros_like(right)
-    size = np.sqrt(np.abs(np.diag(matrix)))
-    size = np.where(size > 0, size, 1.0)
-    scaled = matrix / np.outer(size, size)
-    answer = np.linalg.lstsq(scaled, (right.T / size).T, rcond=RANK)[0]
-    return np.asarray((answer.T / size).T)
-
-
-def inverse_of(matrix: Array) -> Array:
-    """matrix⁻¹ for covariances, scaled first: directions without support come out very unsure."""
-    size = np.sqrt(np.abs(np.diag(matrix)))
-    size = np.where(size > 0, size, 1.0)
-    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
-    least = RANK * max(float(values[-1]), 1e-300)
-    return np.asarray((vectors / np.maximum(values, least)) @ vectors.T / np.outer(size, size))

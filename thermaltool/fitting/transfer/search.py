@@ -10,8 +10,9 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.transfer.data import Array
-from thermaltool.fitting.transfer.output_error import Orders, Problem, Projection, solve
+from thermaltool.fitting.transfer.output_error import Orders, Problem, Projection
 from thermaltool.fitting.transfer.starts import Grid, grid
+from thermaltool.signals.gauss_newton import minimize, solve
 
 # A loss that changes by less than this many error variances: a hundredth of a standard error.
 SETTLED = 1e-4
@@ -147,21 +148,21 @@ def refine(
 
 def gauss_newton(problem: Problem, start: Found, most: int = 40) -> Found:
     """Damped Gauss-Newton on the projected error from the best point of another search."""
-    F, here, damping = start.F, start.projection, 1e-3
-    for k in range(1, most + 1):
-        reduced, pull = _reduced(problem, F, here)
-        while True:
-            step = solve(reduced + damping * np.diag(np.diag(reduced)), pull)
-            tried = problem.moved(F, step)
-            there = problem.project(tried)
-            if there.loss < here.loss or damping > 1e8:
-                break
-            damping *= 10
-        gained = here.loss - there.loss
-        if gained <= SETTLED * here.loss / problem.rows:
-            return Found(F, here, f"{GAUSS_NEWTON} from {start.method}", True, start.steps + k)
-        F, here, damping = tried, there, max(damping / 10, 1e-12)
-    return Found(F, here, f"{GAUSS_NEWTON} from {start.method}", False, start.steps + most)
+
+    def moved(here: Found, step: Array) -> Found:
+        F = problem.moved(here.F, step)
+        return replace(here, F=F, projection=problem.project(F))
+
+    end = minimize(
+        start,
+        lambda here: here.loss,
+        lambda here: _reduced(problem, here.F, here.projection),
+        moved,
+        lambda here: SETTLED * here.loss / problem.rows,
+        most,
+    )
+    method, steps = f"{GAUSS_NEWTON} from {start.method}", start.steps + end.iterations
+    return replace(end.point, method=method, converged=end.converged, steps=steps)
 
 
 def overdamped(problem: Problem, start: Found, most: int = 60) -> Found:
@@ -196,25 +197,25 @@ def _over_lags(problem: Problem, lags: list[Array], most: int) -> Found:
     def denominators(theta: Array) -> tuple[Array, ...]:
         return tuple(problem.start(np.exp(theta[a:b])) for a, b in itertools.pairwise(edges))
 
-    F, damping = denominators(theta), 1e-3
-    here = problem.project(F)
-    for k in range(1, most + 1):
-        reduced, pull = _reduced(problem, F, here)
-        turn = _by_lags(problem, F, theta, denominators)
-        inner, right = turn.T @ reduced @ turn, turn.T @ pull
-        while True:
-            step = solve(inner + damping * np.diag(np.diag(inner)), right)
-            tried = np.clip(theta + np.clip(step, -1.0, 1.0), *bounds)
-            there = problem.project(denominators(tried))
-            if there.loss < here.loss or damping > 1e8:
-                break
-            damping *= 10
-        gained = here.loss - there.loss
-        if gained <= SETTLED * here.loss / problem.rows:
-            return Found(F, here, f"{GAUSS_NEWTON} over real poles", True, k)
-        theta, here, damping = tried, there, max(damping / 10, 1e-12)
+    def found(theta: Array) -> tuple[Array, Found]:
         F = denominators(theta)
-    return Found(F, here, f"{GAUSS_NEWTON} over real poles", False, most)
+        method = f"{GAUSS_NEWTON} over real poles"
+        return theta, Found(F, problem.project(F), method, False, 0)
+
+    def normal_equations(here: tuple[Array, Found]) -> tuple[Array, Array]:
+        reduced, score = _reduced(problem, here[1].F, here[1].projection)
+        turn = _by_lags(problem, here[1].F, here[0], denominators)
+        return turn.T @ reduced @ turn, turn.T @ score
+
+    end = minimize(
+        found(theta),
+        lambda here: here[1].loss,
+        normal_equations,
+        lambda here, step: found(np.clip(here[0] + np.clip(step, -1.0, 1.0), *bounds)),
+        lambda here: SETTLED * here[1].loss / problem.rows,
+        most,
+    )
+    return replace(end.point[1], converged=end.converged, steps=end.iterations)
 
 
 def _apart(lags: Array) -> Array:

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.fitting.transfer.data import Array, Stretch
-from thermaltool.fitting.transfer.output_error import RANK, Problem
+from thermaltool.fitting.transfer.output_error import Problem
+from thermaltool.signals.gauss_newton import MIN_DIRECTION
 
 Index = NDArray[np.intp]
 # Fastest time constant of the grid [samples], and the most there are on it.
@@ -194,4 +195,4 @@ def _inverses(grams: Array) -> Array:
     size = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), 0.0))
     size = np.where(size > 0, size, 1.0)
     scale = size[:, :, None] * size[:, None, :]
-    return np.asarray(np.linalg.pinv(grams / scale, rcond=RANK, hermitian=True) / scale)
+    return np.asarray(np.linalg.pinv(grams / scale, rcond=MIN_DIRECTION, hermitian=True) / scale)

@@ -1,0 +1,140 @@
+"""Least squares: scaled normal equations, and one damped Gauss-Newton loop over them.
+
+Sources: K. Levenberg, Quart. Appl. Math. 2 (1944) 164; D. W. Marquardt, J. SIAM 11 (1963) 431 (the
+damping in the scale of each parameter).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+P = TypeVar("P")
+
+# Directions of normal equations below this share of the largest, once scaled, are rounding.
+MIN_DIRECTION = 1e-13
+# Damping, as a share of the diagonal: at first; after many good steps; where no step is left.
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-12, 1e8
+# Factor of the damping after a bad step; its inverse after a good one.
+DAMPING_STEP = 10.0
+
+
+def solve(matrix: Array, right: Array) -> Array:
+    """matrix⁻¹ right, scaled to a diagonal of ones first; directions without support stay at zero.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (p, p)
+        Symmetric, or nearly so.
+    right : ndarray, shape (p,) or (p, k)
+    """
+    if not len(matrix):
+        return np.zeros_like(right)
+    size = _sizes(matrix)
+    scaled = matrix / np.outer(size, size)
+    answer = np.linalg.lstsq(scaled, (right.T / size).T, rcond=MIN_DIRECTION)[0]
+    return np.asarray((answer.T / size).T)
+
+
+def inverse_of(information: Array) -> Array:
+    """Inverse of an information matrix, shape (p, p): directions without support get a huge one.
+
+    Parameters
+    ----------
+    information : ndarray, shape (p, p)
+        Symmetric.
+    """
+    size = _sizes(information)
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    least = MIN_DIRECTION * max(float(values[-1]), 1e-300)
+    return np.asarray((vectors / np.maximum(values, least)) @ vectors.T / np.outer(size, size))
+
+
+def _sizes(matrix: Array) -> Array:
+    """Square roots of the diagonal, one where it is zero."""
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    return np.where(size > 0, size, 1.0)
+
+
+@dataclass(frozen=True)
+class Minimum(Generic[P]):
+    """Where a search ended.
+
+    Attributes
+    ----------
+    point : P
+    value : float
+    converged : bool
+        No step is left that gains more than the tolerance.
+    iterations : int
+        Linearizations that it took.
+    promised : float
+        Fall of the value that a full step promised at the last of them.
+    """
+
+    point: P
+    value: float
+    converged: bool
+    iterations: int
+    promised: float
+
+
+def minimize(
+    start: P,
+    value: Callable[[P], float],
+    normal_equations: Callable[[P], tuple[Array, Array]],
+    moved: Callable[[P, Array], P],
+    tolerance: Callable[[P], float],
+    max_iterations: int,
+    abandoned: Callable[[P], bool] = lambda point: False,
+) -> Minimum[P]:
+    """Minimum of a sum of squares or of a deviance, by damped Gauss-Newton steps.
+
+    Around a point, value(point + d) ≈ value − 2 score·d + d·matrix·d.
+
+    Parameters
+    ----------
+    start : P
+        Any carrier of parameters; it may keep what its evaluation found.
+    value : callable
+        Not finite where a point is out of bounds.
+    normal_equations : callable
+        Gauss-Newton matrix (p, p), half the second derivatives, and score (p,), minus half the
+        gradient.
+    moved : callable
+        The point after a step (p,), kept within bounds.
+    tolerance : callable
+        A step that gains no more than this is the last one; nor is one tried that promises no
+        more.
+    max_iterations : int
+    abandoned : callable
+        Whether to give up at a point.
+    """
+    here, level, damping, promised = start, value(start), FIRST_DAMPING, float("inf")
+    for k in range(1, max_iterations + 1):
+        matrix, score = normal_equations(here)
+        enough = tolerance(here)
+        promised = float(score @ solve(matrix, score))
+        if promised <= enough:
+            return Minimum(here, level, True, k, promised)
+        diagonal = np.diag(np.diag(matrix))
+        while True:
+            there = moved(here, solve(matrix + damping * diagonal, score))
+            reached = value(there)
+            if reached < level or damping > MOST_DAMPING:
+                break
+            damping *= DAMPING_STEP
+        gained = level - reached
+        if gained > 0:
+            here, level = there, reached
+        if not gained > enough:
+            return Minimum(here, level, True, k, promised)
+        if abandoned(here):
+            return Minimum(here, level, False, k, promised)
+        damping = max(damping / DAMPING_STEP, LEAST_DAMPING)
+    return Minimum(here, level, False, max_iterations, promised)
