@@ -109,8 +109,7 @@ def minimize(
     moved : callable
         The point after a step (p,), kept within bounds.
     tolerance : callable
-        A step that gains no more than this is the last one; nor is one tried that promises no
-        more.
+        A step that gains no more than this is not taken, nor one tried that promises no more.
     max_iterations : int
     abandoned : callable
         Whether to give up at a point.
@@ -129,11 +128,9 @@ def minimize(
             if reached < level or damping > MOST_DAMPING:
                 break
             damping *= DAMPING_STEP
-        gained = level - reached
-        if gained > 0:
-            here, level = there, reached
-        if not gained > enough:
+        if not level - reached > enough:
             return Minimum(here, level, True, k, promised)
+        here, level = there, reached
         if abandoned(here):
             return Minimum(here, level, False, k, promised)
         damping = max(damping / DAMPING_STEP, LEAST_DAMPING)
