@@ -17,7 +17,7 @@ from thermaltool.diagnosis.result import Diagnosis
 from thermaltool.diagnosis.scan import refine, scan
 from thermaltool.diagnosis.workbench import Workbench
 from thermaltool.effects.effect import Effect, reference_of
-from thermaltool.fitting.records import Plan, calibrate
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.model import Model, relative
 from thermaltool.plants.hidden import Hidden, HiddenLog, hide
 from thermaltool.plants.scenario import DEFLECTIONS, DRIVE, SENSORS, Table
@@ -115,8 +115,10 @@ FALSE = 0.03
 def calibrated(table: Table) -> Model:
     """The model of a clean log; each sensor by the kind of response that fits it better."""
     log = Record(table["time_s"], table)
-    model = calibrate([log], Plan((DRIVE,), SENSORS, DEFLECTIONS))
-    other = calibrate([log], Plan((DRIVE,), SENSORS, (), dict.fromkeys(SENSORS, "deflection")))
+    model = calibrate([log], CalibrationPlan((DRIVE,), SENSORS, DEFLECTIONS))
+    other = calibrate(
+        [log], CalibrationPlan((DRIVE,), SENSORS, (), dict.fromkeys(SENSORS, "deflection"))
+    )
     rmse = {o.channel: o.fit["rmse"] for o in model.outputs}
     better = {o.channel: o for o in other.outputs if o.fit["rmse"] < rmse[o.channel]}
     terms = {t.output: t for t in other.terms if t.output in better}

@@ -34,7 +34,7 @@ from sklearn.multioutput import MultiOutputRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from thermaltool.fitting.records import Plan, calibrate
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.logs import read_log
 from thermaltool.model import Model, relative
 from thermaltool.record import Record
@@ -185,7 +185,7 @@ def hidden(effect: str, size: float, seed: int) -> Case:
 def fit_plain(case: Case, records: Sequence[Excerpt]) -> Model:
     """The model as `calibrate` fits it, one response for each drive and output."""
     displaced = [parse_channel(o).dimension in ("length", "angle") for o in case.outputs]
-    plan = Plan(
+    plan = CalibrationPlan(
         case.drives,
         tuple(o for o, d in zip(case.outputs, displaced, strict=True) if not d),
         tuple(o for o, d in zip(case.outputs, displaced, strict=True) if d),

@@ -26,7 +26,7 @@ from stream import figures as stream_figures
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.estimation.estimator import load_estimator, run_estimator
 from thermaltool.estimation.kernel import Kernel, Regularization, invert_modes, kernel_table
-from thermaltool.fitting.records import Plan, calibrate
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.logs import write_table
 from thermaltool.model import dumps, loads
 from thermaltool.record import Record
@@ -186,7 +186,7 @@ def run_of(rows: int, seed: int, exponent: float = 1.0) -> Record:
 def diagnose_figures() -> list[Figure]:
     """The whole catalogue on a log of 10⁴ rows and three outputs, calibrated on another one."""
     calm, clean, wrong = run_of(10_000, 1), run_of(10_000, 2), run_of(10_000, 3, 1.3)
-    plan = Plan(("Q_main_1",), ("dT_pair1_K",), ("d_x_um", "d_y_um"))
+    plan = CalibrationPlan(("Q_main_1",), ("dT_pair1_K",), ("d_x_um", "d_y_um"))
     model = calibrate([Record(calm.time, calm.columns)], plan)
     figures = []
     for name, log in (("nothing wrong", clean), ("power law of the drive", wrong)):

@@ -90,6 +90,11 @@ class Record:
         """Time from the first row to the last [s]."""
         return float(self.time[-1] - self.time[0])
 
+    @property
+    def source(self) -> dict[str, str]:
+        """Name and digest, as the provenance of a document has them."""
+        return {"name": self.name, "sha256": self.digest}
+
     def with_columns(self, columns: Mapping[str, Array]) -> Self:
         """The same clock with more or other channels."""
         return replace(self, columns={**self.columns, **columns})

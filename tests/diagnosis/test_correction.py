@@ -7,7 +7,7 @@ import pytest
 
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.workbench import Workbench
-from thermaltool.fitting.records import Plan, calibrate
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.plants.hidden import hide
 from thermaltool.record import Record
 
@@ -23,7 +23,7 @@ def clean(request):
     deflections = [name for name in found.noise if name.endswith("_um")]
     log = Record(found.calibration["time_s"], found.calibration)
     model = calibrate(
-        [log], Plan((HEAT,), sensors, deflections, dict.fromkeys(sensors, "deflection"))
+        [log], CalibrationPlan((HEAT,), sensors, deflections, dict.fromkeys(sensors, "deflection"))
     )
     return found, model
 

@@ -10,7 +10,7 @@ from reference.measured import MAPS, whole_log
 
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.errors import FitError, ModelError
-from thermaltool.fitting.records import Plan, calibrate
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.logs import read_log
 from thermaltool.model import Model, dumps, loads
 from thermaltool.record import Record
@@ -32,7 +32,9 @@ def machine(heat: np.ndarray, seed: int) -> dict[str, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    plan = Plan(("Q_main_1",), ("dT_pair1_K",), ("d_y_um",), {"dT_pair1_K": "deflection"})
+    plan = CalibrationPlan(
+        ("Q_main_1",), ("dT_pair1_K",), ("d_y_um",), {"dT_pair1_K": "deflection"}
+    )
     return calibrate([Record(TIME, {"Q_main_1": LEVELS, **machine(LEVELS, 1)})], plan)
 
 
@@ -131,7 +133,7 @@ def test_the_gantry_names_its_bed() -> None:
         )
         runs.append(Record(run.time, dict(run.columns), digest=run.digest))
     morning, evening = runs
-    plan = Plan(("T_frame_degC",), (), ("d_z_um",))
+    plan = CalibrationPlan(("T_frame_degC",), (), ("d_z_um",))
     provenance = {"logs": [{"name": "morning", "sha256": morning.log}]}
     model = calibrate([Record(morning.time, morning.columns)], plan, provenance)
     found = diagnose(model, [morning], [evening])

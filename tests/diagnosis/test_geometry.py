@@ -18,7 +18,7 @@ from thermaltool.diagnosis.scan import Candidate, refine
 from thermaltool.diagnosis.sight import Sight, angle, displaced, eliminated, noise_before
 from thermaltool.diagnosis.workbench import Workbench
 from thermaltool.effects import effect_class
-from thermaltool.fitting.records import Plan, calibrate
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.logs import read_log
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.plants.hidden import hide
@@ -325,7 +325,9 @@ def test_a_hidden_delay():
     log = hide(["transport_delay"], 5.0, 11, 12)
     outputs = (NEAR, FAR, "T_column_degC"), (X, Y)
     calibration = {k: v for k, v in log.calibration.items() if k != "time_s"}
-    model = calibrate([Record(log.calibration["time_s"], calibration)], Plan((HEAT,), *outputs))
+    model = calibrate(
+        [Record(log.calibration["time_s"], calibration)], CalibrationPlan((HEAT,), *outputs)
+    )
     known = corrected(model)
     signals = Record(
         log.log["time_s"], {k: v for k, v in log.log.items() if k != "time_s"}, digest="log"
@@ -355,7 +357,7 @@ def test_the_first_half_of_the_heating_system():
     def halved(end):
         rows = log.time <= end
         columns = {name: values[rows] for name, values in log.columns.items()}
-        plan = Plan(("U_lamp_V",), ("T_plate_degC",), ())
+        plan = CalibrationPlan(("U_lamp_V",), ("T_plate_degC",), ())
         model = calibrate([Record(log.time[rows], columns)], plan)
         made = Workbench(
             model, [Record(log.time[rows], columns, digest="log")], model, {}, RELEASED

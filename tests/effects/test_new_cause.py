@@ -12,7 +12,7 @@ import pytest
 
 import thermaltool.effects as effects
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.fitting.records import Plan, calibrate
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.record import Record
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnosis.md"
@@ -46,7 +46,7 @@ def test_the_cause_of_the_page_is_found() -> None:
     levels = np.repeat([0.0, 1.0, 0.0, 0.6, 0.3, 1.0, 0.0, 0.8, 0.0, 0.5], 150)
     model = calibrate(
         [Record(time, {"Q_main_1": levels, **machine(levels, generator)})],
-        Plan(("Q_main_1",), ("dT_pair1_K",), ("d_y_um",), {"dT_pair1_K": "deflection"}),
+        CalibrationPlan(("Q_main_1",), ("dT_pair1_K",), ("d_y_um",), {"dT_pair1_K": "deflection"}),
     )
     supply = 230 + 5 * np.sin(time / 400) + generator.standard_normal(len(time))
     droop = levels * (supply / np.median(supply)) ** 2

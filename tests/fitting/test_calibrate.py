@@ -10,9 +10,10 @@ from reference.two_poles import TwoPoles
 from scipy.integrate import solve_ivp
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.calibrate import block_covariance, fit_output
-from thermaltool.fitting.projection import OutputRecord
-from thermaltool.model import simulate_response
+from thermaltool.fitting.covariance import block_covariance
+from thermaltool.fitting.output_fit import fit_output
+from thermaltool.model import Drive, simulate_response
+from thermaltool.record import Record
 from thermaltool.responses import KINDS
 from thermaltool.responses.conduction import Conduction
 
@@ -20,6 +21,15 @@ from thermaltool.responses.conduction import Conduction
 GAINS, TAUS = np.array([60.0, 30.0, -20.0]), np.array([900.0, 300.0, 120.0])
 NOISE = 0.3
 LATER = np.geomspace(5, 6000, 60)
+DRIVES, OUTPUT = ("Q_main_W", "Q_second_W"), "d_z_um"
+
+
+def record_of(time, inputs, values):
+    return Record(time, {**dict(zip(DRIVES, inputs, strict=False)), OUTPUT: values})
+
+
+def drives_of(holds):
+    return [Drive(c, hold, 0.0, (0.0, 1.0)) for c, hold in zip(DRIVES, holds, strict=False)]
 
 
 def rational_step(t):
@@ -42,7 +52,7 @@ def worst_step(fit, at=LATER):
 
 def fit(records, **options):
     options = {"kinds": ["deflection"], "holds": ["zero"], "starts": 3, **options}
-    return fit_output(records, **options)
+    return fit_output(records, drives_of(options.pop("holds")), OUTPUT, **options)
 
 
 def pulses(time, seed=0):
@@ -57,7 +67,7 @@ UNIFORM = 10.0 * np.arange(600)
 
 def test_a_step():
     u = (UNIFORM >= 100).astype(float)
-    got = fit([OutputRecord(UNIFORM, (u,), 7.0 + noisy(rational(UNIFORM, u), 1))])
+    got = fit([record_of(UNIFORM, (u,), 7.0 + noisy(rational(UNIFORM, u), 1))])
     assert worst_step(got) < NOISE
     assert got.rmse == pytest.approx(NOISE, rel=0.1)
     assert got.offsets[0] == pytest.approx(7.0, abs=NOISE)
@@ -73,7 +83,7 @@ def test_any_input_on_any_clock(clock):
         "bursts": (np.arange(60)[:, None] * 100.0 + 1.5 * np.arange(10)).ravel(),
     }[clock]
     u = pulses(time)
-    got = fit([OutputRecord(time, (u,), noisy(rational(time, u), 2))])
+    got = fit([record_of(time, (u,), noisy(rational(time, u), 2))])
     assert worst_step(got) < 2 * NOISE
     assert got.rmse == pytest.approx(NOISE, rel=0.1)
 
@@ -85,7 +95,7 @@ def test_several_logs_with_their_own_zero_and_gaps():
         u = pulses(time, seed=10 + k)
         values = zero + noisy(rational(time, u), k)
         values[40:80] = np.nan
-        records.append(OutputRecord(time, (u,), values))
+        records.append(record_of(time, (u,), values))
     got = fit(records)
     assert worst_step(got) < 2 * NOISE
     assert got.offsets == pytest.approx((0, -50, 120), abs=NOISE)
@@ -95,7 +105,7 @@ def test_outliers_move_huber_less():
     u = pulses(UNIFORM)
     values = noisy(rational(UNIFORM, u), 3)
     values[15::25] += 40.0
-    record = OutputRecord(UNIFORM, (u,), values)
+    record = record_of(UNIFORM, (u,), values)
     robust, plain = fit([record]), fit([record], loss="linear")
     assert worst_step(robust) < 2 * NOISE
     assert worst_step(plain) > 4 * worst_step(robust)
@@ -104,7 +114,7 @@ def test_outliers_move_huber_less():
 def test_free_initial_state():
     u = np.where(UNIFORM < 1500, 0.0, pulses(UNIFORM, seed=2))
     values = noisy(rational(UNIFORM, u, start=0.8), 5)  # cools down from an earlier level
-    record = OutputRecord(UNIFORM, (u,), values)
+    record = record_of(UNIFORM, (u,), values)
     free = fit([record], free_start=True)
     assert worst_step(free) < 3 * NOISE
     assert worst_step(fit([record])) > 4 * worst_step(free)
@@ -120,9 +130,9 @@ def test_a_temperature_drives():
 
     x = solve_ivp(slope, (0, time[-1]), np.zeros(3), t_eval=time, max_step=20, rtol=1e-8).y
     values = noisy(GAINS @ x, 6)
-    got = fit([OutputRecord(time, (temperature,), values)], holds=["first"])
+    got = fit([record_of(time, (temperature,), values)], holds=["first"])
     assert worst_step(got) < 3 * NOISE
-    held = fit([OutputRecord(time, (temperature,), values)], holds=["zero"])
+    held = fit([record_of(time, (temperature,), values)], holds=["zero"])
     assert worst_step(held) > worst_step(got)
 
 
@@ -132,7 +142,7 @@ def test_two_drives_share_an_output():
     second = 25 * -np.expm1(-np.maximum(UNIFORM[:, None] - UNIFORM, 0) / 500)
     values = noisy(rational(UNIFORM, u) + second @ np.diff(v, prepend=0.0), 7)
     got = fit(
-        [OutputRecord(UNIFORM, (u, v), values)],
+        [record_of(UNIFORM, (u, v), values)],
         kinds=["deflection", "deflection"],
         holds=["zero", "zero"],
         starts=2,
@@ -154,12 +164,13 @@ HEATED = ((CLOCK >= 100) & (CLOCK < 700)).astype(float)
 def ring_record(seed):
     lag = np.maximum(CLOCK[:, None] - CLOCK, 0)
     step = np.interp(lag, CLOCK, ring_step(CLOCK, **fraser.PAIR))
-    return OutputRecord(CLOCK, (HEATED,), noisy(step @ np.diff(HEATED, prepend=0.0), seed, SIGMA))
+    return record_of(CLOCK, (HEATED,), noisy(step @ np.diff(HEATED, prepend=0.0), seed, SIGMA))
 
 
 def ring_fit(seed, **options):
-    options = {"kinds": ["conduction"], "holds": ["zero"], "starts": 1, **options}
-    return fit_output([ring_record(seed)], loss="linear", **options)
+    return fit(
+        [ring_record(seed)], loss="linear", **{"kinds": ["conduction"], "starts": 1, **options}
+    )
 
 
 def test_ring_source():
@@ -216,8 +227,8 @@ def test_the_covariance_is_honest(monkeypatch, loss):
     clean = simulate_response(TwoPoles(**truth), time, u, "zero")
     inside = {"gain": 0, "a": 0, "b": 0}
     for seed in range(100):
-        record = OutputRecord(time, (u,), noisy(clean, seed))
-        got = fit_output([record], ["two_poles"], ["zero"], loss=loss, starts=1)
+        record = record_of(time, (u,), noisy(clean, seed))
+        got = fit([record], kinds=["two_poles"], loss=loss, starts=1)
         index = {name: k for k, name in enumerate(got.names)}
         if got.responses[0].a > got.responses[0].b:
             index |= {"a": index["b"], "b": index["a"]}
@@ -233,8 +244,7 @@ def test_the_covariance_is_honest(monkeypatch, loss):
 
 def test_a_short_record_says_so():
     record = ring_record(1)
-    short = OutputRecord(CLOCK[:60], (HEATED[:60],), record.values[:60])
-    got = fit_output([short], ["conduction"], ["zero"], starts=2)
+    got = fit([record.rows(slice(0, 60))], kinds=["conduction"], starts=2)
     sentences = " ".join(got.unidentified)
     assert "the steady state" in sentences
     assert "not settled" in sentences
@@ -247,15 +257,15 @@ def test_a_record_of_less_than_three_time_constants_never_passes_for_settled():
     rng = np.random.default_rng(5)
     for _ in range(5):
         values = 100 * -np.expm1(-time / 700) + 20 * -np.expm1(-time / 60)
-        record = OutputRecord(time, (np.ones(300),), values + 0.2 * rng.standard_normal(300))
-        got = fit_output([record], ["deflection"], ["zero"], starts=2)
+        record = record_of(time, (np.ones(300),), values + 0.2 * rng.standard_normal(300))
+        got = fit([record], starts=2)
         assert "not settled" in " ".join(got.unidentified)
 
 
 def test_a_long_record_is_settled():
     time = 20.0 * np.arange(500)
     u = ((time >= 100) & (time < 6000)).astype(float)
-    got = fit([OutputRecord(time, (u,), noisy(rational(time, u), 1, 0.01))])
+    got = fit([record_of(time, (u,), noisy(rational(time, u), 1, 0.01))])
     assert not any("steady state" in sentence for sentence in got.unidentified)
 
 
@@ -263,26 +273,26 @@ def test_a_long_record_is_settled():
 
 
 def test_a_drive_that_never_moves():
-    record = OutputRecord(UNIFORM, (np.zeros(600),), noisy(np.zeros(600), 0))
+    record = record_of(UNIFORM, (np.zeros(600),), noisy(np.zeros(600), 0))
     with pytest.raises(FitError, match="never leaves its reference"):
         fit([record])
 
 
 def test_a_drive_that_is_on_all_the_time_is_a_step():
-    record = OutputRecord(UNIFORM, (np.ones(600),), noisy(rational(UNIFORM, np.ones(600)), 0))
+    record = record_of(UNIFORM, (np.ones(600),), noisy(rational(UNIFORM, np.ones(600)), 0))
     assert worst_step(fit([record]), LATER[LATER > 30]) < 2 * NOISE
 
 
 @pytest.mark.parametrize("rows", [0, 1, 5, 7])
 def test_too_few_rows(rows):
-    record = OutputRecord(UNIFORM[:rows], (np.ones(rows),), np.arange(rows, dtype=float))
+    record = record_of(UNIFORM[:rows], (np.ones(rows),), np.arange(rows, dtype=float))
     with pytest.raises(FitError, match="rows"):
         fit([record])
 
 
 def test_an_output_without_values():
     with pytest.raises(FitError, match="no value"):
-        fit([OutputRecord(UNIFORM, (pulses(UNIFORM),), np.full(600, np.nan))])
+        fit([record_of(UNIFORM, (pulses(UNIFORM),), np.full(600, np.nan))])
 
 
 # ---------------------------------------------------------------- the covariance by itself

@@ -125,6 +125,14 @@ def number_of(text: str, option: str) -> float:
     return value
 
 
+def pair_of(text: str, option: str) -> tuple[str, str]:
+    """The two sides of NAME=VALUE; UsageError where there is no sign between them."""
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise click.UsageError(f"{option} takes NAME=VALUE, not {text!r}")
+    return name, value
+
+
 def reference_of(text: str | None) -> Reference | None:
     """``--reference first|NUMBER``; None where it is not given."""
     if text is None or text == "first":

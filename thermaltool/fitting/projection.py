@@ -1,9 +1,9 @@
-"""The linear side of calibration: logs compressed once, gains projected out of every candidate.
+"""The linear side of calibration: records compressed once, gains projected out of all rates.
 
-Every response is a sum of relaxation modes on one grid of rates. A log therefore enters as the
-states of that grid, driven by its measured input, compressed to a triangle by QR. A candidate set
-of rates then costs its step response at some two hundred times and a least-squares problem of the
-grid's size, whatever the length of the logs and the shape of the input (variable projection,
+Every response is a sum of relaxation modes on one grid of rates. A record therefore enters as the
+states of that grid, driven by its measured input, compressed to a triangle by QR. A set of rates
+then costs its step response at some two hundred times and a least-squares problem of the grid's
+size, whatever the length of the records and the shape of the input (variable projection,
 Golub & Pereyra 1973).
 """
 
@@ -18,32 +18,40 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from thermaltool.errors import FitError
+from thermaltool.model import Drive, relative
+from thermaltool.record import Record
 from thermaltool.responses import Response
-from thermaltool.responses.modes import Float, Hold
+from thermaltool.responses.modes import Float
 from thermaltool.responses.relaxation import RelaxationGrid
 
+# Ends of the grid of rates: of the slowest over the longest record, and of the fastest, times the
+# sample period.
+SLOWEST_RATE, FASTEST_RATE = 0.05, 4.0
+# Directions of the linear problem below this share of the largest, once scaled, are rounding.
+MIN_DIRECTION = 1e-12
 
-@dataclass(frozen=True)
-class OutputRecord:
-    """What one log says of one output.
 
-    Attributes
+def linear_least_squares(columns: Float, measured: Float, min_direction: float) -> Float:
+    """Coefficients, shape (p,) or (p, k), of columns that are scaled to one length first.
+
+    An ill-conditioned pair of columns is thus not decided by their size.
+
+    Parameters
     ----------
-    time : ndarray, shape (n,) [s]
-    drives : tuple of ndarray, shape (n,)
-        Relative to their references; no NaN.
-    values : ndarray, shape (n,)
-        The measured output; NaN where missing (left out of the fit).
+    columns : ndarray, shape (rows, p)
+    measured : ndarray, shape (rows,) or (rows, k)
+    min_direction : float
+        Directions below this share of the largest singular value are left at zero.
     """
-
-    time: Float
-    drives: tuple[Float, ...]
-    values: Float
+    size = np.linalg.norm(columns, axis=0)
+    size[size == 0] = 1.0
+    found = np.linalg.lstsq(columns / size, measured, rcond=min_direction)[0]
+    return np.asarray((found.T / size).T)
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """Kinds of response and their fixed parameters: turns rates into responses.
+class Parametrization:
+    """Kinds of response and their fixed parameters: turns logarithms of rates into responses.
 
     Attributes
     ----------
@@ -53,6 +61,46 @@ class Candidate:
 
     classes: tuple[Any, ...]
     fixed: tuple[Mapping[str, float], ...]
+
+    @property
+    def searched(self) -> int:
+        """Number of parameters that enter nonlinearly."""
+        return sum(len(cls.searched) for cls in self.classes)
+
+    @property
+    def gains(self) -> int:
+        """Number of gains."""
+        return sum(len(cls.gains) for cls in self.classes)
+
+    def limits(self, period: float, duration: float) -> tuple[Float, Float]:
+        """Least and largest logarithms, each shape (searched,)."""
+        boxes = [
+            cls.search_box(period, duration, **fixed)[name]
+            for cls, fixed in zip(self.classes, self.fixed, strict=True)
+            for name in cls.searched
+        ]
+        low, high = np.log(boxes).T
+        return low, high
+
+    def starts(self, period: float, duration: float) -> list[Float]:
+        """Starts of every response side by side; several drives share their place in the grid."""
+        lists = [
+            cls.starts(period, duration, **fixed)
+            for cls, fixed in zip(self.classes, self.fixed, strict=True)
+        ]
+        longest = max(map(len, lists))
+        joint = [sum((each[k % len(each)] for each in lists), ()) for k in range(longest)]
+        return [np.log(start) for start in joint]
+
+    def names(self) -> list[str]:
+        """Names of the searched parameters, then of the gains; with [k] for several drives."""
+        several = len(self.classes) > 1
+        return [
+            f"{name}[{k}]" if several else name
+            for group in ("searched", "gains")
+            for k, cls in enumerate(self.classes)
+            for name in getattr(cls, group)
+        ]
 
     def split(self, theta: Float) -> list[dict[str, float]]:
         """Searched parameters of each response, from their logarithms."""
@@ -86,15 +134,21 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Compressed:
-    """Triangle R and rotated measurement z: ‖w(y − D c)‖² = ‖z − R c‖² + a constant."""
+class Triangle:
+    """Triangle R and rotated measurement z: ‖w(y − D c)‖² = ‖z − R c‖² + a constant.
+
+    Attributes
+    ----------
+    R : ndarray, shape (columns + 1, columns)
+    z : ndarray, shape (columns + 1,)
+    """
 
     R: Float
     z: Float
 
 
 @dataclass(frozen=True)
-class Problem:
+class CalibrationProblem:
     """measured ≈ design · [grid weights; decays from an earlier level; offsets].
 
     Attributes
@@ -119,50 +173,58 @@ class Problem:
 
     @staticmethod
     def assemble(
-        records: Sequence[OutputRecord], holds: Sequence[Hold], free_start: bool
-    ) -> Problem:
-        """Drive the grid with every record's inputs and stack the rows that are measured."""
-        duration = max(float(r.time[-1] - r.time[0]) for r in records)
-        period = min(float(np.median(np.diff(r.time))) for r in records)
-        grid = RelaxationGrid.between(0.05 / duration, 4 / period)
-        n, drives = len(grid.rates), len(holds)
+        records: Sequence[Record], drives: Sequence[Drive], output: str, free_start: bool
+    ) -> CalibrationProblem:
+        """Drive the grid with every record's inputs and stack the rows that are measured.
+
+        Raises
+        ------
+        FitError
+            An output that no record has a value of.
+        """
+        duration = max(record.duration for record in records)
+        period = min(record.period for record in records)
+        grid = RelaxationGrid.between(SLOWEST_RATE / duration, FASTEST_RATE / period)
+        n, inputs = len(grid.rates), len(drives)
         decays = n * len(records) if free_start else 0
         blocks, measured, owner, times = [], [], [], []
         for k, record in enumerate(records):
-            there = np.isfinite(record.values)
-            block = np.zeros((int(there.sum()), n * drives + decays + len(records)))
-            for d, hold in enumerate(holds):
-                states = grid.states(record.time, record.drives[d], hold)
+            values = record.column(output)
+            there = np.isfinite(values)
+            block = np.zeros((int(there.sum()), n * inputs + decays + len(records)))
+            for d, drive in enumerate(drives):
+                u = relative(record.column(drive.channel), drive.reference)
+                states = grid.states(record.time, u, drive.hold)
                 block[:, d * n : (d + 1) * n] = states[there]
             if free_start:
                 since = record.time[there] - record.time[0]
-                to = slice(n * drives + k * n, n * drives + (k + 1) * n)
+                to = slice(n * inputs + k * n, n * inputs + (k + 1) * n)
                 block[:, to] = np.exp(-np.outer(since, grid.rates))
-            block[:, n * drives + decays + k] = 1.0
+            block[:, n * inputs + decays + k] = 1.0
             blocks.append(block)
-            measured.append(record.values[there])
+            measured.append(values[there])
             times.append(record.time[there])
             owner.append(np.full(len(block), k))
         if not sum(map(len, measured)):
             raise FitError("the output has no value in any log")
-        return Problem(
+        return CalibrationProblem(
             grid,
             np.vstack(blocks),
             np.concatenate(measured),
             np.concatenate(times),
             np.concatenate(owner),
             len(records),
-            drives,
+            inputs,
             free_start,
         )
 
-    def compress(self, weights: Float) -> Compressed:
+    def compress(self, weights: Float) -> Triangle:
         """QR of the weighted rows; `weights` are those of the squares, shape (rows,)."""
         root = np.sqrt(weights)[:, None]
         stacked = np.hstack([self.design * root, self.measured[:, None] * root])
         (R,) = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[:1]
         R = R[: stacked.shape[1]]
-        return Compressed(np.asarray(R[:, :-1], float), np.asarray(R[:, -1], float))
+        return Triangle(np.asarray(R[:, :-1], float), np.asarray(R[:, -1], float))
 
     def combine(self, unit: Float) -> Float:
         """Columns of the reduced problem: gains, decays, offsets; shape (columns, unknowns)."""
@@ -178,7 +240,7 @@ class Problem:
         full[-self.records :, -self.records :] = np.eye(self.records)
         return full
 
-    def project(self, unit: Float, compressed: Compressed) -> tuple[Float, Float]:
+    def project(self, unit: Float, triangle: Triangle) -> tuple[Float, Float]:
         """Best linear part for given rates.
 
         Returns
@@ -188,8 +250,22 @@ class Problem:
         linear : ndarray
             Gains, decays, offsets.
         """
-        columns = compressed.R @ self.combine(unit)
-        size = np.linalg.norm(columns, axis=0)
-        size[size == 0] = 1.0
-        linear = np.linalg.lstsq(columns / size, compressed.z, rcond=1e-12)[0] / size
-        return compressed.z - columns @ linear, linear
+        columns = triangle.R @ self.combine(unit)
+        linear = linear_least_squares(columns, triangle.z, MIN_DIRECTION)
+        return triangle.z - columns @ linear, linear
+
+    def residual(self, unit: Float, linear: Float) -> Float:
+        """Error of every row, shape (rows,) [unit of the output]."""
+        return np.asarray(self.measured - self.design @ (self.combine(unit) @ linear))
+
+    def jacobian(self, parametrization: Parametrization, theta: Float, linear: Float) -> Float:
+        """Sensitivity of every row to the logarithms (central differences), then to `linear`."""
+        columns = []
+        for k in range(len(theta)):
+            step = np.zeros(len(theta))
+            step[k] = 1e-4
+            ahead = self.combine(parametrization.unit_weights(theta + step, self.grid)) @ linear
+            behind = self.combine(parametrization.unit_weights(theta - step, self.grid)) @ linear
+            columns.append(self.design @ ((ahead - behind) / 2e-4))
+        unit = parametrization.unit_weights(theta, self.grid)
+        return np.column_stack([*columns, self.design @ self.combine(unit)])
