@@ -95,10 +95,9 @@ def command(
     if as_json and output == "-":
         raise click.UsageError("--json reports on stdout: give the model a file with -o")
     kinds = dict(pair_of(item, "--response") for item in responses)
-    rest = reference_of(reference)
     constants = {n: number_of(value, "--fix") for n, value in (pair_of(i, "--fix") for i in fixed)}
-    plan = CalibrationPlan(drives, sensors, deflections, kinds, rest, None, constants, loss,
-                           starts, initial == "free")  # fmt: skip
+    plan = CalibrationPlan(drives, sensors, deflections, kinds, reference_of(reference), None,
+                           constants, loss, starts, initial == "free")  # fmt: skip
     one_stdin(*logs)
     keep_inputs(output, *logs)
     need = (*drives, *sensors, *deflections)
