@@ -193,8 +193,7 @@ def fit_plain(case: Case, records: Sequence[Excerpt]) -> Model:
         case.reference,
     )
     # A model that was fitted to the log under examination is free to be fitted again.
-    provenance = {"logs": [{"name": r.log, "sha256": r.log} for r in records]}
-    return calibrate([Record(r.time, r.columns) for r in records], plan, provenance)
+    return calibrate([Record(r.time, r.columns, digest=r.log, name=r.log) for r in records], plan)
 
 
 def simulated(case: Case, model: Model, record: Excerpt) -> Float:

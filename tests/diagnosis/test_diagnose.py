@@ -65,7 +65,7 @@ def test_heat_by_the_square_is_found_and_then_known(model: Model) -> None:
     before, after = (
         np.std(
             wrong.columns["d_y_um"]
-            - m.simulate(Record(TIME, wrong.columns, digest=wrong.log))["d_y_um"]
+            - m.simulate(Record(TIME, wrong.columns, digest=wrong.digest))["d_y_um"]
         )
         for m in (model, extended)
     )
@@ -81,7 +81,7 @@ def test_an_accident_acts_in_its_own_log_alone(model: Model) -> None:
     found = diagnose(model, [replace(clean, columns=jumped)])
     assert found.causes[0].effect.name == "geometry_step"
     (effect,) = found.model.effects
-    assert effect.log == clean.log
+    assert effect.log == clean.digest
     assert effect.parameters["time"] == pytest.approx(1500, abs=10)
     elsewhere = found.model.simulate(Record(TIME, clean.columns, digest="another log"))
     assert np.array_equal(
@@ -134,8 +134,7 @@ def test_the_gantry_names_its_bed() -> None:
         runs.append(Record(run.time, dict(run.columns), digest=run.digest))
     morning, evening = runs
     plan = CalibrationPlan(("T_frame_degC",), (), ("d_z_um",))
-    provenance = {"logs": [{"name": "morning", "sha256": morning.log}]}
-    model = calibrate([Record(morning.time, morning.columns)], plan, provenance)
+    model = calibrate([morning], plan)
     found = diagnose(model, [morning], [evening])
     assert (found.causes[0].effect.name, found.causes[0].effect.channel) == (
         "second_source",
