@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
+from thermaltool.estimation.design_model import DesignModel
 from thermaltool.estimation.estimator import Estimator, SensorNoise, load_estimator, run_estimator
-from thermaltool.estimation.machine import Machine
 from thermaltool.estimation.regularization import best_choice, design_kalman
 from thermaltool.logs import Log, read_log
 from thermaltool.model import loads, relative
@@ -69,7 +69,7 @@ def truth_of(modes: Modes, log: Log) -> np.ndarray:
 
 def bound(plant: dict[str, Modes], sensors: tuple[str, ...], dt: float) -> Estimator:
     """The Kalman filter that knows the plant and the noise."""
-    machine = Machine(
+    machine = DesignModel(
         sensors=sensors,
         drives=("Q_main_1",),
         outputs=DEFLECTIONS,

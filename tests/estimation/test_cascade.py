@@ -9,7 +9,7 @@ from reference import fraser1997 as fraser
 from thermaltool.errors import ModelError
 from thermaltool.estimation.cascade import NEAR, lagged_modes
 from thermaltool.estimation.estimator import load_estimator
-from thermaltool.estimation.known import Feedforward, Known, WithKnown
+from thermaltool.estimation.known_inputs import Feedforward, KnownInput, KnownInputEstimator
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.deflection import Deflection, JointDeflection
 from thermaltool.responses.modes import Modes
@@ -63,9 +63,9 @@ def test_a_chain_of_lags_is_another_form_of_the_same():
 
 
 def estimator():
-    known = (Known("Q_a_1", "zero", "drive"), Known("T_b_degC", "first", "source"))
+    known = (KnownInput("Q_a_1", "zero", "drive"), KnownInput("T_b_degC", "first", "source"))
     ways = ((0, 0, RESPONSES["simple"]), (0, 1, 2.5))
-    return WithKnown(Feedforward(("d_x_um",)), known, (), ways)
+    return KnownInputEstimator(Feedforward(("d_x_um",)), known, (), ways)
 
 
 def test_document_round_trip():

@@ -28,12 +28,12 @@ from effects.machine import (
 from thermaltool.effects import CATALOGUE, effect_class
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, ModelError
-from thermaltool.estimation.chain import Chain
+from thermaltool.estimation.design_model import DesignModel
 from thermaltool.estimation.estimator import SensorNoise
-from thermaltool.estimation.known import Feedforward
-from thermaltool.estimation.losses import LossyEstimator
-from thermaltool.estimation.machine import Machine
+from thermaltool.estimation.known_inputs import Feedforward
+from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.estimation.regularization import design_kalman, design_kernel
+from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
 from thermaltool.model import dumps, loads, only_sensors
 from thermaltool.record import Record
 from thermaltool.runtime.records import Row
@@ -98,7 +98,7 @@ supported = pytest.mark.parametrize("name", SUPPORTED)
 
 
 def machine_of(document, **kept):
-    return Machine.of(document, NOISE, PERIOD, **kept)
+    return DesignModel.of(document, NOISE, PERIOD, **kept)
 
 
 def designed(document, form="kalman", measured=()):
@@ -138,9 +138,9 @@ def log_of(document):
 
 
 def batch(document, time, table, settled=False):
-    chain = Chain.of(document)
-    told = chain.run(time, chain.truths(table), settled)
-    return dict(zip(chain.estimator.estimates, told.T, strict=True))
+    pipeline = EstimatorPipeline.of(document)
+    told = pipeline.run(time, pipeline.true_values(table), settled)
+    return dict(zip(pipeline.estimator.estimates, told.T, strict=True))
 
 
 def compensator(document, said=None, **settings):
@@ -150,11 +150,11 @@ def compensator(document, said=None, **settings):
 
 def stream(document, time, table, **settings):
     each = compensator(document, **settings)
-    names, rows = Chain.of(document).columns, []
+    names, rows = EstimatorPipeline.of(document).columns, []
     for k, t in enumerate(time.tolist()):
         each.take(Row(t, [float(table[c][k]) for c in names], ("",) * len(names)))
         rows.append(each.estimates)
-    estimates = Chain.of(document).estimator.estimates
+    estimates = EstimatorPipeline.of(document).estimator.estimates
     return dict(zip(estimates, np.array(rows).T, strict=True))
 
 
@@ -332,7 +332,7 @@ def test_without_sensors_deflections_follow_from_the_drives_as_in_a_simulation()
         document = ranged(model(NONLINEAR, AMBIENT, JOINT, outputs=(X, Y), hold=hold))
         document = designed(document)
         time, table, truth = log_of(document)
-        assert Chain.of(document).columns == (HEAT, AIR)
+        assert EstimatorPipeline.of(document).columns == (HEAT, AIR)
         got = batch(document, time, table)
         assert tuple(got) == (X, Y)
         for channel, values in got.items():
@@ -388,10 +388,10 @@ def test_known_columns_are_held_as_sensors_are_and_lost_as_they_are():
 def test_readings_that_no_truth_gives_are_bad():
     bent = effect("sensor_conversion", NEAR, curvature=-0.02)
     document = designed(ranged(model(bent)))
-    chain = Chain.of(document)
+    pipeline = EstimatorPipeline.of(document)
     # The turning point: 25 K read as 12.5 K.
     table = {COLUMN: [21.5] * 2, NEAR: [12.4, 12.6], FAR: [0.0] * 2}
-    truths = chain.truths({name: np.array(values) for name, values in table.items()})
+    truths = pipeline.true_values({name: np.array(values) for name, values in table.items()})
     assert truths[0, 1] == pytest.approx((1 - np.sqrt(1 - 0.08 * 12.4)) / 0.04)
     assert np.isnan(truths[1, 1])
     said = []
@@ -520,9 +520,9 @@ def test_effects_go_with_their_sensors():
 
 
 def test_a_swapped_sensor_is_read_in_the_other_column():
-    chain = Chain.of(designed(ranged(model(SWAPPED))))
-    assert chain.columns == (COLUMN, FAR, NEAR)
-    assert [inlet.seen for inlet in chain.inlets] == [(-30, 40), (-15, 20), (-6, 8)]
+    pipeline = EstimatorPipeline.of(designed(ranged(model(SWAPPED))))
+    assert pipeline.columns == (COLUMN, FAR, NEAR)
+    assert [inlet.calibrated for inlet in pipeline.input_columns] == [(-30, 40), (-15, 20), (-6, 8)]
 
 
 def test_noise_is_that_of_the_truth():
@@ -550,7 +550,7 @@ def test_a_settled_machine_stays_under_a_loss_that_follows_its_temperature():
 def test_a_loss_acts_as_in_a_simulation():
     """Told the heat and readings of a simulation in long samples, nothing is left to correct."""
     document = designed(ranged(model(COOLING)))
-    estimator = Chain.of(document).estimator
+    estimator = EstimatorPipeline.of(document).estimator
     period = 60.0
     time = period * np.arange(80)
     table = {HEAT: np.ones(80), COOLANT: (time > 1500).astype(float)}
@@ -594,8 +594,8 @@ def test_a_loss_survives_a_restart():
 
 
 def test_a_loss_that_explodes_is_told():
-    estimator = Chain.of(designed(ranged(model(COOLING)))).estimator
-    assert isinstance(estimator, LossyEstimator)
+    estimator = EstimatorPipeline.of(designed(ranged(model(COOLING)))).estimator
+    assert isinstance(estimator, VariableCoolingEstimator)
     nothing = np.zeros(len(estimator.recursion(PERIOD).F))
     readings = np.array([0.0, 0.0, 0.0, 1.0])
     with pytest.raises(FitError, match="cannot be followed"):

@@ -12,6 +12,7 @@ from reference import fraser1997 as fraser
 from scipy.linalg import solve_discrete_are
 
 from thermaltool.errors import FitError, ModelError
+from thermaltool.estimation.design_model import DesignModel
 from thermaltool.estimation.estimator import (
     KalmanEstimator,
     SensorNoise,
@@ -20,7 +21,6 @@ from thermaltool.estimation.estimator import (
     run_estimator,
 )
 from thermaltool.estimation.kernel import Regularization, invert_modes
-from thermaltool.estimation.machine import Machine
 from thermaltool.estimation.regularization import (
     best_choice,
     design_kalman,
@@ -57,7 +57,7 @@ def document(sensors=("dT_near_K", "dT_far_K")):
 
 
 def machine(*sensors):
-    return Machine.of(document(sensors or ("dT_near_K", "dT_far_K")), NOISE, DT)
+    return DesignModel.of(document(sensors or ("dT_near_K", "dT_far_K")), NOISE, DT)
 
 
 @pytest.fixture(scope="module")
@@ -319,22 +319,22 @@ def test_a_machine_needs_sensor_deflection_and_noise():
     bare = document()
     bare = Model(bare.drives, bare.sensors, bare.terms[:2], DT)
     with pytest.raises(ModelError, match="no deflection to estimate"):
-        Machine.of(bare, NOISE, DT)
+        DesignModel.of(bare, NOISE, DT)
     with pytest.raises(ModelError, match="no noise for the sensor dT_far_K"):
-        Machine.of(document(), {"dT_near_K": NOISE["dT_near_K"]}, DT)
+        DesignModel.of(document(), {"dT_near_K": NOISE["dT_near_K"]}, DT)
     lost = document()
     ghost = Drive("Q_other_1", "zero", 0.0, (0.0, 1.0))
     lost = Model(
         (*lost.drives, ghost), lost.outputs, (*lost.terms, Term("Q_other_1", "d_x_um", BEND)), DT
     )
     with pytest.raises(ModelError, match=r"no sensor sees the drive Q_other_1.*--measured Q_other"):
-        Machine.of(lost, NOISE, DT)
+        DesignModel.of(lost, NOISE, DT)
     with pytest.raises(ModelError, match="nothing acts on the deflections"):
-        Machine.of(Model((), bare.outputs[:0] + document().deflections, (), DT), {}, DT)
+        DesignModel.of(Model((), bare.outputs[:0] + document().deflections, (), DT), {}, DT)
 
 
 def test_without_a_sensor_every_drive_is_measured():
-    trial = Machine.of(document(()), {}, DT)
+    trial = DesignModel.of(document(()), {}, DT)
     assert (trial.sensors, trial.drives) == ((), ())
     assert [(k.channel, k.role) for k in trial.known] == [("Q_main_1", "drive")]
 

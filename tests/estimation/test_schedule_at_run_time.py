@@ -9,9 +9,9 @@ import pytest
 
 from thermaltool.effects.curve import DriveCurve
 from thermaltool.errors import ModelError
-from thermaltool.estimation.chain import Chain
-from thermaltool.estimation.known import Feedforward
-from thermaltool.estimation.machine import Machine
+from thermaltool.estimation.design_model import DesignModel
+from thermaltool.estimation.known_inputs import Feedforward
+from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.model import Drive, Model, Output, Term, dumps, loads
 from thermaltool.model.combine import scheduled, superposed
 from thermaltool.record import Record
@@ -63,7 +63,7 @@ MODELS = {
 
 
 def designed(model):
-    machine = Machine.of(model, {}, 60.0)
+    machine = DesignModel.of(model, {}, 60.0)
     estimator = machine.finished(Feedforward(machine.outputs))
     return loads(dumps(model.with_design(estimator.document())))
 
@@ -71,7 +71,7 @@ def designed(model):
 def streamed(model, rows, resume_at=None):
     """Estimates line by line; halfway by a second process that takes the state over."""
     each = open_stream(model, Settings(), 0, 1, print).compensator
-    names, told = Chain.of(model).columns, []
+    names, told = EstimatorPipeline.of(model).columns, []
     for k in rows:
         if k == resume_at:
             state = each.state()
@@ -88,16 +88,16 @@ def test_batch_is_stream_is_simulation(name):
     model = designed(MODELS[name])
     expected = model.simulate(Record(TIME, LOG))[ANGLE]
     assert np.ptp(expected) > 50
-    chain = Chain.of(model)
-    batch = chain.run(TIME, chain.truths(LOG))[:, 0]
+    pipeline = EstimatorPipeline.of(model)
+    batch = pipeline.run(TIME, pipeline.true_values(LOG))[:, 0]
     np.testing.assert_allclose(batch, expected, atol=1e-8)
     got = streamed(model, range(len(TIME)), resume_at=140)
     np.testing.assert_allclose(got, expected, atol=1e-8)
 
 
 def test_a_scheduled_drive_is_read_once():
-    assert Chain.of(designed(BY_LEVEL)).columns == (HEAT,)
-    assert Chain.of(designed(MODELS["beside another drive"])).columns == (WARM, HEAT)
+    assert EstimatorPipeline.of(designed(BY_LEVEL)).columns == (HEAT,)
+    assert EstimatorPipeline.of(designed(MODELS["beside another drive"])).columns == (WARM, HEAT)
 
 
 def test_a_scheduled_drive_cannot_be_estimated():
@@ -108,4 +108,4 @@ def test_a_scheduled_drive_cannot_be_estimated():
         terms=(*BY_LEVEL.terms, Term(HEAT, "T_near_degC", Rational1(1.0, 60.0))),
     )
     with pytest.raises(ModelError, match=r"schedule of transfer functions.* --measured Q_heater_W"):
-        Machine.of(both, {}, 60.0)
+        DesignModel.of(both, {}, 60.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import cache
-from itertools import chain
 
 import numpy as np
 import pytest
@@ -251,7 +250,7 @@ def test_what_cannot_be_followed_is_refused_by_name():
 
 def test_what_is_wrong_with_a_row_is_said():
     recursion = everything().recursion(DIGEST)
-    every = list(chain.from_iterable([rows(log())]))
+    every = list(rows(log()))
     recursion.start(*every[0])
     with pytest.raises(ModelError, match="does not come after"):
         recursion.step(*every[0])

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from thermaltool.estimation.estimator import run_estimator
 from thermaltool.responses.modes import CLOCK_STEP
-from thermaltool.runtime.stepper import KEPT, Stepper
+from thermaltool.runtime.stepper import MAX_CACHED_MATRICES, Stepper
 
 # Sample lengths in clock steps (µs): even stretches, jitter, pauses.
 PERIODS = st.lists(
@@ -73,6 +73,6 @@ def test_a_state_of_another_estimator_is_refused(estimator, state):
 def test_memory_is_bounded_under_a_jittering_clock(estimator):
     stepper = Stepper(estimator, 0.5)
     stepper.start([0.0] * len(estimator.sensors))
-    for k in range(3 * KEPT):
+    for k in range(3 * MAX_CACHED_MATRICES):
         stepper.step(500_000 + k, [1.0] * len(estimator.sensors))
-    assert len(stepper._matrices) == KEPT
+    assert len(stepper._matrices) == MAX_CACHED_MATRICES

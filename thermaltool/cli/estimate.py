@@ -58,7 +58,7 @@ def command(
     """
     import numpy as np
 
-    from thermaltool.estimation.chain import Chain
+    from thermaltool.estimation.pipeline import EstimatorPipeline
     from thermaltool.logs import read_log, write_table
     from thermaltool.model import NOT_AT_REST, away_from_rest, extrapolated, relative
     from thermaltool.signals.agreement import agreement
@@ -66,29 +66,31 @@ def command(
     one_stdin(model, log)
     keep_inputs(output, model, log)
     document = read_model(model)
-    chain = Chain.of(document)
+    pipeline = EstimatorPipeline.of(document)
     data = read_log(log, columns=columns, from_format=from_format, nan_policy=nan_policy,
-                    max_gap=max_gap, need=chain.columns)  # fmt: skip
-    truths = chain.truths({name: data.column(name) for name in chain.columns})
+                    max_gap=max_gap, need=pipeline.columns)  # fmt: skip
+    truths = pipeline.true_values({name: data.column(name) for name in pipeline.columns})
     settled = initial == "settled"
     rests = {o.channel: o.offset for o in document.outputs}
     behind = dict(data.columns)
     # Sensors come first; of a scheduled drive the estimator takes more than its one column.
-    for name, inlet, truth in zip(chain.estimator.sensors, chain.inlets, truths.T, strict=False):
+    for name, inlet, truth in zip(
+        pipeline.estimator.sensors, pipeline.input_columns, truths.T, strict=False
+    ):
         if len(none := np.flatnonzero(np.isnan(truth))):
             raise LogError(f"no truth gives this reading ({len(none)} rows)", data.name,
                            int(data.lines[none[0]]), inlet.column)  # fmt: skip
-        if inlet.sensor and inlet.seen is not None:
+        if inlet.sensor and inlet.calibrated is not None:
             behind[name] = truth + (0.0 if rests[name] == "first" else rests[name])
-            if not settled and len(truth) and away_from_rest(truth[0], inlet.seen):
+            if not settled and len(truth) and away_from_rest(truth[0], inlet.calibrated):
                 warn_row(data, 0, f"{inlet.column}: {truth[0]:.4g} at the start {NOT_AT_REST}")
     warn_excursions(document, replace(data, columns=behind))
-    estimated = any(inlet.sensor for inlet in chain.inlets)
+    estimated = any(inlet.sensor for inlet in pipeline.input_columns)
     over = "the heat is taken to wander on" if estimated else "the drives are held or run on"
     warn_pauses(data, f"{over} over it")
-    estimates = chain.run(data.time, truths, settled)
+    estimates = pipeline.run(data.time, truths, settled)
     result = {"time_s": data.time}
-    result |= dict(zip(chain.estimator.estimates, estimates.T, strict=True))
+    result |= dict(zip(pipeline.estimator.estimates, estimates.T, strict=True))
     for e in extrapolated(document, result):
         warn_excursion(data, e)
     references = {d.channel: d.reference for d in document.drives} | rests

@@ -86,8 +86,14 @@ def command(
 
     from thermaltool.estimation.cascade import lagged_modes
     from thermaltool.estimation.kernel import Regularization, invert_modes, kernel_table
-    from thermaltool.estimation.losses import losses_of
-    from thermaltool.estimation.standing import back_of, columns_of, examine, lags_of, standing
+    from thermaltool.estimation.permanent_effects import (
+        check_supported,
+        permanent_effects,
+        reading_columns,
+        reading_maps,
+        sensor_time_constants,
+    )
+    from thermaltool.estimation.variable_cooling import cooling_effects
     from thermaltool.logs import write_table
     from thermaltool.responses.delay import DelayedModes
 
@@ -117,11 +123,11 @@ def command(
             "no regularization: run thermaltool regularize --form kernel, or give --regularization"
         )
     shape = Regularization(settings["A"], settings["B"], settings["c"])
-    response, lags = terms[0].response, lags_of(document, chosen)
+    response, lags = terms[0].response, sensor_time_constants(document, chosen)
     period = dt or document.sample_period
-    for effect in losses_of(document):
+    for effect in cooling_effects(document):
         raise ModelError(f"a kernel cannot follow the model's effect {effect.name}")
-    examine(document, sorted(measured))
+    check_supported(document, sorted(measured))
     modes = response.modes(period)
     if isinstance(modes, DelayedModes):
         raise ModelError(f"{chosen}: a response with a delay has no causal inverse")
@@ -155,9 +161,9 @@ def command(
             "A1_s": np.full(window, kernel.A1),
         }
         write_table(columns, output, to_format)
-    if back_of(document, chosen) or columns_of(document)[chosen] != chosen:
+    if reading_maps(document, chosen) or reading_columns(document)[chosen] != chosen:
         warn(f"{chosen}: ΔT is the truth behind the reading, as the model's effects have it")
-    if measured or any(e.path(chosen) for e in standing(document)):
+    if measured or any(e.path(chosen) for e in permanent_effects(document)):
         warn(f"{chosen}: ΔT is without what known columns add to it")
     warn(
         f"A0 = {kernel.A0:.6g}, A1 = {kernel.A1:.6g} s, error of a weight below "

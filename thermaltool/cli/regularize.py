@@ -102,8 +102,8 @@ def command(
     the deflections follow from the drives (form feedforward).
     """
     from thermaltool.documents import atomic_output
-    from thermaltool.estimation.known import Feedforward
-    from thermaltool.estimation.machine import Machine
+    from thermaltool.estimation.design_model import DesignModel
+    from thermaltool.estimation.known_inputs import Feedforward
     from thermaltool.estimation.regularization import best_choice, design_kalman, design_kernel
     from thermaltool.model import dumps, only_sensors
 
@@ -118,7 +118,7 @@ def command(
     if noise is None and document.sensors and {d.channel for d in document.drives} - {*measured}:
         raise click.UsageError("Missing option '--noise': an estimate weighs it")
     known = {} if noise is None else read_noise(noise)
-    machine = Machine.of(document, known, dt or document.sample_period, measured)
+    machine = DesignModel.of(document, known, dt or document.sample_period, measured)
     if not quiet:
         for note in machine.notes:
             warn(note)

@@ -16,13 +16,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from thermaltool.errors import FitError, ModelError
-from thermaltool.estimation.known import Feedforward, load_known
-from thermaltool.responses.modes import CLOCK_STEP, Float, Modes, Recursion, uniform_spans
+from thermaltool.estimation.known_inputs import Feedforward, load_known_inputs
+from thermaltool.responses.modes import CLOCK_STEP, Float, Hold, Modes, Recursion, uniform_spans
+from thermaltool.responses.parallel import parallel
 
 # The Kalman gain varies slowly with the sample length: it is solved for on this relative grid.
 GAIN_GRID = 0.01
-# Enough for every sample length from a clock step to 10⁷ s: a gain is solved for once.
-GAINS_KEPT = 4096
+# Gains on that grid that are kept: enough for every length from a clock step to 10⁷ s.
+MAX_CACHED_GAINS = 4096
 
 
 class Estimator(Protocol):
@@ -89,7 +90,7 @@ class KalmanEstimator:
     def __post_init__(self) -> None:
         # A cache of the instance: it goes when the estimator goes.
         object.__setattr__(self, "_recursion", lru_cache(maxsize=64)(self._build))
-        object.__setattr__(self, "_gain", lru_cache(GAINS_KEPT)(self._solve_gain))
+        object.__setattr__(self, "_gain", lru_cache(MAX_CACHED_GAINS)(self._solve_gain))
 
     def recursion(self, dt: float) -> Recursion:
         """x ← (I − L Cs) F x + L y, for a sample of `dt` [s]."""
@@ -105,23 +106,17 @@ class KalmanEstimator:
 
     def _matrices(self, dt: float) -> tuple[Float, Float, Float]:
         """State: modes of every term, then the drives, then the sensors' drifts."""
-        terms = [*self.sensed, *self.followed]
-        sizes = [modes.states for _, _, modes in terms]
-        heat = sum(sizes)
-        drift = heat + len(self.drives)
-        n = drift + len(self.sensors)
-        F = np.zeros((n, n))
-        Cs = np.zeros((len(self.sensors), n))
-        Cd = np.zeros((len(self.estimates), n))
-        at = 0
-        for k, ((target, drive, modes), size) in enumerate(zip(terms, sizes, strict=True)):
-            part = modes.discretize(dt)
-            F[at : at + size, at : at + size] = part.F
-            F[at : at + size, heat + drive] = part.G0[:, 0]
-            row = Cs[target] if k < len(self.sensed) else Cd[len(self.drives) + target]
-            row[at : at + size] = part.C[0]
-            at += size
-        for k in range(len(self.drives)):
+        sensors, drives = len(self.sensors), len(self.drives)
+        behind = [(sensors + to, drive, modes) for to, drive, modes in self.followed]
+        holds: list[Hold] = ["zero"] * drives
+        terms = parallel([*self.sensed, *behind], holds, sensors + len(self.outputs), dt)
+        heat = len(terms.F)
+        drift = heat + drives
+        n = drift + sensors
+        F, Cs, Cd = np.zeros((n, n)), np.zeros((sensors, n)), np.zeros((len(self.estimates), n))
+        F[:heat, :heat], F[:heat, heat:drift] = terms.F, terms.G0
+        Cs[:, :heat], Cd[drives:, :heat] = terms.C[:sensors], terms.C[sensors:]
+        for k in range(drives):
             F[heat + k, heat + k] = Cd[k, heat + k] = 1.0
         for k, noise in enumerate(self.noise):
             F[drift + k, drift + k] = np.exp(-dt / noise.drift_time)
@@ -321,7 +316,7 @@ def load_estimator(document: dict[str, Any]) -> Estimator:
     """
     try:
         inner = _load_form(document)
-        return load_known(inner, document["known"]) if "known" in document else inner
+        return load_known_inputs(inner, document["known"]) if "known" in document else inner
     except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
         raise ModelError(
             f"the design is not sound ({error}); run thermaltool regularize again"

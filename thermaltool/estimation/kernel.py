@@ -61,7 +61,7 @@ class Regularization:
 
 
 @dataclass(frozen=True)
-class Inverse:
+class RegularizedInverse:
     """G(s) = G_p(s) + A0 + A1 s with G_p as modes.
 
     Attributes
@@ -107,7 +107,7 @@ class Inverse:
         )
 
 
-def invert_modes(response: Modes, regularization: Regularization) -> Inverse:
+def invert_modes(response: Modes, regularization: Regularization) -> RegularizedInverse:
     """The inverse of H_R for a response of simple real modes.
 
     Raises
@@ -138,7 +138,7 @@ def invert_modes(response: Modes, regularization: Regularization) -> Inverse:
         raise FitError("the regularized inverse is unstable: a zero lies in the right half-plane")
     zeros = zeros[zeros.imag >= 0].astype(complex)
     slope = -(w / (zeros[:, None] - p) ** 2).sum(1) + regularization.slope(zeros)
-    return Inverse(Modes(zeros, 1 / slope), float(-h2 / h1**2), float(1 / h1))
+    return RegularizedInverse(Modes(zeros, 1 / slope), float(-h2 / h1**2), float(1 / h1))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Inverse of a rational transfer function: angle in, power out, behind a filter.
+"""RationalInverse of a rational transfer function: angle in, power out, behind a filter.
 
 A response that falls off at high frequencies has an inverse that grows without bound. The filter
 F(s) = Π 1/(τ_k s + 1) has one lag more than the response's relative degree, so that F/H falls off
@@ -28,7 +28,7 @@ NEAR, MOVED = 1e-3, 0.99
 
 
 @dataclass(frozen=True)
-class Inverse:
+class RationalInverse:
     """F/H.
 
     Attributes
@@ -45,7 +45,7 @@ class Inverse:
     zeros: tuple[complex, ...]
 
 
-def inverted(response: Rational, filter_time: float) -> Inverse:
+def inverted(response: Rational, filter_time: float) -> RationalInverse:
     """The inverse of `response` behind a filter.
 
     Parameters
@@ -87,7 +87,7 @@ def inverted(response: Rational, filter_time: float) -> Inverse:
     # H = lead Π(s − zeros)/Π(s − poles), F = Π 1/(τ_k (s + 1/τ_k)), all s in units of the scale.
     gain = 1 / (lead * np.prod(np.array(lags) * scale))
     weights = np.array(over) * gain * scale
-    return Inverse(_of(own, weights), tuple(lags), tuple(complex(z) for z in zeros))
+    return RationalInverse(_of(own, weights), tuple(lags), tuple(complex(z) for z in zeros))
 
 
 def _product(factors: Complex, scale: float) -> complex:
@@ -131,7 +131,7 @@ class InverseModel:
     """The model document, and what its response is made of."""
 
     model: Model
-    inverse: Inverse
+    inverse: RationalInverse
 
 
 def inverse_model(

@@ -15,9 +15,9 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
+from thermaltool.estimation.design_model import DesignModel
 from thermaltool.estimation.estimator import Estimator
 from thermaltool.estimation.kernel import Regularization
-from thermaltool.estimation.machine import Machine
 from thermaltool.responses.modes import Float
 
 # Half-width of the noise band in standard deviations: 99.7 % of a normal error.
@@ -53,7 +53,7 @@ class Prediction:
     settling: float
 
 
-def predict(estimator: Estimator, machine: Machine) -> Prediction:
+def predict(estimator: Estimator, machine: DesignModel) -> Prediction:
     """Band, lag and noise of an estimator on its own model.
 
     A step of each drive in turn (the widest counts) gives the lag error; the response to an
@@ -93,7 +93,7 @@ def predict(estimator: Estimator, machine: Machine) -> Prediction:
     )
 
 
-def relative_band(prediction: Prediction, machine: Machine) -> float:
+def relative_band(prediction: Prediction, machine: DesignModel) -> float:
     """Band as a share of the deflection that the reference step makes, the widest output."""
     size = np.zeros(len(machine.outputs))
     for output, drive, modes in machine.followed:
@@ -102,7 +102,7 @@ def relative_band(prediction: Prediction, machine: Machine) -> float:
 
 
 @dataclass(frozen=True)
-class Choice:
+class DesignChoice:
     """One point of a trade-off: the settings, the estimator and what it will do."""
 
     settings: dict[str, float]
@@ -112,10 +112,10 @@ class Choice:
 
 
 def design_kalman(
-    machine: Machine,
+    machine: DesignModel,
     walk: float | None = None,
     progress: Callable[[str], None] = lambda message: None,
-) -> list[Choice]:
+) -> list[DesignChoice]:
     """Kalman designs over random-walk rates; the chosen one has the smallest objective.
 
     Rates run from 10⁻⁴ to 1 of the reference level per √s, the same share for every drive, and
@@ -127,11 +127,11 @@ def design_kalman(
         The one rate to use [share of the level per √s].
     """
 
-    def at(share: float) -> Choice:
+    def at(share: float) -> DesignChoice:
         progress(f"kalman form, walk {share:.2g}")
         estimator = machine.kalman([share * abs(level) for level in machine.level])
         prediction = predict(estimator, machine)
-        return Choice(
+        return DesignChoice(
             {"walk_per_sqrt_s": share}, estimator, prediction, relative_band(prediction, machine)
         )
 
@@ -146,10 +146,10 @@ def design_kalman(
 
 
 def design_kernel(
-    machine: Machine,
+    machine: DesignModel,
     pinned: Mapping[str, float] | None = None,
     progress: Callable[[str], None] = lambda message: None,
-) -> list[Choice]:
+) -> list[DesignChoice]:
     """Kernel designs over the artificial delay; the chosen one has the smallest objective.
 
     A, B, c, the filter's cutoff and the delay are searched by the simplex method from the best of
@@ -191,11 +191,11 @@ def design_kernel(
         }
         return {name: float(pinned.get(name, value)) for name, value in free.items()}
 
-    def choice(values: dict[str, float]) -> Choice:
+    def choice(values: dict[str, float]) -> DesignChoice:
         regularization = Regularization(values["A"], values["B"], values["c"])
         estimator = machine.kernel(regularization, values["cutoff_Hz"], values["delay_s"])
         prediction = predict(estimator, machine)
-        return Choice(values, estimator, prediction, relative_band(prediction, machine))
+        return DesignChoice(values, estimator, prediction, relative_band(prediction, machine))
 
     def objective(theta: Float) -> float:
         try:
@@ -226,6 +226,6 @@ def design_kernel(
     return [choice({**values, "delay_s": values["delay_s"] * shift}) for shift in shifts]
 
 
-def best_choice(choices: Sequence[Choice]) -> Choice:
+def best_choice(choices: Sequence[DesignChoice]) -> DesignChoice:
     """The one with the narrowest relative band."""
     return min(choices, key=lambda each: each.objective)

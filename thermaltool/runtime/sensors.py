@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.estimation.standing import Static, through
+from thermaltool.estimation.permanent_effects import StaticMap, apply_maps
 from thermaltool.model import MARGIN
 
 Report = Callable[[str, str], None]  # (channel, message)
@@ -65,7 +65,7 @@ class Sensor:
     hold: float = 10.0
     frozen_after: float = math.inf
     report: Report = lambda channel, message: None
-    back: tuple[Static, ...] = ()
+    back: tuple[StaticMap, ...] = ()
     at_rest: bool = True
     value: float = field(default=math.nan, init=False)
     truth: float = field(default=math.nan, init=False)
@@ -115,7 +115,7 @@ class Sensor:
     def _behind(self, reading: float) -> float:
         """The truth behind a reading; the first one stands for rest where that is not known."""
         rest = reading if math.isnan(self.rest) else self.rest
-        return rest + float(through(self.back, np.array(reading - rest)))
+        return rest + float(apply_maps(self.back, np.array(reading - rest)))
 
     def _told(self, reading: float, truth: float) -> str:
         """Why a reading is not used."""

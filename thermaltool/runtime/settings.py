@@ -10,8 +10,8 @@ from typing import Literal
 from thermaltool.control.heaters import Stabilizer, parts_of
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.errors import ModelError
-from thermaltool.estimation.chain import Chain, Inlet
-from thermaltool.estimation.losses import LossyEstimator
+from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
+from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
 from thermaltool.model import Model
 from thermaltool.runtime.checkpoint import Checkpoint, design_digest
 from thermaltool.runtime.compensator import Compensator, Pass, Policy
@@ -20,7 +20,7 @@ from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
 from thermaltool.runtime.records import open_records
 from thermaltool.runtime.sensors import ANYTHING, Interval, Report, Sensor
-from thermaltool.runtime.stepper import LossyStepper, Stepper
+from thermaltool.runtime.stepper import Stepper, VariableCoolingStepper
 from thermaltool.runtime.stream import Stream, Writer
 
 Format = Literal["csv", "ndjson"]
@@ -202,8 +202,8 @@ def _period(model: Model, settings: Settings) -> float:
 
 def _offsets(model: Model, settings: Settings, period: float, messages: Messages) -> Loop:
     """Offsets that cancel the deflections which the model's design estimates."""
-    chain = Chain.of(model)
-    estimator = chain.estimator
+    pipeline = EstimatorPipeline.of(model)
+    estimator = pipeline.estimator
     deflections = {output.channel for output in model.deflections}
     followed = [k for k, name in enumerate(estimator.estimates) if name in deflections]
     if not followed:
@@ -211,19 +211,19 @@ def _offsets(model: Model, settings: Settings, period: float, messages: Messages
     setpoints = [_setpoint(settings.limits, settings) for _ in followed]
     policy = _policy(settings, period, settings.sign)
     compensator = Compensator(
-        LossyStepper(estimator, period)
-        if isinstance(estimator, LossyEstimator)
+        VariableCoolingStepper(estimator, period)
+        if isinstance(estimator, VariableCoolingEstimator)
         else Stepper(estimator, period),
-        _sensors(chain.inlets, policy.hold, settings, messages),
+        _sensors(pipeline.input_columns, policy.hold, settings, messages),
         followed,
         setpoints,
         policy,
         messages,
-        **_around(chain),
+        **_around(pipeline),
     )
     names = [setpoint_name(estimator.estimates[k]) for k in followed]
     told = list(estimator.estimates)
-    return Loop(compensator, chain.columns, names, told, design_digest(model.estimator_design()))
+    return Loop(compensator, pipeline.columns, names, told, design_digest(model.estimator_design()))
 
 
 def _heater(model: Model, settings: Settings, period: float, messages: Messages) -> Loop:
@@ -234,13 +234,14 @@ def _heater(model: Model, settings: Settings, period: float, messages: Messages)
     limits = powers(model, settings.heater, settings.limits)
     lead = LEAD_PERIODS * period if settings.lead is None else settings.lead
     stabilizer = Stabilizer(model, settings.heater, target, limits, lead)
-    inlets = tuple(
-        Inlet(d.channel, d.reference, d.range, False, d.hold == "zero") for d in stabilizer.read
+    inputs = tuple(
+        InputColumn(d.channel, d.reference, d.range, False, d.hold == "zero")
+        for d in stabilizer.read
     )
     setpoint, policy = _setpoint(limits, settings), _policy(settings, period, 1.0)
     compensator = Compensator(
         HeaterStepper(stabilizer, lambda: setpoint.value),
-        _sensors(inlets, policy.hold, settings, messages),
+        _sensors(inputs, policy.hold, settings, messages),
         [0],
         [setpoint],
         policy,
@@ -249,7 +250,7 @@ def _heater(model: Model, settings: Settings, period: float, messages: Messages)
     digest = {"heater": settings.heater, "lead": lead, "parameters": model.parameters_digest(),
               "target": target}  # fmt: skip
     told = [f"wanted_{settings.heater}", target]
-    columns = tuple(inlet.column for inlet in inlets)
+    columns = tuple(each.column for each in inputs)
     return Loop(compensator, columns, [settings.heater], told, design_digest(digest))
 
 
@@ -268,21 +269,21 @@ def _setpoint(limits: Interval, settings: Settings) -> Setpoint:
     return Setpoint(allowed, settings.slew, settings.step, settings.safe or 0.0)
 
 
-def _around(chain: Chain) -> dict[str, Pass]:
+def _around(pipeline: EstimatorPipeline) -> dict[str, Pass]:
     """What a sample passes before and behind the estimator; nothing where no effect is there."""
     around: dict[str, Pass] = {}
-    if not chain.straight:
-        around["inputs"] = chain.inputs
-    if any(chain.told):
-        around["told"] = chain.tell
+    if not pipeline.passes_inputs:
+        around["inputs"] = pipeline.estimator_inputs
+    if any(pipeline.estimate_maps):
+        around["told"] = pipeline.given_out
     return around
 
 
 def _sensors(
-    inlets: Sequence[Inlet], hold: float, settings: Settings, report: Report
+    inputs: Sequence[InputColumn], hold: float, settings: Settings, report: Report
 ) -> list[Sensor]:
     """The columns that are read, with their rest and range from the model."""
-    columns = [inlet.column for inlet in inlets]
+    columns = [each.column for each in inputs]
     for channel in settings.ranges:
         if channel not in columns:
             raise ModelError(
@@ -290,16 +291,16 @@ def _sensors(
             )
     return [
         Sensor(
-            inlet.column,
-            rest=math.nan if inlet.rest == "first" else inlet.rest,
-            calibrated=inlet.seen or ANYTHING,
-            bounds=settings.ranges.get(inlet.column),
+            each.column,
+            rest=math.nan if each.rest == "first" else each.rest,
+            calibrated=each.calibrated or ANYTHING,
+            bounds=settings.ranges.get(each.column),
             hold=hold,
             # What is commanded may well stand still.
-            frozen_after=math.inf if inlet.commanded else settings.frozen_after,
+            frozen_after=math.inf if each.commanded else settings.frozen_after,
             report=report,
-            back=inlet.back,
-            at_rest=inlet.sensor,
+            back=each.to_true,
+            at_rest=each.sensor,
         )
-        for inlet in inlets
+        for each in inputs
     ]

@@ -7,11 +7,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from thermaltool.estimation.estimator import Estimator
-from thermaltool.estimation.losses import LossyEstimator
+from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
 from thermaltool.responses.modes import CLOCK_STEP, Float
 
-# Sample lengths kept as ready matrices; an even clock needs one, a printed jittering clock a few.
-KEPT = 32
+# Sample lengths whose matrix is kept ready: an even clock has one, a printed jittering one a few.
+MAX_CACHED_MATRICES = 32
 
 
 class Steps(Protocol):
@@ -82,7 +82,7 @@ class Stepper:
         return estimates
 
     def _matrix(self, ticks: int) -> Float:
-        if len(self._matrices) >= KEPT:
+        if len(self._matrices) >= MAX_CACHED_MATRICES:
             del self._matrices[next(iter(self._matrices))]
         r = self._estimator.recursion(ticks * CLOCK_STEP)
         sample = np.hstack([r.F, r.G0, r.G1])
@@ -102,16 +102,16 @@ class Stepper:
         self._z[: len(state)] = state
 
 
-class LossyStepper(Stepper):
+class VariableCoolingStepper(Stepper):
     """The same for a machine whose loss of heat changes: the state passes the estimator itself.
 
     Parameters
     ----------
-    estimator : LossyEstimator
+    estimator : VariableCoolingEstimator
     sample_period : float [s]
     """
 
-    def __init__(self, estimator: LossyEstimator, sample_period: float) -> None:
+    def __init__(self, estimator: VariableCoolingEstimator, sample_period: float) -> None:
         super().__init__(estimator, sample_period)
         self._lossy, self._C = estimator, estimator.recursion(sample_period).C
         self._first = np.zeros(self._sensors)

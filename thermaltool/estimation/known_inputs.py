@@ -1,7 +1,7 @@
-"""Columns that are read beside the sensors: measured drives, and sources that a channel tells.
+"""Known inputs, read beside the sensors: measured drives, and sources that are logged.
 
 What they do to a sensor is subtracted from its reading before the estimator, what they do to a
-deflection is added behind it; each way has its own state, so that the whole is again one linear
+deflection is added behind it; each path has its own state, so that the whole is again one linear
 recursion. Where every drive is measured nothing is left to estimate: that is feedforward.
 """
 
@@ -18,6 +18,7 @@ from thermaltool.effects.band import Band, load_band
 from thermaltool.errors import ModelError
 from thermaltool.responses.delay import load_modes
 from thermaltool.responses.modes import CLOCK_STEP, Float, Hold, Modes, Recursion
+from thermaltool.responses.parallel import InputPath, parallel
 
 if TYPE_CHECKING:
     from thermaltool.estimation.estimator import Estimator
@@ -26,8 +27,8 @@ Role = Literal["drive", "source", "state"]
 
 
 @dataclass(frozen=True)
-class Known:
-    """A column beside the sensors.
+class KnownInput:
+    """A known input: a column that is read beside the sensors.
 
     Attributes
     ----------
@@ -51,10 +52,6 @@ class Known:
         return {"channel": self.channel, "hold": self.hold, "role": self.role, **band}
 
 
-# (target, known column, response), or a gain where it acts at once.
-Way = tuple[int, int, Modes | float]
-
-
 @dataclass(frozen=True, eq=False)
 class Feedforward:
     """Nothing to estimate: deflections follow from known columns alone."""
@@ -76,20 +73,21 @@ class Feedforward:
 
 
 @dataclass(frozen=True, eq=False)
-class WithKnown:
-    """An estimator that is told known columns too.
+class KnownInputEstimator:
+    """An estimator that reads known inputs too.
 
     Attributes
     ----------
     inner : Estimator
-    known : tuple of Known
+    known : tuple of KnownInput
     to_sensors, to_outputs : tuple of (int, int, Modes or float)
+        Paths from known inputs to sensors of `inner`, and to deflections.
     """
 
     inner: Estimator
-    known: tuple[Known, ...]
-    to_sensors: tuple[Way, ...]
-    to_outputs: tuple[Way, ...]
+    known: tuple[KnownInput, ...]
+    to_sensors: tuple[InputPath, ...]
+    to_outputs: tuple[InputPath, ...]
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -112,63 +110,48 @@ class WithKnown:
         return recursion
 
     def _build(self, ticks: int) -> Recursion:
-        """With ξ the states of the ways: x ← F x + G0 (r − S ξ) + G1 (r⁺ − S ξ⁺), y = C x + D ξ."""
+        """x ← F x + G0 (r − S ξ) + G1 (r⁺ − S ξ⁺), y = C x + D ξ, ξ the states of the paths."""
         dt = ticks * CLOCK_STEP
         inner = self.inner.recursion(dt)
-        bank, S, D = self._bank(dt)
-        F, below = inner.F, np.zeros((len(bank.F), inner.G0.shape[1]))
-        side = -inner.G0 @ S - inner.G1 @ S @ bank.F
+        paths, S, D = self._paths(dt)
+        F, below = inner.F, np.zeros((len(paths.F), inner.G0.shape[1]))
+        side = -inner.G0 @ S - inner.G1 @ S @ paths.F
         passed = inner.G1 @ S
         return Recursion(
-            np.block([[F, side], [np.zeros((len(bank.F), len(F))), bank.F]]),
-            np.block([[inner.G0, -passed @ bank.G0], [below, bank.G0]]),
-            np.block([[inner.G1, -passed @ bank.G1], [below, bank.G1]]),
+            np.block([[F, side], [np.zeros((len(paths.F), len(F))), paths.F]]),
+            np.block([[inner.G0, -passed @ paths.G0], [below, paths.G0]]),
+            np.block([[inner.G1, -passed @ paths.G1], [below, paths.G1]]),
             np.hstack([inner.C, D]),
         )
 
-    def _bank(self, dt: float) -> tuple[Recursion, Float, Float]:
-        """Recursion of all ways side by side, and what sensors and estimates see of it."""
-        ways = [*self.to_sensors, *self.to_outputs]
-        parts = [_one_sample(way, dt, self.known[source].hold) for _, source, way in ways]
-        n, m = sum(len(part.F) for part in parts), len(self.known)
-        F, G0, G1 = np.zeros((n, n)), np.zeros((n, m)), np.zeros((n, m))
-        S, D = np.zeros((len(self.inner.sensors), n)), np.zeros((len(self.estimates), n))
-        first_output = len(self.estimates) - len(self.outputs)
-        at = 0
-        for k, ((target, source, _), part) in enumerate(zip(ways, parts, strict=True)):
-            to = slice(at, at + len(part.F))
-            F[to, to], G0[to, source], G1[to, source] = part.F, part.G0[:, 0], part.G1[:, 0]
-            row = S[target] if k < len(self.to_sensors) else D[first_output + target]
-            row[to] = part.C[0]
-            at = to.stop
-        return Recursion(F, G0, G1, np.vstack([S, D])), S, D
+    def _paths(self, dt: float) -> tuple[Recursion, Float, Float]:
+        """Recursion of all paths side by side, and what sensors and estimates see of it."""
+        sensors, estimates = len(self.inner.sensors), len(self.estimates)
+        first_output = sensors + estimates - len(self.outputs)
+        behind = [(first_output + to, source, path) for to, source, path in self.to_outputs]
+        holds = [k.hold for k in self.known]
+        paths = parallel([*self.to_sensors, *behind], holds, sensors + estimates, dt)
+        return paths, paths.C[:sensors], paths.C[sensors:]
 
     def document(self) -> dict[str, Any]:
         return {
             **self.inner.document(),
             "known": {
                 "columns": [k.document() for k in self.known],
-                "to_sensors": [_way_document(way) for way in self.to_sensors],
-                "to_outputs": [_way_document(way) for way in self.to_outputs],
+                "to_sensors": [_path_document(path) for path in self.to_sensors],
+                "to_outputs": [_path_document(path) for path in self.to_outputs],
             },
         }  # fmt: skip
 
 
-def _one_sample(way: Modes | float, dt: float, hold: Hold) -> Recursion:
-    if isinstance(way, Modes):
-        return way.discretize(dt, hold)
-    one = np.ones((1, 1))
-    return Recursion(0 * one, 0 * one, one, way * one)
-
-
-def _way_document(way: Way) -> dict[str, Any]:
-    target, source, response = way
+def _path_document(path: InputPath) -> dict[str, Any]:
+    target, source, response = path
     how = {"modes": response.document()} if isinstance(response, Modes) else {"gain": response}
     return {"to": target, "from": source, **how}
 
 
-def load_known(inner: Estimator, document: dict[str, Any]) -> WithKnown:
-    """`inner` with the known columns that its design lists.
+def load_known_inputs(inner: Estimator, document: dict[str, Any]) -> KnownInputEstimator:
+    """`inner` with the known inputs that its design lists.
 
     Raises
     ------
@@ -176,18 +159,18 @@ def load_known(inner: Estimator, document: dict[str, Any]) -> WithKnown:
         A part missing or not sound.
     """
     known = tuple(
-        Known(k["channel"], k["hold"], k["role"], load_band(k.get("band")))
+        KnownInput(k["channel"], k["hold"], k["role"], load_band(k.get("band")))
         for k in document["columns"]
     )
     for k in known:
         if k.hold not in get_args(Hold) or k.role not in get_args(Role):
             raise ModelError(f"a known column {k.channel} of hold {k.hold!r}, role {k.role!r}")
 
-    def ways(documents: list[dict[str, Any]], targets: Sequence[str]) -> tuple[Way, ...]:
-        found: list[Way] = []
+    def paths(documents: list[dict[str, Any]], targets: Sequence[str]) -> tuple[InputPath, ...]:
+        found: list[InputPath] = []
         for d in documents:
             if d["to"] not in range(len(targets)) or d["from"] not in range(len(known)):
-                raise ModelError(f"a way from {d['from']!r} to {d['to']!r}, which are not there")
+                raise ModelError(f"a path from {d['from']!r} to {d['to']!r}, which are not there")
             gain = None if "modes" in d else float(d["gain"])
             if gain is not None and not np.isfinite(gain):
                 raise ModelError(f"a gain that cannot be {gain:g}")
@@ -195,5 +178,7 @@ def load_known(inner: Estimator, document: dict[str, Any]) -> WithKnown:
             found.append((d["to"], d["from"], response))
         return tuple(found)
 
-    to_sensors = ways(document["to_sensors"], inner.sensors)
-    return WithKnown(inner, known, to_sensors, ways(document["to_outputs"], inner.outputs))
+    to_sensors = paths(document["to_sensors"], inner.sensors)
+    return KnownInputEstimator(
+        inner, known, to_sensors, paths(document["to_outputs"], inner.outputs)
+    )

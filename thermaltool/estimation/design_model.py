@@ -1,4 +1,4 @@
-"""The machine as a design sees it: responses as modes, noise of the sensors, a reference step."""
+"""The model that an estimator is designed for: modes, noise of the sensors, a reference step."""
 
 from __future__ import annotations
 
@@ -16,22 +16,32 @@ from thermaltool.estimation.estimator import (
     KernelEstimator,
     SensorNoise,
 )
+from thermaltool.estimation.input_paths import InputPaths
 from thermaltool.estimation.kernel import Regularization, invert_modes
-from thermaltool.estimation.known import Known, Way, WithKnown
-from thermaltool.estimation.losses import examine_losses, losses_of
-from thermaltool.estimation.standing import ahead_of, amplification, columns_of, examine, through
-from thermaltool.estimation.ways import Ways
+from thermaltool.estimation.known_inputs import KnownInput, KnownInputEstimator
+from thermaltool.estimation.permanent_effects import (
+    apply_maps,
+    check_supported,
+    drive_maps,
+    noise_amplification,
+    reading_columns,
+)
+from thermaltool.estimation.variable_cooling import check_cooling_supported, cooling_effects
 from thermaltool.model import Model
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Float, Modes
+from thermaltool.responses.parallel import InputPath
 
-# Below this damping ratio the kernel of the regularized inverse rings.
-LEAST_DAMPING = 0.3
+# Least damping ratio [1] of a kernel: below it the regularized inverse rings.
+MIN_DAMPING_RATIO = 0.3
+# The trial step lasts so many of the slowest time constants of the sensors, and between so many
+# samples: shorter ones show no steady state, longer ones only take time.
+TRIAL_TIME_CONSTANTS, MIN_TRIAL_SAMPLES, MAX_TRIAL_SAMPLES = 6, 2000, 40000
 
 
 @dataclass(frozen=True)
-class Machine:
-    """What a design needs of a model: responses as modes, and the level that counts.
+class DesignModel:
+    """A model as an estimator is designed for it: responses as modes, and the level that counts.
 
     Attributes
     ----------
@@ -41,9 +51,9 @@ class Machine:
     level : tuple of float
         Step of each drive for which the band is predicted.
     noise : tuple of SensorNoise
-        Of the truth behind the readings.
+        Of the true values behind the readings.
     dt : float [s]
-    known : tuple of Known
+    known : tuple of KnownInput
         Columns beside the sensors; `to_sensors` and `to_outputs` are what they do there.
     losses : tuple of Effect
         By which the loss of heat changes.
@@ -59,9 +69,9 @@ class Machine:
     level: tuple[float, ...]
     noise: tuple[SensorNoise, ...]
     dt: float
-    known: tuple[Known, ...] = ()
-    to_sensors: tuple[Way, ...] = ()
-    to_outputs: tuple[Way, ...] = ()
+    known: tuple[KnownInput, ...] = ()
+    to_sensors: tuple[InputPath, ...] = ()
+    to_outputs: tuple[InputPath, ...] = ()
     losses: tuple[Effect, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -69,7 +79,7 @@ class Machine:
         """An estimator with the columns that are read beside the sensors."""
         if not self.known:
             return estimator
-        return WithKnown(estimator, self.known, self.to_sensors, self.to_outputs)
+        return KnownInputEstimator(estimator, self.known, self.to_sensors, self.to_outputs)
 
     def kalman(self, walk: Sequence[float]) -> KalmanEstimator:
         """The Kalman form for given random-walk rates [unit of the drive/√s]."""
@@ -89,7 +99,7 @@ class Machine:
         noise: Mapping[str, SensorNoise],
         dt: float,
         measured: Sequence[str] = (),
-    ) -> Machine:
+    ) -> DesignModel:
         """The machine of a model document, for samples of `dt` [s].
 
         Where every drive is measured, and where the model has no sensor, there is nothing to
@@ -116,10 +126,10 @@ class Machine:
             raise ModelError("the model has no deflection to estimate")
         given = tuple(every if not model.sensors else measured)
         _examine_bands(model, given)
-        notes, losses = examine(model, given), losses_of(model)
-        examine_losses(model, given)
+        notes, losses = check_supported(model, given), cooling_effects(model)
+        check_cooling_supported(model, given)
         sensors = tuple(o.channel for o in model.sensors) if set(every) - set(given) else ()
-        columns = columns_of(model)
+        columns = reading_columns(model)
         for sensor in sensors:
             if columns[sensor] not in noise:
                 raise ModelError(
@@ -133,36 +143,39 @@ class Machine:
                 f"no sensor sees the drive {lost[0]}: it cannot be estimated; where it is "
                 f"measured: --measured {lost[0]}"
             )
-        ways = Ways(model, dt, given, sensors, outputs)
-        if not drives and not ways.known:
+        paths = InputPaths(model, dt, given, sensors, outputs)
+        if not drives and not paths.known:
             raise ModelError("nothing acts on the deflections of the model")
 
         def terms(targets: tuple[str, ...]) -> tuple[tuple[int, int, Modes], ...]:
             own = [t for t in model.terms if t.output in targets and t.drive in drives]
             for t in own:
-                if isinstance(ways.response(t), DelayedModes):
+                if isinstance(paths.response(t), DelayedModes):
                     raise ModelError(
                         f"{t.drive} → {t.output} has a delay: such a drive cannot be estimated; "
                         f"where it is measured: --measured {t.drive}"
                     )
             return tuple(
-                (targets.index(t.output), drives.index(t.drive), ways.response(t)) for t in own
+                (targets.index(t.output), drives.index(t.drive), paths.response(t)) for t in own
             )
 
         levels = {d.channel: np.array([max(map(abs, d.range))]) for d in model.drives}
-        return Machine(
+        return DesignModel(
             sensors,
             drives,
             outputs,
             terms(sensors),
             terms(outputs),
             # What acts at the largest level.
-            tuple(float(through(ahead_of(model, name), levels[name])[0]) for name in drives),
-            tuple(_behind(noise[columns[name]], amplification(model, name)) for name in sensors),
+            tuple(float(apply_maps(drive_maps(model, name), levels[name])[0]) for name in drives),
+            tuple(
+                _of_truth(noise[columns[name]], noise_amplification(model, name))
+                for name in sensors
+            ),
             dt,
-            ways.known,
-            ways.to(sensors),
-            ways.to(outputs),
+            paths.known,
+            paths.to(sensors),
+            paths.to(outputs),
             losses,
             notes,
         )
@@ -171,7 +184,9 @@ class Machine:
     def clock(self) -> Float:
         """Times of the trial: six of the slowest time constants of the sensors, within reason."""
         slowest = max(1 / np.min(-modes.poles.real) for _, _, modes in self.sensed)
-        samples = int(np.clip(6 * slowest / self.dt, 2000, 40000))
+        samples = int(
+            np.clip(TRIAL_TIME_CONSTANTS * slowest / self.dt, MIN_TRIAL_SAMPLES, MAX_TRIAL_SAMPLES)
+        )
         return np.asarray(self.dt * np.arange(samples), float)
 
     @cached_property
@@ -194,7 +209,7 @@ class Machine:
         """The kernel form; one sensor, one drive."""
         response = self.single()
         inverse = invert_modes(response, regularization)
-        if inverse.damping < LEAST_DAMPING:
+        if inverse.damping < MIN_DAMPING_RATIO:
             raise FitError(f"the kernel rings: damping ratio {inverse.damping:.2f}")
         return KernelEstimator(
             self.sensors[0],
@@ -220,7 +235,7 @@ class Machine:
         return self.sensed[0][2]
 
 
-def _behind(noise: SensorNoise, slope: float) -> SensorNoise:
+def _of_truth(noise: SensorNoise, slope: float) -> SensorNoise:
     return SensorNoise(slope * noise.white, slope * noise.drift, noise.drift_time)
 
 

@@ -15,22 +15,29 @@ import numpy as np
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
-from thermaltool.estimation.known import WithKnown
-from thermaltool.estimation.standing import lags_of, refuse, standing
+from thermaltool.estimation.known_inputs import KnownInputEstimator
+from thermaltool.estimation.permanent_effects import (
+    permanent_effects,
+    refuse,
+    sensor_time_constants,
+)
 from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.responses.modes import CLOCK_STEP, Float, Recursion
 
-# A loss that depends on the state it leads to: repeated so often at the most.
-_SETTLING, _SETTLED = 200, 1e-9
+# The steady state of a loss that depends on it is repeated until it changes by less than this share
+# of itself, and at most so often.
+STEADY_STATE_TOLERANCE, MAX_STEADY_STATE_ITERATIONS = 1e-9, 200
+# Beyond this exponent of a sample [1] the loss is not followed: e^100 is no decay.
+MAX_EXPONENT = 100.0
 
 
-def losses_of(model: Model) -> tuple[Effect, ...]:
+def cooling_effects(model: Model) -> tuple[Effect, ...]:
     """The effects by which a model's loss of heat changes."""
-    return tuple(e for e in standing(model) if e.side == "state")
+    return tuple(e for e in permanent_effects(model) if e.side == "state")
 
 
-def examine_losses(model: Model, measured: tuple[str, ...]) -> None:
+def check_cooling_supported(model: Model, measured: tuple[str, ...]) -> None:
     """Refuse by name what no estimator can follow.
 
     Raises
@@ -38,7 +45,7 @@ def examine_losses(model: Model, measured: tuple[str, ...]) -> None:
     ModelError
     """
     outputs, drives = ([each.channel for each in ends] for ends in (model.outputs, model.drives))
-    for effect in losses_of(model):
+    for effect in cooling_effects(model):
         if measured:
             refuse(effect, f"not supported beside a measured drive ({measured[0]})")
         if any(channel in drives for channel in effect.needs()):
@@ -46,12 +53,12 @@ def examine_losses(model: Model, measured: tuple[str, ...]) -> None:
         if not effect.needs() and effect.channel not in outputs:
             refuse(effect, "no column and no output tells the state")
         for sensor in model.sensors:
-            if lags_of(model, sensor.channel):
+            if sensor_time_constants(model, sensor.channel):
                 refuse(effect, f"not supported beside a lag of the sensor {sensor.channel}")
 
 
 @dataclass(frozen=True, eq=False)
-class LossyEstimator:
+class VariableCoolingEstimator:
     """A Kalman form whose modes decay faster by the rate that `losses` tell.
 
     Attributes
@@ -68,7 +75,7 @@ class LossyEstimator:
     _columns: dict[str, int] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        known = self.linear.known if isinstance(self.linear, WithKnown) else ()
+        known = self.linear.known if isinstance(self.linear, KnownInputEstimator) else ()
         first = len(self.kalman.sensors)
         states = {k.channel: first + i for i, k in enumerate(known) if k.role == "state"}
         self._columns.update(states)
@@ -127,7 +134,7 @@ class LossyEstimator:
         """
         r, heated, rows = self._parts(ticks)  # type: ignore[attr-defined]
         exponent = self.rate(x, first, before, rows) * ticks * CLOCK_STEP
-        if not abs(exponent) < 100.0:
+        if not abs(exponent) < MAX_EXPONENT:
             raise FitError(f"the loss of heat cannot be followed: e^{exponent:g} in a sample")
         state: Float = self._matrix(r.F, heated, exponent) @ x + r.G0 @ before + r.G1 @ now
         return state
@@ -150,11 +157,11 @@ class LossyEstimator:
         """
         r, heated, rows = self._parts(round(dt / CLOCK_STEP))  # type: ignore[attr-defined]
         x, pushed = r.settled(readings), (r.G0 + r.G1) @ readings
-        for _ in range(_SETTLING):
+        for _ in range(MAX_STEADY_STATE_ITERATIONS):
             exponent = self.rate(x, readings, readings, rows) * dt
             F = self._matrix(r.F, heated, exponent)
             new: Float = np.linalg.solve(np.eye(len(F)) - F, pushed)
-            if np.max(np.abs(new - x)) <= _SETTLED * np.max(np.abs(new)):
+            if np.max(np.abs(new - x)) <= STEADY_STATE_TOLERANCE * np.max(np.abs(new)):
                 return new
             x = (x + new) / 2
         raise ModelError("no settled state: the loss of heat depends too much on it")

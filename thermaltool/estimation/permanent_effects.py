@@ -1,10 +1,10 @@
 """What the effects of a model do where readings come in and drives are unknown.
 
-Only effects without a log of their own stand: an accident of one log says nothing of the next.
-Sensor and wiring effects are taken back on the readings, and a sensor's lag joins its response;
-sources are known columns (`thermaltool.estimation.known`); structure effects bend the estimated
-deflection; drive effects are taken back on the estimated drive, or act on a measured one. What
-cannot be had in a stream is refused by name (`examine`).
+Only effects without a log of their own are permanent: an accident of one log says nothing of the
+next. Sensor and wiring effects are taken back on the readings, and a sensor's lag joins its
+response; sources are known inputs (`thermaltool.estimation.known_inputs`); structure effects bend
+the estimated deflection; drive effects are taken back on the estimated drive, or act on a measured
+one. What cannot be had in a stream is refused by name (`check_supported`).
 """
 
 from __future__ import annotations
@@ -22,14 +22,17 @@ from thermaltool.model import Model
 from thermaltool.responses.modes import Float
 from thermaltool.units import Reference
 
-Static = Callable[[Float], Float | None]
+# A function of the moment alone, of values of any shape.
+StaticMap = Callable[[Float], Float | None]
 
-# A curve is judged at so many points of the calibrated range.
-_POINTS = 201
+# Points of the calibrated range at which a curve is judged: its slope to half a percent.
+CURVE_POINTS = 201
+# A true value that comes back from its reading within this share of the range is the same.
+INVERSE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
-class Inlet:
+class InputColumn:
     """One column on its way into the estimator.
 
     Attributes
@@ -37,43 +40,43 @@ class Inlet:
     column : str
     rest : "first" or float
         What counts as zero; "first" is the first value.
-    seen : (float, float) or None
+    calibrated : (float, float) or None
         What the calibration has seen of it, relative to rest; None where it is not in the model.
     sensor : bool
-        Estimates rest on it; else it is a known column.
+        Estimates rest on it; else it is a known input.
     commanded : bool
         It may stand still for as long as it likes.
-    back, ahead : tuple of callable
-        From a reading to the truth behind it, and from a measured drive to what acts.
+    to_true, to_acting : tuple of callable
+        From a reading to the true value behind it, and from a measured drive to what acts.
     """
 
     column: str
     rest: Reference
-    seen: tuple[float, float] | None
+    calibrated: tuple[float, float] | None
     sensor: bool
     commanded: bool = False
-    back: tuple[Static, ...] = ()
-    ahead: tuple[Static, ...] = ()
+    to_true: tuple[StaticMap, ...] = ()
+    to_acting: tuple[StaticMap, ...] = ()
 
 
-def through(steps: Iterable[Static], values: Float) -> Float:
-    """`values` through one static step after the other."""
-    for step in steps:
-        passed = step(values)
+def apply_maps(maps: Iterable[StaticMap], values: Float) -> Float:
+    """`values` through one static map after the other."""
+    for each in maps:
+        passed = each(values)
         assert passed is not None, "examined before"
         values = passed
     return values
 
 
-def standing(model: Model) -> tuple[Effect, ...]:
+def permanent_effects(model: Model) -> tuple[Effect, ...]:
     """The effects that are not confined to a log."""
     return tuple(e for e in model.effects if e.log is None)
 
 
-def columns_of(model: Model) -> dict[str, str]:
+def reading_columns(model: Model) -> dict[str, str]:
     """Where the reading of each output stands: its own column, unless plugs were swapped."""
     stands = {o.channel: o.channel for o in model.outputs}
-    for effect in standing(model):
+    for effect in permanent_effects(model):
         if effect.side == "wiring" and effect.partner in stands and effect.channel in stands:
             a, b = effect.channel, effect.partner
             stands[a], stands[b] = stands[b], stands[a]
@@ -81,42 +84,42 @@ def columns_of(model: Model) -> dict[str, str]:
 
 
 def _sensor_effects(model: Model, sensor: str) -> list[Effect]:
-    return [e for e in standing(model) if e.side == "sensor" and e.channel == sensor]
+    return [e for e in permanent_effects(model) if e.side == "sensor" and e.channel == sensor]
 
 
-def lags_of(model: Model, sensor: str) -> list[float]:
+def sensor_time_constants(model: Model, sensor: str) -> list[float]:
     """Time constants with which a sensor follows the truth [s]."""
     return [e.lag for e in _sensor_effects(model, sensor) if e.lag > 0]
 
 
-def back_of(model: Model, sensor: str) -> tuple[Static, ...]:
-    """From a sensor's reading, relative to rest, to the truth behind it."""
+def reading_maps(model: Model, sensor: str) -> tuple[StaticMap, ...]:
+    """Maps from a sensor's reading, relative to rest, to the true value behind it."""
     return tuple(e.undone for e in reversed(_sensor_effects(model, sensor)) if not e.lag > 0)
 
 
-def ahead_of(model: Model, drive: str) -> tuple[Static, ...]:
-    """From a drive, relative to its reference, to what acts of it at once."""
+def drive_maps(model: Model, drive: str) -> tuple[StaticMap, ...]:
+    """Maps from a drive, relative to its reference, to what acts of it at once."""
     return tuple(partial(e.drive, STILL) for e in _drive_effects(model, drive) if e.memoryless)
 
 
 def _drive_effects(model: Model, drive: str) -> list[Effect]:
-    return [e for e in standing(model) if e.side == "drive" and e.channel == drive]
+    return [e for e in permanent_effects(model) if e.side == "drive" and e.channel == drive]
 
 
 def _bent(effect: Effect, values: Float) -> Float:
     return effect.output(effect.channel, {effect.channel: values}, STILL)
 
 
-def told_of(model: Model, estimate: str) -> tuple[Static, ...]:
-    """From an estimate to what is told: drives as they are logged, deflections as they bend."""
-    bends = [e for e in standing(model) if e.side == "structure" and e.channel == estimate]
+def estimate_maps(model: Model, estimate: str) -> tuple[StaticMap, ...]:
+    """Maps of an estimate: to drives as they are logged, to deflections as they bend."""
+    bends = [e for e in permanent_effects(model) if e.side == "structure" and e.channel == estimate]
     acting = reversed(_drive_effects(model, estimate))
     before = (e.undone for e in acting if e.undone(STILL.time) is not None)
     return (*before, *(partial(_bent, e) for e in bends))
 
 
-def amplification(model: Model, sensor: str) -> float:
-    """Largest slope of the truth over the reading, in the calibrated range.
+def noise_amplification(model: Model, sensor: str) -> float:
+    """Largest slope of the true value over the reading, in the calibrated range.
 
     Raises
     ------
@@ -127,20 +130,20 @@ def amplification(model: Model, sensor: str) -> float:
     if not static:
         return 1.0
     low, high = next(o.range for o in model.outputs if o.channel == sensor)
-    truth = np.linspace(min(low, 0.0), max(high, 0.0), _POINTS)
+    truth = np.linspace(min(low, 0.0), max(high, 0.0), CURVE_POINTS)
     for effect in static:
         if effect.undone(truth) is None:
             refuse(effect, "no reading of a stream tells what is behind it")
     reading = truth
     for effect in static:
         reading = effect.output(sensor, {sensor: reading}, STILL)
-    back = through(back_of(model, sensor), reading)
-    if not np.allclose(back, truth, rtol=0, atol=1e-6 * max(np.ptp(truth), 1e-12)):
+    back = apply_maps(reading_maps(model, sensor), reading)
+    if not np.allclose(back, truth, rtol=0, atol=INVERSE_TOLERANCE * max(np.ptp(truth), 1e-12)):
         refuse(static[-1], "two values give one reading within the calibrated range")
     return float(np.max(np.abs(np.diff(truth) / np.diff(reading))))
 
 
-def examine(model: Model, measured: Sequence[str] = ()) -> tuple[str, ...]:
+def check_supported(model: Model, measured: Sequence[str] = ()) -> tuple[str, ...]:
     """What a user should know of the effects at run time; refuses what cannot be had there.
 
     Parameters
@@ -155,7 +158,7 @@ def examine(model: Model, measured: Sequence[str] = ()) -> tuple[str, ...]:
     """
     roles = {o.channel: o.role for o in model.outputs}
     notes = []
-    for effect in standing(model):
+    for effect in permanent_effects(model):
         name, channel = effect.name, effect.channel
         if effect.event:
             refuse(effect, "an accident that belongs to one log, which is not named")
@@ -174,7 +177,7 @@ def examine(model: Model, measured: Sequence[str] = ()) -> tuple[str, ...]:
             if roles.get(channel) == "deflection":
                 notes.append(f"{channel}: what is estimated is the truth, before {name}")
             else:
-                amplification(model, channel)
+                noise_amplification(model, channel)
                 _examine_order(model, channel)
         elif effect.side == "wiring":
             ends = {roles.get(channel), roles.get(effect.partner or "")}

@@ -1,4 +1,4 @@
-"""The ways of known columns through a model: measured drives, sources, states."""
+"""The paths of known inputs through a model: measured drives, sources, states."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ import numpy as np
 
 from thermaltool.effects.effect import Effect
 from thermaltool.estimation.cascade import lagged_modes
-from thermaltool.estimation.known import Known, Way
-from thermaltool.estimation.losses import losses_of
-from thermaltool.estimation.standing import lags_of, standing
+from thermaltool.estimation.known_inputs import KnownInput
+from thermaltool.estimation.permanent_effects import permanent_effects, sensor_time_constants
+from thermaltool.estimation.variable_cooling import cooling_effects
 from thermaltool.model import Model, Term
 from thermaltool.responses.modes import Modes
+from thermaltool.responses.parallel import InputPath
 from thermaltool.units import hold_of
 
 
 @dataclass(frozen=True)
-class Ways:
-    """What known columns do to sensors and deflections.
+class InputPaths:
+    """Paths from known inputs to sensors and deflections.
 
     Attributes
     ----------
@@ -44,17 +45,17 @@ class Ways:
         return modes if term.output in self.outputs else self._read(modes, term.output)
 
     def _read(self, modes: Modes, sensor: str) -> Modes:
-        for time_constant in lags_of(self.model, sensor):
+        for time_constant in sensor_time_constants(self.model, sensor):
             modes = lagged_modes(modes, time_constant)
         return modes
 
     @cached_property
-    def known(self) -> tuple[Known, ...]:
+    def known(self) -> tuple[KnownInput, ...]:
         """Columns to be read, each in each role once."""
         drives = {d.channel: d for d in self.model.drives if d.channel in self.measured}
         acting = [t for t in self.model.terms if t.output in (*self.sensors, *self.outputs)]
         found = [
-            Known(d.channel, d.hold, "drive", band)
+            KnownInput(d.channel, d.hold, "drive", band)
             for d in drives.values()
             for band in dict.fromkeys(t.band for t in acting if t.drive == d.channel)
         ]
@@ -62,36 +63,40 @@ class Ways:
             drive = drives.get(chooser)
             hold = hold_of(chooser) if drive is None else drive.hold
             if drive is None or chooser not in {k.channel for k in found}:
-                found.append(Known(chooser, hold, "state" if drive is None else "drive"))
+                found.append(KnownInput(chooser, hold, "state" if drive is None else "drive"))
         found += [_source(e) for e in self._sources()]
-        found += [Known(c, hold_of(c), "state") for e in losses_of(self.model) for c in e.needs()]
+        found += [
+            KnownInput(c, hold_of(c), "state")
+            for e in cooling_effects(self.model)
+            for c in e.needs()
+        ]
         return tuple(dict.fromkeys(found))
 
     def _sources(self) -> Iterator[Effect]:
-        for effect in standing(self.model):
+        for effect in permanent_effects(self.model):
             reached = (effect.path(o) for o in (*self.sensors, *self.outputs))
             if effect.side == "source" and any(reached):
                 yield effect
 
-    def to(self, targets: tuple[str, ...]) -> tuple[Way, ...]:
-        """The ways that end in `targets` (the sensors, or the deflections)."""
-        ways: list[Way] = []
+    def to(self, targets: tuple[str, ...]) -> tuple[InputPath, ...]:
+        """The paths that end in `targets` (the sensors, or the deflections)."""
+        paths: list[InputPath] = []
         for term in self.model.terms:
             for source, known in enumerate(self.known):
-                own = Known(known.channel, known.hold, "drive", term.band)
+                own = KnownInput(known.channel, known.hold, "drive", term.band)
                 if term.output in targets and term.drive == known.channel and known == own:
-                    ways.append((targets.index(term.output), source, self.response(term)))
+                    paths.append((targets.index(term.output), source, self.response(term)))
         for effect in self._sources():
             source = self.known.index(_source(effect))
             for k, target in enumerate(targets):
                 if (path := effect.path(target)) is not None:
-                    ways.append((k, source, self._way(target, *path)))
-        return tuple(ways)
+                    paths.append((k, source, self._first_order(target, *path)))
+        return tuple(paths)
 
-    def _way(self, target: str, gain: float, time_constant: float) -> Modes | float:
+    def _first_order(self, target: str, gain: float, time_constant: float) -> Modes | float:
         """A first-order lag, or a gain at once, as it is read."""
         lags = [time_constant] if time_constant > 0 else []
-        lags += [] if target in self.outputs else lags_of(self.model, target)
+        lags += [] if target in self.outputs else sensor_time_constants(self.model, target)
         if not lags:
             return gain
         first, *others = lags
@@ -101,5 +106,5 @@ class Ways:
         return modes
 
 
-def _source(effect: Effect) -> Known:
-    return Known(effect.channel, hold_of(effect.channel), "source")
+def _source(effect: Effect) -> KnownInput:
+    return KnownInput(effect.channel, hold_of(effect.channel), "source")

@@ -1,0 +1,241 @@
+"""The estimator of a model with the effects around it: from columns to estimates.
+
+The batch command runs a whole log through `EstimatorPipeline.run`; the stream takes the same input
+columns, the same recursion and the same last step, sample by sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermaltool.effects.band import Band
+from thermaltool.errors import ModelError
+from thermaltool.estimation.estimator import (
+    Estimator,
+    KalmanEstimator,
+    load_estimator,
+    run_estimator,
+)
+from thermaltool.estimation.known_inputs import KnownInput, KnownInputEstimator
+from thermaltool.estimation.permanent_effects import (
+    InputColumn,
+    StaticMap,
+    apply_maps,
+    drive_maps,
+    estimate_maps,
+    reading_columns,
+    reading_maps,
+)
+from thermaltool.estimation.variable_cooling import VariableCoolingEstimator, cooling_effects
+from thermaltool.model import Model, relative
+from thermaltool.responses.modes import Float
+
+
+@dataclass(frozen=True)
+class EstimatorInput:
+    """One input of the estimator.
+
+    Attributes
+    ----------
+    column : int
+        The input column from which it comes.
+    band : Band or None
+        Only this level's share of it,
+    chooser : int
+        by what this input column reads.
+    """
+
+    column: int
+    band: Band | None = None
+    chooser: int = 0
+
+
+@dataclass(frozen=True)
+class EstimatorPipeline:
+    """Readings, estimator, and the effects before and behind it.
+
+    Attributes
+    ----------
+    estimator : Estimator
+    input_columns : tuple of InputColumn
+        One for each column that is read, the sensors first.
+    inputs : tuple of EstimatorInput
+        What the estimator takes, in the order of ``estimator.sensors``.
+    estimate_maps : tuple of tuple of callable
+        For each estimate, the static maps from it to what is given out.
+    """
+
+    estimator: Estimator
+    input_columns: tuple[InputColumn, ...]
+    inputs: tuple[EstimatorInput, ...]
+    estimate_maps: tuple[tuple[StaticMap, ...], ...]
+
+    @staticmethod
+    def of(model: Model) -> EstimatorPipeline:
+        """The pipeline that a model's design asks for.
+
+        Raises
+        ------
+        ModelError
+            No design, one for other parameters, or one that is not sound.
+        """
+        design = model.estimator_design()
+        linear = load_estimator(dict(design))
+        place, outputs = reading_columns(model), {o.channel: o for o in model.outputs}
+        columns = [
+            InputColumn(
+                place[sensor],
+                outputs[place[sensor]].offset,
+                outputs[sensor].range,
+                True,
+                to_true=reading_maps(model, sensor),
+            )
+            for sensor in design["sensors"]
+        ]
+        inputs = [EstimatorInput(k) for k in range(len(columns))]
+        if isinstance(linear, KnownInputEstimator):
+            more, taken = _known_columns(model, linear.known, len(columns))
+            columns += more
+            inputs += taken
+        maps = tuple(estimate_maps(model, name) for name in linear.estimates)
+        return EstimatorPipeline(_with_cooling(model, linear), tuple(columns), tuple(inputs), maps)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns that are read."""
+        return tuple(each.column for each in self.input_columns)
+
+    def true_values(self, columns: Mapping[str, Float]) -> Float:
+        """True values behind the columns, relative to rest; NaN where a reading has none.
+
+        Parameters
+        ----------
+        columns : mapping of str to ndarray, shape (n,)
+
+        Returns
+        -------
+        ndarray, shape (n, n_columns)
+        """
+        found = [
+            apply_maps(each.to_true, relative(columns[each.column], each.rest))
+            for each in self.input_columns
+        ]
+        return np.column_stack(found)
+
+    def run(self, time: Float, true_values: Float, settled: bool = False) -> Float:
+        """Estimates of a whole record, equal to the stream's sample by sample.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,) [s], increasing
+        true_values : ndarray, shape (n, n_columns)
+        settled : bool
+            The machine has stood at the first readings for long; else it is at rest there.
+
+        Returns
+        -------
+        ndarray, shape (n, n_estimates)
+        """
+        acting = [
+            apply_maps(c.to_acting, true_values[:, k]) for k, c in enumerate(self.input_columns)
+        ]
+        taken = np.empty((len(true_values), len(self.inputs)))
+        for k, each in enumerate(self.inputs):
+            share = 1.0 if each.band is None else each.band.share(true_values[:, each.chooser])
+            taken[:, k] = acting[each.column] * share
+        if isinstance(self.estimator, VariableCoolingEstimator):
+            estimates = self.estimator.run(time, taken, settled)
+        else:
+            estimates = run_estimator(self.estimator, time, taken, settled)
+        for k, maps in enumerate(self.estimate_maps):
+            estimates[:, k] = apply_maps(maps, estimates[:, k])
+        return estimates
+
+    @property
+    def passes_inputs(self) -> bool:
+        """Whether the estimator takes the true values as they are."""
+        mapped = any(each.to_acting for each in self.input_columns)
+        return not mapped and all(each.band is None for each in self.inputs)
+
+    def estimator_inputs(self, true_values: Sequence[float]) -> list[float]:
+        """What the estimator takes of the true values of one sample."""
+        maps = (each.to_acting for each in self.input_columns)
+        acting = [_at_once(each, value) for each, value in zip(maps, true_values, strict=True)]
+        return [
+            acting[each.column]
+            if each.band is None
+            else acting[each.column] * float(each.band.share(np.array(true_values[each.chooser])))
+            for each in self.inputs
+        ]
+
+    def given_out(self, estimates: Sequence[float]) -> list[float]:
+        """What is given out of the estimates of one sample."""
+        pairs = zip(self.estimate_maps, estimates, strict=True)
+        return [_at_once(maps, value) for maps, value in pairs]
+
+
+def _at_once(maps: tuple[StaticMap, ...], value: float) -> float:
+    return float(apply_maps(maps, np.array(value))) if maps else value
+
+
+def _known_columns(
+    model: Model, known: Sequence[KnownInput], first: int
+) -> tuple[list[InputColumn], list[EstimatorInput]]:
+    """Columns of known inputs, each in each role once, and what is taken of them.
+
+    They are numbered from `first`.
+
+    Raises
+    ------
+    ModelError
+        A schedule by a channel that is not read.
+    """
+    places: dict[tuple[str, str], int] = {}
+    columns: list[InputColumn] = []
+    for each in known:
+        if (each.channel, each.role) not in places:
+            places[each.channel, each.role] = first + len(columns)
+            columns.append(_known_column(model, each))
+    inputs = []
+    for each in known:
+        column, chooser = places[each.channel, each.role], 0
+        if each.band is not None:
+            by = each.band.channel
+            at = places.get((by, "drive"), places.get((by, "state")))
+            if at is None:
+                raise ModelError(f"the schedule by {by} has no column: run regularize again")
+            chooser = at
+        inputs.append(EstimatorInput(column, each.band, chooser))
+    return columns, inputs
+
+
+def _known_column(model: Model, known: KnownInput) -> InputColumn:
+    if known.role == "source":
+        return InputColumn(known.channel, "first", None, False, known.hold == "zero")
+    if known.role == "state":
+        return InputColumn(known.channel, 0.0, None, False, True)
+    for drive in model.drives:
+        if drive.channel == known.channel:
+            maps = drive_maps(model, drive.channel)
+            return InputColumn(
+                drive.channel, drive.reference, drive.range, False, drive.hold == "zero", (), maps
+            )
+    raise ModelError(
+        f"the estimator reads the drive {known.channel}, which the model does not have: "
+        "run thermaltool regularize again"
+    )
+
+
+def _with_cooling(model: Model, linear: Estimator) -> Estimator:
+    effects = cooling_effects(model)
+    if not effects:
+        return linear
+    kalman = linear.inner if isinstance(linear, KnownInputEstimator) else linear
+    if not isinstance(kalman, KalmanEstimator):
+        raise ModelError(
+            f"{effects[0].name} takes the Kalman form: run thermaltool regularize again"
+        )
+    return VariableCoolingEstimator(linear, kalman, effects)
