@@ -1,3 +1,31 @@
-"""Thermal error of machines: from a measured log to a compensated stream."""
+"""Thermal error of machines: from a measured log to a compensated stream.
+
+The functions of `thermaltool.api`, and the types that they take and return, are loaded when they
+are first asked for::
+
+    import thermaltool as tt
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from thermaltool.api import *  # noqa: F403
+    from thermaltool.record import Record as Record
 
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    if name == "Record":
+        return importlib.import_module("thermaltool.record").Record
+    api = importlib.import_module("thermaltool.api")
+    if name not in api.__all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(api, name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *importlib.import_module("thermaltool.api").__all__, "Record"]

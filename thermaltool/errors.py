@@ -47,3 +47,7 @@ class FitError(ThermalToolError, ArithmeticError):
 
 class OutputError(ThermalToolError, OSError):
     """A result that could not be written. What existed before is still there."""
+
+
+class ThermalToolWarning(UserWarning):
+    """What a result is to be read with: a model that extrapolates, a pause in a log."""

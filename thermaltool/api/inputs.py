@@ -1,19 +1,112 @@
-"""What the stages read: model and noise documents."""
+"""What the stages read: logs, data frames and records; model and noise documents."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
 
 from thermaltool.documents import NOISE, Part, atomic_output, finite, mapping, read_text
 from thermaltool.errors import ModelError
 
 if TYPE_CHECKING:
+    import pandas
+
     from thermaltool.estimation.estimator import SensorNoise
+    from thermaltool.logs import Log
     from thermaltool.model import Model
+    from thermaltool.record import Record
+
+    Data: TypeAlias = str | os.PathLike[str] | pandas.DataFrame | Record
+    ModelLike: TypeAlias = str | os.PathLike[str] | Model | Any
+
+
+class Reading(TypedDict, total=False):
+    """How a log is read: the options of `read_log` that all stages share."""
+
+    columns: str | None
+    from_format: str | None
+    nan_policy: str
+    max_gap: float | None
+
 
 # Time constant given to a drift of which the log tells only the rate [s].
 BOUNDED_DRIFT_TIME = 3600.0
+
+
+def read_log(
+    data: Data,
+    *,
+    columns: str | None = None,
+    from_format: str | None = None,
+    nan_policy: str = "raise",
+    max_gap: float | None = None,
+    need: Sequence[str] = (),
+    strict: bool = True,
+) -> Log:
+    """A log, from a file, a data frame or a record.
+
+    Parameters
+    ----------
+    data : str, path, pandas.DataFrame or Record
+        A file (CSV, NDJSON, Parquet; ``-`` is stdin), or a frame with columns named as in logs
+        (``T_spindle_degC``) and a clock: a column ``time_s`` or ``time``, or a `DatetimeIndex`.
+    columns : str, optional
+        A column map (TOML) for foreign names.
+    from_format : str, optional
+        Format of the file. Default: by its suffix, else CSV.
+    nan_policy : {"raise", "omit", "hold"}
+        What a missing value in a channel of `need` does.
+    max_gap : float, optional
+        A pause above this [s] starts a new segment. Default: ten median periods.
+    need : sequence of str
+        Channels that must be there.
+    strict : bool
+        Whether the first fault is raised; else faults are listed in the log's `problems`.
+
+    Returns
+    -------
+    Log
+
+    Raises
+    ------
+    LogError
+        A file or frame that cannot be read; with file, line and column.
+    UnitError
+        A column of a record whose name has no known unit.
+
+    Examples
+    --------
+    >>> import pandas as pd, thermaltool as tt
+    >>> frame = pd.DataFrame({"time_s": [0.0, 10.0, 20.0], "T_spindle_degC": [20.0, 20.4, 20.7]})
+    >>> tt.read_log(frame).column("T_spindle_degC")
+    array([20. , 20.4, 20.7])
+    """
+    from thermaltool import logs
+    from thermaltool.record import Record
+
+    if isinstance(data, Record):
+        if columns is not None or from_format is not None:
+            raise ValueError("columns and from_format say how a file or a frame is read")
+        return logs.as_log(data, nan_policy=nan_policy, max_gap=max_gap, need=need)
+    return logs.read_log(
+        os.fspath(data) if isinstance(data, str | os.PathLike) else data,
+        columns=columns,
+        from_format=from_format,
+        nan_policy=nan_policy,
+        max_gap=max_gap,
+        need=need,
+        strict=strict,
+    )
+
+
+def as_model(model: ModelLike) -> Model:
+    """A model: itself, the one in a file, or the one that a result holds (its ``model``)."""
+    if isinstance(model, str | os.PathLike):
+        return read_model(os.fspath(model))
+    found: Model = getattr(model, "model", model)
+    return found
 
 
 def source_name(path: str) -> str:
@@ -39,8 +132,8 @@ def write_model(model: Model, path: str, command: str | None = None) -> None:
         stream.write(text.encode())
 
 
-def read_noise(path: str) -> dict[str, SensorNoise]:
-    """Noise of every channel, from what ``thermaltool noise -o`` wrote.
+def read_noise(noise: str | os.PathLike[str] | Any) -> dict[str, SensorNoise]:
+    """Noise of every channel, from what ``thermaltool noise -o`` wrote or `noise` returned.
 
     Where the log only bounds a drift, its rate enters, over an hour.
 
@@ -49,16 +142,19 @@ def read_noise(path: str) -> dict[str, SensorNoise]:
     ModelError
         Not such a document; the message names the file.
     """
-    document = NOISE.loads(read_text(path), path)
+    if isinstance(noise, str | os.PathLike):
+        name = os.fspath(noise)
+        return _sensor_noises(NOISE.loads(read_text(name), name), name)
+    return _sensor_noises(noise.document(), "<noise>")
+
+
+def _sensor_noises(document: Mapping[str, Any], name: str) -> dict[str, SensorNoise]:
     try:
         channels = Part(document).part("channels")
-        return {
-            name: noise
-            for name in channels.names()
-            if (noise := _sensor_noise(channels.part(name))) is not None
-        }
+        noises = {each: _sensor_noise(channels.part(each)) for each in channels.names()}
     except ModelError as error:
-        raise ModelError(f"{path}: not {NOISE.noun}: {error}") from error
+        raise ModelError(f"{name}: not {NOISE.noun}: {error}") from error
+    return {each: found for each, found in noises.items() if found is not None}
 
 
 def _sensor_noise(channel: Part) -> SensorNoise | None:

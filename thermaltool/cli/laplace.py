@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from math import inf
 from typing import Any
 
 import click
 
+from thermaltool.cli.messages import DID_NOT_PASS, warn
 from thermaltool.cli.options import NUMBER, POSITIVE, Source, json_option, output_option, to_option
+from thermaltool.documents import atomic_output
 
 
 class TimeGrid(click.ParamType):
@@ -113,38 +116,24 @@ def command(
     Writes time_s, value_1, error_1 (estimated absolute error). Where the error exceeds --tol the
     result is written all the same, a warning names the worst time, and the exit code is 3.
     """
-    import numpy as np
+    from thermaltool import api
+    from thermaltool.laplace.expression import ExpressionError
+    from thermaltool.logs import write_table
 
-    from thermaltool.laplace import invert
-    from thermaltool.laplace.expression import ExpressionError, compile_expression
-
+    times = _times(ctx, file, grid, single)
     try:
-        transfer = compile_expression(expression, dict(parameter))
+        result = api.invert_laplace(expression, times, parameters=dict(parameter), method=method,
+                                    tol=tol, abscissa=abscissa)  # fmt: skip
     except ExpressionError as error:
         raise click.BadParameter(str(error), param_hint="EXPRESSION") from error
-    times = _times(ctx, file, grid, single)
-    result = invert(transfer, times, method=method, tol=tol, abscissa=abscissa)
-    usable = np.isfinite(result.error)
-    columns = {
-        "time_s": result.t,
-        "value_1": result.values,
-        "error_1": np.where(usable, result.error, np.nan),
-    }
     if as_json:
-        _write_json(columns, result.method, result.evaluations, tol, output)
+        with atomic_output(output) as stream:
+            stream.write(json.dumps(result.document(), allow_nan=False).encode() + b"\n")
     else:
-        from thermaltool.logs import write_table
-
-        write_table(columns, output, to_format)
-    missed = int((result.error > tol).sum())
-    if missed:
-        worst = int(np.argmax(result.error))
-        click.echo(
-            f"thermaltool laplace: warning: estimated error {result.error[worst]:.2g} at "
-            f"t = {times[worst]:g} s exceeds {tol:g} ({missed} of {times.size} times)",
-            err=True,
-        )
-        ctx.exit(3)
+        write_table(result.columns, output, to_format)
+    if message := result.warning():
+        warn(f"thermaltool laplace: warning: {message}")
+        ctx.exit(DID_NOT_PASS)
 
 
 def _times(
@@ -156,6 +145,7 @@ def _times(
     """All times asked for [s], in the order of options, then file."""
     import numpy as np
 
+    from thermaltool.api import read_log
     from thermaltool.errors import LogError
 
     parts = [np.array(single, dtype=float)]
@@ -165,26 +155,8 @@ def _times(
     elif not single and file is None:
         file = Source().convert("-", None, ctx)
     if file is not None:
-        from thermaltool.logs import read_log
-
         log = read_log(file)
         if (log.time <= 0).any():
             raise LogError("a time that is not above 0 s has no inverse", log.name, column="time_s")
         parts.append(log.time)
     return np.concatenate(parts)
-
-
-def _write_json(columns: Any, method: str, evaluations: int, tol: float, output: str) -> None:
-    """One JSON object: how it was found, and the columns with null where there is no answer."""
-    import json
-
-    import numpy as np
-
-    from thermaltool.documents import atomic_output
-
-    report = {"method": method, "evaluations": evaluations, "tol": tol} | {
-        name: [float(x) if np.isfinite(x) else None for x in values]
-        for name, values in columns.items()
-    }
-    with atomic_output(output) as stream:
-        stream.write(json.dumps(report, allow_nan=False).encode() + b"\n")

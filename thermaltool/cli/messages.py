@@ -9,9 +9,15 @@ from typing import TYPE_CHECKING
 
 import click
 
+from thermaltool.report.text import excursion_message, pause_messages, row_message
+
 if TYPE_CHECKING:
     from thermaltool.logs import Log
     from thermaltool.model import Excursion, Model
+
+
+# Exit code where a command ran and what it checked did not pass.
+DID_NOT_PASS = 3
 
 
 def command_line() -> str:
@@ -38,7 +44,7 @@ def emitter(command: str, quiet: int) -> Callable[[str], None]:
 
 def warn_row(log: Log, row: int, message: str) -> None:
     """One line on stderr, with the file and the line of a row."""
-    warn(f"{log.name}:{log.lines[row]}: {message}")
+    warn(row_message(log, row, message))
 
 
 def terminal_progress(label: str) -> Callable[[str], None]:
@@ -58,16 +64,10 @@ def warn_excursions(model: Model, log: Log) -> None:
 
 def warn_excursion(log: Log, e: Excursion) -> None:
     """Say where one channel leaves it."""
-    warn_row(
-        log,
-        e.first,
-        f"{e.channel}: {e.value:.4g} is outside the calibrated range {e.low:.4g} to {e.high:.4g} "
-        f"({e.rows} rows): the model extrapolates",
-    )
+    warn(excursion_message(log, e))
 
 
 def warn_pauses(log: Log, meaning: str) -> None:
     """Say where the log has pauses (above --max-gap), and what they mean here."""
-    for part in log.segments[1:]:
-        pause = log.time[part.start] - log.time[part.start - 1]
-        warn_row(log, part.start, f"a pause of {pause:g} s; {meaning}")
+    for message in pause_messages(log, meaning):
+        warn(message)

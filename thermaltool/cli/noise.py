@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from thermaltool.cli.messages import warn
 from thermaltool.cli.options import (
     NUMBER,
     columns_option,
@@ -49,46 +50,23 @@ def command(
     --stop name a stretch without signal instead. Where there is none, the drift is an upper bound.
     Missing readings are left out. -o takes the JSON for the next stage, stdout a table.
     """
-
+    from thermaltool import api
     from thermaltool.documents import atomic_output
-    from thermaltool.errors import LogError
-    from thermaltool.logs import read_log
-    from thermaltool.report.noise import (
-        draw_figure,
-        noise_document,
-        noise_table,
-        to_json,
-    )
-    from thermaltool.report.style import figure_format, render
-    from thermaltool.signals.noise import NoiseEstimate, estimate_noise
+    from thermaltool.report.noise import to_json
+    from thermaltool.report.style import figure_format, write_figure
 
-    kind = figure_format(plot) if plot is not None else None
+    if plot is not None:
+        figure_format(plot)
     keep_inputs(output, log)
-    whole = read_log(log, columns=columns, from_format=from_format, max_gap=max_gap)
-    table = whole.between(start, stop)
-    idle = start is not None or stop is not None
-    results: dict[str, NoiseEstimate | str] = {}
-    for name in names or table.columns:
-        values = table.column(name)
-        try:
-            results[name] = estimate_noise(table.time, values, idle=idle, max_gap=max_gap)
-        except ValueError as error:
-            results[name] = str(error)
-            click.echo(f"{table.name}: {name}: {error}", err=True)
-    if all(isinstance(result, str) for result in results.values()):
-        raise LogError("no channel has a usable record", table.name)
-
-    units = {name: table.channels[name].unit for name in results}
-    document = to_json(noise_document(whole.name, whole.period, units, results))
-    if output != "-":
-        with atomic_output(output) as stream:
+    result = api.noise(
+        log, channels=names, start=start, stop=stop, warn=warn,
+        columns=columns, from_format=from_format, max_gap=max_gap,
+    )  # fmt: skip
+    document = to_json(result.document())
+    for target in [output] * (output != "-") + ["-"] * as_json:
+        with atomic_output(target) as stream:
             stream.write(document)
-    if plot is not None and kind is not None:
-        picture = render(lambda: draw_figure(table.name, units, results), kind)
-        with atomic_output(plot) as stream:
-            stream.write(picture)
-    if as_json:
-        with atomic_output("-") as stream:
-            stream.write(document)
-    else:
-        click.echo(noise_table(units, results))
+    if plot is not None:
+        write_figure(result.draw, plot)
+    if not as_json:
+        click.echo(result.table())

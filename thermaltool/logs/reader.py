@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -15,12 +15,15 @@ from thermaltool.logs.columns import Clock, ColumnMap, Rename, read_map
 from thermaltool.logs.formats import format_of, load_format
 from thermaltool.logs.log import Log
 from thermaltool.logs.table import Cells, Kind, Table, read_source, told
-from thermaltool.record import Array, hint
+from thermaltool.record import Array, Record, hint
 from thermaltool.units import UNITS, Channel, clock_unit, parse_channel
+
+if TYPE_CHECKING:
+    import pandas
 
 
 def read_log(
-    source: str,
+    source: str | pandas.DataFrame,
     *,
     columns: str | None = None,
     from_format: str | None = None,
@@ -29,12 +32,12 @@ def read_log(
     need: Sequence[str] = (),
     strict: bool = True,
 ) -> Log:
-    """Read a log from a file, or from stdin.
+    """Read a log from a file, from stdin or out of a data frame.
 
     Parameters
     ----------
-    source : str
-        A file; ``-`` is stdin.
+    source : str or pandas.DataFrame
+        A file; ``-`` is stdin. Of a frame the clock may be the index (`FrameTable`).
     columns : str, optional
         A column map (TOML) for foreign names.
     from_format : str, optional
@@ -64,24 +67,23 @@ def read_log(
         a missing value under ``raise``.
     """
     mapping = ColumnMap() if columns is None else read_map(columns)
-    raw = read_source(source)
-    table = load_format(format_of(source, from_format)).open_table(raw, mapping)
-    mapping.check(table.names, raw.name)
-    plan = _plan(raw.name, table, mapping)
+    name, digest, table = _open(source, from_format, mapping)
+    mapping.check(table.names, name)
+    plan = _plan(name, table, mapping)
     cells = table.cells(plan.kinds)
     problems = [*plan.problems, *cells.problems]
     if strict and problems:
         raise problems[0]
-    time, epoch, faults = _clock(raw.name, table, plan, cells)
+    time, epoch, faults = _clock(name, table, plan, cells)
     log = Log(
-        name=raw.name,
+        name=name,
         time=time,
         columns={
             rename.name: _scaled(cast(Array, cells.values[i]), rename)
             for i, rename in plan.renames.items()
         },
         channels=plan.channels,
-        digest=raw.digest,
+        digest=digest,
         epoch=epoch,
         lines=cells.lines,
     )
@@ -93,6 +95,46 @@ def read_log(
     if cells.unfinished:
         problems.append(cells.unfinished)
     return replace(log, segments=segments(log.time, max_gap), problems=(*problems, *told(faults)))
+
+
+def as_log(
+    record: Record,
+    *,
+    nan_policy: str = "raise",
+    max_gap: float | None = None,
+    need: Sequence[str] = (),
+) -> Log:
+    """A record, read already, as `read_log` would give it with these options.
+
+    Its own segments stay where no `max_gap` is given, and so do its lines in a file.
+
+    Raises
+    ------
+    LogError
+        As `read_log`.
+    """
+    if not isinstance(record, Log):
+        own = {each.name: getattr(record, each.name) for each in fields(Record)}
+        channels = {name: parse_channel(name) for name in record.columns}
+        record = Log(**own, channels=channels, lines=np.arange(1, len(record) + 1))
+    log = _without_gaps(record, need, nan_policy)
+    if faults := [*_first_missing(log, "time_s"), *_disorder(log, "time_s")]:
+        raise faults[0]
+    return log if max_gap is None else replace(log, segments=segments(log.time, max_gap))
+
+
+def _open(
+    source: str | pandas.DataFrame, from_format: str | None, mapping: ColumnMap
+) -> tuple[str, str, Table]:
+    """The name and digest of an input, and its table."""
+    if isinstance(source, str):
+        raw = read_source(source)
+        table: Table = load_format(format_of(source, from_format)).open_table(raw, mapping)
+        return raw.name, raw.digest, table
+    from thermaltool.logs.frame_table import FrameTable
+
+    frame = FrameTable(source)
+    return frame.file, frame.digest, frame
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 import itertools
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.documents import atomic_output
 from thermaltool.errors import LogError, OutputError
 from thermaltool.record import hint
 from thermaltool.units import UNITS, parse_channel, symbol
@@ -77,13 +79,32 @@ def render(draw: Callable[[], Figure], kind: str) -> bytes:
     draw : callable
     kind : {"png", "svg", "pdf"}
     """
-    from matplotlib import style
-
     undated = {"png": None, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
     buffer = io.BytesIO()
-    with style.context(["default", STYLE]):
+    with common_style():
         draw().savefig(buffer, format=kind, dpi=120, metadata=undated[kind])
     return buffer.getvalue()
+
+
+def write_figure(draw: Callable[[], Figure], target: str) -> None:
+    """Write the figure that `draw` makes, whole; its format by suffix, PNG on stdout (``-``).
+
+    Raises
+    ------
+    OutputError
+        As `figure_format`, and where it cannot be written.
+    """
+    picture = render(draw, "png" if target == "-" else figure_format(target))
+    with atomic_output(target) as stream:
+        stream.write(picture)
+
+
+def common_style() -> AbstractContextManager[None]:
+    """The style of all figures, whatever the user's own settings are."""
+    from matplotlib import style
+
+    context: AbstractContextManager[None] = style.context(["default", STYLE])
+    return context
 
 
 def new_figure(title: str, width: float, height: float) -> Figure:

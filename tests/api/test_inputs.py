@@ -1,0 +1,102 @@
+"""Data frames and records at the border: read as a file of the same columns would be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import thermaltool as tt
+from thermaltool.errors import LogError, UnitError
+
+FRAME = pd.DataFrame(
+    {
+        "time_s": [0.0, 10.0, 20.0, 30.0],
+        "T_a_degC": [20.0, 20.5, np.nan, 21.0],
+        "Q_a_1": [0, 1, 1, 1],
+    }
+)
+STAMPS = pd.date_range("2026-01-01T08:00:00", periods=4, freq="10s")
+
+
+def test_a_frame_is_read_like_the_file_of_its_columns(tmp_path: Path) -> None:
+    FRAME.to_csv(tmp_path / "a.csv", index=False)
+    of_file, of_frame = tt.read_log(tmp_path / "a.csv"), tt.read_log(FRAME)
+    np.testing.assert_array_equal(of_frame.time, of_file.time)
+    assert of_frame.columns.keys() == of_file.columns.keys()
+    for name, values in of_file.columns.items():
+        np.testing.assert_array_equal(of_frame.columns[name], values)
+    assert of_frame.channels == of_file.channels
+
+
+@pytest.mark.parametrize(
+    ("frame", "epoch"),
+    [
+        (FRAME.set_index("time_s"), None),
+        (FRAME.assign(time_min=FRAME["time_s"] / 60).drop(columns="time_s"), None),
+        (FRAME.drop(columns="time_s").set_index(pd.to_timedelta(FRAME["time_s"], "s")), None),
+        (FRAME.drop(columns="time_s").set_index(STAMPS), "2026-01-01T08:00:00"),
+        (FRAME.assign(time=STAMPS).drop(columns="time_s"), "2026-01-01T08:00:00"),
+        (
+            FRAME.drop(columns="time_s").set_index(STAMPS.tz_localize("UTC")),
+            "2026-01-01T08:00:00+00:00",
+        ),
+    ],
+)
+def test_the_clock_may_be_a_column_or_the_index(frame: pd.DataFrame, epoch: str | None) -> None:
+    log = tt.read_log(frame)
+    np.testing.assert_allclose(log.time, FRAME["time_s"])
+    assert log.epoch == epoch
+    np.testing.assert_array_equal(log.columns["T_a_degC"], FRAME["T_a_degC"])
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        (FRAME.drop(columns="time_s"), "no clock: no column time_s or time"),
+        (FRAME.rename(columns={"T_a_degC": "T_a_degF"}), "T_a_degF: unknown unit"),
+        (FRAME.assign(T_a_degC=list("abcd")), "T_a_degC: not a number: the column holds"),
+        (FRAME.assign(Q_a_1=True), "Q_a_1: not a number: the column holds bool"),
+        (FRAME.replace({"T_a_degC": {20.5: np.inf}}), "<frame>:2: T_a_degC: infinite: inf"),
+        (FRAME.iloc[::-1], "the clock goes backward: 20 s after 30 s"),
+        (pd.concat([FRAME, FRAME[["Q_a_1"]]], axis=1), "Q_a_1: this name is there twice"),
+    ],
+)
+def test_faults_of_a_frame_are_named(frame: pd.DataFrame, message: str) -> None:
+    with pytest.raises(LogError, match=message):
+        tt.read_log(frame)
+
+
+def test_the_nan_policy_holds_for_frames_and_records() -> None:
+    for data in (FRAME, tt.read_log(FRAME)):
+        with pytest.raises(LogError, match="T_a_degC: missing value"):
+            tt.read_log(data, need=["T_a_degC"])
+        assert len(tt.read_log(data, need=["T_a_degC"], nan_policy="omit")) == 3
+        held = tt.read_log(data, need=["T_a_degC"], nan_policy="hold")
+        np.testing.assert_array_equal(held.columns["T_a_degC"], [20.0, 20.5, 20.5, 21.0])
+
+
+def test_a_record_keeps_its_segments_unless_a_gap_is_named() -> None:
+    time, values = np.array([0.0, 1.0, 5.0, 6.0]), np.zeros(4)
+    record = tt.Record(time, {"Q_a_1": values}, segments=(slice(0, 2), slice(2, 4)))
+    assert tt.read_log(record).segments == record.segments
+    assert tt.read_log(record, max_gap=10.0).segments == (slice(0, 4),)
+    assert tt.read_log(record).lines.tolist() == [1, 2, 3, 4]
+
+
+def test_faults_of_a_record_are_named() -> None:
+    with pytest.raises(UnitError, match="unknown unit"):
+        tt.read_log(tt.Record(np.arange(2.0), {"spindle": np.zeros(2)}))
+    with pytest.raises(LogError, match="the clock repeats"):
+        tt.read_log(tt.Record(np.zeros(2), {"Q_a_1": np.zeros(2)}))
+    with pytest.raises(ValueError, match="how a file or a frame is read"):
+        tt.read_log(tt.Record(np.arange(2.0), {"Q_a_1": np.zeros(2)}), columns="map.toml")
+
+
+def test_the_digest_follows_the_values() -> None:
+    digest = tt.read_log(FRAME).digest
+    assert digest == tt.read_log(FRAME.copy()).digest
+    assert digest != tt.read_log(FRAME.assign(Q_a_1=[0, 1, 1, 0])).digest
+    assert digest != tt.read_log(FRAME.rename(columns={"Q_a_1": "Q_b_1"})).digest

@@ -1,0 +1,91 @@
+"""What is in a log and what is wrong with it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Unpack
+
+from thermaltool.api.inputs import Reading, read_log
+from thermaltool.api.result import Result
+from thermaltool.documents import jsonable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from thermaltool.api.inputs import Data
+    from thermaltool.logs import Log
+    from thermaltool.logs.inspect import Finding, Inspection
+
+
+@dataclass(frozen=True, repr=False)
+class LogCheck(Result):
+    """A log and what is wrong with it.
+
+    Attributes
+    ----------
+    log : Log
+    inspection : Inspection
+        Rows, clock, channels and findings.
+    """
+
+    log: Log
+    inspection: Inspection
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is wrong, in the order reading, clock, channels."""
+        return self.inspection.findings
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.findings
+
+    def document(self) -> dict[str, Any]:
+        """The check as JSON-ready data; null for what is not finite."""
+        log = {"log": self.log.name, "sha256": self.log.digest, "epoch": self.log.epoch}
+        document: dict[str, Any] = jsonable({**log, **asdict(self.inspection)})
+        return document
+
+    def table(self) -> str:
+        """Rows, clock, channels and findings, one line each."""
+        from thermaltool.report.check import check_table
+
+        return check_table(self.log, self.inspection)
+
+    def draw(self) -> Figure:
+        """The channels of the log against its clock."""
+        from thermaltool.report.records import draw_log
+
+        return draw_log(self.log)
+
+
+def check(data: Data, **reading: Unpack[Reading]) -> LogCheck:
+    """What is in a log (rows, clock, channels) and what is wrong with it.
+
+    Parameters
+    ----------
+    data : str, path, pandas.DataFrame or Record
+    **reading
+        See `read_log`.
+
+    Returns
+    -------
+    LogCheck
+
+    Raises
+    ------
+    LogError
+        An input that cannot be read at all.
+
+    Examples
+    --------
+    >>> import pandas as pd, thermaltool as tt
+    >>> frame = pd.DataFrame({"time_s": [0.0, 1.0, 2.0], "T_a_degC": [20.0, -300.0, 20.1]})
+    >>> [finding.message for finding in tt.check(frame).findings]
+    ['-300 degC is below absolute zero']
+    """
+    from thermaltool.logs.inspect import inspect
+
+    log = read_log(data, **reading, strict=False)
+    return LogCheck(log, inspect(log))

@@ -1,0 +1,135 @@
+"""What each channel's noise is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Unpack
+
+from thermaltool.api.inputs import Reading, read_log
+from thermaltool.api.result import Notice, Result, notice, to_frame
+from thermaltool.errors import LogError
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+    from thermaltool.api.inputs import Data
+    from thermaltool.signals.noise import NoiseEstimate
+
+
+@dataclass(frozen=True, repr=False)
+class NoiseReport(Result):
+    """Noise of the channels of a log.
+
+    Attributes
+    ----------
+    log : str
+        Name of the log.
+    period : float [s]
+    units : mapping of channel to unit
+    estimates : mapping of channel to NoiseEstimate or str
+        A string says why there is no estimate.
+    """
+
+    log: str
+    period: float
+    units: Mapping[str, str]
+    estimates: Mapping[str, NoiseEstimate | str]
+
+    def document(self) -> dict[str, Any]:
+        """What ``thermaltool noise -o`` writes and `regularize` reads."""
+        from thermaltool.report.noise import noise_document
+
+        return noise_document(self.log, self.period, self.units, self.estimates)
+
+    def table(self) -> str:
+        """One row per channel, its notes below."""
+        from thermaltool.report.noise import noise_table
+
+        return noise_table(self.units, self.estimates)
+
+    def draw(self) -> Figure:
+        """Residual, Allan deviation and spectrum, one channel per row."""
+        from thermaltool.report.noise import draw_figure
+
+        return draw_figure(self.log, self.units, self.estimates)
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """White level, drift and its time constant, one row per channel; NaN where unknown."""
+        rows = {
+            name: (float("nan"),) * 3
+            if isinstance(found, str)
+            else (found.drift.white_sigma, found.drift.sigma, found.drift.time_constant)
+            for name, found in self.estimates.items()
+        }
+        names = ("white_sigma", "drift_sigma", "drift_time_constant_s")
+        columns = dict(zip(names, zip(*rows.values(), strict=True), strict=True))
+        frame = to_frame({"channel": list(rows), **columns}).set_index("channel")
+        return frame.astype(float)
+
+
+def noise(
+    data: Data,
+    *,
+    channels: Sequence[str] = (),
+    start: float | None = None,
+    stop: float | None = None,
+    warn: Notice = notice,
+    **reading: Unpack[Reading],
+) -> NoiseReport:
+    """Noise of every channel: resolution, white, drift, lines, outliers.
+
+    White level and drift come from the longest stretch on which a channel stays level; where there
+    is none, the drift is an upper bound.
+
+    Parameters
+    ----------
+    data : str, path, pandas.DataFrame or Record
+    channels : sequence of str
+        Only these; all by default.
+    start, stop : float, optional [s]
+        A stretch without signal, which is then taken whole.
+    warn : callable
+        Takes a sentence about each channel without an estimate. Default: a `ThermalToolWarning`.
+    **reading
+        See `read_log`.
+
+    Returns
+    -------
+    NoiseReport
+
+    Raises
+    ------
+    LogError
+        No channel has a usable record.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd, thermaltool as tt
+    >>> rng = np.random.default_rng(1)
+    >>> readings = 20 + 0.01 * rng.standard_normal(2000)
+    >>> frame = pd.DataFrame({"time_s": np.arange(2000.0), "T_spindle_degC": readings})
+    >>> round(float(tt.noise(frame).frame.loc["T_spindle_degC", "white_sigma"]), 3)
+    0.01
+    """
+    from thermaltool.signals.noise import estimate_noise
+
+    whole = read_log(data, **reading)
+    log = whole.between(start, stop)
+    idle = start is not None or stop is not None
+    estimates: dict[str, NoiseEstimate | str] = {}
+    for name in channels or log.columns:
+        values = log.column(name)
+        try:
+            estimates[name] = estimate_noise(
+                log.time, values, idle=idle, max_gap=reading.get("max_gap")
+            )
+        except ValueError as error:
+            estimates[name] = str(error)
+            warn(f"{log.name}: {name}: {error}")
+    if all(isinstance(found, str) for found in estimates.values()):
+        raise LogError("no channel has a usable record", log.name)
+    units = {name: log.channels[name].unit for name in estimates}
+    return NoiseReport(whole.name, whole.period, units, estimates)

@@ -1,0 +1,66 @@
+"""What the results of all stages have in common."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from thermaltool.errors import ThermalToolWarning
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+Notice = Callable[[str], None]
+
+
+class Result:
+    """A result that prints as the table of its command and draws itself.
+
+    A subclass gives `table`, and `draw` where there is a figure.
+    """
+
+    def table(self) -> str:
+        """The result as text, the table that the command prints."""
+        raise NotImplementedError
+
+    def draw(self) -> Figure:
+        """The figure of the result, in whatever style is set."""
+        raise NotImplementedError(f"{type(self).__name__} has no figure")
+
+    def plot(self) -> Figure:
+        """The figure of the result, in the style of the commands' figures.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        from thermaltool.report.style import common_style
+
+        with common_style():
+            return self.draw()
+
+    def __str__(self) -> str:
+        return self.table()
+
+    def __repr__(self) -> str:
+        return self.table()
+
+
+def notice(message: str) -> None:
+    """Tell what a result is to be read with, as a `ThermalToolWarning`."""
+    warnings.warn(message, ThermalToolWarning, stacklevel=3)
+
+
+def to_frame(columns: Mapping[str, Any]) -> pandas.DataFrame:
+    """A data frame of columns, ``time_s`` as its index where it is there.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray, shape (n,)
+    """
+    import pandas
+
+    frame = pandas.DataFrame(dict(columns))
+    return frame.set_index("time_s") if "time_s" in frame else frame

@@ -1,0 +1,92 @@
+"""Data frames of pandas; their rows are counted from 1 where files have lines."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thermaltool.errors import LogError
+from thermaltool.logs.table import Cells, Kind, Values, told
+from thermaltool.record import Array
+from thermaltool.units import clock_unit
+
+if TYPE_CHECKING:
+    import pandas
+
+NAME = "<frame>"
+
+
+class FrameTable:
+    """A data frame as a table; its index counts as a column where it is the clock.
+
+    A `DatetimeIndex` is the ISO clock ``time``, a `TimedeltaIndex` the clock ``time_s``, and an
+    index that has a clock's name is that clock, unless a column is.
+    """
+
+    header_line = None
+
+    def __init__(self, frame: pandas.DataFrame) -> None:
+        import pandas
+
+        self.file = NAME
+        self._columns: list[Any] = [frame.iloc[:, i] for i in range(frame.shape[1])]
+        self.names = [str(name) for name in frame.columns]
+        index = frame.index
+        if isinstance(index, pandas.DatetimeIndex):
+            clock = "time"
+        elif isinstance(index, pandas.TimedeltaIndex):
+            clock, index = "time_s", index.total_seconds()
+        else:
+            clock = str(index.name)
+        if clock_unit(self.names) is None and clock_unit([clock]) is not None:
+            self.names.insert(0, clock)
+            self._columns.insert(0, index.to_series())
+        self._rows = len(frame)
+
+    def cells(self, kinds: Sequence[Kind]) -> Cells:
+        """The columns as wanted; every fault is a problem with its row and column."""
+        values: Values = []
+        problems: list[LogError] = []
+        for name, column, kind in zip(self.names, self._columns, kinds, strict=True):
+            if kind == "number":
+                array, faults = self._numbers(name, column)
+                values.append(array)
+                problems += told(faults)
+            elif kind == "text":
+                values.append([_stamp(value) for value in column])
+            else:
+                values.append(None)
+        return Cells(values, np.arange(1, self._rows + 1), problems)
+
+    def _numbers(self, name: str, column: Any) -> tuple[Array, list[LogError]]:
+        if column.dtype.kind not in "iuf":
+            error = LogError(
+                f"not a number: the column holds {column.dtype}", self.file, None, name
+            )
+            return np.full(self._rows, np.nan), [error]
+        array = column.to_numpy(dtype=np.float64, na_value=np.nan, copy=True)
+        rows = np.flatnonzero(np.isinf(array))
+        faults = [LogError(f"infinite: {array[k]}", self.file, int(k) + 1, name) for k in rows]
+        array[rows] = np.nan
+        return array, faults
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of names and values."""
+        digest = hashlib.sha256()
+        for name, column in zip(self.names, self._columns, strict=True):
+            digest.update(name.encode() + b"\0")
+            number = column.dtype.kind in "iuf"
+            text = column.to_numpy(np.float64, na_value=np.nan).tobytes() if number else None
+            digest.update("\0".join(map(str, column)).encode() if text is None else text)
+        return digest.hexdigest()
+
+
+def _stamp(value: Any) -> str | None:
+    """A time stamp as ISO 8601, None where it is missing."""
+    if value is None or value != value:
+        return None
+    return value.isoformat() if hasattr(value, "isoformat") else str(value)
