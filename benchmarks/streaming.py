@@ -30,9 +30,15 @@ TRANSIENT, PASSES = 2000, 5
 LONGEST, LARGEST_RATIO, LEAST_RATE = 20e-6, 1.02, 40000.0
 PIPE = f"""
 from sys import stderr
-from thermaltool.runtime.forecasts import ForecastSettings, run_forecasts
-run_forecasts(0, 1, ForecastSettings("e_um", {P}, {Q}, steps={STEPS}),
-              lambda message: print(message, file=stderr))
+from thermaltool.runtime.forecasts import GATE, Forecasts
+from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.settings import Settings
+from thermaltool.runtime.stream import open_stream
+from thermaltool.timeseries.recursive.arma import RecursiveArma
+settings, messages = Settings(), Messages(lambda message: print(message, file=stderr))
+model = RecursiveArma({P}, {Q}, gate=GATE)
+process = Forecasts("e_um", model, settings, messages, {STEPS})
+open_stream(process, settings, 0, 1, messages).run()
 """
 Errors = Iterator[float]
 Float = np.ndarray

@@ -25,8 +25,10 @@ from thermaltool.record import Record
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.responses.rational import Oscillation1, Rational1, Rational2
 from thermaltool.responses.streaming import ResponseRecursion
-from thermaltool.runtime.records import Row
-from thermaltool.runtime.settings import Settings, open_stream
+from thermaltool.runtime.compensation import heater_power
+from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.rows.row import Row
+from thermaltool.runtime.settings import Settings
 from thermaltool.signals.agreement import improvement
 
 CAUSAL, WARM, HEATER, ANGLE = "Q_causal_W", "T_causal_degC", "Q_stabilization_W", "phi_x_urad"
@@ -163,13 +165,14 @@ def test_readings_that_are_lost_and_an_uneven_clock():
     lost = np.zeros(120, bool)
     lost[[7, 8, 30, *range(70, 80)]] = True
     each = MODELS["delayed"]
-    stream = open_stream(each, Settings(heater=HEATER, hold=200.0, slew=1.0), 0, 1, lambda m: None)
+    chosen = Settings(hold=200.0, slew=1.0)
+    stream = heater_power(each, chosen, Messages(lambda m: None), HEATER)
     held, given = [], []
     for k, t in enumerate(moments):
         reading = np.nan if lost[k] else causal[k]
         held.append(held[-1] if lost[k] else causal[k])
-        stream.compensator.take(Row(float(t), [reading], ("missing" if lost[k] else "",)))
-        given += stream.compensator.values()
+        stream.take(Row(float(t), [reading], ("missing" if lost[k] else "",)))
+        given += stream.values()
         expected = [
             lags(t, moments[: k + 1], np.array(values), "zero", delay, *pairs)
             for values, delay, pairs in (
@@ -177,7 +180,7 @@ def test_readings_that_are_lost_and_an_uneven_clock():
                 (given, 150.0, [(-2.0, 900.0), (-1.0, 5000.0)]),
             )
         ]
-        assert stream.compensator.estimates[1] == pytest.approx(sum(expected), abs=1e-8)
+        assert stream.estimates[1] == pytest.approx(sum(expected), abs=1e-8)
     assert 0.0 in given[75:80]
     assert max(given) > 10
 
@@ -259,18 +262,21 @@ def test_what_no_power_reaches_is_met_by_the_end_of_the_range():
 
 def streamed(each, resume_at=None, **options):
     """Setpoints line by line; from `resume_at` by a stream that takes the state over."""
-    chosen = Settings(heater=HEATER, **options)
-    stream = open_stream(each, chosen, 0, 1, print)
+
+    def started():
+        return heater_power(each, Settings(**options), Messages(print), HEATER)
+
+    stream = started()
     names = [d.channel for d in each.drives if d.channel != HEATER]
     given = []
     for k in range(ROWS):
         if k == resume_at:
-            state = json.loads(json.dumps(stream.compensator.state()))
-            stream = open_stream(each, chosen, 0, 1, print)
-            stream.compensator.resume(state)
+            state = json.loads(json.dumps(stream.state()))
+            stream = started()
+            stream.resume(state)
         values = [float(LOG[c][k]) for c in names]
-        stream.compensator.take(Row(float(TIME[k]), values, ("",) * len(values)))
-        given += stream.compensator.values()
+        stream.take(Row(float(TIME[k]), values, ("",) * len(values)))
+        given += stream.values()
     return np.array(given)
 
 
@@ -317,13 +323,13 @@ def test_the_angle_of_the_c_frame_is_held_in_a_closed_loop():
     full = plant.regulators[0].full
     given = settings("quick", (True, False), full, clock - 1800.0, 7)
     around = air(clock, 20.0, 0.5, 7)
-    chosen = Settings(heater=HEATER, limits=(0.0, full))
-    stream = open_stream(calibrated(plant, 12.0, 3), chosen, 0, 1, print)
+    chosen = Settings(limits=(0.0, full))
+    stream = heater_power(calibrated(plant, 12.0, 3), chosen, Messages(print), HEATER)
     run, held = plant.start(DT, float(around[0])), []
     for k, t in enumerate(clock):
         held.append(run.outputs())
-        stream.compensator.take(Row(float(t), [float(given[k, 0])], ("",)))
-        (power,) = stream.compensator.values()
+        stream.take(Row(float(t), [float(given[k, 0])], ("",)))
+        (power,) = stream.values()
         assert 0 <= power <= full
         run.advance(np.array([given[k, 0], power]), float(around[k]))
     free = angle(plant, plant.simulate(given, around, DT))

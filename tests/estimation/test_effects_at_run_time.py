@@ -36,8 +36,10 @@ from thermaltool.estimation.regularization import design_kalman, design_kernel
 from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
 from thermaltool.model import dumps, loads, only_sensors
 from thermaltool.record import Record
-from thermaltool.runtime.records import Row
-from thermaltool.runtime.settings import Settings, open_stream
+from thermaltool.runtime.compensation import offsets
+from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.rows.row import Row
+from thermaltool.runtime.settings import Settings
 
 NOISE = dict.fromkeys((COLUMN, NEAR, FAR), SensorNoise(0.02, 0.01, 600.0))
 WARM = {"gain[{}]": 1.0}
@@ -143,9 +145,9 @@ def batch(document, time, table, settled=False):
     return dict(zip(pipeline.estimator.estimates, told.T, strict=True))
 
 
-def compensator(document, said=None, **settings):
+def compensator(document, said=None, settled=False, **settings):
     emit = [].append if said is None else said.append
-    return open_stream(document, Settings(**settings), 0, 1, emit).compensator
+    return offsets(document, Settings(**settings), Messages(emit), settled=settled)
 
 
 def stream(document, time, table, **settings):

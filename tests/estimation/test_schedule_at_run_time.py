@@ -16,8 +16,10 @@ from thermaltool.model import Drive, Model, Output, Term, dumps, loads
 from thermaltool.model.combine import scheduled, superposed
 from thermaltool.record import Record
 from thermaltool.responses.rational import Rational1, Rational2
-from thermaltool.runtime.records import Row
-from thermaltool.runtime.settings import Settings, open_stream
+from thermaltool.runtime.compensation import offsets
+from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.rows.row import Row
+from thermaltool.runtime.settings import Settings
 
 HEAT, WARM, ROOM, ANGLE = "Q_heater_W", "T_causal_degC", "T_room_degC", "phi_x_urad"
 RNG = np.random.default_rng(12)
@@ -70,12 +72,12 @@ def designed(model):
 
 def streamed(model, rows, resume_at=None):
     """Estimates line by line; halfway by a second process that takes the state over."""
-    each = open_stream(model, Settings(), 0, 1, print).compensator
+    each = offsets(model, Settings(), Messages(print))
     names, told = EstimatorPipeline.of(model).columns, []
     for k in rows:
         if k == resume_at:
             state = each.state()
-            each = open_stream(model, Settings(), 0, 1, print).compensator
+            each = offsets(model, Settings(), Messages(print))
             each.resume(state)
         values = [float(LOG[c][k]) for c in names]
         each.take(Row(float(TIME[k]), values, ("",) * len(names)))

@@ -7,7 +7,9 @@ from thermaltool.estimation.estimator import KalmanEstimator, KernelEstimator, S
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.responses.deflection import Deflection
 from thermaltool.responses.modes import Modes
-from thermaltool.runtime.settings import Settings, open_stream
+from thermaltool.runtime.compensation import offsets
+from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.settings import Settings
 
 PAIR = Modes(np.array([-0.03, -0.4], complex), np.array([0.15, 0.8], complex))
 FAR = Modes(np.array([-0.01, -0.2], complex), np.array([0.03, 0.1], complex))
@@ -75,8 +77,8 @@ def make_kalman():
 def compensator(model):
     """Builds a compensator; what it reports is in `messages`."""
 
-    def make(model=model, messages=None, **settings):
+    def make(model=model, messages=None, sign=-1.0, **settings):
         emit = (messages if messages is not None else []).append
-        return open_stream(model, Settings(**settings), 0, 1, emit).compensator
+        return offsets(model, Settings(**settings), Messages(emit), sign)
 
     return make

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from thermaltool.control.setpoint import HYSTERESIS
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import load_estimator, run_estimator
-from thermaltool.runtime.records import Row
-from thermaltool.runtime.settings import setpoint_name
+from thermaltool.runtime.compensation import setpoint_name
+from thermaltool.runtime.rows.row import Row
 
 FIXTURES = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -147,11 +147,11 @@ def test_a_pause_is_told_and_does_not_loosen_the_slew_rate(compensator):
 
 def test_silence_goes_to_the_safe_setpoint_at_the_slew_rate(compensator):
     each = compensator(slew=1.0, max_gap=10.0)
-    assert each.silence(10.0) is None
+    assert each.silence(10.0)[0] is None
     assert each.values() == [0.0, 0.0]
     for t in 0.5 * np.arange(400):
         before = take(each, float(t))
-    assert each.silence(5.0) == 204.5
+    assert each.silence(5.0)[0] == 204.5
     after = each.values()
     assert abs(after[1] - before[1]) == pytest.approx(5.0)
     assert not each.at_safe

@@ -12,23 +12,35 @@ import pytest
 from scipy.signal import lfilter
 
 from thermaltool.errors import LogError
-from thermaltool.runtime.forecasts import ForecastSettings, run_forecasts
+from thermaltool.runtime.forecasts import GATE, Forecasts
+from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.settings import Settings
+from thermaltool.runtime.stream import open_stream
+from thermaltool.timeseries.recursive.arma import RecursiveArma
 
 PHI = 0.9
 KNOWN = SimpleNamespace(ar=[PHI], ma=[], mean=0.0, sigma2=1.0)
 HEADER = "time_s,e_tool_um\n"
 
 
+def forecasting(source, sink, emit, p=1, q=0, intercept=False, forgetting=1.0, start=None,
+                fitted=100, steps=1, level=0.95, **chosen):  # fmt: skip
+    """The stream of a model that learns, or goes on from `start`."""
+    settings, messages = Settings(**chosen), Messages(emit)
+    model = RecursiveArma(p, q, intercept, forgetting, GATE)
+    if start is not None:
+        model.begin(start, fitted)
+    process = Forecasts("e_tool_um", model, settings, messages, steps, level)
+    return open_stream(process, settings, source, sink, messages)
+
+
 def forecasts(tmp_path, text, **kept):
     """Rows (time, forecast, low, high) and messages for the lines of a stream."""
-    settings = {"channel": "e_tool_um", "p": 1, "intercept": False, "forgetting": 1.0} | kept
     source, sink = tmp_path / "in", tmp_path / "out"
     source.write_bytes(text if isinstance(text, bytes) else text.encode())
     messages = []
     with open(source, "rb") as lines, open(sink, "wb") as out:
-        number = run_forecasts(
-            lines.fileno(), out.fileno(), ForecastSettings(**settings), messages.append
-        )
+        number = forecasting(lines.fileno(), out.fileno(), messages.append, **kept).run()
     assert number == 0
     return sink.read_text().splitlines(), messages
 
@@ -86,7 +98,7 @@ def test_ndjson(tmp_path):
 
 
 def test_a_stream_without_a_clock(tmp_path):
-    lines, _ = forecasts(tmp_path, "e_tool_um\n1\n2\n", **known(period=0.5, has_clock=False))
+    lines, _ = forecasts(tmp_path, "e_tool_um\n1\n2\n", **known(period=0.5, clock="count"))
     np.testing.assert_array_equal(rows(lines)[:, 0], [0.5, 1.0])
 
 
@@ -183,12 +195,12 @@ def test_settings_out_of_range(tmp_path, wrong, message):
 def test_silence_is_told_once_and_a_signal_ends_it(tmp_path):
     source, feed = os.pipe()
     messages = []
-    settings = ForecastSettings("e_tool_um", **known(p=1, intercept=False, timeout=0.05))
     timer = threading.Timer(0.4, os.kill, (os.getpid(), signal.SIGTERM))
     with open(tmp_path / "out", "wb") as out:
         os.write(feed, csv_of([1, 2]).encode())
         timer.start()
-        assert run_forecasts(source, out.fileno(), settings, messages.append) == signal.SIGTERM
+        stream = forecasting(source, out.fileno(), messages.append, **known(timeout=0.05))
+        assert stream.run() == signal.SIGTERM
     timer.join()
     os.close(source)
     os.close(feed)

@@ -5,13 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from thermaltool.runtime.messages import Messages
-from thermaltool.runtime.sensors import Sensor, widened
+from thermaltool.runtime.sensors import SensorChannel, widened
 
 
 def sensor(**kept):
     said = []
     kept = {"bounds": (-3.0, 27.0), "hold": 10.0, **kept}
-    return Sensor("dT_pair1_K", report=lambda channel, message: said.append(message), **kept), said
+    each = SensorChannel("dT_pair1_K", report=lambda channel, message: said.append(message), **kept)
+    return each, said
 
 
 def test_a_bad_reading_is_held_then_lost_then_good_again():

@@ -11,10 +11,18 @@ from itertools import pairwise
 import pytest
 
 from thermaltool.errors import LogError, ModelError, OutputError
+from thermaltool.runtime.compensation import offsets
+from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LONGEST_LINE
-from thermaltool.runtime.settings import Settings, open_stream
+from thermaltool.runtime.settings import Settings
+from thermaltool.runtime.stream import open_stream
 
 HEADER = b"time_s,dT_pair1_K\n"
+
+
+def compensating(model, settings, source, sink, emit, name="<stdin>"):
+    messages = Messages(emit, name)
+    return open_stream(offsets(model, settings, messages), settings, source, sink, messages)
 
 
 @pytest.fixture
@@ -25,7 +33,7 @@ def run(model):
         once.said = []
         source, inlet = os.pipe()
         outlet, sink = os.pipe()
-        stream = open_stream(machine, Settings(**settings), source, sink, once.said.append)
+        stream = compensating(machine, Settings(**settings), source, sink, once.said.append)
         if feed is None:
             os.write(inlet, text)
             os.close(inlet)
@@ -97,7 +105,7 @@ def test_the_time_of_arrival_as_clock(run):
         seen.extend(read_lines(outlet, 1))
         os.close(inlet)
 
-    run(b"", feed, arrival=True)
+    run(b"", feed, clock="arrival")
     times = [float(line.split(",")[0]) for line in seen[1:]]
     assert times[0] == 0.0
     assert 0.2 <= times[1] < 5.0
@@ -271,7 +279,7 @@ def test_a_full_disk_is_an_error(model):
     source, inlet = os.pipe()
     os.write(inlet, HEADER)
     sink = os.open("/dev/full", os.O_WRONLY)
-    stream = open_stream(model, Settings(), source, sink, print)
+    stream = compensating(model, Settings(), source, sink, print)
     with pytest.raises(OutputError, match="<stdout>: No space left"):
         stream.run()
     for descriptor in (source, inlet, sink):
@@ -282,7 +290,7 @@ def test_a_reader_that_leaves_ends_the_stream_while_the_source_waits(model):
     source, inlet = os.pipe()
     outlet, sink = os.pipe()
     threading.Timer(0.1, os.close, (outlet,)).start()
-    stream = open_stream(model, Settings(), source, sink, print)
+    stream = compensating(model, Settings(), source, sink, print)
     with pytest.raises(BrokenPipeError):
         stream.run()
     for descriptor in (source, inlet, sink):
@@ -293,7 +301,7 @@ def test_a_folder_as_source(model, tmp_path):
     source = os.open(tmp_path, os.O_RDONLY)
     outlet, sink = os.pipe()
     with pytest.raises(LogError, match="cannot be read"):
-        open_stream(model, Settings(), source, sink, print, str(tmp_path)).run()
+        compensating(model, Settings(), source, sink, print, str(tmp_path)).run()
     for descriptor in (source, outlet, sink):
         os.close(descriptor)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from thermaltool.cli import streaming
 from thermaltool.cli.options import (
     POSITIVE,
     log_argument,
@@ -18,7 +18,12 @@ from thermaltool.cli.options import (
 from thermaltool.cli.series import one_thread, outliers_option, series_options
 
 if TYPE_CHECKING:
+    from thermaltool.runtime.messages import Messages
+    from thermaltool.runtime.process import Process
     from thermaltool.timeseries.model import ArmaModel
+
+# A log's period may differ from the model's by this share.
+SAME_PERIOD = 0.05
 
 
 @click.command(
@@ -29,20 +34,14 @@ if TYPE_CHECKING:
 @series_options
 @outliers_option
 @click.option("--steps", type=click.IntRange(1, 1_000_000), default=1, help="Samples ahead.")
-@click.option(
-    "--level", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95,
-    help="Of the intervals.",
-)  # fmt: skip
+@click.option("--level", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95,
+              help="Of the intervals.")  # fmt: skip
 @click.option("--stream", is_flag=True, help="Answer each line at once with the sample ahead.")
-@click.option(
-    "--forgetting",
-    type=click.FloatRange(0, 1, min_open=True),
-    default=0.999,
-    help="With --stream: weight of the past per sample; the model follows the signal.",
-)
-@click.option(
-    "--timeout", type=POSITIVE, metavar="S", help="With --stream: a longer silence is told [s]."
-)
+@click.option("--forgetting", type=click.FloatRange(0, 1, min_open=True), default=0.999,
+              help="With --stream: weight of the past per sample; the model follows the signal."
+)  # fmt: skip
+@click.option("--timeout", type=POSITIVE, metavar="S",
+              help="With --stream: a longer silence is told [s].")  # fmt: skip
 @to_option
 @output_option
 @quiet_option
@@ -85,7 +84,7 @@ def _batch(model: ArmaModel, log: str, output: str, options: dict[str, Any]) -> 
     from thermaltool.timeseries.record import record_of
 
     series = load_series(log, options)
-    if abs(series.period / model.period_s - 1.0) > 0.05:
+    if abs(series.period / model.period_s - 1.0) > SAME_PERIOD:
         raise LogError(
             f"the model has a period of {model.period_s:g} s, the log {series.period:g} s",
             series.name,
@@ -105,44 +104,25 @@ def _batch(model: ArmaModel, log: str, output: str, options: dict[str, Any]) -> 
     write_table(columns, output, options["to_format"])
 
 
-@dataclass(frozen=True)
-class KnownArma:
-    """What the recursion starts from, in plain numbers."""
-
-    ar: list[float]
-    ma: list[float]
-    mean: float
-    sigma2: float
-
-
 def _stream(model: ArmaModel, log: str, quiet: int, options: dict[str, Any]) -> None:
-    from thermaltool.cli.messages import emitter
-    from thermaltool.cli.options import usage_errors
-    from thermaltool.runtime.forecasts import ForecastSettings, run_forecasts
+    from thermaltool.logs.formats import format_of
+    from thermaltool.runtime.forecasts import GATE, Forecasts
+    from thermaltool.timeseries.recursive.arma import RecursiveArma
 
     if model.difference or len(model.trend) > 1:
         raise click.UsageError("--stream takes models without --difference and linear trend")
-    known = KnownArma(model.ar.tolist(), model.ma.tolist(), model.mean, model.sigma2)
-    settings = ForecastSettings(
-        channel=options["column"],
-        p=model.ar.size,
-        q=model.ma.size,
-        steps=options["steps"],
-        level=options["level"],
-        intercept=bool(model.trend),
-        forgetting=options["forgetting"],
-        start=known,
-        fitted=model.entry.size,
+    settings = streaming.settings_of(
+        options,
+        from_format=format_of(log, options["from_format"]),
         period=options["period"] or model.period_s,
-        has_clock=options["period"] is None,
-        timeout=options["timeout"] or float("inf"),
-        columns=options["columns"],
-        from_format=options["from_format"] or "csv",
-        to_format=options["to_format"] or "csv",
+        clock="count" if options["period"] else "column",
     )
 
-    emit, name = emitter("forecast", quiet), "<stdin>" if log == "-" else log
-    with click.open_file(log, "rb") as source, usage_errors():
-        number = run_forecasts(source.fileno(), 1, settings, emit, name)
-    if number:
-        raise SystemExit(128 + number)
+    def process(messages: Messages) -> Process:
+        orders = model.ar.size, model.ma.size
+        arma = RecursiveArma(*orders, bool(model.trend), options["forgetting"], GATE)
+        arma.begin(model, model.entry.size)
+        steps, level = options["steps"], options["level"]
+        return Forecasts(options["column"], arma, settings, messages, steps, level)
+
+    streaming.run("forecast", log, quiet, settings, process)

@@ -10,11 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from thermaltool.documents import atomic_output
+from thermaltool.documents import CHECKPOINT, atomic_output
 from thermaltool.errors import ModelError, OutputError
 
-FORMAT, VERSION = "thermaltool-checkpoint", 1
-MEND = "remove it to start from rest"
+REMEDY = "remove it to start from rest"
 
 
 def design_digest(design: Mapping[str, Any]) -> str:
@@ -62,16 +61,16 @@ class Checkpoint:
         except OSError as error:
             raise OutputError(f"{self.path}: {error.strerror}") from error
         except ValueError as error:
-            raise ModelError(f"{self.path}: not a checkpoint: {MEND}") from error
-        if not isinstance(document, dict) or document.get("format") != FORMAT:
-            raise ModelError(f"{self.path}: not a checkpoint: {MEND}")
-        if document.get("version") != VERSION:
-            raise ModelError(f"{self.path}: a checkpoint of another version: {MEND}")
+            raise ModelError(f"{self.path}: not a checkpoint: {REMEDY}") from error
+        if not isinstance(document, dict) or not CHECKPOINT.matches(document):
+            raise ModelError(f"{self.path}: not a checkpoint: {REMEDY}")
+        if document.get("version") != CHECKPOINT.version:
+            raise ModelError(f"{self.path}: a checkpoint of another version: {REMEDY}")
         if document.get("design_sha256") != self.design:
-            raise ModelError(f"{self.path}: a checkpoint of another model or design: {MEND}")
+            raise ModelError(f"{self.path}: a checkpoint of another model or design: {REMEDY}")
         state = document.get("state")
         if not isinstance(state, dict):
-            raise ModelError(f"{self.path}: not a checkpoint: {MEND}")
+            raise ModelError(f"{self.path}: not a checkpoint: {REMEDY}")
         return state
 
     def save(self, state: dict[str, Any]) -> None:
@@ -102,12 +101,7 @@ class Checkpoint:
         self._raise()
 
     def _text(self, state: dict[str, Any]) -> bytes:
-        document = {
-            "format": FORMAT,
-            "version": VERSION,
-            "design_sha256": self.design,
-            "state": state,
-        }
+        document = CHECKPOINT.wrap({"design_sha256": self.design, "state": state})
         return json.dumps(document, sort_keys=True, allow_nan=False).encode() + b"\n"
 
     def _write_waiting(self) -> None:

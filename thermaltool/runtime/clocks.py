@@ -9,23 +9,23 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Protocol
 
-from thermaltool.errors import LogError
-
-# The period of lines is the median of so many steps; it may be off by this share.
-JUDGED, APART = 20, 0.1
-
 Fields = Any  # list of bytes (CSV) or dict (NDJSON)
 
 
-class Clock(Protocol):
+class LineClock(Protocol):
     """Gives each line its time [s], and can go on where an earlier run stopped."""
 
     def stamp(self, fields: Fields) -> float:
         """Raises LookupError, TypeError or ValueError where the line carries no time."""
         ...
 
-    def state(self) -> dict[str, Any]: ...
-    def resume(self, state: dict[str, Any], last: float) -> None: ...
+    def state(self) -> dict[str, Any]:
+        """What `resume` needs, as JSON."""
+        ...
+
+    def resume(self, state: dict[str, Any], last: float) -> None:
+        """Go on from a state, whose last line was at `last` [s]."""
+        ...
 
 
 @dataclass
@@ -121,31 +121,3 @@ class ArrivalClock:
     def resume(self, state: dict[str, Any], last: float) -> None:
         if "wall" in state:
             self.origin = self.monotonic() - max(self.wall() - float(state["wall"]), last)
-
-
-@dataclass
-class Rate:
-    """Whether lines come at the period that a control or a model was made for.
-
-    Attributes
-    ----------
-    period : float [s]
-    name : str
-        What messages call the source.
-    """
-
-    period: float
-    name: str
-    _steps: list[float] = field(default_factory=list, init=False)
-
-    def take(self, step: float) -> None:
-        """One step of the clock [s]; raises LogError where their median is another period."""
-        if len(self._steps) == JUDGED or step <= 0:
-            return
-        self._steps.append(step)
-        if len(self._steps) == JUDGED:
-            median = sorted(self._steps)[JUDGED // 2]
-            if abs(median / self.period - 1.0) > APART:
-                raise LogError(
-                    f"lines come each {median:.6g} s, the period is {self.period:.6g} s", self.name
-                )

@@ -1,4 +1,4 @@
-"""RowReader in, setpoints out: estimator, held readings, safe state. No input or output here."""
+"""Rows in, setpoints out: estimator, held readings, safe state. No input or output here."""
 
 from __future__ import annotations
 
@@ -10,124 +10,124 @@ from typing import Any
 from thermaltool.control.setpoint import Setpoint
 from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.modes import CLOCK_STEP
-from thermaltool.runtime.records import Row
-from thermaltool.runtime.sensors import Report, Sensor
+from thermaltool.runtime.clock_check import ClockCheck
+from thermaltool.runtime.messages import Report
+from thermaltool.runtime.process import Process, Reply
+from thermaltool.runtime.rows.row import Row
+from thermaltool.runtime.sensors import SensorChannel
 from thermaltool.runtime.stepper import Steps
 
 Pass = Callable[[list[float]], list[float]]
 
-# A clock that jumps ahead by more than this [s] is doubted, as one that goes back.
-DOUBTED_PAUSE = 7200.0
-# A pause beyond this [s] is none: the clock was set.
-LONGEST_PAUSE = 1e7
-
 
 @dataclass(frozen=True)
 class Policy:
-    """What the compensator does in which case.
+    """What a compensator does in which case.
 
     Attributes
     ----------
+    period : float [s]
+        Sample period that is expected.
     sign : float
-        The setpoint is `sign` times the deflection.
+        The setpoint is `sign` times the estimate.
     safe : float [unit of the setpoint] or None
         The safe setpoint; None holds the one before.
-    hold : float [s]
-        A clock that went back is refused for this long, then followed.
-    max_gap : float [s]
-        A longer pause is told.
     slew_gap : float [s]
         A longer pause counts as this long for the slew rate.
     settled : bool
         The machine has stood at the first readings for long; else it is at rest there.
     """
 
+    period: float
     sign: float = -1.0
     safe: float | None = 0.0
-    hold: float = 10.0
-    max_gap: float = math.inf
     slew_gap: float = math.inf
     settled: bool = False
 
 
-class Compensator:
-    """The state of a stream.
+class Compensator(Process):
+    """The process of every stream that moves an actuator.
 
     Parameters
     ----------
     stepper : Steps
-    sensors : sequence of Sensor
-        In the order of the estimator.
+    sensors : sequence of SensorChannel
+        In the order of the stepper.
     followed : sequence of int
-        Which estimates the setpoints cancel.
+        Which estimates the setpoints follow.
     setpoints : sequence of Setpoint
         One per entry of `followed`.
     policy : Policy
+    clock : ClockCheck
     report : callable
         Gets (channel, message) once per change of state.
-    inputs, told : callable
-        From the readings of a sample to what the estimator takes, and from its estimates to what
-        is told and followed.
+    names : sequence of str
+        Of the setpoints.
+    estimates : sequence of str
+        Names of the estimates where they are written too; empty where they are not.
+    patience, clock_advice, digest, summary
+        As for `Process`.
+    inputs, outputs : callable or None
+        From the readings of a sample to what the stepper takes, and from its estimates to those
+        that are written and followed; None where they are the same.
 
     Attributes
     ----------
-    time : float [s] or None
-        Of the last record that was accepted.
-    accepted : int
-        RowReader that moved the clock.
     estimates : list of float
     """
+
+    actuates = True
 
     def __init__(
         self,
         stepper: Steps,
-        sensors: Sequence[Sensor],
+        sensors: Sequence[SensorChannel],
         followed: Sequence[int],
         setpoints: Sequence[Setpoint],
         policy: Policy,
+        clock: ClockCheck,
         report: Report,
-        inputs: Pass = lambda values: values,
-        told: Pass = lambda values: values,
+        *,
+        names: Sequence[str],
+        estimates: Sequence[str] = (),
+        patience: float = math.inf,
+        clock_advice: str = Process.clock_advice,
+        digest: str = "",
+        summary: Callable[[], str] = lambda: "",
+        inputs: Pass | None = None,
+        outputs: Pass | None = None,
     ) -> None:
         self.stepper, self.sensors, self.setpoints = stepper, sensors, setpoints
-        self.policy, self.report, self._told = policy, report, told
-        self._inputs = inputs
+        self.policy, self.clock, self.report = policy, clock, report
+        self.columns = tuple(sensor.channel for sensor in sensors)
+        self.names, self._estimates_too = (*names, *estimates), bool(estimates)
+        self.period, self.patience = policy.period, patience
+        self.clock_advice, self.digest, self._summary = clock_advice, digest, summary
+        self._inputs, self._outputs = inputs, outputs
         self._targets = list(zip(followed, setpoints, strict=True))
-        self.time: float | None = None
-        self.accepted = 0
         self.estimates: list[float] = stepper.rest()
         self._started = False
         self._moved_at = -math.inf
-        self._refused_from: float | None = None
+        clock.on_set = self._shift
 
-    def take(self, record: Row) -> None:
-        """Advance by one record; a refused one leaves everything as it is."""
-        time = record.time
-        ticks = 0
-        if time is None:
-            self.report("", "no time on this line: ignored")
-            return
-        if self.time is not None:
-            ticks = self._ticks(time)
-            if not ticks:
-                return
-        self.time = time
-        self.accepted += 1
-        lost = False
-        for sensor, reading, fault in zip(
-            self.sensors, record.readings, record.faults, strict=True
-        ):
+    def step(self, row: Row, seconds: float) -> Reply:
+        """Setpoints, and estimates if they are wanted, after a row."""
+        assert row.time is not None
+        time, lost = row.time, False
+        for sensor, reading, fault in zip(self.sensors, row.readings, row.faults, strict=True):
             sensor.take(time, reading, fault)
             lost = lost or sensor.lost
         readings = [sensor.truth - sensor.rest for sensor in self.sensors]
-        self._estimate(ticks, readings)
+        self._estimate(round(seconds / CLOCK_STEP), readings)
         self._move(time, lost or not self._started)
+        return self.repeat()
 
     def _estimate(self, ticks: int, readings: list[float]) -> None:
         """Go on, or start from rest as soon as every sensor has given a reading."""
-        inputs = self._inputs(readings)
+        inputs = self._inputs(readings) if self._inputs else readings
         if self._started:
-            self.estimates = self._told(self.stepper.step(ticks, inputs))
+            estimates = self.stepper.step(ticks, inputs)
+            self.estimates = self._outputs(estimates) if self._outputs else estimates
             if math.isfinite(sum(self.estimates)):
                 return
             self.report("", "the estimates are not finite: started again from rest")
@@ -135,40 +135,18 @@ class Compensator:
         if not self._started:
             self.estimates = self.stepper.rest()
             return
-        self.estimates = self._told(self.stepper.start(inputs, self.policy.settled))
         settled = self.policy.settled
+        estimates = self.stepper.start(inputs, settled)
+        self.estimates = self._outputs(estimates) if self._outputs else estimates
         for sensor, reading in zip(self.sensors, readings, strict=True):
             if not settled and sensor.at_rest and away_from_rest(reading, sensor.calibrated):
                 self.report(sensor.channel, f"{sensor.value:g} at the start {NOT_AT_REST}")
 
-    def _ticks(self, time: float) -> int:
-        """Clock steps since the last record; 0 where the record has to be refused.
-
-        A clock that stays refused for longer than the hold was set anew, and is followed.
-        """
-        assert self.time is not None
-        pause = time - self.time
-        if CLOCK_STEP / 2 < pause < DOUBTED_PAUSE:
-            self._refused_from = None
-            if pause > self.policy.max_gap:
-                self.report("", f"a pause of {pause:g} s")
-            return round(pause / CLOCK_STEP)
-        if self._refused_from is None or time < self._refused_from:
-            self._refused_from = time
-            self.report("", f"time {time:.15g} s after {self.time:.15g} s: line ignored")
-        elapsed = time - self._refused_from
-        if not self.policy.hold < elapsed < DOUBTED_PAUSE:
-            return 0
-        if 0 < pause < LONGEST_PAUSE:
-            self.report("", f"a pause of {pause:g} s")
-            self._refused_from = None
-            return round(pause / CLOCK_STEP)
-        self.report("", f"the clock was set from {self.time:.15g} s to {time:.15g} s: followed")
+    def _shift(self, seconds: float) -> None:
+        """The clock was set: past times move along."""
         for sensor in self.sensors:
-            sensor.shift(self._refused_from - self.time)
-        self._moved_at += self._refused_from - self.time
-        self._refused_from = None
-        return round(elapsed / CLOCK_STEP)
+            sensor.shift(seconds)
+        self._moved_at += seconds
 
     def _move(self, time: float, safe: bool) -> None:
         dt = min(max(time - self._moved_at, 0.0), self.policy.slew_gap)
@@ -180,27 +158,39 @@ class Compensator:
     def _safe(self, setpoint: Setpoint) -> float:
         return setpoint.value if self.policy.safe is None else self.policy.safe
 
-    def silence(self, elapsed: float) -> float | None:
-        """Move towards the safe setpoint, `elapsed` [s] after the last record.
+    def repeat(self) -> Reply:
+        """What was last replied, or is about to be."""
+        return self.time, self._written()
 
-        Returns the time that this answers for.
-        """
-        if self.time is None:
-            return None
-        self._move(self.time + elapsed, True)
-        return self.time + elapsed
+    def _written(self) -> list[float]:
+        values = self.values()
+        return values + self.estimates if self._estimates_too else values
+
+    def silence(self, elapsed: float) -> Reply:
+        """Move towards the safe setpoint, `elapsed` [s] after the last row."""
+        time = self.time
+        if time is not None:
+            time += elapsed
+            self._move(time, True)
+        return time, self._written()
 
     @property
     def at_safe(self) -> bool:
         """Whether every setpoint has reached the safe one."""
         return all(s.ramp == s.limits.clip(self._safe(s)) for s in self.setpoints)
 
-    def finish(self) -> None:
+    def finish(self) -> list[float]:
         """The safe setpoint at once: nothing comes after it."""
         for setpoint in self.setpoints:
             setpoint.jump(self._safe(setpoint))
+        return self._written()
+
+    def summary(self) -> str:
+        """What is said at the end."""
+        return self._summary()
 
     def values(self) -> list[float]:
+        """The setpoints."""
         return [setpoint.value for setpoint in self.setpoints]
 
     def state(self) -> dict[str, Any]:
@@ -230,4 +220,5 @@ class Compensator:
         for setpoint, (value, ramp) in zip(self.setpoints, state["setpoints"], strict=True):
             setpoint.resume(float(value), float(ramp))
         self.time = None if state["time_s"] is None else float(state["time_s"])
+        self.clock.last = self.time
         self._moved_at = -math.inf if self.time is None else self.time

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 from thermaltool.control.fcc import (
     LARGEST,
@@ -14,88 +13,64 @@ from thermaltool.control.fcc import (
     Forecaster,
     ForecastingControl,
 )
-from thermaltool.control.setpoint import Limits, Setpoint
+from thermaltool.control.setpoint import Setpoint
 from thermaltool.errors import LogError
 from thermaltool.responses.modes import CLOCK_STEP
-from thermaltool.runtime.clocks import Rate
+from thermaltool.runtime.clock_check import ClockCheck, PeriodCheck
 from thermaltool.runtime.compensator import Compensator, Policy
 from thermaltool.runtime.messages import Messages
-from thermaltool.runtime.pipe import LinePipe
-from thermaltool.runtime.records import open_records
-from thermaltool.runtime.sensors import ANYTHING, Interval, Sensor
-from thermaltool.runtime.settings import SLEW_PERIODS
-from thermaltool.runtime.stream import Stream, Writer
+from thermaltool.runtime.sensors import SensorChannel
+from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
 from thermaltool.timeseries.recursive.arma import RecursiveArma
 from thermaltool.timeseries.recursive.direct import DirectForecast
 
-# Where nothing is said, bad readings are bridged and pauses borne for this many samples.
+# Where nothing is said, bad readings are bridged and pauses borne for this many samples: as long
+# as a forecast of a cut is worth something.
 HOLD_PERIODS = 20
+# Silence that is answered is not below this [s]: a pipe and a scheduler need some time themselves.
+MIN_TIMEOUT = 0.1
 SMALLEST = 1e-30  # a reading of nothing
 # A modelled action this many times the largest reading is not in the readings.
 RUNAWAY = 1e4
-ALSO = ("wanted", "uncompensated", "forecast")
+ESTIMATES = ("wanted", "uncompensated", "forecast")
 
 
 @dataclass(frozen=True)
-class FccSettings:
-    """What the user may choose; times in s, commands in their own unit.
+class ErrorModel:
+    """How the error without the action is forecast.
 
     Attributes
     ----------
-    channel, command : str
-        Column of the error, and name of the command.
-    period : float
-        Sample period.
-    actuator : ActuatorModel
     order : (p, q) or None
-        Error model: ARMA(p, q), iterated; None for a direct forecast at the horizon.
-    lags : int
-        Differences that the direct forecast uses.
-    harmonics : int
-        What repeats with the spindle, for the direct forecast.
+        ARMA(p, q), iterated; None for a direct forecast at the horizon.
     spindle : float [rev/min], str or None
         Speed, or its column; None for nothing that repeats.
-    horizon : int
-        Samples ahead at which the error is to be zero; 0 for the model's own.
+    harmonics : int
+        What repeats with the spindle, for the direct forecast.
     forgetting : float
-    limits, slew, step, safe
-        Of the command, as for `runtime.settings.Settings`.
-    hold, max_gap, timeout : float or None
-        As there; None for `HOLD_PERIODS` samples.
-    bounds : (low, high)
-        Of the readings.
-    has_clock : bool
-        False where each line is one sample after the one before.
-    columns : str or None
-        File of a column map.
-    from_format, to_format : "csv" or "ndjson"
-    also : bool
-        Whether `ALSO` are written too.
+        Weight of a sample against the next.
+    lags : int
+        Differences that the direct forecast uses.
     """
 
-    channel: str
-    command: str
-    period: float
-    actuator: ActuatorModel
     order: tuple[int, int] | None = None
-    lags: int = 5
-    harmonics: int = 6
     spindle: float | str | None = None
-    horizon: int = 0
+    harmonics: int = 6
     forgetting: float = 0.999
-    limits: Interval = ANYTHING
-    slew: float = math.inf
-    step: float = 0.0
-    safe: float | None = 0.0
-    hold: float | None = None
-    max_gap: float | None = None
-    timeout: float | None = None
-    bounds: Interval = ANYTHING
-    has_clock: bool = True
-    columns: str | None = None
-    from_format: Literal["csv", "ndjson"] = "csv"
-    to_format: Literal["csv", "ndjson"] = "csv"
-    also: bool = False
+    lags: int = 5
+
+    def forecaster(self, horizon: int, period: float) -> Forecaster:
+        """It, at so many samples ahead; ValueError where an order is out of range."""
+        if self.order is not None:
+            return RecursiveArma(*self.order, forgetting=self.forgetting)
+        known = self.spindle if isinstance(self.spindle, float) else 0.0
+        return DirectForecast(
+            horizon,
+            self.lags,
+            harmonics=0 if self.spindle is None else self.harmonics,
+            forgetting=self.forgetting,
+            turn=_turn(known, period),
+        )
 
 
 @dataclass
@@ -108,7 +83,7 @@ class Controller:
     Attributes
     ----------
     control : ForecastingControl
-    sensor : Sensor
+    sensor : SensorChannel
         Of the error.
     setpoint : Setpoint
         Tells what was put out in fact.
@@ -129,7 +104,7 @@ class Controller:
     """
 
     control: ForecastingControl
-    sensor: Sensor
+    sensor: SensorChannel
     setpoint: Setpoint
     bridged: int = HOLD_PERIODS
     name: str = "<stdin>"
@@ -140,7 +115,6 @@ class Controller:
     _wanted: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
-        self._rate = Rate(self.control.period, self.name)
         self._ticks = max(round(self.control.period / CLOCK_STEP), 1)
 
     def rest(self) -> list[float]:
@@ -152,7 +126,6 @@ class Controller:
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Wanted command, error without the action, and its forecast."""
-        self._rate.take(ticks * CLOCK_STEP)
         lacking = round(ticks / self._ticks) - 1
         if lacking > self.bridged:
             self.control.forget_lags(self.setpoint.value)
@@ -188,17 +161,19 @@ class Controller:
         return [*answer]
 
     def summary(self) -> str:
-        """Root mean square of the error as read, and of what it would have been."""
-        read, without = (math.sqrt(s / self.samples) if self.samples else 0.0 for s in self.squares)
-        told = (
+        """Root mean square of the error as read and without the action; nothing of no sample."""
+        if not self.samples:
+            return ""
+        read, without = (math.sqrt(s / self.samples) for s in self.squares)
+        text = (
             f"{self.samples} samples: error {read:.3g} RMS as read, {without:.3g} RMS without the "
             f"action (reconstructed), horizon {self.control.horizon} samples"
         )
         if self.control.gate.refused:
-            told += f"; {self.control.gate.refused} readings stood alone and were bridged"
-        if self.samples and self.at_limit:
-            told += f"; at the limit in {self.at_limit / self.samples:.1%} of the samples"
-        return told
+            text += f"; {self.control.gate.refused} readings stood alone and were bridged"
+        if self.at_limit:
+            text += f"; at the limit in {self.at_limit / self.samples:.1%} of the samples"
+        return text
 
     def state(self) -> list[float]:
         """Nothing: learnt anew in a second or two."""
@@ -208,95 +183,75 @@ class Controller:
         """There is nothing to go on from."""
 
 
-def open_fcc(
-    settings: FccSettings,
-    source: int,
-    sink: int,
-    emit: Callable[[str], None],
-    name: str = "<stdin>",
-) -> tuple[Stream, Controller]:
-    """The stream between two file descriptors; nothing is read or written yet.
+def error_control(
+    channel: str,
+    command: str,
+    actuator: ActuatorModel,
+    error_model: ErrorModel,
+    settings: Settings,
+    messages: Messages,
+    horizon: int = 0,
+) -> Compensator:
+    """Commands that cancel an error ahead of the actuator's delay.
 
     Parameters
     ----------
-    settings : FccSettings
-    source, sink : int
-        File descriptors.
-    emit : callable
-        Gets each message, one line.
-    name : str
-        What messages call the source.
+    channel, command : str
+        Column of the error, and name of the command.
+    actuator : ActuatorModel
+    error_model : ErrorModel
+    settings : Settings
+        With the sample period, which the lines have to keep.
+    messages : Messages
+    horizon : int
+        Samples ahead at which the error is to be zero; 0 for the actuator's own.
 
     Raises
     ------
-    LogError
-        The column map cannot be read.
     ValueError
         A horizon within the delay, a safe command outside the limits, or the like.
     """
-    period, limits = settings.period, Limits(*settings.limits)
-    if settings.safe is not None and limits.clip(settings.safe) != settings.safe:
-        raise ValueError(f"the safe command {settings.safe:g} is outside the limits")
+    period = settings.period
+    assert period is not None
     usual = HOLD_PERIODS * period
     hold = usual if settings.hold is None else settings.hold
     max_gap = usual if settings.max_gap is None else settings.max_gap
-    timeout = usual if settings.timeout is None else settings.timeout
-    messages = Messages(emit, name)
     # At rest the actuator stands where the safe command has it.
-    setpoint = Setpoint(limits, settings.slew, settings.step, settings.safe or 0.0)
-    sensors = [_sensor(settings.channel, settings.bounds, hold, messages)]
-    if isinstance(settings.spindle, str):
-        sensors.append(_sensor(settings.spindle, ANYTHING, hold, messages))
-    horizon = settings.horizon or ActuatorState(settings.actuator, period).default_horizon()
-    control = ForecastingControl(
-        settings.actuator, _forecaster(settings, horizon), period, horizon, setpoint.value
-    )
+    setpoint = settings.setpoint(settings.limits, "command")
+    columns = [channel]
+    if isinstance(error_model.spindle, str):
+        columns.append(error_model.spindle)
+    sensors = [
+        SensorChannel(
+            column,
+            bounds=settings.ranges.get(column, ANYTHING),
+            hold=hold,
+            report=messages,
+            at_rest=False,
+        )
+        for column in columns
+    ]
+    horizon = horizon or ActuatorState(actuator, period).default_horizon()
+    forecaster = error_model.forecaster(horizon, period)
+    control = ForecastingControl(actuator, forecaster, period, horizon, setpoint.value)
+    name = messages.source
     controller = Controller(control, sensors[0], setpoint, round(max_gap / period), name)
-    compensator = Compensator(
+    return Compensator(
         controller,
         sensors,
         [0],
         [setpoint],
-        Policy(1.0, settings.safe, hold, max_gap, SLEW_PERIODS * period),
+        Policy(period, 1.0, settings.safe, SLEW_PERIODS * period),
+        ClockCheck(messages, hold, max_gap=max_gap, period=PeriodCheck(period, name)),
         messages,
+        names=[command],
+        estimates=ESTIMATES if settings.estimates else (),
+        patience=max(usual, MIN_TIMEOUT),
+        clock_advice="--clock none counts one --period for each line",
+        summary=controller.summary,
     )
-    stream = Stream(
-        pipe=LinePipe(source, sink),
-        records=open_records(
-            settings.from_format,
-            tuple(sensor.channel for sensor in sensors),
-            settings.columns,
-            None if settings.has_clock else period,
-            mend="--clock none counts one --period for each line",
-        ),
-        writer=Writer(settings.to_format, [settings.command, *(ALSO if settings.also else ())]),
-        compensator=compensator,
-        messages=messages,
-        estimates=settings.also,
-        timeout=timeout or math.inf,
-        tick=period,
-    )
-    return stream, controller
-
-
-def _sensor(channel: str, bounds: Interval, hold: float, messages: Messages) -> Sensor:
-    return Sensor(channel, bounds=bounds, hold=hold, report=messages, at_rest=False)
 
 
 def _turn(speed: float, period: float) -> float:
     """Angle of the spindle per sample [rad] at so many revolutions per minute."""
     return 2 * math.pi * speed / 60 * period
-
-
-def _forecaster(settings: FccSettings, horizon: int) -> Forecaster:
-    if settings.order is not None:
-        return RecursiveArma(*settings.order, forgetting=settings.forgetting)
-    harmonics = 0 if settings.spindle is None else settings.harmonics
-    known = settings.spindle if isinstance(settings.spindle, float) else 0.0
-    return DirectForecast(
-        horizon,
-        settings.lags,
-        harmonics=harmonics,
-        forgetting=settings.forgetting,
-        turn=_turn(known, settings.period),
-    )

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+Report = Callable[[str, str], None]  # (channel, message)
+
 
 @dataclass
 class Messages:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,8 +10,8 @@ import numpy as np
 
 from thermaltool.estimation.permanent_effects import StaticMap, apply_maps
 from thermaltool.model import MARGIN
+from thermaltool.runtime.messages import Report
 
-Report = Callable[[str, str], None]  # (channel, message)
 Interval = tuple[float, float]
 ANYTHING: Interval = (-math.inf, math.inf)
 
@@ -25,8 +24,8 @@ def widened(span: Interval, part: float) -> Interval:
 
 
 @dataclass
-class Sensor:
-    """One sensor channel.
+class SensorChannel:
+    """Readings of one sensor channel, with the last good one held in the place of bad ones.
 
     Attributes
     ----------
@@ -34,7 +33,7 @@ class Sensor:
     rest : float [unit of the channel]
         The reading at rest; NaN where the first good reading is taken for it.
     calibrated : (float, float) [unit of the channel]
-        Readings, relative to rest, that the calibration has seen; to leave it is told.
+        Readings, relative to rest, that the calibration has seen; to leave it is reported.
     bounds : (float, float) or None
         Readings outside are bad, as is NaN. None for the calibrated range, widened by its own
         width to both sides.
@@ -96,7 +95,7 @@ class Sensor:
         low, high = self._usable
         inside = self._low <= reading <= self._high and low <= truth <= high
         if not (inside and math.isfinite(truth)):
-            self._miss(time, fault or self._told(reading, truth))
+            self._miss(time, fault or self._fault(reading, truth))
             return
         if reading != self.value:
             self.value, self.truth, self.changed_at = reading, truth, time
@@ -117,7 +116,7 @@ class Sensor:
         rest = reading if math.isnan(self.rest) else self.rest
         return rest + float(apply_maps(self.back, np.array(reading - rest)))
 
-    def _told(self, reading: float, truth: float) -> str:
+    def _fault(self, reading: float, truth: float) -> str:
         """Why a reading is not used."""
         if not math.isfinite(reading):
             return "not finite"

@@ -1,78 +1,88 @@
-"""The streaming loop: lines, watchdog, checkpoint, and the safe setpoint at every end."""
+"""The streaming loop: lines, watchdog, checkpoint, and the safe reply at every end."""
 
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from thermaltool.errors import LogError, ModelError, OutputError
-from thermaltool.runtime.checkpoint import MEND, Checkpoint
-from thermaltool.runtime.compensator import Compensator
+from thermaltool.runtime.checkpoint import REMEDY, Checkpoint
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
-from thermaltool.runtime.records import RowReader
+from thermaltool.runtime.process import Process, Reply
+from thermaltool.runtime.rows import open_rows
+from thermaltool.runtime.rows.row import RowReader
+from thermaltool.runtime.settings import Settings
+from thermaltool.runtime.sinks import Sink, open_sink
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 
-class Writer:
-    """Answers as CSV or NDJSON; a missing time is an empty field, or null."""
+def open_stream(
+    process: Process, settings: Settings, source: int, sink: int, messages: Messages
+) -> Stream:
+    """The stream of a process between two file descriptors; nothing is read or written yet.
 
-    def __init__(self, form: str, names: Sequence[str]) -> None:
-        columns = ("time_s", *names)
-        if form == "csv":
-            self.header = ",".join(columns).encode() + b"\n"
-            self._line = ",".join(["%s"] + ["%r"] * len(names)) + "\n"
-            self._no_time = ""
-        else:
-            self.header = b""
-            fields = [f"{json.dumps(c)}: %{'s' if c == 'time_s' else 'r'}" for c in columns]
-            self._line = "{" + ", ".join(fields) + "}\n"
-            self._no_time = "null"
+    Parameters
+    ----------
+    process : Process
+    settings : Settings
+        As the process was made with.
+    source, sink : int
+        File descriptors.
+    messages : Messages
 
-    def line(self, time: float | None, values: Sequence[float]) -> bytes:
-        # Adding zero turns -0.0 into 0.0.
-        stamp = self._no_time if time is None else repr(time)
-        return (self._line % (stamp, *[value + 0.0 for value in values])).encode()
+    Raises
+    ------
+    LogError
+        The column map cannot be read.
+    ValueError
+        A format that a stream cannot read, or not be written as.
+    """
+    pipe = LinePipe(source, sink)
+    timeout = process.patience if settings.timeout is None else settings.timeout
+    return Stream(
+        pipe,
+        open_rows(settings.from_format, settings.wanted(process.columns, process.clock_advice)),
+        open_sink(settings.to_format, pipe),
+        process,
+        messages,
+        timeout or math.inf,
+        Checkpoint(settings.checkpoint, process.digest) if settings.checkpoint else None,
+        settings.checkpoint_every,
+    )
 
 
 @dataclass
 class Stream:
-    """A compensator between a source and a sink.
+    """A process between a source and a sink.
 
     Attributes
     ----------
     pipe : LinePipe
-    records : RowReader
-    writer : Writer
-    compensator : Compensator
+    rows : RowReader
+    sink : Sink
+    process : Process
     messages : Messages
-    estimates : bool
-        Whether an answer carries the estimates too.
     timeout : float [s]
-        Without a usable line for this long the safe setpoint is written; inf never.
-    tick : float [s]
-        Time between the lines of a ramp to the safe setpoint while the source is silent.
+        Without a line that counts for this long the process answers silence; inf never.
     checkpoint : Checkpoint or None
     checkpoint_every : float [s]
         Of stream time.
     """
 
     pipe: LinePipe
-    records: RowReader
-    writer: Writer
-    compensator: Compensator
+    rows: RowReader
+    sink: Sink
+    process: Process
     messages: Messages
-    estimates: bool = False
     timeout: float = math.inf
-    tick: float = 1.0
     checkpoint: Checkpoint | None = None
     checkpoint_every: float = 10.0
     now: Callable[[], float] = time.monotonic
@@ -81,22 +91,22 @@ class Stream:
     _silent: bool = field(default=False, init=False)
     _written_at: float | None = field(default=None, init=False)
     _saved_at: float | None = field(default=None, init=False)
-    _kept: dict[str, Any] = field(default_factory=dict, init=False)
+    _resumed: dict[str, Any] = field(default_factory=dict, init=False)
 
     def run(self) -> int:
         """Answer lines until the source ends or a signal comes; returns the signal, or 0.
 
-        However it ends, the safe setpoint is the last line, where the sink still takes one.
+        However it ends, the safe reply is the last one, where the sink still takes one.
 
         Raises
         ------
         LogError, ModelError, OutputError, FitError, BrokenPipeError
         """
-        # Estimates that overflow are caught by the compensator.
+        # Estimates that overflow are caught by the process.
         with self.pipe, np.errstate(all="ignore"):
             self._resume()
             try:
-                self.pipe.write(self.writer.header)
+                self.sink.open(("time_s", *self.process.names))
                 self._loop()
             finally:
                 self._finish()
@@ -111,82 +121,86 @@ class Stream:
                 if lines is None:
                     self._end()
                     return
-                accepted = self.compensator.accepted
-                self.pipe.write(b"".join([self._answer(line) for line in lines]))
-                if self.compensator.accepted > accepted:
+                accepted = self.process.accepted
+                self._write([reply for line in lines if (reply := self._reply(line)) is not None])
+                if self.process.accepted > accepted or not self.process.actuates:
                     self._heard()
+                if self.process.accepted > accepted:
                     self._save()
             if self.now() >= self._due and not self.pipe.signal:
                 self._silence()
 
-    def _answer(self, line: bytes) -> bytes:
-        """The setpoint line for a sensor line; nothing for names, comments and blank lines."""
+    def _reply(self, line: bytes) -> Reply | None:
+        """The reply to a line; none to names, comments and blank lines."""
         self.messages.line += 1
         line = line.rstrip(b"\r")
         if self.messages.line == 1:
             line = line.removeprefix(BYTE_ORDER_MARK)
         start = line.lstrip()
         if not start or start.startswith(b"#"):
-            return b""
-        if self.records.clock is None and not self._open(line):
-            return b""
-        self.compensator.take(self.records.record(line))
-        return self._state_line(self.compensator.time)
+            return None
+        if self.rows.clock is None and not self._open(line):
+            return None
+        return self.process.take(self.rows.row(line))
 
     def _open(self, line: bytes) -> bool:
-        is_record = self.records.open(line, self.messages.source, self.messages.line)
-        if self._kept and self.records.clock and self.compensator.time is not None:
+        is_row = self.rows.open(line, self.messages.source, self.messages.line)
+        if self._resumed and self.rows.clock and self.process.time is not None:
             with self._whole_checkpoint():
-                self.records.clock.resume(self._kept["clock"], self.compensator.time)
-        return is_record
+                self.rows.clock.resume(self._resumed["clock"], self.process.time)
+        return is_row
 
-    def _state_line(self, time: float | None) -> bytes:
-        values = self.compensator.values()
-        self._written_at = time
-        return self.writer.line(
-            time, values + self.compensator.estimates if self.estimates else values
-        )
+    def _write(self, replies: list[Reply]) -> None:
+        if replies:
+            self._written_at = replies[-1][0]
+            self.sink.write(replies)
 
     def _heard(self) -> None:
-        """A usable line has come: the watchdog starts anew."""
+        """A line that counts has come: the watchdog starts anew."""
         self._silent = False
         self._heard_at = self.now()
         self._due = self._heard_at + self.timeout
 
     def _silence(self) -> None:
-        """One line towards the safe setpoint; more follow until it is reached."""
+        """One step towards what is safe; more follow until it is reached."""
         elapsed = self.now() - self._heard_at
         if not self._silent:
             self._silent = True
-            self.messages("", f"no usable line for {self.timeout:.3g} s: safe setpoint")
-        self.pipe.write(self._state_line(self.compensator.silence(elapsed)))
-        self._due = math.inf if self.compensator.at_safe else self.now() + self.tick
+            usable, then = ("usable ", ": safe setpoint") if self.process.actuates else ("", "")
+            self.messages("", f"no {usable}line for {self.timeout:.3g} s{then}")
+        reply = self.process.silence(elapsed)
+        if reply is not None:
+            self._write([reply])
+        self._due = math.inf if self.process.at_safe else self.now() + (self.process.period or 0.0)
 
     def _end(self) -> None:
         """The source has ended."""
         if self.pipe.torn:
             self.messages.line += 1
             self.messages("", "the last line has no end, it may be cut: not used")
-        if self.records.clock is None:
+        if self.rows.clock is None:
             raise LogError(
                 "empty: a stream begins with a line that names its columns", self.messages.source
             )
 
     def _finish(self) -> None:
-        self.compensator.finish()
-        # A line of its own moment, so that the output is a log with a clock that only goes on.
-        last = self._written_at
-        self.pipe.write(self._state_line(None if last is None else last + self.tick))
+        values, last = self.process.finish(), self._written_at
+        if values is not None:
+            # A row of its own moment, so that the output is a log with a clock that only goes on.
+            self._write([(None if last is None else last + (self.process.period or 0.0), values)])
+        self.sink.close()
         self.messages.close()
+        if summary := self.process.summary():
+            self.messages.emit(summary)
         if self.checkpoint:
             self.checkpoint.close(self._state())
 
     def _state(self) -> dict[str, Any]:
-        clock = self.records.clock.state() if self.records.clock else self._kept.get("clock", {})
-        return {"clock": clock, **self.compensator.state()}
+        clock = self.rows.clock.state() if self.rows.clock else self._resumed.get("clock", {})
+        return {"clock": clock, **self.process.state()}
 
     def _save(self) -> None:
-        time = self.compensator.time
+        time = self.process.time
         if not self.checkpoint or time is None:
             return
         if self._saved_at is None or abs(time - self._saved_at) >= self.checkpoint_every:
@@ -197,11 +211,11 @@ class Stream:
                 self.messages("", f"checkpoint not written: {error}")
 
     def _resume(self) -> None:
-        self._kept = (self.checkpoint.load() if self.checkpoint else None) or {}
-        if self._kept:
+        self._resumed = (self.checkpoint.load() if self.checkpoint else None) or {}
+        if self._resumed:
             with self._whole_checkpoint():
-                self._kept["clock"].items()
-                self.compensator.resume(self._kept)
+                self._resumed["clock"].items()
+                self.process.resume(self._resumed)
 
     @contextlib.contextmanager
     def _whole_checkpoint(self) -> Iterator[None]:
@@ -209,4 +223,4 @@ class Stream:
             yield
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             path = self.checkpoint.path if self.checkpoint else ""
-            raise ModelError(f"{path}: a checkpoint that is damaged: {MEND}") from error
+            raise ModelError(f"{path}: a checkpoint that is damaged: {REMEDY}") from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -37,9 +37,9 @@ class KnownModel(Protocol):
     """Where a recursion may begin: a fitted model, x − mean = Σ ar (x − mean) + a + Σ ma a."""
 
     @property
-    def ar(self) -> Sequence[float]: ...
+    def ar(self) -> Iterable[float]: ...
     @property
-    def ma(self) -> Sequence[float]: ...
+    def ma(self) -> Iterable[float]: ...
     @property
     def mean(self) -> float: ...
     @property
@@ -116,12 +116,12 @@ class RecursiveArma:
 
         Raises ValueError where the orders differ.
         """
-        ar, ma = list(model.ar), list(model.ma)
+        ar, ma = list(map(float, model.ar)), list(map(float, model.ma))
         if (len(ar), len(ma)) != (self.p, self.q):
             raise ValueError(
                 f"model of order {len(ar)},{len(ma)} for a recursion of {self.p},{self.q}"
             )
-        self._origin = model.mean
+        self._origin = float(model.mean)
         self._one = math.sqrt(model.sigma2) or 1.0
         self._start = [*ar, *ma, *([0.0] if self.intercept else [])]
         # a model fitted to n samples knows its parameters as well as the last 1/(1−λ) would tell

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from thermaltool.errors import LogError
-from thermaltool.runtime.clocks import ArrivalClock, Clock, ColumnClock, PeriodClock, StampClock
+from thermaltool.runtime.clocks import ColumnClock, LineClock, PeriodClock, StampClock
 from thermaltool.units import UNITS, clock_unit
 
 if TYPE_CHECKING:
@@ -23,19 +23,16 @@ class Wanted:
     sensors : tuple of str
     mapping : ColumnMap or None
         Foreign names and their clock.
-    period : float [s] or None
-        Of a stream without a clock.
-    arrival : float [s] or None
-        Grid of arrival times, where these are the clock.
-    mend : str
+    clock : LineClock or None
+        Of a stream that has none of its own, or whose own is not used.
+    clock_advice : str
         What a user can do about a stream without a clock.
     """
 
     sensors: tuple[str, ...]
     mapping: ColumnMap | None = None
-    period: float | None = None
-    arrival: float | None = None
-    mend: str = "--period gives one to a stream without"
+    clock: LineClock | None = None
+    clock_advice: str = "--period gives one to a stream without"
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ class Sensed:
 class Layout:
     """The clock, and one `Sensed` per sensor in the order of the model."""
 
-    clock: Clock
+    clock: LineClock
     sensors: tuple[Sensed, ...]
 
 
@@ -88,14 +85,13 @@ def _columns(keys: Mapping[str, Any], mapping: ColumnMap | None) -> dict[str, Se
     }
 
 
-def _clock(keys: Mapping[str, Any], wanted: Wanted, number: Callable[[Any], float]) -> Clock:
+def _clock(keys: Mapping[str, Any], wanted: Wanted, number: Callable[[Any], float]) -> LineClock:
     """What the user asks for, else what the map says, else the tool's own names."""
-    if wanted.arrival is not None:
-        return ArrivalClock(wanted.arrival)
+    if wanted.clock is not None:
+        return wanted.clock
     mapped = wanted.mapping.clock if wanted.mapping else None
-    period = wanted.period or (mapped.period if mapped else None)
-    if period is not None:
-        return PeriodClock(period)
+    if mapped is not None and mapped.period is not None:
+        return PeriodClock(mapped.period)
     if mapped is not None and mapped.column is not None:
         if mapped.column not in keys:
             raise LogError(f"no column {mapped.column}{_hint(mapped.column, keys)}")
@@ -107,7 +103,9 @@ def _clock(keys: Mapping[str, Any], wanted: Wanted, number: Callable[[Any], floa
         return StampClock(keys["time"])
     if unit is not None:
         return ColumnClock(keys[f"time_{unit}"], number, UNITS[unit][1])
-    raise LogError(f"no clock: no column time_s or time{_hint('time_s', keys)}; {wanted.mend}")
+    raise LogError(
+        f"no clock: no column time_s or time{_hint('time_s', keys)}; {wanted.clock_advice}"
+    )
 
 
 def _hint(name: str, known: Iterable[str]) -> str:

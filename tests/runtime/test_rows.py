@@ -7,14 +7,16 @@ from hypothesis import strategies as st
 
 from thermaltool.errors import LogError
 from thermaltool.logs.columns import read_map
-from thermaltool.runtime.layout import Wanted
-from thermaltool.runtime.records import CsvRecords, NdjsonRecords
+from thermaltool.runtime.clocks import PeriodClock
+from thermaltool.runtime.rows.csv_rows import CsvRows
+from thermaltool.runtime.rows.layout import Wanted
+from thermaltool.runtime.rows.ndjson_rows import NdjsonRows
 
 PAIR = ("dT_pair1_K",)
 
 
 def csv(header=b"time_s,dT_pair1_K,n_rpm", sensors=PAIR, **wanted):
-    records = CsvRecords(Wanted(sensors, **wanted))
+    records = CsvRows(Wanted(sensors, **wanted))
     assert records.open(header) is False
     return records
 
@@ -26,21 +28,21 @@ def csv(header=b"time_s,dT_pair1_K,n_rpm", sensors=PAIR, **wanted):
 def test_numbers_come_through_exactly_in_both_formats(time, readings):
     names = ("dT_pair1_K", "dT_pair2_K")
     line = f"{time!r}, {readings[0]!r} ,{readings[1]!r}".encode()
-    record = csv(b"time_s,dT_pair1_K,dT_pair2_K", names).record(line)
+    record = csv(b"time_s,dT_pair1_K,dT_pair2_K", names).row(line)
     assert (record.time, record.readings, any(record.faults)) == (time, readings, False)
     line = json.dumps(dict(zip(("time_s", *names), [time, *readings], strict=True))).encode()
-    records = NdjsonRecords(Wanted(names))
+    records = NdjsonRows(Wanted(names))
     assert records.open(line) is True
-    assert records.record(line)[:2] == (time, readings)
+    assert records.row(line)[:2] == (time, readings)
 
 
 @given(st.binary(max_size=40).filter(lambda line: b"\n" not in line))
 @example(b'"\r0')
 def test_no_line_raises(line):
-    csv().record(line)
-    records = NdjsonRecords(Wanted(PAIR))
+    csv().row(line)
+    records = NdjsonRows(Wanted(PAIR))
     records.open(b'{"time_s": 0, "dT_pair1_K": 1}')
-    records.record(line)
+    records.row(line)
 
 
 @pytest.mark.parametrize(
@@ -56,21 +58,21 @@ def test_no_line_raises(line):
     ],
 )
 def test_a_bad_field_says_what_is_wrong_and_keeps_the_time(line, fault):
-    record = csv().record(line)
+    record = csv().row(line)
     assert record.time == 1.5
     assert math.isnan(record.readings[0])
     assert record.faults[0].startswith(fault)
 
 
 def test_a_bad_field_leaves_the_other_sensors_alone():
-    record = csv(sensors=("dT_pair1_K", "n_rpm")).record(b"1.5,x,7")
+    record = csv(sensors=("dT_pair1_K", "n_rpm")).row(b"1.5,x,7")
     assert record.readings[1] == 7.0
     assert record.faults[1] == ""
 
 
 @pytest.mark.parametrize("line", [b"x,2.0,0", b"nan,2.0,0", b"inf,2.0,0", b"1.5", b",2.0,0"])
 def test_a_line_without_a_time(line):
-    assert csv().record(line).time is None
+    assert csv().row(line).time is None
 
 
 @pytest.mark.parametrize(
@@ -85,19 +87,19 @@ def test_a_line_without_a_time(line):
     ],
 )
 def test_ndjson_values_that_are_no_number(value, fault):
-    records = NdjsonRecords(Wanted(PAIR))
+    records = NdjsonRows(Wanted(PAIR))
     records.open(b'{"time_s": 0, "dT_pair1_K": 1}')
-    record = records.record(b'{"time_s": 2, "dT_pair1_K": %s}' % value.encode())
+    record = records.row(b'{"time_s": 2, "dT_pair1_K": %s}' % value.encode())
     assert record.time == 2.0
     assert record.faults[0].startswith(fault)
     assert math.isnan(record.readings[0])
 
 
 def test_ndjson_object_that_lacks_a_sensor_or_is_cut():
-    records = NdjsonRecords(Wanted(PAIR))
+    records = NdjsonRows(Wanted(PAIR))
     records.open(b'{"time_s": 0, "dT_pair1_K": 1}')
-    assert records.record(b'{"time_s": 2}').faults == ("missing",)
-    assert records.record(b'{"time_s": 2, "dT').faults == ("not a JSON object",)
+    assert records.row(b'{"time_s": 2}').faults == ("missing",)
+    assert records.row(b'{"time_s": 2, "dT').faults == ("not a JSON object",)
 
 
 @pytest.mark.parametrize(
@@ -111,18 +113,18 @@ def test_ndjson_object_that_lacks_a_sensor_or_is_cut():
 )
 def test_headers_that_do_not_fit(header, message):
     with pytest.raises(LogError) as caught:
-        CsvRecords(Wanted(PAIR)).open(header)
+        CsvRows(Wanted(PAIR)).open(header)
     assert message in str(caught.value)
 
 
 def test_ndjson_that_is_csv():
     with pytest.raises(LogError, match="not a JSON object"):
-        NdjsonRecords(Wanted(PAIR)).open(b"time_s,dT_pair1_K")
+        NdjsonRows(Wanted(PAIR)).open(b"time_s,dT_pair1_K")
 
 
 def test_quoted_names_and_fields():
     records = csv(b'"time_s","note, long","dT_pair1_K"')
-    assert records.record(b'2,"a, b",1.5').readings == [1.5]
+    assert records.row(b'2,"a, b",1.5').readings == [1.5]
 
 
 @pytest.mark.parametrize(
@@ -136,13 +138,13 @@ def test_quoted_names_and_fields():
 def test_clocks_by_name(header, line, time):
     records = csv(header)
     if header.startswith(b"time,"):
-        records.record(b"2025-12-31T23:00:00Z,0")
-    assert records.record(line).time == pytest.approx(time)
+        records.row(b"2025-12-31T23:00:00Z,0")
+    assert records.row(line).time == pytest.approx(time)
 
 
 def test_a_period_counts_bad_lines_too():
-    records = csv(b"dT_pair1_K", period=0.5)
-    assert [records.record(line).time for line in (b"1", b"x", b"1,2", b"3")] == [0, 0.5, 1, 1.5]
+    records = csv(b"dT_pair1_K", clock=PeriodClock(0.5))
+    assert [records.row(line).time for line in (b"1", b"x", b"1,2", b"3")] == [0, 0.5, 1, 1.5]
 
 
 def test_foreign_names_scales_and_decimal_commas(tmp_path):
@@ -160,16 +162,16 @@ def test_foreign_names_scales_and_decimal_commas(tmp_path):
         """
     )
     records = csv(b"Zeit;Kanal 1", mapping=read_map(str(path)))
-    record = records.record(b"1500;12,5")
+    record = records.row(b"1500;12,5")
     assert record.time == 1.5
     assert record.readings == pytest.approx([2.25])
-    assert records.record(b"1500;-999").faults[0] == "not a number: '-999'"
+    assert records.row(b"1500;-999").faults[0] == "not a number: '-999'"
     with pytest.raises(LogError, match="no column Zeit"):
         csv(b"Z;Kanal 1", mapping=read_map(str(path)))
 
 
 def test_two_columns_of_one_name():
     with pytest.raises(LogError, match=r"log\.csv:3: dT_pair1_K: this name is there twice"):
-        CsvRecords(Wanted(PAIR)).open(b"time_s,dT_pair1_K,dT_pair1_K", "log.csv", 3)
+        CsvRows(Wanted(PAIR)).open(b"time_s,dT_pair1_K,dT_pair1_K", "log.csv", 3)
     # One that nobody reads may be there as often as it likes.
     csv(b"time_s,dT_pair1_K,x,x")

@@ -1,0 +1,110 @@
+"""Options of ``fcc`` that describe the actuator, or the log of a trial that tells what it does."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from thermaltool.cli.options import NOT_NEGATIVE, POSITIVE
+
+if TYPE_CHECKING:
+    from thermaltool.control.fcc import ActuatorModel
+
+# Plays that are fitted to a trial: enough for the loop of a piezo, few enough to be told apart.
+IDENTIFIED_PLAYS = 5
+# A trial's clock may differ from the period by this share.
+SAME_PERIOD = 0.01
+# Damping [1] of a low-pass at infinity, which does nothing: any will do.
+USUAL_DAMPING = 0.707
+
+
+class PairsType(click.ParamType):
+    """Numbers A:B, several of them with commas between."""
+
+    def __init__(self, name: str, single: bool = False) -> None:
+        self.name, self.single = name, single
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        with contextlib.suppress(ValueError):
+            pairs = [tuple(map(float, part.split(":"))) for part in value.split(",")]
+            if all(len(pair) == 2 for pair in pairs) and (len(pairs) == 1 or not self.single):
+                return pairs[0] if self.single else pairs
+        self.fail(f"{value!r} is not {self.name}", param, ctx)
+
+
+def actuator_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``--delay --gain --low-pass --hysteresis --identify``: from command to reading."""
+    for option in (
+        click.option("--identify", type=click.Path(exists=True, dir_okay=False), metavar="LOG",
+                     help="Log of a trial with the columns of error and command: gives --delay and "
+                     "--hysteresis."),
+        click.option("--hysteresis", type=PairsType("R:W,R:W,..."), metavar="R:W,R:W,...",
+                     help="Plays of the actuator in place of --gain: thresholds from 0 up, in "
+                     "units of the command, and their weights."),
+        click.option("--low-pass", type=PairsType("OMEGA:DAMPING", single=True),
+                     metavar="OMEGA:DAMPING", help="Second-order low-pass between command and "
+                     "reading [rad/s].  [default: none]"),
+        click.option("--gain", type=POSITIVE,
+                     help="Error per unit of the command.  [default: 1]"),
+        click.option("--delay", type=NOT_NEGATIVE, metavar="S",
+                     help="Of measuring, computing and acting, low-pass aside [s]."),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+def actuator_of(
+    channel: str, options: dict[str, Any], emit: Callable[[str], None]
+) -> ActuatorModel:
+    """The model from options; parts that they leave open come from a trial, which is reported.
+
+    Raises
+    ------
+    click.UsageError
+        Options that exclude each other, no delay, or a trial of another period.
+    """
+    from thermaltool.control.fcc import ActuatorModel
+    from thermaltool.control.hysteresis import PrandtlIshlinskii
+
+    natural, damping = options["low_pass"] or (float("inf"), USUAL_DAMPING)
+    plays, gain, delay = options["hysteresis"], options["gain"], options["delay"]
+    if plays and gain:
+        raise click.UsageError("--hysteresis has its gain in its weights: leave --gain out")
+    plays = plays or ([(0.0, gain)] if gain else None)
+    trial = options["identify"]
+    if trial is not None and (plays is None or delay is None):
+        import numpy as np
+
+        from thermaltool.fitting.actuator import identify_actuator
+        from thermaltool.logs import read_log
+
+        table = read_log(trial, need=(options["command"], channel))
+        step = float(np.median(np.diff(table.time))) if len(table) > 1 else options["period"]
+        if abs(step / options["period"] - 1) > SAME_PERIOD:
+            raise click.UsageError(
+                f"{trial} has a sample each {step:.4g} s, --period says {options['period']:.4g} s"
+            )
+        found = identify_actuator(
+            table.column(options["command"]),
+            table.column(channel),
+            options["period"],
+            natural,
+            damping,
+            IDENTIFIED_PLAYS,
+        )
+        plays = plays or list(zip(found.thresholds, found.weights, strict=True))
+        delay = found.delay if delay is None else delay
+        text = ",".join(f"{r:.4g}:{w:.4g}" for r, w in plays)
+        emit(
+            f"{trial}: --delay {delay:.4g} --hysteresis {text} explain {found.explained:.1%} of "
+            f"the reading's variance, {found.residual:.3g} RMS are left"
+        )
+    if delay is None:
+        raise click.UsageError("how late does the actuator answer? give --delay or --identify")
+    thresholds, weights = zip(*(plays or [(0.0, 1.0)]), strict=True)
+    return ActuatorModel(PrandtlIshlinskii(thresholds, weights), delay, natural, damping)

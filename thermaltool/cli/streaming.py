@@ -1,0 +1,147 @@
+"""What the streaming commands share: types of options, formats by the registries, and the run."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from thermaltool.cli.options import POSITIVE, columns_option
+from thermaltool.runtime.rows import ROW_FORMATS
+from thermaltool.runtime.sinks import SINKS
+
+if TYPE_CHECKING:
+    from thermaltool.runtime.messages import Messages
+    from thermaltool.runtime.process import Process
+    from thermaltool.runtime.settings import Settings
+
+# Readings that end within so many seconds of their reader's machine have ended with it.
+END_WITHIN = 1.0
+
+
+class IntervalType(click.ParamType):
+    """LOW:HIGH, or CHANNEL=LOW:HIGH; an end left empty is open."""
+
+    def __init__(self, channel: bool = False) -> None:
+        self.channel, self.name = channel, "CHANNEL=LOW:HIGH" if channel else "LOW:HIGH"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        channel, equals, interval = value.rpartition("=")
+        low, colon, high = interval.partition(":")
+        with contextlib.suppress(ValueError):
+            ends = float(low or "-inf"), float(high or "inf")
+            if colon and ends[0] <= ends[1] and bool(equals) == self.channel:
+                return (channel, ends) if self.channel else ends
+        self.fail(f"{value!r} is not {self.name}", param, ctx)
+
+
+class SafeType(click.ParamType):
+    """The safe setpoint: a number, or ``hold`` for the one before."""
+
+    name = "hold|zero|VALUE"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        with contextlib.suppress(ValueError):
+            number = 0.0 if value == "zero" else float(value)
+            if abs(number) < float("inf"):
+                return number
+        return value if value == "hold" else self.fail(f"{value!r} is not {self.name}", param, ctx)
+
+
+class Once(click.Option):
+    """An option that is refused where it is given twice: else the last one would win."""
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        parser.add_option(obj=self, opts=self.opts, dest=self.name, action="append")
+
+    def consume_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> Any:
+        given = opts.get(str(self.name), ())
+        if len(given) > 1:
+            raise click.BadParameter(f"{', '.join(given)}: there can be one only", ctx, self)
+        return super().consume_value(ctx, {**opts, str(self.name): given[0]} if given else opts)
+
+
+def line_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``--columns --from --to``: how lines are read and written."""
+    for option in (
+        click.option("--to", "to_format", type=click.Choice(list(SINKS)), default="csv",
+                     help="Format of the output."),
+        click.option("--from", "from_format", type=click.Choice(list(ROW_FORMATS)), default="csv",
+                     help="Format of the input."),
+        columns_option,
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+def checkpoint_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``--checkpoint --checkpoint-every``: where the state is kept, and how often."""
+    for option in (
+        click.option("--checkpoint-every", type=POSITIVE, metavar="S", default=10.0,
+                     help="Time between two states kept [s]."),
+        click.option("--checkpoint", type=click.Path(dir_okay=False), metavar="FILE",
+                     help="Keep the state here; a restart goes on from it."),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+def one_thread() -> None:
+    """One small product per line: threads would only cost memory. Read when numpy is loaded."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def settings_of(options: dict[str, Any], **changed: Any) -> Settings:
+    """Settings from the options of a stream, with what the command has changed."""
+    from thermaltool.runtime.settings import Settings
+
+    if options.get("as_json"):
+        changed["to_format"] = "ndjson"
+    if options.get("safe") == "hold":
+        changed["safe"] = None
+    names = [name for name in Settings.__dataclass_fields__ if options.get(name) is not None]
+    return Settings(**{name: options[name] for name in names} | changed)
+
+
+def run(
+    command: str,
+    log: str,
+    quiet: int,
+    settings: Settings,
+    make: Callable[[Messages], Process],
+    closed_loop: bool = False,
+) -> None:
+    """Run the process that `make` makes over the lines of LOG; exits by the signal that came.
+
+    In a closed loop the machine that reads the answers ends first, and its readings with it: that
+    is no error.
+    """
+    from thermaltool.cli.messages import emitter
+    from thermaltool.cli.options import usage_errors
+    from thermaltool.runtime.messages import Messages
+    from thermaltool.runtime.stream import open_stream
+
+    messages = Messages(emitter(command, quiet), "<stdin>" if log == "-" else log)
+    with click.open_file(log, "rb") as source:
+        with usage_errors():
+            stream = open_stream(make(messages), settings, source.fileno(), 1, messages)
+        try:
+            number = stream.run()
+        except BrokenPipeError:
+            if not (closed_loop and _at_end(source.fileno())):
+                raise
+            number = 0
+    if number:
+        raise SystemExit(128 + number)
+
+
+def _at_end(source: int) -> bool:
+    """Whether the readings end, too, within a moment."""
+    readable, _, _ = select.select([source], [], [], END_WITHIN)
+    return bool(readable) and not os.read(source, 1)

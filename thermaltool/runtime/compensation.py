@@ -1,0 +1,194 @@
+"""From a model to the process that compensates: offsets, or the power of a heater."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from thermaltool.control.heaters import Stabilizer, parts_of
+from thermaltool.errors import ModelError
+from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
+from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
+from thermaltool.model import Model
+from thermaltool.runtime.checkpoint import design_digest
+from thermaltool.runtime.clock_check import ClockCheck
+from thermaltool.runtime.compensator import Compensator, Policy
+from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers
+from thermaltool.runtime.messages import Messages, Report
+from thermaltool.runtime.sensors import SensorChannel
+from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
+from thermaltool.runtime.stepper import Stepper, VariableCoolingStepper
+
+# Where nothing is said, readings are held and pauses borne for this many sample periods of the
+# design, and not below this [s]: one lost line of a slow logger is no loss, nor are ten of a quick.
+HOLD_PERIODS, MIN_HOLD = 10, 10.0
+CLOCK_ADVICE = "--period gives one to a stream without, --clock arrival takes the time of arrival"
+
+
+def default_hold(period: float) -> float:
+    """How long the last good value stands in, where the user does not say [s]."""
+    return max(MIN_HOLD, HOLD_PERIODS * period)
+
+
+def setpoint_name(channel: str) -> str:
+    """The setpoint that cancels a deflection: ``d_x_um`` gives ``offset_x_um``."""
+    return "offset_" + channel.partition("_")[2]
+
+
+def offsets(
+    model: Model,
+    settings: Settings,
+    messages: Messages,
+    sign: float = -1.0,
+    settled: bool = False,
+) -> Compensator:
+    """Offsets that cancel the deflections which the model's design estimates.
+
+    Parameters
+    ----------
+    model : Model
+    settings : Settings
+    messages : Messages
+    sign : float
+        Setpoint over deflection: -1 for an offset that cancels it.
+    settled : bool
+        The machine has stood at the first readings for long; else it is at rest there.
+
+    Raises
+    ------
+    ModelError
+        No design, one for other parameters, no deflection to cancel, or a range for a channel
+        that is no sensor.
+    ValueError
+        Limits without a multiple of the step between them, or a safe setpoint outside.
+    """
+    # The sample period is that of regularize --dt, which may not be that of the calibration.
+    design = model.estimator_design()
+    period = _period(settings, float(design.get("sample_period_s", model.sample_period)))
+    pipeline = EstimatorPipeline.of(model)
+    estimator = pipeline.estimator
+    deflections = {output.channel for output in model.deflections}
+    followed = [k for k, name in enumerate(estimator.estimates) if name in deflections]
+    if not followed:
+        raise ModelError("the model's design estimates no deflection: nothing to compensate")
+    return Compensator(
+        VariableCoolingStepper(estimator, period)
+        if isinstance(estimator, VariableCoolingEstimator)
+        else Stepper(estimator, period),
+        _sensors(pipeline.input_columns, period, settings, messages),
+        followed,
+        [settings.setpoint(settings.limits) for _ in followed],
+        _policy(settings, period, sign, settled),
+        _clock_check(settings, period, messages),
+        messages,
+        names=[setpoint_name(estimator.estimates[k]) for k in followed],
+        estimates=estimator.estimates if settings.estimates else (),
+        patience=default_hold(period),
+        clock_advice=CLOCK_ADVICE,
+        digest=design_digest(design),
+        inputs=None if pipeline.passes_inputs else pipeline.estimator_inputs,
+        outputs=pipeline.given_out if any(pipeline.estimate_maps) else None,
+    )
+
+
+def heater_power(
+    model: Model,
+    settings: Settings,
+    messages: Messages,
+    heater: str,
+    target: str | None = None,
+    lead: float | None = None,
+    settled: bool = False,
+) -> Compensator:
+    """The power of a heater that holds an output at zero; no design is needed.
+
+    Parameters
+    ----------
+    model, settings, messages, settled
+        As for `offsets`.
+    heater : str
+        The drive that is set.
+    target : str or None
+        The output that is held; None for the model's only deflection.
+    lead : float [s] or None
+        How far it is foretold; None for two sample periods.
+
+    Raises
+    ------
+    ModelError
+        No such drive or output, no power to give, or a range for a channel that is no sensor.
+    ValueError
+        As for `offsets`.
+    """
+    period = _period(settings, model.sample_period)
+    target = held_output(model, target)
+    parts_of(model, heater, target)
+    limits = powers(model, heater, settings.limits)
+    lead = LEAD_PERIODS * period if lead is None else lead
+    stabilizer = Stabilizer(model, heater, target, limits, lead)
+    inputs = tuple(
+        InputColumn(d.channel, d.reference, d.range, False, d.hold == "zero")
+        for d in stabilizer.read
+    )
+    setpoint = settings.setpoint(limits)
+    digest = {"heater": heater, "lead": lead, "parameters": model.parameters_digest(),
+              "target": target}  # fmt: skip
+    return Compensator(
+        HeaterStepper(stabilizer, lambda: setpoint.value),
+        _sensors(inputs, period, settings, messages),
+        [0],
+        [setpoint],
+        _policy(settings, period, 1.0, settled),
+        _clock_check(settings, period, messages),
+        messages,
+        names=[heater],
+        estimates=(f"wanted_{heater}", target) if settings.estimates else (),
+        patience=default_hold(period),
+        clock_advice=CLOCK_ADVICE,
+        digest=design_digest(digest),
+    )
+
+
+def _period(settings: Settings, period: float) -> float:
+    """The sample period [s]: as chosen, else as the model has it."""
+    period = settings.period or period
+    if not 0 < period < math.inf:
+        raise ModelError("sample_period_s of the design is not above 0")
+    return period
+
+
+def _policy(settings: Settings, period: float, sign: float, settled: bool) -> Policy:
+    slew_gap = SLEW_PERIODS * period if settings.max_gap is None else settings.max_gap
+    return Policy(period, sign, settings.safe, slew_gap, settled)
+
+
+def _clock_check(settings: Settings, period: float, messages: Messages) -> ClockCheck:
+    usual = default_hold(period)
+    hold, max_gap = settings.hold, settings.max_gap
+    return ClockCheck(
+        messages,
+        hold=usual if hold is None else hold,
+        max_gap=usual if max_gap is None else max_gap,
+    )
+
+
+def _sensors(
+    inputs: Sequence[InputColumn], period: float, settings: Settings, report: Report
+) -> list[SensorChannel]:
+    """The columns that are read, with their rest and range from the model."""
+    settings.check_ranges([each.column for each in inputs])
+    return [
+        SensorChannel(
+            each.column,
+            rest=math.nan if each.rest == "first" else each.rest,
+            calibrated=each.calibrated or ANYTHING,
+            bounds=settings.ranges.get(each.column),
+            hold=default_hold(period) if settings.hold is None else settings.hold,
+            # What is commanded may well stand still.
+            frozen_after=math.inf if each.commanded else settings.frozen_after,
+            report=report,
+            back=each.to_true,
+            at_rest=each.sensor,
+        )
+        for each in inputs
+    ]

@@ -1,0 +1,116 @@
+"""What a stream does with its rows: the plug-in that every streaming command provides."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from thermaltool.runtime.clock_check import ClockCheck
+from thermaltool.runtime.messages import Report
+from thermaltool.runtime.rows.row import Row
+
+# What is written for a row: a time [s] (None where none is known) and one number per name.
+Reply = tuple[float | None, Sequence[float]]
+
+
+class Process:
+    """Rows in, replies out; no input or output here.
+
+    A subclass sets `columns`, `names`, `period`, `clock` and `report`, and provides `step`; the
+    other methods where they mean something for it.
+
+    Attributes
+    ----------
+    columns : tuple of str
+        That are read.
+    names : tuple of str
+        That are written behind the time.
+    period : float [s]
+        Time between two rows of a ramp, where no line comes that asks for one.
+    clock : ClockCheck
+    report : callable
+        Gets (channel, message) once per change of state.
+    actuates : bool
+        Whether replies move something: then only usable lines count as heard, and the last reply
+        is the safe one, whatever ends the stream.
+    patience : float [s]
+        How long the source may be silent, where the user does not say.
+    digest : str
+        Identifies whose state a checkpoint is.
+    clock_advice : str
+        What a user can do about a stream without a clock.
+    time : float [s] or None
+        Of the last row that was accepted.
+    accepted : int
+        Rows that moved the clock.
+    """
+
+    columns: tuple[str, ...]
+    names: tuple[str, ...]
+    period: float | None
+    clock: ClockCheck
+    report: Report
+    actuates = False
+    patience = math.inf
+    digest = ""
+    clock_advice = "--period gives one to a stream without"
+    time: float | None = None
+    accepted = 0
+
+    def take(self, row: Row) -> Reply | None:
+        """The reply to a row; one whose time is refused leaves everything as it is.
+
+        Raises
+        ------
+        LogError
+            The rows are not what this process is for.
+        """
+        time = row.time
+        if time is None:
+            self.report("", "no time on this line: ignored")
+            return self.repeat()
+        seconds = self.clock.take(time)
+        if seconds is None:
+            return self.repeat()
+        self.time = time
+        self.accepted += 1
+        return self.step(row, seconds)
+
+    def step(self, row: Row, seconds: float) -> Reply | None:
+        """Advance by a row, so long after the one before (0 for the first); None for no reply."""
+        raise NotImplementedError
+
+    def repeat(self) -> Reply | None:
+        """The reply to a line that is refused."""
+        return None
+
+    def silence(self, elapsed: float) -> Reply | None:
+        """The reply to nothing, `elapsed` [s] after the last line that was heard."""
+        return None
+
+    @property
+    def at_safe(self) -> bool:
+        """Whether silence changes nothing any more."""
+        return True
+
+    def finish(self) -> Sequence[float] | None:
+        """The last values, which are safe for good; None for none."""
+        return None
+
+    def summary(self) -> str:
+        """What is said at the end; nothing where it is empty."""
+        return ""
+
+    def state(self) -> dict[str, Any]:
+        """All that a restart needs, as JSON."""
+        return {}
+
+    def resume(self, state: dict[str, Any]) -> None:
+        """Go on from `state`.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            `state` is not one of this process.
+        """

@@ -1,0 +1,112 @@
+"""One line of a stream: a time, and one number per sensor, NaN where there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from thermaltool.errors import LogError
+from thermaltool.runtime.clocks import LineClock
+from thermaltool.runtime.rows.layout import Sensed, Wanted, find_layout
+
+UNREADABLE = (LookupError, OverflowError, TypeError, ValueError)
+# Words for a missing value, in lower case.
+EMPTY = ("", "null", "none", "na")
+# Of a field that is no number, a message shows so many characters.
+SHOWN_CHARACTERS = 40
+
+
+class Row(NamedTuple):
+    """One line: `time` [s] (None where it has none), `readings`, and why each bad one is bad."""
+
+    time: float | None
+    readings: list[float]
+    faults: Sequence[str]
+
+
+class RowReader:
+    """Reads the lines of one format.
+
+    A format gives `_open`, which calls `_lay_out` with the names of a first line, and `row`, which
+    calls `_take` with the fields of a line or `_unusable`.
+
+    Parameters
+    ----------
+    wanted : Wanted
+
+    Attributes
+    ----------
+    clock : LineClock or None
+        None until `open` has seen the line that shows the names.
+    """
+
+    clock: LineClock | None = None
+
+    def __init__(self, wanted: Wanted) -> None:
+        self.wanted = wanted
+        self._sensed: tuple[Sensed, ...] = ()
+        self._good = ("",) * len(wanted.sensors)
+
+    def open(self, line: bytes, source: str | None = None, number: int | None = None) -> bool:
+        """Find the columns in the first line; returns whether that line is a row too.
+
+        Raises
+        ------
+        LogError
+            It is no such line, or a column is not there; placed in `source` at line `number`.
+        """
+        try:
+            return self._open(line)
+        except LogError as error:
+            raise LogError(error.message, source, number, error.column) from error
+
+    def row(self, line: bytes) -> Row:
+        """The row in a line, whatever the line holds."""
+        raise NotImplementedError
+
+    def _open(self, line: bytes) -> bool:
+        raise NotImplementedError
+
+    def _lay_out(self, keys: dict[str, Any], number: Callable[[Any], float]) -> None:
+        """Find clock and sensors; `keys` leads from a name to its field, `number` reads one."""
+        layout = find_layout(keys, self.wanted, number)
+        self._number, self._sensed, self.clock = number, layout.sensors, layout.clock
+        self._keys = [sensed.key for sensed in layout.sensors]
+        self._scaled = any((s.scale, s.offset) != (1.0, 0.0) for s in layout.sensors)
+
+    def _time(self, fields: Any) -> float | None:
+        assert self.clock is not None
+        try:
+            return self.clock.stamp(fields)
+        except UNREADABLE:
+            return None
+
+    def _take(self, fields: Any) -> Row:
+        number = self._number
+        try:
+            readings, faults = [number(fields[key]) for key in self._keys], self._good
+        except UNREADABLE:
+            each = [self._reading(fields, key) for key in self._keys]
+            readings, faults = [value for value, _ in each], tuple(fault for _, fault in each)
+        if self._scaled:
+            readings = [s.scale * x + s.offset for s, x in zip(self._sensed, readings, strict=True)]
+        return Row(self._time(fields), readings, faults)
+
+    def _reading(self, fields: Any, key: Any) -> tuple[float, str]:
+        """The reading at `key`, or NaN and what is wrong with it."""
+        try:
+            field = fields[key]
+        except LookupError:
+            return math.nan, "missing"
+        try:
+            return self._number(field), ""
+        except UNREADABLE:
+            text = field.decode("utf-8", "replace").strip() if isinstance(field, bytes) else field
+            if text is None or str(text).lower() in EMPTY:
+                return math.nan, "empty"
+            return math.nan, f"not a number: {str(text)[:SHOWN_CHARACTERS]!r}"
+
+    def _unusable(self, time: float | None, fault: str) -> Row:
+        sensors = len(self._good)
+        return Row(time, [math.nan] * sensors, (fault,) * sensors)

@@ -1,0 +1,53 @@
+"""Where the replies of a stream go: a new sink is one file in this folder and one line below."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
+
+from thermaltool.runtime.registry import load
+
+if TYPE_CHECKING:
+    from thermaltool.runtime.process import Reply
+
+SINKS = {
+    "csv": "thermaltool.runtime.sinks.line_sinks:CsvSink",
+    "ndjson": "thermaltool.runtime.sinks.line_sinks:NdjsonSink",
+    "parquet": "thermaltool.runtime.sinks.parquet_sink:ParquetSink",
+}
+
+
+class Output(Protocol):
+    """Where bytes go: stdout, with signals that do not tear a line."""
+
+    def write(self, data: bytes) -> None:
+        """Write all of it; raises OutputError or BrokenPipeError."""
+
+
+class Sink(Protocol):
+    """What takes replies. It is made with the `Output` of the stream, which it need not use.
+
+    `open` comes first; `close` comes last and always, also after an error of `open` or `write`.
+    Each may raise OutputError, which ends the stream.
+    """
+
+    def open(self, names: Sequence[str]) -> None:
+        """The names of what is written: the first is ``time_s``."""
+
+    def write(self, replies: Sequence[Reply]) -> None:
+        """Put replies out, at once if something acts on them."""
+
+    def close(self) -> None:
+        """Nothing comes any more."""
+
+
+def open_sink(name: str, output: Output) -> Sink:
+    """The sink of that name; nothing is written yet.
+
+    Raises
+    ------
+    ValueError
+        There is none.
+    """
+    sink: Sink = load(SINKS, name, "no stream is written as")(output)
+    return sink

@@ -1,0 +1,53 @@
+"""Replies as lines of text, one each, at once: CSV and NDJSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from thermaltool.runtime.process import Reply
+    from thermaltool.runtime.sinks import Output
+
+
+class LineSink:
+    """One line per reply; a format gives `_layout`."""
+
+    def __init__(self, output: Output) -> None:
+        self._output = output
+
+    def _layout(self, names: Sequence[str]) -> tuple[str, str, str]:
+        """Header, pattern of a line (the time as %s, each number as %r), and a missing time."""
+        raise NotImplementedError
+
+    def open(self, names: Sequence[str]) -> None:
+        header, self._line, self._no_time = self._layout(names)
+        self._output.write(header.encode())
+
+    def write(self, replies: Sequence[Reply]) -> None:
+        self._output.write("".join([self._text(*reply) for reply in replies]).encode())
+
+    def _text(self, time: float | None, values: Sequence[float]) -> str:
+        stamp = self._no_time if time is None else repr(time)
+        # Adding zero turns -0.0 into 0.0.
+        return self._line % (stamp, *[value + 0.0 for value in values])
+
+    def close(self) -> None:
+        """Every line is out already."""
+
+
+class CsvSink(LineSink):
+    """A line of names, then a line per reply; a missing time is an empty field."""
+
+    def _layout(self, names: Sequence[str]) -> tuple[str, str, str]:
+        return ",".join(names) + "\n", ",".join(["%s"] + ["%r"] * (len(names) - 1)) + "\n", ""
+
+
+class NdjsonSink(LineSink):
+    """A JSON object per reply; a missing time is null."""
+
+    def _layout(self, names: Sequence[str]) -> tuple[str, str, str]:
+        keys = [json.dumps(name).replace("%", "%%") for name in names]
+        fields = [f"{key}: %{'r' if k else 's'}" for k, key in enumerate(keys)]
+        return "", "{" + ", ".join(fields) + "}\n", "null"
