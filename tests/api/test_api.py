@@ -7,12 +7,16 @@ import importlib
 import inspect
 import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
 
+import numpy as np
+import pandas as pd
 import pytest
 
 import thermaltool as tt
 from thermaltool import api
+from thermaltool.errors import ThermalToolWarning
 
 FUNCTIONS = [name for name in api.__all__ if inspect.isfunction(getattr(tt, name))]
 RESULTS = [name for name in api.__all__ if inspect.isclass(getattr(tt, name))]
@@ -51,8 +55,7 @@ def test_functions_are_documented_with_an_example(name: str) -> None:
 
 
 def modules() -> list[ModuleType]:
-    names = sorted(set(api._MODULES.values()))
-    return [importlib.import_module(f"thermaltool.api.{name}") for name in names]
+    return [importlib.import_module(f"thermaltool.api.{name}") for name in api.PUBLIC]
 
 
 @pytest.mark.parametrize("module", modules(), ids=lambda module: module.__name__.rpartition(".")[2])
@@ -96,3 +99,63 @@ def test_an_inversion_is_a_frame_and_knows_where_it_failed() -> None:
     assert tt.invert_laplace(lambda s: 1 / s, [1.0]).warning() == ""
     with pytest.raises(ValueError, match="parameters belong to an expression"):
         tt.invert_laplace(lambda s: 1 / s, [1.0], parameters={"a": 1.0})
+
+
+@pytest.fixture(scope="module")
+def frame() -> pd.DataFrame:
+    """A minute of rest, then 100 W: d_z follows with 200 s, read with 0.01 µm of noise."""
+    time = np.arange(0.0, 1200.0, 10.0)
+    frame = pd.DataFrame({"time_s": time, "Q_motor_W": np.where(time < 60, 0.0, 100.0)})
+    frame["d_z_um"] = np.where(time < 60, 0.0, 20 * -np.expm1(-(time - 60) / 200))
+    frame["d_z_um"] += 0.01 * np.random.default_rng(3).standard_normal(len(time))
+    return frame
+
+
+@pytest.fixture(scope="module")
+def fit(frame: pd.DataFrame) -> api.Calibration:
+    return tt.calibrate(frame, ["Q_motor_W"], deflections=["d_z_um"])
+
+
+def test_a_calibration_prints_its_table_and_draws_the_log(
+    fit: api.Calibration, frame: pd.DataFrame
+) -> None:
+    head, row = str(fit).splitlines()
+    assert head.split()[:2] == ["output", "rmse"]
+    assert row.startswith("d_z_um")
+    assert set(fit.frame.index.get_level_values("output")) == {"d_z_um"}
+    assert fit.frame["standard_error"].notna().any()
+    assert fit.exceeds(0.001)
+    assert not fit.exceeds(1.0)
+    assert [ax.get_title("left") for ax in fit.plot().axes] == ["d_z_um, from rest", ""]
+
+
+def test_several_logs_are_calibrated_together(frame: pd.DataFrame) -> None:
+    both = tt.calibrate(
+        [frame, frame[frame["time_s"] < 600]], ["Q_motor_W"], deflections=["d_z_um"]
+    )
+    assert both.model.outputs[0].fit["rows"] == 120 + 60
+
+
+def test_a_simulation_takes_a_fit_a_model_or_a_file(
+    fit: api.Calibration, frame: pd.DataFrame, tmp_path: Path
+) -> None:
+    tt.write_model(fit, str(tmp_path / "model.json"))
+    runs = [tt.simulate(m, frame) for m in (fit, fit.model, tmp_path / "model.json")]
+    for run in runs[1:]:
+        np.testing.assert_allclose(run.columns["d_z_um"], runs[0].columns["d_z_um"], rtol=1e-12)
+    # A displacement counts from its first value, which is read with noise.
+    assert runs[0].agreements["d_z_um"].rmse < 0.05
+    assert list(runs[0].frame) == ["d_z_um", "residual_d_z_um"]
+    assert len(runs[0].plot().axes) == 2
+    assert not tt.simulate(fit, frame[["time_s", "Q_motor_W"]]).judged
+
+
+def test_extrapolation_and_pauses_are_warned_of(fit: api.Calibration, frame: pd.DataFrame) -> None:
+    with pytest.warns(ThermalToolWarning, match="the model extrapolates"):
+        tt.simulate(fit, frame.assign(Q_motor_W=2 * frame["Q_motor_W"]))
+    late = frame.assign(time_s=frame["time_s"] + np.where(frame["time_s"] > 600, 7200.0, 0.0))
+    said: list[str] = []
+    tt.simulate(fit, late, warn=said.append)
+    assert [sentence.partition(": ")[2] for sentence in said] == [
+        "a pause of 7210 s; the drive is taken as held over it"
+    ]

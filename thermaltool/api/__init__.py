@@ -9,33 +9,49 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from thermaltool.api.inputs import read_log
-    from thermaltool.api.laplace_inversion import LaplaceInversion, invert_laplace
-    from thermaltool.api.log_check import LogCheck, check
-    from thermaltool.api.noise_report import NoiseReport, noise
+    from thermaltool.api.calibration import *  # noqa: F403
+    from thermaltool.api.inputs import *  # noqa: F403
+    from thermaltool.api.laplace_inversion import *  # noqa: F403
+    from thermaltool.api.log_check import *  # noqa: F403
+    from thermaltool.api.noise_report import *  # noqa: F403
+    from thermaltool.api.result import *  # noqa: F403
+    from thermaltool.api.simulation import *  # noqa: F403
 
-_MODULES = {
-    "LaplaceInversion": "laplace_inversion",
-    "LogCheck": "log_check",
-    "NoiseReport": "noise_report",
-    "check": "log_check",
-    "invert_laplace": "laplace_inversion",
-    "noise": "noise_report",
-    "read_log": "inputs",
+# module -> what it offers
+PUBLIC = {
+    "calibration": (
+        "Calibration",
+        "calibrate",
+    ),
+    "inputs": (
+        "read_log",
+        "read_model",
+        "write_model",
+    ),
+    "laplace_inversion": (
+        "LaplaceInversion",
+        "invert_laplace",
+    ),
+    "log_check": (
+        "LogCheck",
+        "check",
+    ),
+    "noise_report": (
+        "NoiseReport",
+        "noise",
+    ),
+    "result": ("to_frame",),
+    "simulation": (
+        "Simulation",
+        "simulate",
+    ),
 }
 
-__all__ = [
-    "LaplaceInversion",
-    "LogCheck",
-    "NoiseReport",
-    "check",
-    "invert_laplace",
-    "noise",
-    "read_log",
-]
+__all__ = [name for names in PUBLIC.values() for name in names]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+    for module, names in PUBLIC.items():
+        if name in names:
+            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 
+from thermaltool.api.result import Notice, notice
 from thermaltool.documents import NOISE, Part, atomic_output, finite, mapping, read_text
-from thermaltool.errors import ModelError
+from thermaltool.errors import LogError, ModelError
 
 if TYPE_CHECKING:
     import pandas
@@ -101,6 +102,45 @@ def read_log(
     )
 
 
+def read_for_fit(
+    data: Data,
+    need: Sequence[str],
+    subject: str,
+    span: tuple[float | None, float | None] = (None, None),
+    *,
+    min_rows: int = 2,
+    warn: Notice = notice,
+    **reading: Unpack[Reading],
+) -> Log:
+    """A log over a `span` of time [s], with a word on what its pauses mean.
+
+    Raises
+    ------
+    LogError
+        As `read_log`; too few rows to say anything of the `subject`.
+    """
+    log = read_log(data, **reading, need=need).between(*span)
+    if len(log) < min_rows:
+        raise LogError(f"{len(log)} rows say nothing of a {subject}", log.name)
+    warn_pauses(log, warn)
+    return log
+
+
+def warn_pauses(
+    log: Log, warn: Notice, meaning: str = "the drive is taken as held over it"
+) -> None:
+    """Say where a log pauses, and what that means."""
+    from thermaltool.report.text import pause_messages
+
+    for message in pause_messages(log, meaning):
+        warn(message)
+
+
+def all_of(data: Data | Sequence[Data]) -> Sequence[Data]:
+    """One or several inputs as several."""
+    return data if isinstance(data, list | tuple) else [data]
+
+
 def as_model(model: ModelLike) -> Model:
     """A model: itself, the one in a file, or the one that a result holds (its ``model``)."""
     if isinstance(model, str | os.PathLike):
@@ -115,16 +155,70 @@ def source_name(path: str) -> str:
 
 
 def read_model(path: str) -> Model:
-    """The model document in a file, or on stdin for ``-``."""
+    """The model in a file.
+
+    Parameters
+    ----------
+    path : str
+        A model document (JSON); ``-`` is stdin.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    ModelError
+        No model document, or one of a newer version; the message names the file and the place.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd, tempfile, thermaltool as tt
+    >>> time = np.arange(0.0, 1200.0, 10.0)
+    >>> frame = pd.DataFrame({"time_s": time, "Q_motor_W": np.where(time < 60, 0.0, 100.0)})
+    >>> frame["d_z_um"] = np.where(time < 60, 0.0, 20 * -np.expm1(-(time - 60) / 200))
+    >>> fit = tt.calibrate(frame, ["Q_motor_W"], deflections=["d_z_um"])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     tt.write_model(fit, f"{folder}/model.json")
+    ...     tt.read_model(f"{folder}/model.json").needs()
+    ('Q_motor_W',)
+    """
     from thermaltool.model import loads
 
     return loads(read_text(path), source_name(path))
 
 
-def write_model(model: Model, path: str, command: str | None = None) -> None:
-    """Write a model document whole; ``-`` is stdout. `command` goes into its provenance."""
+def write_model(model: ModelLike, path: str, command: str | None = None) -> None:
+    """Write a model document, whole or not at all.
+
+    Parameters
+    ----------
+    model : Model, or a result that holds one
+    path : str
+        ``-`` is stdout.
+    command : str, optional
+        How the model was made, for its provenance.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written; a file that was there before is still there.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd, tempfile, thermaltool as tt
+    >>> time = np.arange(0.0, 1200.0, 10.0)
+    >>> frame = pd.DataFrame({"time_s": time, "Q_motor_W": np.where(time < 60, 0.0, 100.0)})
+    >>> frame["d_z_um"] = np.where(time < 60, 0.0, 20 * -np.expm1(-(time - 60) / 200))
+    >>> fit = tt.calibrate(frame, ["Q_motor_W"], deflections=["d_z_um"])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     tt.write_model(fit, f"{folder}/model.json")
+    ...     tt.read_model(f"{folder}/model.json").needs()
+    ('Q_motor_W',)
+    """
     from thermaltool.model import dumps
 
+    model = as_model(model)
     if command is not None:
         model = replace(model, provenance={**model.provenance, "command": command})
     text = dumps(model)

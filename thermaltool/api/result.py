@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
+    from thermaltool.record import Record
+
 Notice = Callable[[str], None]
 
 
@@ -53,14 +55,33 @@ def notice(message: str) -> None:
     warnings.warn(message, ThermalToolWarning, stacklevel=3)
 
 
-def to_frame(columns: Mapping[str, Any]) -> pandas.DataFrame:
+def silent(message: str) -> None:
+    """Tell nobody."""
+
+
+def to_frame(columns: Mapping[str, Any] | Record) -> pandas.DataFrame:
     """A data frame of columns, ``time_s`` as its index where it is there.
 
     Parameters
     ----------
-    columns : mapping of str to ndarray, shape (n,)
+    columns : mapping of str to ndarray, shape (n,), or Record
+
+    Returns
+    -------
+    pandas.DataFrame
+
+    Examples
+    --------
+    >>> import numpy as np, thermaltool as tt
+    >>> tt.to_frame(tt.Record(np.array([0.0, 10.0]), {"T_a_degC": np.array([20.0, 20.5])}))
+            T_a_degC
+    time_s
+    0.0         20.0
+    10.0        20.5
     """
     import pandas
 
+    if not isinstance(columns, Mapping):
+        columns = {"time_s": columns.time, **columns.columns}
     frame = pandas.DataFrame(dict(columns))
     return frame.set_index("time_s") if "time_s" in frame else frame

@@ -7,8 +7,7 @@ from typing import Any
 
 import click
 
-from thermaltool.api.inputs import write_model
-from thermaltool.cli.messages import command_line, terminal_progress, warn
+from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progress, warn
 from thermaltool.cli.options import (
     NUMBER,
     json_option,
@@ -22,9 +21,7 @@ from thermaltool.cli.options import (
     quiet_option,
     reference_of,
 )
-from thermaltool.cli.reading import read_for_fit
 from thermaltool.documents import write_json
-from thermaltool.report.text import aligned
 
 
 @click.command(
@@ -66,51 +63,34 @@ def command(
     responses: tuple[str, ...],
     fixed: tuple[str, ...],
     reference: str | None,
-    start: float | None,
-    stop: float | None,
     max_rmse: float | None,
     output: str,
     as_json: bool,
     quiet: int,
-    drives: tuple[str, ...],
-    sensors: tuple[str, ...],
-    deflections: tuple[str, ...],
-    loss: Any,
-    starts: int,
-    initial: str,
-    **reading: Any,
+    **options: Any,
 ) -> None:
     """Fit temperature and deflection models to measured logs.
 
     Any input will do, not only a step; several logs are fitted together. The model goes to -o, a
     table of the fit to stderr (with --json to stdout).
     """
-    from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
-    from thermaltool.report.calibration import (
-        calibration_document,
-        calibration_table,
-        calibration_warnings,
-    )
+    from thermaltool import api
 
     if as_json and output == "-":
         raise click.UsageError("--json reports on stdout: give the model a file with -o")
     kinds = dict(pair_of(item, "--response") for item in responses)
     constants = {n: number_of(value, "--fix") for n, value in (pair_of(i, "--fix") for i in fixed)}
-    plan = CalibrationPlan(drives, sensors, deflections, kinds, reference_of(reference), None,
-                           constants, loss, starts, initial == "free")  # fmt: skip
     one_stdin(*logs)
     keep_inputs(output, *logs)
-    need = (*drives, *sensors, *deflections)
-    read = [read_for_fit(name, need, reading, "response", (start, stop)) for name in logs]
-    progress = terminal_progress("calibrate")
-    model = calibrate(read, plan, progress)
-    progress("done\n")
-    write_model(model, output, command_line())
+    fit = api.calibrate(logs, **options, kinds=kinds, fixed=constants,
+                        reference=reference_of(reference), warn=warn,
+                        progress=terminal_progress("calibrate"))  # fmt: skip
+    api.write_model(fit.model, output, command_line())
     if as_json:
-        write_json(calibration_document(model), "-")
+        write_json(fit.document(), "-")
     elif not quiet:
-        warn(aligned(calibration_table(model)))
-    for sentence in calibration_warnings(model) if not quiet else ():
+        warn(fit.table())
+    for sentence in fit.notes if not quiet else ():
         warn(sentence)
-    if max_rmse is not None and any(out.fit["rmse"] > max_rmse for out in model.outputs):
-        sys.exit(3)
+    if max_rmse is not None and fit.exceeds(max_rmse):
+        sys.exit(DID_NOT_PASS)

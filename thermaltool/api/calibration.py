@@ -1,0 +1,179 @@
+"""Logs in, a calibrated model out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, Unpack
+
+from thermaltool.api.inputs import Reading, all_of, read_for_fit
+from thermaltool.api.result import Notice, Result, notice, silent
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+    from thermaltool.api.inputs import Data
+    from thermaltool.logs import Log
+    from thermaltool.model import Model
+    from thermaltool.units import Reference
+
+
+@dataclass(frozen=True, repr=False)
+class Calibration(Result):
+    """A model, and the logs that it was fitted to.
+
+    Attributes
+    ----------
+    model : Model
+    logs : tuple of Log
+    """
+
+    model: Model
+    logs: tuple[Log, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the logs leave open, each a sentence."""
+        from thermaltool.report.calibration import calibration_warnings
+
+        return tuple(calibration_warnings(self.model))
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """Fitted parameters with their standard errors, one row each; NaN where fixed."""
+        import pandas
+
+        from thermaltool.responses import parameter_names
+
+        rows = []
+        for term in self.model.terms:
+            names = list(term.covariance_names)
+            for name in parameter_names(term.response.kind):
+                k = names.index(name) if name in names else None
+                variance = float("nan") if k is None else float(term.covariance[k, k])  # type: ignore[index]
+                value = getattr(term.response, name)
+                rows.append((term.output, term.drive, name, value, variance**0.5))
+        columns = ["output", "drive", "parameter", "value", "standard_error"]
+        return pandas.DataFrame(rows, columns=columns).set_index(columns[:3])
+
+    def document(self) -> dict[str, Any]:
+        """Outputs and terms as the model file has them."""
+        from thermaltool.report.calibration import calibration_document
+
+        return calibration_document(self.model)
+
+    def exceeds(self, rmse: float) -> bool:
+        """Whether an output's RMSE is above this [unit of the output]."""
+        return any(output.fit["rmse"] > rmse for output in self.model.outputs)
+
+    def table(self) -> str:
+        """Each output with its fit and its responses."""
+        from thermaltool.report.calibration import calibration_table
+        from thermaltool.report.text import aligned
+
+        return aligned(calibration_table(self.model))
+
+    def draw(self) -> Figure:
+        """Measured and simulated outputs over the first log, and their difference."""
+        from thermaltool.report.pairs import draw_comparison
+
+        return draw_comparison(self.model, self.logs[0])
+
+
+def calibrate(
+    data: Data | Sequence[Data],
+    drives: Sequence[str],
+    *,
+    sensors: Sequence[str] = (),
+    deflections: Sequence[str] = (),
+    kinds: Mapping[str, str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    reference: Reference | None = None,
+    initial: Literal["rest", "free"] = "rest",
+    start: float | None = None,
+    stop: float | None = None,
+    loss: Literal["huber", "linear"] = "huber",
+    starts: int = 6,
+    warn: Notice = notice,
+    progress: Notice = silent,
+    **reading: Unpack[Reading],
+) -> Calibration:
+    """Fit temperature and deflection models to measured logs.
+
+    Any input will do, not only a step; several logs are fitted together.
+
+    Parameters
+    ----------
+    data : str, path, pandas.DataFrame, Record, or a sequence of them
+    drives : sequence of str
+        Known inputs: a heat, a voltage, or any measured channel.
+    sensors : sequence of str
+        Outputs from which the drive will be estimated.
+    deflections : sequence of str
+        Outputs that will be computed.
+    kinds : mapping of output to kind of response, optional
+        Default: conduction for sensors, deflection for deflections.
+    fixed : mapping of parameter to value, optional
+        Parameters that are not fitted.
+    reference : "first" or float, optional
+        What counts as no drive. Default: "first" for an absolute temperature, else 0.
+    initial : {"rest", "free"}
+        State at the first row: at rest, or coming from an unknown level.
+    start, stop : float, optional [s]
+        The stretch that is fitted.
+    loss : {"huber", "linear"}
+        Huber counts outliers less.
+    starts : int
+        Starts of the search that are refined.
+    warn, progress : callable
+        Take a sentence where a log pauses, and a word now and then.
+    **reading
+        See `read_log`.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    LogError
+        A log that cannot be read, lacks a channel or has fewer than two rows.
+    ModelError
+        Nothing to fit, a channel in two roles, an unknown kind or parameter.
+    FitError
+        No fit on these data.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd, thermaltool as tt
+    >>> time = np.arange(0.0, 1200.0, 10.0)
+    >>> frame = pd.DataFrame({"time_s": time, "Q_motor_W": np.where(time < 60, 0.0, 100.0)})
+    >>> frame["d_z_um"] = np.where(time < 60, 0.0, 20 * -np.expm1(-(time - 60) / 200))
+    >>> fit = tt.calibrate(frame, ["Q_motor_W"], deflections=["d_z_um"])
+    >>> round(fit.model.terms[0].response.dc_gain(), 3)
+    0.2
+    """
+    from thermaltool.fitting.calibrate import CalibrationPlan
+    from thermaltool.fitting.calibrate import calibrate as fit
+
+    plan = CalibrationPlan(
+        tuple(drives),
+        tuple(sensors),
+        tuple(deflections),
+        kinds or {},
+        reference,
+        None,
+        fixed or {},
+        loss,
+        starts,
+        initial == "free",
+    )
+    need = (*drives, *sensors, *deflections)
+    logs = [
+        read_for_fit(each, need, "response", (start, stop), warn=warn, **reading)
+        for each in all_of(data)
+    ]
+    model = fit(logs, plan, progress)
+    progress("done\n")
+    return Calibration(model, tuple(logs))

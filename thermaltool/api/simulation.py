@@ -1,0 +1,149 @@
+"""A model's outputs for the drives in a log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Unpack
+
+from thermaltool.api.inputs import Reading, as_model, read_log, warn_pauses
+from thermaltool.api.result import Notice, Result, notice, to_frame
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from thermaltool.api.inputs import Data, ModelLike
+    from thermaltool.logs import Log
+    from thermaltool.model import Model
+    from thermaltool.signals.agreement import Agreement
+
+
+@dataclass(frozen=True, repr=False)
+class Simulation(Result):
+    """Outputs of a model over a log.
+
+    Attributes
+    ----------
+    model : Model
+    log : Log
+        The drives, and what was measured of the outputs.
+    columns : mapping of str to ndarray, shape (n,)
+        ``time_s``, every output, and ``residual_...`` (measured minus simulated) where the output
+        was measured. A displacement counts from rest.
+    agreements : mapping of output to Agreement
+        Of the outputs that were measured, over the rows that are judged.
+    """
+
+    model: Model
+    log: Log
+    columns: Mapping[str, NDArray[Any]]
+    agreements: Mapping[str, Agreement]
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """Outputs and residuals against time [s]."""
+        return to_frame(self.columns)
+
+    def document(self) -> dict[str, Any]:
+        """The agreement of every measured output, JSON-ready."""
+        return {name: each.document() for name, each in self.agreements.items()}
+
+    @property
+    def judged(self) -> bool:
+        """Whether any output was measured over the rows that are judged."""
+        return any(a.rows for a in self.agreements.values())
+
+    def exceeds(self, rmse: float) -> bool:
+        """Whether an output's RMSE is above this [unit of the output]."""
+        return any(a.rmse > rmse for a in self.agreements.values())
+
+    def table(self) -> str:
+        """RMSE and fit of every measured output."""
+        from thermaltool.report.simulation import simulation_table
+
+        return simulation_table(self.agreements)
+
+    def draw(self) -> Figure:
+        """Simulated and measured outputs, and their difference."""
+        from thermaltool.report.pairs import draw_simulation
+
+        columns = {name: values for name, values in self.columns.items() if name != "time_s"}
+        return draw_simulation(replace(self.log, columns=columns))
+
+
+def simulate(
+    model: ModelLike,
+    data: Data,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+    warn: Notice = notice,
+    **reading: Unpack[Reading],
+) -> Simulation:
+    """Outputs of a model for the drives in a log.
+
+    The machine is taken to be at rest at the first row; all rows drive the model.
+
+    Parameters
+    ----------
+    model : Model, a result that holds one, str or path
+    data : str, path, pandas.DataFrame or Record
+    start, stop : float, optional [s]
+        The rows that are judged where outputs were measured.
+    warn : callable
+        Takes a sentence where the model extrapolates or the log pauses. Default: a
+        `ThermalToolWarning`.
+    **reading
+        See `read_log`.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    LogError
+        A log that cannot be read, or that lacks a drive.
+    ModelError
+        A file that is no model.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd, thermaltool as tt
+    >>> time = np.arange(0.0, 1200.0, 10.0)
+    >>> frame = pd.DataFrame({"time_s": time, "Q_motor_W": np.where(time < 60, 0.0, 100.0)})
+    >>> frame["d_z_um"] = np.where(time < 60, 0.0, 20 * -np.expm1(-(time - 60) / 200))
+    >>> fit = tt.calibrate(frame, ["Q_motor_W"], deflections=["d_z_um"])
+    >>> tt.simulate(fit, frame).agreements["d_z_um"].rmse < 0.01
+    True
+    """
+    import numpy as np
+
+    from thermaltool.model import excursions, relative
+    from thermaltool.record import Record
+    from thermaltool.report.text import excursion_message
+    from thermaltool.signals.agreement import agreement
+
+    model = as_model(model)
+    need = model.needs()
+    log = read_log(data, **reading, need=need)
+    for excursion in excursions(model, log.columns):
+        warn(excursion_message(log, excursion))
+    warn_pauses(log, warn)
+    drives = Record(log.time, {name: log.column(name) for name in need}, digest=log.digest)
+    simulated = model.simulate(drives)
+    columns: dict[str, Any] = {"time_s": log.time}
+    agreements = {}
+    judged = (log.time >= (-np.inf if start is None else start)) & (
+        log.time <= (np.inf if stop is None else stop)
+    )
+    for output in model.outputs:
+        name, level = output.channel, simulated[output.channel]
+        columns[name] = level if output.offset == "first" else level + output.offset
+        if name in log.columns:
+            measured = relative(log.columns[name], output.offset)
+            columns[f"residual_{name}"] = measured - level
+            agreements[name] = agreement(measured[judged], level[judged])
+    return Simulation(model, log, columns, agreements)
