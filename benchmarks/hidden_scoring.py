@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from thermaltool.diagnosis.correction import corrected, uncorrected
-from thermaltool.diagnosis.diagnose import TIGHT, diagnose
+from thermaltool.diagnosis.diagnose import WITHIN_CALIBRATION, diagnose
+from thermaltool.diagnosis.fit import fit_candidate
+from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Diagnosis
-from thermaltool.diagnosis.scan import refine, scan
-from thermaltool.diagnosis.workbench import Workbench
+from thermaltool.diagnosis.select import scan
 from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.model import Model, relative
@@ -344,16 +345,15 @@ def told_the_cause(model: Model, log: Record, truth: Hidden) -> Model | None:
     if truth.effect == "outliers":
         return model
     known = corrected(model)
-    bench = Workbench(known, [log], known, {}, TIGHT)
-    bench.weigh()
+    plain = Hypothesis.of(known, [log], known, WITHIN_CALIBRATION)
     right = [
         c
-        for c in scan(bench, [TIGHT])
+        for c in scan(plain, [WITHIN_CALIBRATION])
         if c.effect.name == truth.effect and in_place(c.effect, truth) is not False
     ]
     if not right:
         return None
-    best = max((refine(bench, c) for c in right[:TOLD_STARTS]), key=lambda c: c.gain)
+    best = max((fit_candidate(plain, c) for c in right[:TOLD_STARTS]), key=lambda c: c.gain)
     return uncorrected(replace(known, effects=(best.effect,)), model, False)
 
 
@@ -365,16 +365,16 @@ def power_of_knowing(model: Model, found: HiddenLog) -> float:
     covariance and the zero of the log cannot make (Neyman and Pearson 1933).
     """
     known = corrected(model)
-    bench = Workbench(known, [signals(found.log)], known, {}, TIGHT)
-    bench.weigh()
+    plain = Hypothesis.of(known, [signals(found.log)], known, WITHIN_CALIBRATION)
     size = 0.0
-    for output, evidence in bench.evidence.items():
-        change = evidence.observed.gather([found.truth[output] - found.clean[output]])
-        reduced = evidence.reduced(TIGHT, evidence.products(change[:, None], [[0]]))
-        base, own = reduced.base, reduced.own[:, 0]
-        left = base.square - 2 * reduced.b[:, 0] + own
-        level = int(np.argmin(base.negative_log(left)))
-        size += float(own[level] * base.dof / max(left[level], base.least))
+    for output, evidence in plain.evidence.items():
+        change = evidence.groups.means([found.truth[output] - found.clean[output]])
+        products = evidence.products(change[:, None], [[0]])
+        projected = evidence.projected(WITHIN_CALIBRATION, products)
+        null, own = projected.null, projected.own[:, 0]
+        left = null.square - 2 * projected.b[:, 0] + own
+        level = int(np.argmin(null.negative_log(left)))
+        size += float(own[level] * null.dof / max(left[level], null.least))
     return float(norm.cdf(np.sqrt(size) + norm.ppf(FALSE)))
 
 

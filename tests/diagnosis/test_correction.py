@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from thermaltool.diagnosis.correction import corrected
-from thermaltool.diagnosis.workbench import Workbench
+from thermaltool.diagnosis.diagnose import WITHIN_CALIBRATION
+from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.plants.hidden import hide
 from thermaltool.record import Record
 
-TIGHT = frozenset({"offset", "accepted", "tight"})
 HEAT = "Q_main_1"
 
 
@@ -48,11 +48,13 @@ def test_what_it_still_gets_wrong_is_what_it_says_that_it_may(clean):
     found, model = clean
     known = corrected(model)
     columns = {name: values for name, values in found.log.items() if name != "time_s"}
-    bench = Workbench(known, [Record(found.log["time_s"], columns, digest="log")], known, {}, TIGHT)
+    log = Record(found.log["time_s"], columns, digest="log")
+    made = Hypothesis.of(known, [log], known, WITHIN_CALIBRATION)
     sizes = []
     for output in found.noise:
-        own = np.column_stack([s[0] for s in (*bench.sensitivities(output), *bench.lags(output))])
-        moved = own @ bench.prior(output, False).root
+        nuisance = made.nuisance[output]
+        own = np.column_stack([s[0] for s in (*nuisance.sensitivities, *nuisance.lags)])
+        moved = own @ nuisance.calibrated_prior.root
         simulated = known.simulate(Record(found.log["time_s"], found.log, digest="log"))[output]
         error, noise = found.clean[output] - simulated, found.noise[output]
         table = np.column_stack([moved, np.ones(len(error))])

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import erfc, ndtri
 
-from thermaltool.diagnosis.observed import Observed
+from thermaltool.diagnosis.simulation import RowGroups
 from thermaltool.effects.effect import Float
 from thermaltool.record import Record
 from thermaltool.signals.likelihood import RestrictedLikelihood, least_on_grid
@@ -66,19 +66,19 @@ class ColouredTests:
     def __init__(self, time: Float, about: Float, records: Sequence[slice]) -> None:
         self.records = records
         logs = [Record(time[r], {}) for r in records]
-        seen = Observed.of("", logs, [np.ones(len(log.time), bool) for log in logs])
-        assert seen is not None
-        self.seen, self.period, self.size = seen, seen.noise.period, len(time)
-        self.clock = self._gather(time)
-        means = np.zeros((seen.size, len(records)))
-        means[np.arange(seen.size), seen.owner] = 1.0
-        self.columns = np.column_stack([self._gather(about), means])
-        self.dof = seen.size - len(records)
+        groups = RowGroups.of(logs, [np.ones(len(log), bool) for log in logs])
+        assert groups is not None
+        self.groups, self.period, self.size = groups, groups.noise.period, len(time)
+        self.clock = self._means(time)
+        means = np.zeros((groups.size, len(records)))
+        means[np.arange(groups.size), groups.owner] = 1.0
+        self.columns = np.column_stack([self._means(about), means])
+        self.dof = groups.size - len(records)
         if not np.any(about):
             self.ratio, self.tau = 0.0, 1.0
         else:
             self.ratio, self.tau = self._fit()
-        self.factor = seen.noise.factor(self.ratio, self.tau)
+        self.factor = groups.noise.factor(self.ratio, self.tau)
         gram = self.columns.T @ self.factor.solve(self.columns)
         inner = np.linalg.inv(gram[1:, 1:])
         square = float(gram[0, 0] - gram[0, 1:] @ inner @ gram[1:, 0])
@@ -87,14 +87,14 @@ class ColouredTests:
         self.solved = self.factor.solve(self.columns[:, 1:]) @ inner
         self.discrepancy = self.white * float(np.sqrt(self.ratio))
 
-    def _gather(self, values: Float) -> Float:
-        return self.seen.gather([values[r] for r in self.records])
+    def _means(self, values: Float) -> Float:
+        return self.groups.means([values[r] for r in self.records])
 
     def _fit(self) -> tuple[float, float]:
         """Variance of the discrepancy over that of the white noise, and its time constant [s]."""
-        seen = self.seen
+        groups = self.groups
         likelihood = RestrictedLikelihood(
-            self.clock, self.columns[:, 0], seen.noise.starts, 0, seen.share, self.period
+            self.clock, self.columns[:, 0], groups.noise.starts, 0, groups.weight, self.period
         )
 
         def negative_log(log_ratio: float, log_tau: float) -> float:
@@ -128,13 +128,13 @@ class ColouredTests:
         """One-step prediction errors in units of their standard deviation."""
         ratio = self.ratio
         decays = np.exp(-np.diff(self.clock, prepend=self.clock[0]) / self.tau)
-        fresh = np.diff(self.seen.owner, prepend=-1) != 0
+        fresh = np.diff(self.groups.owner, prepend=-1) != 0
         state, spread, result = 0.0, ratio, []
         for value, decay, new, weight in zip(
             self.clean.tolist(),
             decays.tolist(),
             fresh.tolist(),
-            self.seen.share.tolist(),
+            self.groups.weight.tolist(),
             strict=True,
         ):
             if new:
@@ -151,14 +151,14 @@ class ColouredTests:
 
     def dependence(self, channel: str, values: Float) -> Dependence | None:
         """Whether the residual follows a channel at any lag; None where it does not change."""
-        gathered = self._gather(values)
+        gathered = self._means(values)
         windows, features = [(0, 1)], []
-        while 4 * windows[-1][1] < self.seen.size:
+        while 4 * windows[-1][1] < self.groups.size:
             windows.append((windows[-1][1], 2 * windows[-1][1]))
         for first, end in windows:
-            feature = np.zeros(self.seen.size)
+            feature = np.zeros(self.groups.size)
             for k in range(len(self.records)):
-                own = self.seen.owner == k
+                own = self.groups.owner == k
                 feature[own] = _past(gathered[own], first, end)
             features.append(feature)
         block = np.column_stack(features)
@@ -174,7 +174,7 @@ class ColouredTests:
         z[there] = (self.clean @ solved)[there] / (self.white * np.sqrt(norm[there]))
         best, tried, root = int(np.argmax(np.abs(z))), int(there.sum()), float(np.sqrt(self.dof))
         one = float(erfc(abs(z[best]) / np.sqrt(2.0)))
-        group = self.period * self.size / self.seen.size
+        group = self.period * self.size / self.groups.size
         first, end = windows[best]
         return Dependence(
             channel,

@@ -11,62 +11,162 @@ a cause enters by inner products of its signature alone, so that one pass judges
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from thermaltool.diagnosis.observed import Observed
-from thermaltool.diagnosis.profile import Base, Index, Reduced
+from thermaltool.diagnosis.simulation import Index, RowGroups
 from thermaltool.effects.effect import Float
 from thermaltool.signals.likelihood import Factor
 
-State = frozenset[str]
-
-
-def released(state: State) -> State:
-    """The state in which the model's own parameters are free."""
-    return (state - {"tight"}) | {"released"}
-
-
-# Evidence (fall of BIC, corrected for the causes tried) from which a cause is held out: odds of 10.
-STRONG = 4.6
-# ... from which two answers are told apart: odds of 150.
-DECISIVE = 10.0
+# What is left free: groups of nuisance in use ("offset", "accepted", "tight" or "released",
+# "initial"), and "white" where what is left over is taken for white noise.
+Assumptions = frozenset[str]
 # Groups of columns without a prior; all others have mean zero and variance one.
-FLAT = ("offset", "accepted")
+FLAT_GROUPS = ("offset", "accepted")
+# Evidence (fall of BIC, corrected for the causes tried) from which a cause is held out: odds of 10.
+STRONG_EVIDENCE = 4.6
+# ... from which two answers are told apart: odds of 150.
+DECISIVE_EVIDENCE = 10.0
 # A signature of which less than this share is left after projection cannot be seen.
-INVISIBLE = 1e-5
+MIN_SHARE_LEFT = 1e-5
 # Eigenvalues of the scaled nuisance: what is below is left out, and where the digits of the
 # products no longer carry the whole projection.
 SINGULAR, COLLINEAR = 1e-13, 1e-7
 # How much larger the discrepancy of a clean log may be than expected: a deviation of its logarithm.
-SPREAD = 0.3
-_RATIOS = 10.0 ** np.arange(-2, 7)
-_NEAR_RATIOS = (0.003, 0.02, 0.1, 0.35, 1.0, 3.0)
-_NEAR_TAUS = (0.1, 0.33, 1.0, 3.0)
+DISCREPANCY_SPREAD = 0.3
+# Sum of squares that stands for rounding, over rows times white variance.
+ROUNDING = 1e-4
+
+WHITE_ALONE = (0.0, 1.0)
+
+
+def released(assumptions: Assumptions) -> Assumptions:
+    """The assumptions with the model's own parameters free."""
+    return (assumptions - {"tight"}) | {"released"}
 
 
 @dataclass(frozen=True)
-class Level:
-    """One noise level: products of the residual and the nuisance columns under it."""
+class NoiseLevel:
+    """Products of residual and nuisance columns under one covariance of the noise.
+
+    Attributes
+    ----------
+    ratio : float
+        Variance of the discrepancy over that of white noise.
+    tau : float [s]
+        Time constant of the discrepancy.
+    odds : float
+        Logarithm of the odds against it.
+    factor : Factor
+        The covariance.
+    solved : ndarray, shape (n, 1 + c)
+        Its inverse times the columns.
+    gram : ndarray, shape (1 + c, 1 + c)
+    """
 
     ratio: float
     tau: float
-    odds: float  # logarithm, against it
+    odds: float
     factor: Factor
-    solved: Float  # (n, 1 + c)
-    gram: Float  # (1 + c, 1 + c)
+    solved: Float
+    gram: Float
 
 
 @dataclass(frozen=True)
-class Products:
-    """Signatures of one output under every level.
+class NullFit:
+    """Likelihood of an output without a further cause, under some assumptions, at every level.
+
+    Attributes
+    ----------
+    square, logdet : ndarray, shape (levels,)
+        Sum of squares that the nuisance leaves, and log determinant of the covariance.
+    dof : float
+        Degrees of freedom.
+    least : float
+        Sum of squares that stands for rounding: nothing is explained better than that.
+    active : ndarray of int, shape (c,)
+        Nuisance columns in use.
+    whitening : list of ndarray, shape (c, r)
+        Combinations of the active nuisance that are orthonormal, priors included.
+    pull : list of ndarray, shape (r,)
+        Products of those combinations with the residual.
+    fitted : ndarray, shape (levels, c)
+        Best nuisance.
+    """
+
+    square: Float
+    logdet: Float
+    dof: float
+    least: float
+    active: Index
+    whitening: list[Float]
+    pull: list[Float]
+    fitted: Float
+
+    def negative_log(self, square: Float) -> Float:
+        """Negative log likelihood.
+
+        Parameters
+        ----------
+        square : ndarray, shape (..., levels)
+            Sums of squares.
+        """
+        return 0.5 * (self.dof * np.log(np.maximum(square, self.least) / self.dof) + self.logdet)
+
+    @cached_property
+    def best(self) -> float:
+        """Negative log likelihood at the best level."""
+        return float(np.min(self.negative_log(self.square)))
+
+    @property
+    def white(self) -> float:
+        """Standard deviation of the white noise of a reading."""
+        return float(np.sqrt(self.square[self.level] / self.dof))
+
+    @property
+    def level(self) -> int:
+        """Index of the best noise level."""
+        return int(np.argmin(self.negative_log(self.square)))
+
+
+@dataclass(frozen=True)
+class ProjectedProducts:
+    """Products of signatures with the residual and each other, nuisance projected out.
+
+    Attributes
+    ----------
+    null : NullFit
+    b, own : ndarray, shape (levels, k)
+        With the residual, and of each signature with itself.
+    pairs : mapping of (i, j) to ndarray, shape (levels,)
+        Between signatures of one candidate.
+    """
+
+    null: NullFit
+    b: Float
+    own: Float
+    pairs: Mapping[tuple[int, int], Float]
+
+    @cached_property
+    def largest_rise(self) -> Float:
+        """Largest rise of the log likelihood by each signature alone, shape (k,)."""
+        removed = np.where(self.own > 0, self.b**2 / np.where(self.own > 0, self.own, 1.0), 0.0)
+        negative = self.null.negative_log((self.null.square[:, None] - removed).T)
+        return np.asarray(self.null.best - negative.min(axis=1))
+
+
+@dataclass(frozen=True)
+class SignatureProducts:
+    """Products of signatures of one output under every level.
 
     Attributes
     ----------
     nuisance : ndarray, shape (levels, k, 1 + c)
         With the residual (first) and the nuisance.
     own : ndarray, shape (levels, k)
+        Of each with itself.
     pairs : mapping of (i, j) to ndarray, shape (levels,)
         Between signatures of one candidate.
     """
@@ -76,102 +176,65 @@ class Products:
     pairs: Mapping[tuple[int, int], Float]
 
 
+@dataclass(frozen=True, eq=False)
 class OutputEvidence:
-    """Residual of one output, what may explain it for free, and its noise.
+    """Residual of one output, what may explain it for free, and its noise; made by `weigh`.
 
-    Parameters
+    Attributes
     ----------
-    observed : Observed
-    residual : ndarray, shape (n,)
-    nuisance : mapping of group to ndarray, shape (n, c)
-        ``offset`` and ``accepted`` are free; other groups count in units of their prior.
-    centre : mapping of group to ndarray, shape (c,)
-        Where a group stands already, in units of its prior.
+    groups : RowGroups
+    names : tuple of str, length c
+        Group of each nuisance column.
+    columns : ndarray, shape (n, 1 + c)
+        Residual, and nuisance in units of its prior.
+    centre : ndarray, shape (c,)
+        Where each column stands already, in units of its prior.
     white : float
-        White noise of a reading, from the differences of neighbours.
-    state : frozenset of str
-        Groups in use at first.
-    expected : callable, optional
-        Discrepancy of a clean log by its time constant [s]: a larger one has the odds of `SPREAD`
-        against it; with it the white noise, too, is held near `white` (by as many rows as there
-        are). Without it both are free.
+        White noise of a reading.
+    expected : callable or None
+        Discrepancy of a clean log by its time constant [s].
+    levels : tuple of NoiseLevel
+    independence : float
+        Independent readings per row: below one where slow misfit is taken for white.
     """
 
-    def __init__(
-        self,
-        observed: Observed,
-        residual: Float,
-        nuisance: Mapping[str, Float],
-        centre: Mapping[str, Float],
-        white: float,
-        state: State,
-        expected: Callable[[float], float] | None = None,
-    ) -> None:
-        self.observed, self.residual = observed, residual
-        self.names = [name for name, block in nuisance.items() for _ in range(block.shape[1])]
-        self.columns = np.column_stack([residual, *nuisance.values()])
-        self.centre = np.concatenate(
-            [centre.get(name, np.zeros(block.shape[1])) for name, block in nuisance.items()]
-        )
-        self.white = white
-        # Of the rows, as independent readings: below one where slow misfit is taken for white.
-        self.share: float
-        self._bases: dict[State, Base] = {}
-        self.trust = 0 if expected is None else self.observed.size
-        self.expected = expected
-        noise = observed.noise
+    groups: RowGroups
+    names: tuple[str, ...]
+    columns: Float
+    centre: Float
+    white: float
+    expected: Callable[[float], float] | None
+    levels: tuple[NoiseLevel, ...] = ()
+    independence: float = 1.0
 
-        def levels(points: list[tuple[float, float]]) -> list[Level]:
-            return [self._level(0.0, 1.0), *(self._level(*p) for p in points)]
+    @cached_property
+    def _null_fits(self) -> dict[Assumptions, NullFit]:
+        return {}
 
-        if "white" in state:
-            self.levels = [self._level(0.0, 1.0)]
-            self.white = self.base(state).white
-            self._bases.clear()
-            self.share = self._effective(state)
-            return
-        self.share = 1.0
-        taus = np.geomspace(3 * noise.period, max(noise.span / 2, 6 * noise.period), 7).tolist()
-        self.levels = levels([(r, t) for r in _RATIOS for t in taus])
-        if expected is None:
-            for _ in range(2):
-                self.white = self.base(state).white
-                self._bases.clear()
-        best = self.levels[self.base(state).level]
-        tau = best.tau if best.ratio else float(np.sqrt(taus[0] * taus[-1]))
-        ratio = best.ratio or 0.1
-        self.levels = levels([(r * ratio, t * tau) for r in _NEAR_RATIOS for t in _NEAR_TAUS])
-        self._bases.clear()
+    def at(self, points: Sequence[tuple[float, float]]) -> OutputEvidence:
+        """The same under white noise alone and under each (ratio, time constant [s])."""
+        return replace(self, levels=tuple(self._level(*p) for p in (WHITE_ALONE, *points)))
 
-    def _effective(self, state: State) -> float:
-        """Share of the rows that count as independent, by the correlation of neighbours."""
-        base = self.base(state)
-        left = self.residual - self.columns[:, base.active + 1] @ base.fitted[0]
-        rho = float(left[1:] @ left[:-1] / (left @ left)) if np.any(left) else 0.0
-        return float(np.clip((1 - rho) / (1 + rho), 1.0 / len(left), 1.0))
-
-    def _level(self, ratio: float, tau: float) -> Level:
-        factor = self.observed.noise.factor(ratio, tau)
+    def _level(self, ratio: float, tau: float) -> NoiseLevel:
+        factor = self.groups.noise.factor(ratio, tau)
         solved = factor.solve(self.columns)
         odds = 0.0
         if self.expected is not None and ratio:
             over = np.log(np.sqrt(ratio) * self.white / self.expected(tau))
-            odds = 0.5 * float(max(over, 0.0) / SPREAD) ** 2
-        return Level(ratio, tau, odds, factor, solved, self.columns.T @ solved)
+            odds = 0.5 * float(max(over, 0.0) / DISCREPANCY_SPREAD) ** 2
+        return NoiseLevel(ratio, tau, odds, factor, solved, self.columns.T @ solved)
 
-    def active(self, state: State) -> Index:
-        return np.array([k for k, name in enumerate(self.names) if name in state], int)
+    def null(self, assumptions: Assumptions) -> NullFit:
+        """The output explained by the nuisance of some assumptions alone."""
+        if assumptions not in self._null_fits:
+            self._null_fits[assumptions] = self._null_fit(assumptions)
+        return self._null_fits[assumptions]
 
-    def base(self, state: State) -> Base:
-        """The output explained by the nuisance of `state` alone."""
-        if state not in self._bases:
-            self._bases[state] = self._base(state)
-        return self._bases[state]
-
-    def _base(self, state: State) -> Base:
-        active = self.active(state)
-        flat = np.array([self.names[k] in FLAT for k in active], bool)
-        prior = self._precision(active)
+    def _null_fit(self, assumptions: Assumptions) -> NullFit:
+        active = np.array([k for k, name in enumerate(self.names) if name in assumptions], int)
+        flat = np.array([self.names[k] in FLAT_GROUPS for k in active], bool)
+        # Precision of the priors, in units of the white noise.
+        prior = np.where(flat, 0.0, self.white**2)
         centre = np.where(flat, 0.0, self.centre[active])
         square, logdet, whitening, pulls, fitted = [], [], [], [], []
         for level in self.levels:
@@ -183,15 +246,17 @@ class OutputEvidence:
             whitening.append(half)
             pulls.append(pull)
             fitted.append(half @ pull)
-        dof = self.observed.size - int(flat.sum()) + self.trust
-        known = self.trust * self.white**2
-        least = known + max(1e-4 * self.observed.size * self.white**2, 1e-300)
+        # What is known of the white noise counts as so many readings more.
+        trust = 0 if self.expected is None else self.groups.size
+        dof = self.groups.size - int(flat.sum()) + trust
+        known = trust * self.white**2
+        least = known + max(ROUNDING * self.groups.size * self.white**2, 1e-300)
         squares = np.maximum(np.array(square) + known, least)
-        return Base(
+        return NullFit(
             squares, np.array(logdet), dof, least, active, whitening, pulls, np.array(fitted)
         )
 
-    def _whitening(self, level: Level, active: Index, prior: Float) -> tuple[Float, float]:
+    def _whitening(self, level: NoiseLevel, active: Index, prior: Float) -> tuple[Float, float]:
         """Combinations of the active nuisance that are orthonormal under a level and its prior.
 
         Returns
@@ -217,12 +282,20 @@ class OutputEvidence:
             spread += float(np.log(values).sum())
         return half, spread
 
-    def _precision(self, active: Index) -> Float:
-        """Of the priors of the active nuisance, in units of the white noise."""
-        return np.where(np.isin(np.array(self.names)[active], FLAT), 0.0, self.white**2)
+    def fitted(self, assumptions: Assumptions, group: str) -> Float:
+        """Best nuisance of one group at the best level, shape (columns of the group,)."""
+        null = self.null(assumptions)
+        return null.fitted[null.level][np.array(self.names)[null.active] == group]
 
-    def products(self, signatures: Float, groups: Sequence[Sequence[int]]) -> Products:
-        """Inner products of signatures, shape (n, k), with all that counts.
+    def correlated_rows(self, assumptions: Assumptions) -> float:
+        """Independent readings per row, by the correlation of neighbours."""
+        null, residual = self.null(assumptions), self.columns[:, 0]
+        left = residual - self.columns[:, null.active + 1] @ null.fitted[0]
+        rho = float(left[1:] @ left[:-1] / (left @ left)) if np.any(left) else 0.0
+        return float(np.clip((1 - rho) / (1 + rho), 1.0 / len(left), 1.0))
+
+    def products(self, signatures: Float, groups: Sequence[Sequence[int]]) -> SignatureProducts:
+        """Inner products of signatures with all that counts.
 
         Parameters
         ----------
@@ -240,27 +313,27 @@ class OutputEvidence:
             own.append(np.einsum("ij,ij->j", signatures, solved))
             pairs.append(np.einsum("ij,ij->j", signatures[:, left], solved[:, right]))
         table = np.array(pairs)
-        return Products(
+        return SignatureProducts(
             np.array(nuisance),
             np.array(own),
             {pair: table[:, k] for k, pair in enumerate(wanted)},
         )
 
-    def reduced(self, state: State, products: Products) -> Reduced:
-        """The same products with the nuisance of `state` projected out."""
-        base = self.base(state)
+    def projected(self, assumptions: Assumptions, products: SignatureProducts) -> ProjectedProducts:
+        """The same products with the nuisance of some assumptions projected out."""
+        null = self.null(assumptions)
         left = np.array([i for i, _ in products.pairs], int)
         right = np.array([j for _, j in products.pairs], int)
         b, own, pairs = [], [], []
         products_pairs = np.array(list(products.pairs.values())).T
         products_pairs = products_pairs.reshape(len(self.levels), -1)
         for g in range(len(self.levels)):
-            cross = products.nuisance[g][:, base.active + 1]
-            through = cross @ base.whitening[g]
+            cross = products.nuisance[g][:, null.active + 1]
+            through = cross @ null.whitening[g]
             left_over = products.own[g] - np.einsum("ij,ij->i", through, through)
             # What the nuisance can say as well is no evidence.
-            seen = left_over > INVISIBLE * products.own[g]
-            with_residual = products.nuisance[g][:, 0] - through @ base.pull[g]
+            seen = left_over > MIN_SHARE_LEFT * products.own[g]
+            with_residual = products.nuisance[g][:, 0] - through @ null.pull[g]
             b.append(np.where(seen, with_residual, 0.0))
             own.append(np.where(seen, left_over, products.own[g]))
             pairs.append(
@@ -271,8 +344,8 @@ class OutputEvidence:
                 )
             )
         table = np.array(pairs)
-        return Reduced(
-            base,
+        return ProjectedProducts(
+            null,
             np.array(b),
             np.array(own),
             {pair: table[:, k] for k, pair in enumerate(products.pairs)},

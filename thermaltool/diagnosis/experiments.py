@@ -1,329 +1,246 @@
-"""Inputs that a user could run next, as synthetic logs, simplest first, each with its sentence."""
+"""Experiments that nobody has run yet: what they would tell of causes that look alike.
+
+An input is predicted to help by the evidence that a synthetic log of it adds, the two logs sharing
+the model's own parameters and those of the rival, and by the angle that this is the sine of, of
+what the cause does there.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from thermaltool.diagnosis.workbench import Workbench
-from thermaltool.effects.effect import Effect, Float
-from thermaltool.model import away_from_rest as not_at_rest
-from thermaltool.model import relative
-from thermaltool.record import Record
-from thermaltool.units import hold_of
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
+from thermaltool.diagnosis.information import (
+    InformationMatrix,
+    LogInformation,
+    eliminated,
+    normal_matrix,
+)
+from thermaltool.diagnosis.inputs import Experiment, library
+from thermaltool.diagnosis.simulation import Changes, Series, Simulation
+from thermaltool.effects.effect import Effect
+from thermaltool.signals.likelihood import ColouredNoise
 
-# Rows of an experiment that are simulated at most (where it would have more, they are further
-# apart), and means of rows that count.
-ROWS, MEANS = 5000, 600
-# A level at which a log spends less than this share of its rows is not among its levels.
-_DWELL = 0.03
-# An experiment lasts so long at most [s].
-_LONGEST = 3 * 86400.0
-# A fast experiment reads so many times as often.
-FASTER = 5
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """An input to run, and the log that it would make.
-
-    Attributes
-    ----------
-    sentence : str
-        What to do, for a user.
-    signals : Record
-        Drives, channels beside them, and outputs (zeros: the model says what they would be).
-    readings : float
-        Readings that a row stands for.
-    """
-
-    sentence: str
-    signals: Record
-    readings: float
-
-    def means(self, series: Float) -> Float:
-        """Means of rows, ndarray (n,) or (n, c)."""
-        return np.asarray(np.add.reduceat(series, self._first, axis=0).T / self.counts).T
-
-    @property
-    def counts(self) -> Float:
-        """Rows of each mean, ndarray (m,)."""
-        return np.diff(np.append(self._first, len(self.signals.time))).astype(float)
-
-    @property
-    def _first(self) -> NDArray[np.int64]:
-        rows = len(self.signals.time)
-        return np.arange(0, rows, -(-rows // MEANS))
+# An input shows what it opens to this angle [deg].
+MIN_ANGLE_SHOWN = 5.0
+# A shorter input is preferred to one that opens the angle by less than a quarter more.
+NEARLY_BEST = 0.8
+# Another sensor is asked for where no input opens the angle to half of what that would.
+SENSOR_ADVANTAGE = 0.5
+# Sides of an effect that a second sensor beside the first would not read.
+SENSOR_SIDES = ("sensor", "wiring")
 
 
-@dataclass(frozen=True)
-class Levels:
-    """What a commanded channel may be, as logged.
-
-    Attributes
-    ----------
-    channel : str
-    start, low, high : float
-        At rest (at the first row where a log does not begin there), and the extremes of the logs
-        and of the calibration.
-    third : float
-        The round level between them that is furthest from all that the logs hold.
-    """
-
-    channel: str
-    start: float
-    low: float
-    high: float
-    third: float
-
-    @property
-    def furthest(self) -> float:
-        """The extreme that lies further from the start."""
-        return max(self.low, self.high, key=lambda v: abs(v - self.start))
-
-    @property
-    def nearest(self) -> float:
-        return min(self.low, self.high, key=lambda v: abs(v - self.start))
-
-    def say(self, value: float) -> str:
-        unit = self.channel.rpartition("_")[2]
-        return f"{value:.3g}" + ("" if unit == "1" else f" {unit}")
-
-
-def levels_of(bench: Workbench, channel: str) -> Levels:
-    """Start, range and an unused level of a drive or a channel beside the drives."""
-    columns = [log.columns[channel] for log in bench.logs]
-    seen = np.concatenate([c[np.isfinite(c)] for c in columns])
-    low, high = float(seen.min()), float(seen.max())
-    start = float(columns[0][np.isfinite(columns[0])][0])
-    for drive in bench.model.drives:
-        if drive.channel == channel:
-            rest = start if drive.reference == "first" else drive.reference
-            low, high = min(low, rest + drive.range[0]), max(high, rest + drive.range[1])
-            if not away_from_rest(bench):
-                start = rest
-    values, counts = np.unique(np.round((seen - low) / (high - low or 1.0), 3), return_counts=True)
-    taken = np.append(values[counts > _DWELL * len(seen)], (start - low) / (high - low or 1.0))
-    shares = np.array([0.5, 0.6, 0.4, 0.7, 0.3, 0.8, 0.2])
-    distance = np.min(np.abs(shares[:, None] - taken[None, :]), axis=1)
-    third = low + float(shares[int(np.argmax(np.round(distance, 2)))]) * (high - low)
-    return Levels(channel, start, low, high, float(f"{third:.2g}"))
-
-
-def duration_text(seconds: float) -> str:
-    """A time as a user would set it: two figures, in a handy unit."""
-    for unit, size, least in (("h", 3600.0, 3.0), ("min", 60.0, 3.0), ("s", 1.0, 0.0)):
-        if seconds >= least * size:
-            return f"{float(f'{seconds / size:.2g}'):g} {unit}"
-    raise ValueError(f"no duration: {seconds}")
-
-
-def library(bench: Workbench, causes: Sequence[Effect]) -> list[Experiment]:
-    """Inputs that might tell `causes` from each other or from the model's own response.
+class SimulatedExperiments:
+    """Information of experiments that nobody has run yet, all of them simulated at once.
 
     Parameters
     ----------
-    bench : Workbench
-    causes : sequence of Effect
-        With the channels that they need, which are moved apart from the drives.
+    information : InformationMatrix
+        Of the logs that there are.
+    experiments : sequence of Experiment
+    outputs : iterable of str
+        Outputs that the causes in question reach.
     """
-    period = min(log.period for log in bench.logs)
-    slowest = max(t.response.slowest() for t in bench.model.terms)
-    # Not slower than what the logs have shown, not faster than can be read.
-    slow = float(np.clip(slowest, 10 * period, max(log.duration for log in bench.logs)))
-    drives = _relevant(bench, causes)
-    found: list[Experiment] = []
-    for drive in drives:
-        for plan in _plans(levels_of(bench, drive), slow, period):
-            found.append(_experiment(bench, plan, len(found)))
-    extra = dict.fromkeys(c for e in causes for c in e.needs() if c not in drives)
-    known = {d.channel for d in bench.model.drives}
-    for channel in extra:
-        if channel not in known:
-            for plan in _beside(
-                levels_of(bench, drives[0]), levels_of(bench, channel), slow, period
-            ):
-                found.append(_experiment(bench, plan, len(found)))
-    return found
 
+    def __init__(
+        self,
+        information: InformationMatrix,
+        experiments: Sequence[Experiment],
+        outputs: Iterable[str],
+    ) -> None:
+        self.noise, self.experiments = information.noise, experiments
+        logged = information.hypothesis
+        self.hypothesis = logged.with_masked({}).with_logs([e.record for e in experiments])
+        away = logged.simulation.away_from_rest()
+        starts = self.hypothesis.simulation.level_responses() if away else []
+        self._shared: dict[str, Series] = {}
+        self._private: dict[str, Series] = {}
+        for output in outputs:
+            nuisance, known = self.hypothesis.nuisance[output], logged.nuisance[output]
+            released = information.group == "released"
+            root = (known.free_prior if released else known.calibrated_prior).root
+            free = [*nuisance.offsets, *nuisance.accepted.values()]
+            free += [start[output] for start in starts]
+            self._shared[output] = [
+                each.means(nuisance.moves[k]) @ root for k, each in enumerate(experiments)
+            ]
+            self._private[output] = [
+                each.means(np.column_stack([c[k] for c in free]))
+                for k, each in enumerate(experiments)
+            ]
+        self._factors = []
+        for each in experiments:
+            white = 1 / (each.readings * each.counts)
+            noise = ColouredNoise(each.means(each.record.time), np.array([0]), white)
+            self._factors.append(
+                {o: noise.factor(n.level.ratio, n.level.tau) for o, n in self.noise.items()}
+            )
 
-def _relevant(bench: Workbench, causes: Sequence[Effect]) -> list[str]:
-    """Drives at which a cause acts, and the one that moves the outputs most."""
-    reach = {
-        d.channel: max(
-            abs(t.response.dc_gain()) * bench.level(d.channel) / bench.evidence[t.output].white
-            for t in bench.model.terms
-            if t.drive == d.channel and t.output in bench.evidence
-        )
-        for d in bench.model.drives
-        if any(t.drive == d.channel and t.output in bench.evidence for t in bench.model.terms)
-    }
-    acting = [e.channel for e in causes if e.channel in reach]
-    return list(dict.fromkeys([*acting, max(reach, key=lambda c: reach[c])]))[:2]
+    def of_logs(self, signatures: Sequence[Changes]) -> list[LogInformation]:
+        """What each experiment would show of signatures.
+
+        Parameters
+        ----------
+        signatures : sequence of mapping of output to list of ndarray
+            In the experiments.
+        """
+        result = []
+        for k, each in enumerate(self.experiments):
+            blank = np.zeros(len(each.counts))
+            normal = {}
+            for output in self._shared:
+                columns = [each.means(s[output][k]) if output in s else blank for s in signatures]
+                private = self._private[output][k]
+                private = private[:, np.any(private, axis=0)]
+                normal[output] = normal_matrix(
+                    columns,
+                    self._shared[output][k],
+                    private,
+                    np.zeros(private.shape[1]),
+                    self._factors[k][output],
+                    self.noise[output].variance,
+                )
+            result.append(normal)
+        return result
 
 
 @dataclass(frozen=True)
-class _Plan:
-    """A course for some channels: knots between which `course` runs."""
+class Separation:
+    """What something more to measure tells of two causes.
 
-    sentence: str
-    duration: float
-    period: float
-    courses: Mapping[str, Callable[[Float], Float]]
+    Attributes
+    ----------
+    evidence : float
+        By which it tells them apart beyond what the logs do.
+    angle : float [deg]
+        Between them there, the rival held to what the logs say of it.
+    """
+
+    evidence: float
+    angle: float
+
+    @staticmethod
+    def by(
+        information: InformationMatrix, logs: LogInformation, more: LogInformation, count: int
+    ) -> Separation:
+        """What `more` tells of the first of `count` signatures and the others beyond `logs`."""
+        before, after = information.joint([logs], count), information.joint([logs, more], count)
+        evidence = max(float(eliminated(after, 1)[0, 0] - eliminated(before, 1)[0, 0]), 0.0)
+        size = float(after[0, 0] - before[0, 0])
+        # What one cause does and the other does not is as different as can be.
+        share = evidence / size if size > evidence else float(evidence > 0)
+        return Separation(evidence, float(np.degrees(np.arcsin(np.sqrt(share)))))
+
+    @staticmethod
+    def least(several: Sequence[Separation]) -> Separation:
+        """The smallest evidence, and the smallest angle, of several."""
+        return Separation(min(s.evidence for s in several), min(s.angle for s in several))
 
 
-def _held(start: float, pieces: Iterable[tuple[float, float]]) -> Callable[[Float], Float]:
-    """`start` for a moment, then each (duration, value), then the last value."""
-    spans, values = zip(*pieces, strict=True)
-    edges = np.cumsum([0.0, *spans[:-1]])
+def separating_experiment(
+    information: InformationMatrix, chosen: Effect, rivals: Sequence[Effect]
+) -> tuple[str, float]:
+    """Experiment that would tell a cause from its rivals.
 
-    def course(time: Float) -> Float:
-        at = np.searchsorted(edges, time, side="right") - 1
-        return np.where(time > 0, np.array(values)[np.maximum(at, 0)], start)
+    Parameters
+    ----------
+    information : InformationMatrix
+        Under the noise that the cause leaves.
+    chosen : Effect
+    rivals : sequence of Effect
 
-    return course
-
-
-def _plans(u: Levels, slow: float, period: float) -> Iterator[_Plan]:
-    """Courses of one drive, the others at rest."""
-    a, b, c, name = u.start, u.furthest, u.third, u.channel
-    hold, long = min(1.5 * slow, _LONGEST / 6), min(4 * slow, _LONGEST / 2)
-
-    def plan(sentence: str, pieces: Sequence[tuple[float, float]], step: float = period) -> _Plan:
-        total = sum(span for span, _ in pieces)
-        return _Plan(sentence, total, step, {name: _held(a, pieces)})
-
-    yield plan(
-        f"bring {name} from {u.say(a)} to {u.say(b)} and hold it for {duration_text(long)}",
-        [(long, b)],
-    )
-    yield plan(
-        f"hold {name} at {u.say(b)} for {duration_text(hold)}, then go back to {u.say(a)} and "
-        f"record the next {duration_text(long / 2)} too",
-        [(hold, b), (long / 2, a)],
-    )
-    yield plan(
-        f"hold {name} at a third level, e.g. {u.say(c)}, for {duration_text(hold)}, after as long "
-        f"at {u.say(b)}",
-        [(hold, b), (hold, c), (hold, u.nearest)],
-    )
-    stairs = [float(f"{u.low + s * (u.high - u.low):.2g}") for s in (0.25, 0.5, 0.75)]
-    yield plan(
-        f"take {name} through a staircase of levels, {', '.join(u.say(v) for v in stairs)} and "
-        f"{u.say(u.high)}, up and down again, {duration_text(hold / 2)} each",
-        [(hold / 2, v) for v in (*stairs, u.high, *stairs[::-1], u.low)],
-    )
-    if u.low < 0 < u.high:
-        yield plan(
-            f"alternate the sign of {name}: {u.say(u.high)} and {u.say(u.low)} in turn, "
-            f"{duration_text(hold)} each, at least twice",
-            [(hold, u.high), (hold, u.low)] * 2,
-        )
-    pause = min(6 * hold, _LONGEST / 4)
-    yield plan(
-        f"bring {name} to {u.say(b)} for {duration_text(hold)} and the same again after "
-        f"{duration_text(pause)} at {u.say(a)}, in one log",
-        [(hold, b), (pause, a), (hold, b)],
-    )
-    ramp = min(3 * slow, _LONGEST / 4)
-    yield _Plan(
-        f"ramp {name} slowly from {u.say(u.low)} to {u.say(u.high)} in {duration_text(ramp)} and "
-        "back, twice",
-        4 * ramp,
-        period,
-        {
-            name: lambda t: np.where(
-                t > 0, u.low + (u.high - u.low) * (1 - np.abs((t / ramp) % 2 - 1)), a
+    Returns
+    -------
+    sentence : str
+    opened : float [deg]
+        The smallest angle that it opens; NaN where advice is in words alone.
+    """
+    simulation = information.hypothesis.simulation
+    caused = simulation.displacement(chosen)
+    groups = [[caused, *simulation.span(rival)] for rival in rivals]
+    logged = [information.of_logs(group) for group in groups]
+    separations: list[Separation] = []
+    experiments: Sequence[Experiment] = ()
+    if any(_recurs(effect) for effect in (chosen, *rivals)):
+        reached = {o for group in groups for changes in group for o in changes}
+        experiments = library(information.hypothesis, [chosen, *rivals])
+        simulated = SimulatedExperiments(information, experiments, reached)
+        then = simulated.hypothesis.simulation
+        caused_then = _again(then, chosen, [caused])
+        shown = [
+            simulated.of_logs([*caused_then, *_again(then, rival, group[1:])])
+            for rival, group in zip(rivals, groups, strict=True)
+        ]
+        separations = [
+            Separation.least(
+                [
+                    Separation.by(information, log, each[k], len(group))
+                    for log, each, group in zip(logged, shown, groups, strict=True)
+                ]
             )
-        },
-    )
-    rest = 2 * long
-    yield plan(f"record {duration_text(rest)} with {name} at {u.say(a)}", [(rest, a)])
-    if hold_of(name) == "first":
-        return  # a temperature of the machine is not switched
-    half = max(4 * period, float(f"{np.sqrt(4 * period * hold):.2g}"))
-    for span, step in ((half, period), (4 * period, period), (2 * period, period / FASTER)):
-        count = max(4, min(int(2 * slow / span), int(MEANS * step / span)))
-        often = f", reading every {duration_text(step)}" if step < period else ""
-        yield plan(
-            f"switch {name} between {u.say(a)} and {u.say(b)} every {duration_text(span)}, for "
-            f"{duration_text(count * span)}{often}",
-            [(span, v) for v in (b, a) * (count // 2)],
-            step,
+            for k in range(len(experiments))
+        ]
+    deciding = [
+        (experiment, s.angle)
+        for experiment, s in zip(experiments, separations, strict=True)
+        if s.evidence > DECISIVE_EVIDENCE and s.angle > MIN_ANGLE_SHOWN
+    ]
+    best = max((opened for _, opened in deciding), default=0.0)
+    channel, doubled = _second_sensor(information, chosen, rivals, logged)
+    if doubled.evidence > DECISIVE_EVIDENCE and best < SENSOR_ADVANTAGE * doubled.angle:
+        return (
+            f"put a second sensor beside {channel} and run the same again: what both read is in "
+            "the machine, what one reads is in the sensor",
+            doubled.angle,
         )
-    swing = [u.low + s * (u.high - u.low) for s in (0.5, 0.3, 0.8, 0.5, 1.0, 0.7, 0.9, 0.4, 0.6)]
-    yield plan(
-        f"change {name} by small amounts up and down around several levels "
-        f"({', '.join(u.say(v) for v in swing[:5])}, …), {duration_text(hold / 3)} each",
-        [(hold / 3, v) for v in swing],
-    )
+    if deciding:
+        good = [each for each in deciding if each[1] >= NEARLY_BEST * best]
+        experiment, opened = min(good, key=lambda each: each[0].record.duration)
+        return experiment.sentence, opened
+    return _words(chosen, rivals), float("nan")
 
 
-def _beside(u: Levels, x: Levels, slow: float, period: float) -> Iterator[_Plan]:
-    """Courses of a channel beside the drives, and of both against each other."""
-    hold = min(2 * slow, _LONGEST / 6)
-    span = duration_text(hold)
-    driven = hold_of(x.channel) == "zero"
-    if driven:
-        said = f"switch {x.channel} to {x.say(x.furthest)} and back"
-        alone = _held(x.start, [(hold, x.furthest), (hold, x.start)])
-    else:
-        said = f"let {x.channel} change by {abs(x.furthest - x.start):.2g} and come back"
-        size = x.furthest - x.start
-
-        def alone(time: Float) -> Float:
-            return x.start + size * np.sin(np.pi * time / (2 * hold)) ** 2
-
-    yield _Plan(
-        f"{said} with {u.channel} at {u.say(u.start)}, {span} each way",
-        2 * hold,
-        period,
-        {x.channel: alone},
-    )
-    yield _Plan(
-        f"{said}, {span} each way, and {u.channel} to {u.say(u.furthest)} and back at other times",
-        4 * hold,
-        period,
-        {
-            x.channel: alone,
-            u.channel: _held(
-                u.start, [(0.5 * hold, u.start), (hold, u.furthest), (1.2 * hold, u.start),
-                          (hold, u.furthest), (0.3 * hold, u.start)]
-            ),
-        },
-    )  # fmt: skip
+def _recurs(effect: Effect) -> bool:
+    """Whether a cause acts again in another log."""
+    return not effect.event and not (effect.log and not effect.channel)
 
 
-def _experiment(bench: Workbench, plan: _Plan, number: int) -> Experiment:
-    """A plan as a log: every other channel stays at its first value."""
-    readings = max(1.0, plan.duration / plan.period / ROWS)
-    step = plan.period * readings
-    time: Float = step * np.arange(int(plan.duration / step) + 2, dtype=np.float64)
-    first = bench.logs[0]
-    columns = {}
-    for name in first.columns:
-        if name in bench.observed:
-            columns[name] = np.zeros(len(time))
-        elif name in plan.courses:
-            columns[name] = plan.courses[name](time)
-        else:
-            values = first.columns[name]
-            there = values[np.isfinite(values)]
-            columns[name] = np.full(len(time), there[0] if len(there) else 0.0)
-    signals = Record(time, columns, digest=f"experiment {number}")
-    return Experiment(plan.sentence, signals, readings)
+def _again(simulation: Simulation, effect: Effect, seen: Sequence[Changes]) -> list[Changes]:
+    """The vectors that `seen` are of an effect, in other logs."""
+    if not _recurs(effect):
+        return [{} for _ in seen]
+    again = replace(effect, log=None)
+    return [simulation.displacement(again)] if len(seen) == 1 else list(simulation.span(again))
 
 
-def away_from_rest(bench: Workbench) -> bool:
-    """Whether a log begins with a machine that is not at rest, by an output whose rest is known."""
-    for log in bench.logs:
-        for o in bench.model.outputs:
-            if o.offset != "first" and o.channel in bench.observed and o.channel in log.columns:
-                values = relative(log.columns[o.channel], o.offset)
-                values = values[np.isfinite(values)]
-                if len(values) and not_at_rest(float(values[0]), o.range):
-                    return True
-    return False
+def _second_sensor(
+    information: InformationMatrix,
+    chosen: Effect,
+    rivals: Sequence[Effect],
+    logged: Sequence[LogInformation],
+) -> tuple[str, Separation]:
+    """Where one more sensor would tell, and what the same logs with it would open."""
+    channel = next((e.channel for e in (chosen, *rivals) if e.side in SENSOR_SIDES), "")
+    if channel not in information.hypothesis.groups:
+        return "", Separation(0.0, 0.0)
+    separations = []
+    for rival, log in zip(rivals, logged, strict=True):
+        count = len(log[channel].whole)
+        sides = [chosen.side, *[rival.side] * (count - 1)]
+        second = log[channel].only(np.array([side not in SENSOR_SIDES for side in sides]))
+        separations.append(Separation.by(information, log, {channel: second}, count))
+    return channel, Separation.least(separations)
+
+
+def _words(chosen: Effect, rivals: Sequence[Effect]) -> str:
+    """Advice where nothing that happened once can be asked to happen again."""
+    names = {effect.name for effect in (chosen, *rivals)}
+    if "ambient_drift" in names:
+        return "log the temperature of the air beside the machine (a column T_ambient_degC)"
+    if "second_source" in names:
+        return "log what else switches near the machine (pumps, lights, spindle), a column each"
+    return "no input of this model tells them apart: look at the machine"

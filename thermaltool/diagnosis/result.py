@@ -1,4 +1,4 @@
-"""What a diagnosis finds, as data."""
+"""What a diagnosis finds, as data: causes, what they are worth, and what is left open."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.diagnosis.residual import ResidualReport
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.residual import ResidualReport, residual_report
 from thermaltool.documents import DIAGNOSIS, jsonable
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
@@ -18,7 +19,10 @@ Float = NDArray[np.float64]
 Interval = tuple[float, float]
 
 # Less of the RMS than this is of no practical use.
-LEAST_GAIN = 0.1
+MIN_GAIN = 0.1
+# The discrepancy of a clean log, of other inputs than the calibration's, is taken to be no larger
+# than this many times its floor.
+MAX_FLOORS = 2.0
 
 
 @dataclass(frozen=True)
@@ -54,12 +58,12 @@ class Gain:
     @property
     def harmful(self) -> bool:
         """Whether a loss is sure, and of practical size."""
-        return self.spoiled and self.rms_after > (1 + LEAST_GAIN) * self.rms_before
+        return self.spoiled and self.rms_after > (1 + MIN_GAIN) * self.rms_before
 
     @property
     def useful(self) -> bool:
         """Whether the gain is of practical use, sure or not."""
-        return self.rms_after < (1 - LEAST_GAIN) * self.rms_before
+        return self.rms_after < (1 - MIN_GAIN) * self.rms_before
 
 
 @dataclass(frozen=True)
@@ -235,3 +239,77 @@ class Diagnosis:
             "notes": self.notes,
         }
         return DIAGNOSIS.wrap(jsonable(document))
+
+
+def reports_of(
+    first: Hypothesis, last: Hypothesis, plain: Hypothesis
+) -> tuple[dict[str, ResidualReport], float]:
+    """Every output's residual, and the share of its power that noise and floor account for.
+
+    Parameters
+    ----------
+    first, last : Hypothesis
+        Before any cause, and with all of them.
+    plain : Hypothesis
+        The model as calibrated, as a user simulates it.
+
+    Returns
+    -------
+    reports : dict of output to ResidualReport
+    share : float
+        Of the worst output.
+    """
+    reports, share = {}, 1.0
+    # Where what is left was taken for white, its noise is not that of the sensor.
+    judged = first if "white" in last.assumptions else last
+    for output, groups in first.groups.items():
+        white = judged.white(output)
+        start = first.beginning(output)
+        residual = [r - x for r, x in zip(plain.simulation.residual(output), start, strict=True)]
+        rms = float(np.std(groups.joined(residual)))
+        floor = MAX_FLOORS * first.nuisance[output].floor() if "tight" in first.assumptions else 0.0
+        wrong = rms**2
+        if "tight" in first.assumptions:
+            wrong = float(np.mean(groups.joined(first.unexplained(output)) ** 2))
+        accounted = 1 - max(wrong - white**2 - floor**2, 0.0) / rms**2 if rms else 1.0
+        share = min(share, accounted)
+        k = int(np.argmax([len(rows) for rows in groups.rows]))
+        log = first.logs[k]
+        reports[output] = residual_report(
+            log.time,
+            residual[k],
+            first.simulation.measured[k][output],
+            {d.channel: log.columns[d.channel] for d in first.model.drives},
+            {c: v for c, v in log.columns.items() if c in first.scene.extra},
+            white,
+            floor,
+        )
+    return reports, share
+
+
+def curves_of(
+    first: Hypothesis, last: Hypothesis, plain: Hypothesis, extended: Hypothesis
+) -> tuple[Curves, ...]:
+    """Measured, simulated and extended of every log and output, from the start that each fits.
+
+    Parameters
+    ----------
+    first, last : Hypothesis
+        Before any cause, and with all of them.
+    plain, extended : Hypothesis
+        The models as a user simulates them.
+    """
+    starts = {o: (first.beginning(o), last.beginning(o)) for o in first.groups}
+    return tuple(
+        Curves(
+            log.digest,
+            output,
+            log.time,
+            first.simulation.measured[k][output],
+            plain.simulation.outputs[k][output] + before[k],
+            extended.simulation.outputs[k][output] + after[k],
+        )
+        for k, log in enumerate(first.logs)
+        for output, (before, after) in starts.items()
+        if output in first.simulation.measured[k]
+    )

@@ -9,58 +9,71 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ndtri
 
-from thermaltool.diagnosis import heldout
-from thermaltool.diagnosis.evidence import DECISIVE
-from thermaltool.diagnosis.result import Cause
-from thermaltool.diagnosis.workbench import Mask, Workbench
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.result import Cause, Gain
+from thermaltool.diagnosis.simulation import Mask
+from thermaltool.diagnosis.validate import compare, held_out_gains
 from thermaltool.effects import effect_class
 from thermaltool.effects.effect import Float
 from thermaltool.model import Model
 from thermaltool.record import Record
 
-# Neighbours on either side with which a reading is compared, and the chance to call one of a clean
-# log an outlier.
-NEIGHBOURS, FALSE = 3, 0.01
-# Fewer than this are all left out of more than one in forty draws of a block bootstrap.
-FEW = 4
+# Neighbours on either side with which a reading is compared, rows that are compared at least, and
+# the chance to call one of a clean log an outlier.
+NEIGHBOURS, MIN_ROWS, FALSE_ALARMS = 3, 50, 0.01
+# Standard deviation of a normal distribution over the median of its absolute values.
+SIGMA_OVER_MAD = 1.4826
+# Fewer outliers than this are all left out of more than one in forty draws of a block bootstrap.
+MIN_OUTLIERS_DRAWN = 4
 # A drive that changes by this share of its range between two rows is switched.
-JUMP = 0.05
+MIN_SWITCH = 0.05
 # A calibration that covers fewer of the slowest time constants has not seen the steady state.
-SHORT = 2.0
+MIN_COVERED = 2.0
 # ... and setting its parameters free has to bring the RMS of unseen rows below this share.
-HELPS = 0.8
+MAX_RMS_LEFT = 0.8
 
 
 @dataclass(frozen=True)
-class Spikes:
-    """Outliers of all logs."""
+class Outliers:
+    """Outliers of all logs, and the cause that they are."""
 
     masked: Mask
     cause: Cause
 
+    @property
+    def matter(self) -> bool:
+        """Whether leaving them out is of practical use."""
+        return any(g.useful for g in self.cause.gain.values())
 
-def find_outliers_in(bench: Workbench) -> Spikes | None:
+
+def find_outliers(hypothesis: Hypothesis) -> Outliers | None:
     """Readings that stand out of their neighbours, where heavy tails are decisive.
 
     Evidence is that of a Gaussian with a wider one mixed in against a Gaussian alone, for the
     deviations from the running median of the residual.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
     """
     masked, evidence, worst, share, amplitude = {}, 0.0, "", 0.0, 0.0
     total = 0.0
-    for output in bench.observed:
-        for log, residual in zip(bench.logs, bench.corrected(output), strict=True):
+    for output in hypothesis.groups:
+        white = hypothesis.nuisance[output].white
+        for log, residual in zip(hypothesis.logs, hypothesis.unexplained(output), strict=True):
             rows = np.flatnonzero(np.isfinite(residual))
-            if len(rows) < 50:
+            if len(rows) < MIN_ROWS:
                 continue
             deviation = _from_neighbours(residual[rows])
-            spread = max(1.4826 * float(np.median(np.abs(deviation))), bench.white(output))
-            limit = -float(ndtri(FALSE / 2 / len(rows)))
+            spread = max(SIGMA_OVER_MAD * float(np.median(np.abs(deviation))), white)
+            limit = -float(ndtri(FALSE_ALARMS / 2 / len(rows)))
             out = np.abs(_from_both_sides(residual[rows])) > limit * spread
-            out &= ~_after_a_switch(bench, log)[rows]
+            out &= ~_after_a_switch(hypothesis.model, log)[rows]
             # A step or a ramp stands out of its neighbours too, on one side: it is left alone.
             moved = ~out & (np.abs(deviation) > limit * spread)
-            found = _heavy_tails(deviation[~moved] / spread) - 2 * np.log(len(bench.observed))
-            if not out.any() or found < DECISIVE:
+            found = _heavy_tails(deviation[~moved] / spread) - 2 * np.log(len(hypothesis.groups))
+            if not out.any() or found < DECISIVE_EVIDENCE:
                 continue
             mask = np.zeros(len(residual), bool)
             mask[rows[out]] = True
@@ -73,36 +86,35 @@ def find_outliers_in(bench: Workbench) -> Spikes | None:
     if not masked:
         return None
     effect = effect_class("outliers")(worst, {"share": share, "amplitude": amplitude})
-    gain = _masked_gain(bench, masked)
+    gains = _masked_gains(hypothesis, masked)
     # Whether a bootstrap draws a few bad readings at all is a matter of chance.
-    few = sum(int(mask.sum()) for mask in masked.values()) < FEW
-    if not any(g.claimed or (few and g.useful) for g in gain.values()):
+    few = sum(int(mask.sum()) for mask in masked.values()) < MIN_OUTLIERS_DRAWN
+    if not any(g.claimed or (few and g.useful) for g in gains.values()):
         return None
-    return Spikes(masked, Cause(effect, total, {}, gain, 0.0))
+    return Outliers(masked, Cause(effect, total, {}, gains, 0.0))
 
 
-def _masked_gain(bench: Workbench, masked: Mask) -> dict[str, heldout.Gain]:
+def _masked_gains(hypothesis: Hypothesis, masked: Mask) -> dict[str, Gain]:
     """Residual, beyond what the calibration allows for, of all rows and of those that stay."""
     result = {}
-    for output in {o for _, o in masked}:
-        kept, measured = [], []
-        left = bench.corrected(output)
-        for log, residual, m in zip(bench.logs, left, bench.measured, strict=True):
-            gone = masked.get((log.digest, output), np.zeros(len(residual), bool))
-            kept.append(np.where(gone, 0.0, residual))
-            measured.append(m.get(output, np.full(len(residual), np.nan)))
-        seen = bench.observed[output]
-        before, after = seen.whole(left), seen.whole(kept)
-        result[output] = heldout.compare(seen.whole(measured), before, after, 0)
+    for output in dict.fromkeys(o for _, o in masked):
+        groups, left = hypothesis.groups[output], hypothesis.unexplained(output)
+        kept = [
+            np.where(masked.get((log.digest, output), np.zeros(len(log), bool)), 0.0, residual)
+            for log, residual in zip(hypothesis.logs, left, strict=True)
+        ]
+        measured = [m.get(output, np.zeros(0)) for m in hypothesis.simulation.measured]
+        before, after = groups.joined(left), groups.joined(kept)
+        result[output] = compare(groups.joined(measured), before, after, 0)
     return result
 
 
-def _after_a_switch(bench: Workbench, log: Record) -> NDArray[np.bool_]:
+def _after_a_switch(model: Model, log: Record) -> NDArray[np.bool_]:
     """Rows just after a drive jumped: what stands out there is the response's start."""
     near = np.zeros(len(log.time), bool)
-    for drive in bench.model.drives:
+    for drive in model.drives:
         u = log.columns[drive.channel]
-        jumps = np.flatnonzero(np.abs(np.diff(u)) > JUMP * float(np.ptp(u)))
+        jumps = np.flatnonzero(np.abs(np.diff(u)) > MIN_SWITCH * float(np.ptp(u)))
         for after in range(2 * NEIGHBOURS + 1):
             near[np.minimum(jumps + after, len(near) - 1)] = True
     return near
@@ -143,29 +155,33 @@ def _heavy_tails(z: Float) -> float:
     return float(2 * (plain - best.fun) - 2 * np.log(len(z)))
 
 
-def short_outputs(calibrated: Model) -> dict[str, float]:
-    """Outputs whose calibration covers too few of the slowest time constants, and how many."""
-    return {
+def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause | None:
+    """The cause, where the calibration had not seen the steady state of an output that moved.
+
+    Parameters
+    ----------
+    calibrated : Model
+    before, after : Hypothesis
+        Within the calibration, and with the model's own parameters free.
+    """
+    short = {
         o.channel: float(o.fit["covered"])
         for o in calibrated.outputs
-        if o.fit.get("covered") is not None and o.fit["covered"] < SHORT
+        if o.fit.get("covered") is not None and o.fit["covered"] < MIN_COVERED
     }
-
-
-def too_short(calibrated: Model, before: Workbench, after: Workbench) -> Cause | None:
-    """The cause, where the calibration had not seen the steady state of an output that moved."""
-    short = short_outputs(calibrated)
-    gain = heldout.gains(before, after)
+    if not short:
+        return None
+    gain = held_out_gains(before, after)
     helped = [
         o
         for o, g in gain.items()
-        if o in short and g.claimed and g.rms_after < HELPS * g.rms_before
+        if o in short and g.claimed and g.rms_after < MAX_RMS_LEFT * g.rms_before
     ]
     worse = [o for o, g in gain.items() if g.spoiled]
     if not helped or worse:
         return None
-    moved = {o: len(before.residual(o)[0]) * np.log(gain[o].rms_before / gain[o].rms_after)
-             for o in helped}  # fmt: skip
+    rows = len(before.logs[0])
+    moved = {o: rows * np.log(gain[o].rms_before / gain[o].rms_after) for o in helped}
     output = max(helped, key=lambda o: moved[o])
     effect = effect_class("record_too_short")(output, {"covered": short[output]})
     return Cause(effect, float(2 * sum(moved.values())), {}, gain, 0.0)

@@ -1,0 +1,404 @@
+"""One cause fitted: from its signature to the evidence for it.
+
+The best amplitudes follow from inner products alone, of signatures with the residual and with each
+other under every noise level, nuisance projected out; the noise of each output is estimated anew
+for every candidate (profile likelihood). What does not enter linearly is searched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from thermaltool.diagnosis.evidence import Assumptions, NullFit, ProjectedProducts
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.simulation import Changes, Index
+from thermaltool.effects.effect import Effect, Float, reference_of
+from thermaltool.errors import ModelError
+
+# Steps between amplitudes and noise levels, and the relative change at which they agree.
+MAX_PROFILE_STEPS, PROFILE_TOLERANCE = 8, 1e-3
+# Singular values of the scaled products of amplitudes that count, relative to the largest.
+RELATIVE_RANK = 1e-10
+# Value of a search for what no machine has: it can be subtracted.
+IMPLAUSIBLE = 1e300
+# First step of a search: of a logarithm, and relative to the distance from neutral; the instant of
+# an accident moves by this part of a log, half of what lies between two trials.
+LOG_STEP, RELATIVE_STEP, PARTS_OF_A_LOG = 0.3, 0.2, 96
+# Where a search ends: steps relative to the first one, log likelihood, trials for each parameter.
+RELATIVE_TOLERANCE, GAIN_TOLERANCE, MAX_TRIALS = 1e-3, 0.05, 30
+# A time constant is no shorter than this part of a sample period.
+MIN_PERIODS = 0.05
+# A displacement is scaled to no less and no more of its trial size.
+MIN_SCALE, MAX_SCALE = 0.1, 5.0
+
+
+@dataclass(frozen=True)
+class CauseCandidate:
+    """A cause at one place, with its amplitudes fitted.
+
+    Attributes
+    ----------
+    effect : Effect
+    evidence : float
+        Fall of BIC.
+    gain : float
+        Rise of the log likelihood.
+    assumptions : frozenset of str
+        Under which it was fitted.
+    amplitudes : mapping of str to float
+        Departures from neutral of the linear parameters; of ``""``, the share of a displacement.
+    """
+
+    effect: Effect
+    evidence: float
+    gain: float
+    assumptions: Assumptions
+    amplitudes: Mapping[str, float]
+
+    @staticmethod
+    def unfitted(effect: Effect, assumptions: Assumptions) -> CauseCandidate:
+        """An effect as it stands, from which `fit_candidate` may start."""
+        return CauseCandidate(effect, 0.0, 0.0, assumptions, {})
+
+    @property
+    def evidence_of_logs(self) -> float:
+        """Evidence of the logs alone, however common the cause may be."""
+        return self.evidence - 2 * float(np.log(self.effect.odds))
+
+    @property
+    def place(self) -> tuple[str, str, str | None]:
+        """Name, channel, and the only log in which it acts."""
+        return self.effect.name, self.effect.channel, self.effect.log
+
+    @property
+    def form(self) -> tuple[str, str, str | None, frozenset[str]]:
+        """The place, and which of its parameters the cause uses there."""
+        names = (reference_of(name)[0] for name in self.effect.parameters)
+        return *self.place, frozenset(names)
+
+    def has_other_form(self, other: CauseCandidate) -> bool:
+        """Whether another candidate is this cause in another form, and has evidence."""
+        return other.place == self.place and other.form != self.form and other.evidence > 0
+
+
+def fit_candidate(hypothesis: Hypothesis, candidate: CauseCandidate) -> CauseCandidate:
+    """Search what is not linear in a cause from where the scan left it.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+    candidate : CauseCandidate
+        Its assumptions are those of the fit.
+    """
+    effect = candidate.effect
+    names = effect.searched()
+    if not names:
+        return evaluate(hypothesis, effect, candidate.assumptions)
+    start = effect
+    if "" in candidate.amplitudes:
+        # A displacement at a trial size, scaled by its amplitude: that much of the way.
+        start = _scaled(effect, candidate.amplitudes[""])
+    x0, sizes = [], []
+    for name in names:
+        known, value = effect.parameter(name), start.parameters[name]
+        value = float(np.clip(value, known.low, known.high))
+        x0.append(np.log(value) if known.log else value)
+        sizes.append(LOG_STEP if known.log else _first_step(hypothesis, effect, name))
+    simplex = np.vstack([x0, np.array(x0) + np.diag(sizes)])
+    seen: dict[tuple[float, ...], CauseCandidate] = {}
+
+    def at(point: Float) -> Effect:
+        values = {}
+        for name, x in zip(names, point.tolist(), strict=True):
+            known = effect.parameter(name)
+            value = float(np.exp(x)) if known.log else x
+            if known.log and known.unit == "s":
+                # Faster than the samples is as fast as can be.
+                value = max(value, MIN_PERIODS * hypothesis.logs[0].period)
+            values[name] = float(np.clip(value, known.low, known.high))
+        return effect.changed(values)
+
+    def objective(point: Float) -> float:
+        trial = at(point)
+        key = tuple(trial.parameters[n] for n in names)
+        if key not in seen:
+            seen[key] = evaluate(hypothesis, trial, candidate.assumptions)
+        return min(-seen[key].gain, IMPLAUSIBLE)
+
+    minimize(
+        objective,
+        np.array(x0),
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": simplex,
+            "xatol": RELATIVE_TOLERANCE * min(abs(s) for s in sizes),
+            "fatol": GAIN_TOLERANCE,
+            "maxfev": MAX_TRIALS * len(names),
+        },
+    )
+    return max(seen.values(), key=lambda c: c.gain)
+
+
+def evaluate(hypothesis: Hypothesis, effect: Effect, assumptions: Assumptions) -> CauseCandidate:
+    """Evidence of a cause whose searched parameters stand, from its signature.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+    effect : Effect
+    assumptions : frozenset of str
+    """
+    signatures = signatures_of(hypothesis, effect)
+    products = products_of(hypothesis, signatures, assumptions)
+    if not products:
+        return CauseCandidate(effect, -np.inf, -np.inf, assumptions, {})
+    return score(hypothesis, effect, list(signatures), products, assumptions, fixed=True)
+
+
+def score(
+    hypothesis: Hypothesis,
+    effect: Effect,
+    amplitudes: Sequence[str],
+    products: Mapping[str, CandidateProducts],
+    assumptions: Assumptions,
+    fixed: bool = False,
+) -> CauseCandidate:
+    """Best amplitudes of a cause and their evidence; outputs that it does not reach are left out.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+    effect : Effect
+    amplitudes : sequence of str
+        Names of its linear parameters, or ``""`` for the displacement as a whole.
+    products : mapping of output to CandidateProducts
+    assumptions : frozenset of str
+    fixed : bool
+        A displacement counts as it stands, not by an amplitude of its own.
+    """
+    amplitudes, products = list(amplitudes), dict(products)
+    while True:
+        outputs = list(products)
+        given = np.ones(len(amplitudes)) if fixed and amplitudes == [""] else None
+        result = profile(list(products.values()), len(amplitudes), given)
+        separate = [reference_of(name)[1] for name in amplitudes]
+        # An output with amplitudes of its own has to pay for them.
+        idle = [
+            o
+            for o, gain in zip(outputs, result.gains, strict=True)
+            if o in separate
+            and len(products) > 1
+            and 2 * gain < len(products[o].amplitudes) * np.log(hypothesis.groups[o].count)
+        ]
+        if not idle:
+            break
+        worst = min(idle, key=lambda o: result.gains[outputs.index(o)])
+        gone = [n for n in amplitudes if reference_of(n)[1] == worst]
+        kept = [n for n in amplitudes if n not in gone]
+        effect = effect.without(tuple(gone))
+        products = {
+            o: replace(p, amplitudes=np.array([kept.index(amplitudes[a]) for a in p.amplitudes]))
+            for o, p in products.items()
+            if o != worst
+        }
+        amplitudes = kept
+    # Assumptions differ in what the model may say for itself: they are compared with the present.
+    gain = 0.0
+    for output, own in zip(outputs, result.gains.tolist(), strict=True):
+        evidence = hypothesis.evidence[output]
+        own += evidence.null(hypothesis.assumptions).best - evidence.null(assumptions).best
+        gain += own * evidence.independence
+    rows = sum(hypothesis.groups[o].count * hypothesis.evidence[o].independence for o in outputs)
+    count = len(effect.linear()) + len(effect.searched())
+    found = {n: float(v) for n, v in zip(amplitudes, result.amplitudes, strict=True)}
+    effect = effect.changed({n: effect.parameter(n).neutral + v for n, v in found.items() if n})
+    fall = 2 * gain - count * float(np.log(rows)) + 2 * float(np.log(effect.odds))
+    # Heat and air reach more than one place: what moves one output alone is that output's.
+    alone = effect.everywhere and len(products) < min(2, len(hypothesis.groups))
+    if alone or not effect.plausible(hypothesis.scene):
+        fall = gain = -np.inf
+    return CauseCandidate(effect, fall, gain, assumptions, found)
+
+
+def signatures_of(hypothesis: Hypothesis, trial: Effect) -> dict[str, Changes]:
+    """Signatures by amplitude and output; none where the effect is too strong to be followed."""
+    try:
+        found = hypothesis.simulation.signatures(trial)
+    except ModelError:
+        return {}
+    return {name: outputs for name, outputs in found.items() if outputs}
+
+
+def _scaled(effect: Effect, amplitude: float) -> Effect:
+    """A purely searched effect moved from neutral by `amplitude` of its trial size."""
+    values = {}
+    scale = float(np.clip(amplitude, MIN_SCALE, MAX_SCALE))
+    for name in effect.searched():
+        known = effect.parameter(name)
+        value = effect.parameters[name]
+        if known.log and known.neutral > 0:
+            values[name] = float(known.neutral * (value / known.neutral) ** scale)
+        else:
+            values[name] = known.neutral + scale * (value - known.neutral)
+    return effect.changed(values)
+
+
+def _first_step(hypothesis: Hypothesis, effect: Effect, name: str) -> float:
+    """First step of a search of a parameter that is not searched by its logarithm."""
+    known, value = effect.parameter(name), effect.parameters[name]
+    if known.unit == "s" and effect.log is not None:
+        return max(log.duration for log in hypothesis.logs) / PARTS_OF_A_LOG
+    return RELATIVE_STEP * (abs(value - known.neutral) or 1.0)
+
+
+# ---------------------------------------------------------------- amplitudes by inner products
+
+
+@dataclass(frozen=True)
+class CandidateProducts:
+    """Products of a candidate's signatures in one output.
+
+    Attributes
+    ----------
+    b : ndarray, shape (levels, m)
+    C : ndarray, shape (levels, m, m)
+    amplitudes : ndarray of int, shape (m,)
+        Which of the candidate's amplitudes each signature has.
+    null : NullFit
+    """
+
+    b: Float
+    C: Float
+    amplitudes: Index
+    null: NullFit
+
+    @staticmethod
+    def of(
+        projected: ProjectedProducts, index: Sequence[int], amplitudes: Sequence[int]
+    ) -> CandidateProducts:
+        """Products of the signatures `index` of an output, with these amplitudes."""
+        C = np.empty((len(projected.b), len(index), len(index)))
+        for i, p in enumerate(index):
+            for j, q in enumerate(index):
+                pair = min(p, q), max(p, q)
+                C[:, i, j] = projected.own[:, p] if p == q else projected.pairs[pair]
+        b = projected.b[:, list(index)]
+        return CandidateProducts(b, C, np.array(amplitudes, int), projected.null)
+
+    def negative_log(self, amplitudes: Float) -> Float:
+        """Negative log likelihood with a candidate's amplitudes, shape (levels,)."""
+        return self.null.negative_log(self.square(amplitudes))
+
+    def square(self, amplitudes: Float) -> Float:
+        """Sum of squares that is left with a candidate's amplitudes, shape (levels,)."""
+        a = amplitudes[self.amplitudes]
+        explained = 2 * self.b @ a - np.einsum("i,gij,j->g", a, self.C, a)
+        return np.asarray(self.null.square - explained)
+
+    def best_level(self) -> int:
+        """Noise level at which the candidate would explain this output best by itself."""
+        if self.b.shape[1] == 1:
+            own = self.C[:, 0, 0]
+            removed = np.where(own > 0, self.b[:, 0] ** 2 / np.where(own > 0, own, 1.0), 0.0)
+        else:
+            size = np.sqrt(np.maximum(np.einsum("gii->gi", self.C), 1e-300))
+            scaled = self.C / (size[:, :, None] * size[:, None, :])
+            inverse = np.linalg.pinv(scaled, rcond=RELATIVE_RANK, hermitian=True)
+            b = self.b / size
+            removed = np.einsum("gi,gij,gj->g", b, inverse, b)
+        return int(np.argmin(self.null.negative_log(self.null.square - removed)))
+
+
+@dataclass(frozen=True)
+class ProfileFit:
+    """The best amplitudes of a candidate.
+
+    Attributes
+    ----------
+    amplitudes : ndarray, shape (p,)
+    gains : ndarray, shape (outputs,)
+        Rise of the log likelihood of each output.
+    levels : list of int
+        Noise level of each output.
+    """
+
+    amplitudes: Float
+    gains: Float
+    levels: list[int]
+
+
+def profile(
+    outputs: Sequence[CandidateProducts], size: int, fixed: Float | None = None
+) -> ProfileFit:
+    """Maximum of the likelihood over amplitudes and, for each output, its noise.
+
+    Parameters
+    ----------
+    outputs : sequence of CandidateProducts
+    size : int
+        Number of amplitudes.
+    fixed : ndarray, shape (size,), optional
+        Amplitudes that are given.
+    """
+    levels = [each.best_level() for each in outputs]
+    amplitudes = np.zeros(size)
+    for _ in range(MAX_PROFILE_STEPS):
+        H, h = np.zeros((size, size)), np.zeros(size)
+        for each, g in zip(outputs, levels, strict=True):
+            rows = each.amplitudes
+            square = float(each.square(amplitudes)[g])
+            variance = max(square, each.null.least) / each.null.dof
+            H[np.ix_(rows, rows)] += each.C[g] / variance
+            h[rows] += each.b[g] / variance
+        before = amplitudes
+        amplitudes = _inverse(H) @ h if fixed is None else fixed
+        new = [int(np.argmin(each.negative_log(amplitudes))) for each in outputs]
+        agreed = new == levels and np.allclose(before, amplitudes, rtol=PROFILE_TOLERANCE)
+        levels = new
+        if agreed:
+            break
+    gains = [
+        each.null.best - each.negative_log(amplitudes)[g]
+        for each, g in zip(outputs, levels, strict=True)
+    ]
+    return ProfileFit(amplitudes, np.array(gains), levels)
+
+
+def _inverse(matrix: Float) -> Float:
+    """Pseudo-inverse of a matrix that is scaled to ones on its diagonal first."""
+    if matrix.shape == (1, 1):
+        return 1.0 / matrix if matrix[0, 0] > 0 else np.zeros((1, 1))
+    size = np.sqrt(np.maximum(np.diag(matrix), 0))
+    size[size == 0] = np.inf
+    scaled = matrix / np.outer(size, size)
+    inverse = np.linalg.pinv(scaled, rcond=RELATIVE_RANK, hermitian=True)
+    return np.asarray(inverse / np.outer(size, size))
+
+
+def products_of(
+    hypothesis: Hypothesis, signatures: Mapping[str, Changes], assumptions: Assumptions
+) -> dict[str, CandidateProducts]:
+    """Inner products of one candidate's signatures in every output that it reaches.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+    signatures : mapping of amplitude to mapping of output to list of ndarray
+    assumptions : frozenset of str
+        Whose nuisance is projected out.
+    """
+    result = {}
+    for output, evidence in hypothesis.evidence.items():
+        here = [k for k, reached in enumerate(signatures.values()) if output in reached]
+        if here:
+            block = np.column_stack(
+                [evidence.groups.means(s[output]) for s in signatures.values() if output in s]
+            )
+            index = list(range(len(here)))
+            projected = evidence.projected(assumptions, evidence.products(block, [index]))
+            result[output] = CandidateProducts.of(projected, index, here)
+    return result

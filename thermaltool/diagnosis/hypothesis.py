@@ -1,0 +1,358 @@
+"""A hypothesis: a model with its accepted causes on the logs, and what is left to explain.
+
+A hypothesis does not change: what is taken to be true next is another one (`replace`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from thermaltool.diagnosis.correction import uncorrected
+from thermaltool.diagnosis.evidence import Assumptions, OutputEvidence
+from thermaltool.diagnosis.nuisance import OutputNuisance
+from thermaltool.diagnosis.simulation import Mask, RowGroups, Series, Simulation
+from thermaltool.effects.effect import Float, Scene
+from thermaltool.model import Model
+from thermaltool.record import Record
+from thermaltool.signals.intervals import NORMAL_95
+
+# The model's own parameters are searched in so many steps at most, until none moves by more (of a
+# logarithm, or a gain's unit); each goes this far at most (of a logarithm), whole or in part, and
+# has to lower the negative log likelihood by so much.
+MAX_STEPS, MIN_STEP, MAX_STEP = 6, 1e-3, 0.7
+STEP_SHARES = (1.0, 0.3, 0.1)
+MIN_DESCENT = 0.1
+# Variance of the discrepancy over that of white noise, and number of time constants, at first; then
+# factors around the best of them.
+COARSE_RATIOS, COARSE_TAUS = 10.0 ** np.arange(-2, 7), 7
+FINE_RATIOS = (0.003, 0.02, 0.1, 0.35, 1.0, 3.0)
+FINE_TAUS = (0.1, 0.33, 1.0, 3.0)
+# Ratio from which the fine levels start where white noise alone is best.
+START_RATIO = 0.1
+# Squared length of a whitened sensitivity that stands for none.
+TINY = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A model on logs under assumptions of what it may say for itself.
+
+    Attributes
+    ----------
+    simulation : Simulation
+        The model, effects included, on every log.
+    calibrated : Model
+        The model as its calibration knows it: the centre of the priors.
+    assumptions : frozenset of str
+        Groups of nuisance in use.
+    """
+
+    simulation: Simulation
+    calibrated: Model
+    assumptions: Assumptions
+
+    @staticmethod
+    def of(
+        model: Model,
+        logs: Sequence[Record],
+        calibrated: Model,
+        assumptions: Assumptions,
+        masked: Mask | None = None,
+    ) -> Hypothesis:
+        """A model on logs.
+
+        Parameters
+        ----------
+        model : Model
+            Effects included.
+        logs : sequence of Record
+        calibrated : Model
+        assumptions : frozenset of str
+        masked : mapping of (digest, output) to ndarray of bool, optional
+            Rows that are left out (outliers).
+        """
+        return Hypothesis(Simulation(model, tuple(logs), masked or {}), calibrated, assumptions)
+
+    @property
+    def model(self) -> Model:
+        """The model, effects included."""
+        return self.simulation.model
+
+    @property
+    def logs(self) -> tuple[Record, ...]:
+        """What the model is compared with."""
+        return self.simulation.logs
+
+    @property
+    def groups(self) -> dict[str, RowGroups]:
+        """Rows that count, of every output that has some."""
+        return self.simulation.groups
+
+    def with_model(self, model: Model) -> Hypothesis:
+        """Another model under the same assumptions."""
+        return replace(self, simulation=replace(self.simulation, model=model))
+
+    def with_logs(self, logs: Sequence[Record]) -> Hypothesis:
+        """The same model on other logs."""
+        return replace(self, simulation=replace(self.simulation, logs=tuple(logs)))
+
+    def with_masked(self, masked: Mask) -> Hypothesis:
+        """The same with other rows left out, and no others."""
+        return replace(self, simulation=replace(self.simulation, masked=masked))
+
+    def under(self, assumptions: Assumptions, calibrated: Model) -> Hypothesis:
+        """The same under other assumptions.
+
+        Parameters
+        ----------
+        assumptions : frozenset of str
+        calibrated : Model
+            As the calibration left it: where the model's own parameters are set free, what it knew
+            of them beyond that goes.
+        """
+        if assumptions == self.assumptions:
+            return self
+        if "released" in assumptions and "tight" in self.assumptions:
+            freed = self.with_model(replace(self.model, terms=calibrated.terms))
+            return Hypothesis(freed.simulation, calibrated, assumptions)
+        return replace(self, assumptions=assumptions)
+
+    def written(self, calibrated: Model) -> Hypothesis:
+        """The same with the model as a user gets it."""
+        free = "released" in self.assumptions
+        return self.with_model(uncorrected(self.model, calibrated, free))
+
+    @cached_property
+    def nuisance(self) -> dict[str, OutputNuisance]:
+        """What may explain each output for free."""
+        return {
+            o: OutputNuisance(self.simulation, self.calibrated, self.assumptions, o)
+            for o in self.groups
+        }
+
+    @cached_property
+    def evidence(self) -> dict[str, OutputEvidence]:
+        """Evidence of each output."""
+        return {output: self._weighed(output) for output in self.groups}
+
+    def _weighed(self, output: str) -> OutputEvidence:
+        nuisance, groups = self.nuisance[output], self.groups[output]
+
+        def matrix(columns: Sequence[Series]) -> Float:
+            if not columns:
+                return np.zeros((groups.size, 0))
+            return np.column_stack([groups.means(series) for series in columns])
+
+        own = groups.means(nuisance.moves)
+        priors = {"released": nuisance.free_prior}
+        if "tight" in self.assumptions:
+            priors["tight"] = nuisance.calibrated_prior
+        return weigh(
+            groups,
+            groups.means(self.simulation.residual(output)),
+            {
+                "offset": matrix(nuisance.offsets),
+                "accepted": matrix(list(nuisance.accepted.values())),
+                **{group: own @ prior.root for group, prior in priors.items()},
+                "initial": matrix(nuisance.decays),
+            },
+            {group: prior.centre for group, prior in priors.items()},
+            nuisance.white,
+            self.assumptions,
+            nuisance.expected,
+        )
+
+    def unexplained(self, output: str) -> Series:
+        """Residual without what the nuisance fits: moves of parameters, lags, starts, offsets."""
+        nuisance, evidence = self.nuisance[output], self.evidence[output]
+        moves = nuisance.prior.root @ evidence.fitted(self.assumptions, nuisance.group)
+        fitted = evidence.fitted(self.assumptions, "offset").tolist()
+        offsets = dict(zip(nuisance.groups.present, fitted, strict=True))
+        starts = evidence.fitted(self.assumptions, "initial").tolist()
+        decays = nuisance.decays if starts else []
+        result = []
+        for k, residual in enumerate(self.simulation.residual(output)):
+            known = nuisance.moves[k] @ moves
+            for weight, decay in zip(starts, decays, strict=True):
+                known = known + weight * decay[k]
+            result.append(residual - known - offsets.get(k, 0.0))
+        return result
+
+    def beginning(self, output: str) -> Series:
+        """What is left of an unknown state at the first row; zero where logs begin at rest."""
+        if "initial" not in self.assumptions:
+            return [np.zeros(len(log.time)) for log in self.logs]
+        weights = self.evidence[output].fitted(frozenset({"offset", "initial"}), "initial")
+        decays = self.nuisance[output].decays
+        return [
+            np.asarray(sum(w * c[k] for w, c in zip(weights, decays, strict=True)))
+            for k in range(len(self.logs))
+        ]
+
+    @cached_property
+    def scene(self) -> Scene:
+        """What the catalogue of causes sees."""
+        return self.simulation.scene({o: self.white(o) for o in self.groups})
+
+    def white(self, output: str, assumptions: Assumptions | None = None) -> float:
+        """White noise of a reading of an output as the assumptions explain it."""
+        return self.evidence[output].null(assumptions or self.assumptions).white
+
+    def evidence_of(self, assumptions: Assumptions) -> float:
+        """Evidence for letting the model say what other assumptions allow."""
+        return 2 * sum(
+            e.independence * (e.null(self.assumptions).best - e.null(assumptions).best)
+            for e in self.evidence.values()
+        )
+
+    def intervals(self, at: int) -> dict[str, tuple[float, float]]:
+        """95 % intervals of the parameters of an effect, within what is plausible.
+
+        Parameters
+        ----------
+        at : int
+            Which of the model's effects.
+        """
+        effect, result = self.model.effects[at], {}
+        for name, deviation in self._deviations(at).items():
+            known, value = effect.parameter(name), effect.parameters[name]
+            low, high = value - NORMAL_95 * deviation, value + NORMAL_95 * deviation
+            result[name] = (max(low, known.low), min(high, known.high))
+        return result
+
+    def _deviations(self, at: int) -> dict[str, float]:
+        """Standard errors of the parameters of an effect that the model holds."""
+        names = list(self.model.effects[at].parameters)
+        precision = np.zeros((len(names), len(names)))
+        for output, evidence in self.evidence.items():
+            null, accepted = evidence.null(self.assumptions), self.nuisance[output].accepted
+            own = [name for k, name in accepted if k == at]
+            if not own:
+                continue
+            places = np.flatnonzero(np.array(evidence.names)[null.active] == "accepted")
+            index = places[[k for k, (e, _) in enumerate(accepted) if e == at]]
+            half = null.whitening[null.level][index]
+            block = half @ half.T * null.white**2
+            rows = [names.index(name) for name in own]
+            size = np.sqrt(np.maximum(np.diag(block), TINY))
+            inverse = np.linalg.pinv(block / np.outer(size, size), hermitian=True)
+            precision[np.ix_(rows, rows)] += evidence.independence * inverse / np.outer(size, size)
+        known = np.flatnonzero(np.diag(precision) > 0)
+        size = np.sqrt(np.diag(precision)[known])
+        scaled = precision[np.ix_(known, known)] / np.outer(size, size)
+        variance = np.diag(np.linalg.pinv(scaled, hermitian=True)) / size**2
+        return {names[k]: float(np.sqrt(v)) for k, v in zip(known, variance, strict=True)}
+
+    # ------------------------------------------------------------ the model's own parameters
+
+    def fitted(self) -> Hypothesis:
+        """The model's own parameters where the logs want them, beside the effects that it holds.
+
+        The same where the assumptions do not free them.
+        """
+        if "released" not in self.assumptions:
+            return self
+        best = self
+        for _ in range(MAX_STEPS):
+            steps = {output: best._own_steps(output) for output in best.evidence}
+            if not any(np.any(np.abs(step) > MIN_STEP) for step in steps.values()):
+                break
+            for share in STEP_SHARES:
+                moved = best._moved(steps, share)
+                if moved is not None and moved._misfit() < best._misfit() - MIN_DESCENT:
+                    best = moved
+                    break
+            else:
+                break
+        return best
+
+    def _own_steps(self, output: str) -> Float:
+        """Moves of an output's own parameters that its residual asks for, none too long."""
+        nuisance = self.nuisance[output]
+        root = nuisance.free_prior.root[: len(nuisance.own)]
+        steps = root @ self.evidence[output].fitted(self.assumptions, "released")
+        logs = [abs(s) for s, each in zip(steps, nuisance.own, strict=True) if each.log]
+        return np.asarray(steps * min(1.0, MAX_STEP / max([*logs, 1e-12])))
+
+    def _moved(self, steps: Mapping[str, Float], share: float) -> Hypothesis | None:
+        """The hypothesis with own parameters moved; None where a response does not allow it."""
+        model = self.model
+        try:
+            for output, step in steps.items():
+                nuisance = self.nuisance[output]
+                moved, terms = nuisance.moved(share * step), {e.term for e in nuisance.own}
+                model = replace(
+                    model,
+                    terms=tuple(
+                        moved.terms[k] if k in terms else term for k, term in enumerate(model.terms)
+                    ),
+                )
+            result = self.with_model(model)
+            result._misfit()
+        except (ValueError, np.linalg.LinAlgError):
+            return None
+        return result
+
+    def _misfit(self) -> float:
+        """Negative log likelihood with the model's own parameters where they stand."""
+        fixed = self.assumptions - {"released"}
+        return sum(e.null(fixed).best for e in self.evidence.values())
+
+
+def weigh(
+    groups: RowGroups,
+    residual: Float,
+    nuisance: Mapping[str, Float],
+    centre: Mapping[str, Float],
+    white: float,
+    assumptions: Assumptions,
+    expected: Callable[[float], float] | None = None,
+) -> OutputEvidence:
+    """Evidence of one output at the noise levels that its residual asks for.
+
+    Parameters
+    ----------
+    groups : RowGroups
+    residual : ndarray, shape (n,)
+    nuisance : mapping of group to ndarray, shape (n, c)
+        ``offset`` and ``accepted`` are free; other groups count in units of their prior.
+    centre : mapping of group to ndarray, shape (c,)
+        Where a group stands already, in units of its prior.
+    white : float
+        White noise of a reading, from the differences of neighbours.
+    assumptions : frozenset of str
+        Under which the noise levels are found.
+    expected : callable, optional
+        Discrepancy of a clean log by its time constant [s]: a larger one has the odds of
+        `DISCREPANCY_SPREAD` against it; with it the white noise, too, is held near `white` (by as
+        many rows as there are). Without it both are free.
+    """
+    start = OutputEvidence(
+        groups,
+        tuple(name for name, block in nuisance.items() for _ in range(block.shape[1])),
+        np.column_stack([residual, *nuisance.values()]),
+        np.concatenate(
+            [centre.get(name, np.zeros(block.shape[1])) for name, block in nuisance.items()]
+        ),
+        white,
+        expected,
+    )
+    if "white" in assumptions:
+        alone = start.at([])
+        alone = replace(alone, white=alone.null(assumptions).white)
+        return replace(alone, independence=alone.correlated_rows(assumptions))
+    noise = groups.noise
+    longest = max(noise.span / 2, 6 * noise.period)
+    taus = np.geomspace(3 * noise.period, longest, COARSE_TAUS).tolist()
+    coarse = start.at([(r, t) for r in COARSE_RATIOS for t in taus])
+    if expected is None:
+        for _ in range(2):
+            coarse = replace(coarse, white=coarse.null(assumptions).white)
+    best = coarse.levels[coarse.null(assumptions).level]
+    tau = best.tau if best.ratio else float(np.sqrt(taus[0] * taus[-1]))
+    ratio = best.ratio or START_RATIO
+    return coarse.at([(r * ratio, t * tau) for r in FINE_RATIOS for t in FINE_TAUS])

@@ -1,0 +1,390 @@
+"""What a model may say for itself of one output, and what its calibration knows of that.
+
+The nuisance of an output are moves of the model's own parameters (of logarithms where they are
+searched so) and lags of the drives, which stand for what a response's kind leaves out of its shape,
+both with a prior; decays of an unknown state at the first row; the offset of every log; and the
+parameters of the causes that are accepted already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from thermaltool.diagnosis.correction import known_discrepancy
+from thermaltool.diagnosis.evidence import Assumptions
+from thermaltool.diagnosis.simulation import RowGroups, Series, Simulation
+from thermaltool.effects.dynamics import lagged
+from thermaltool.effects.effect import Effect, Float
+from thermaltool.model import Model
+from thermaltool.signals.detrend import difference_sigma
+
+# A wide prior: what a parameter may be where nothing was calibrated before. Of a logarithm, and
+# of a gain relative to the response's largest one.
+WIDE_LOG, WIDE_GAIN = 1.0, 1.0
+# Where a model is free, its lags are so many times apart.
+MIN_LAG_RATIO = 3.0
+# A discrepancy slower than the calibration has shown is at most this share of the white noise; one
+# counts as shown up to this many of its time constants.
+MIN_FLOOR, SHOWN_TIME_CONSTANTS = 0.5, 2.0
+# Directions of a prior that change a whole log by less, over the noise of a reading, are left out.
+MIN_CHANGE = 0.1
+# A sensor's noise may be smaller by this factor than at the calibration; where nothing is known of
+# it, it is no smaller than this share of the residual.
+MIN_NOISE_RATIO, MIN_NOISE_SHARE = 0.7, 1e-3
+# Smallest white noise [unit of the channel], and eigenvalue of a scaled covariance.
+MIN_WHITE, MIN_EIGENVALUE = 1e-12, 1e-12
+# Time constants of an unknown start, relative to the output's slowest.
+START_TIME_CONSTANTS = (1.0, 0.25, 0.06)
+# Moves from which slopes are taken: of an own parameter, of what is linear in an effect and what is
+# not, all relative, and the smallest of an effect's parameter.
+OWN_MOVE, LINEAR_MOVE, SEARCHED_MOVE, MIN_MOVE = 1e-3, 1e-3, 1e-2, 1e-6
+
+
+@dataclass(frozen=True)
+class OwnParameter:
+    """A parameter of the model itself.
+
+    Attributes
+    ----------
+    term : int
+    name : str
+    log : bool
+        Counted by its logarithm.
+    """
+
+    term: int
+    name: str
+    log: bool
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A Gaussian prior of the moves of an output.
+
+    Attributes
+    ----------
+    root : ndarray, shape (p + q, r)
+        Root of the covariance: what each coordinate of variance one moves.
+    centre : ndarray, shape (r,)
+        Where the model stands in it.
+    inverse : ndarray, shape (r, p + q)
+        From moves to coordinates.
+    """
+
+    root: Float
+    centre: Float
+    inverse: Float
+
+
+@dataclass(frozen=True, eq=False)
+class OutputNuisance:
+    """What may explain the residual of one output for free.
+
+    Attributes
+    ----------
+    simulation : Simulation
+    calibrated : Model
+        The model as its calibration knows it: the centre of the priors.
+    assumptions : frozenset of str
+        Groups of nuisance in use.
+    output : str
+    """
+
+    simulation: Simulation
+    calibrated: Model
+    assumptions: Assumptions
+    output: str
+
+    # ------------------------------------------------------------ noise and discrepancy
+
+    @cached_property
+    def _known(self) -> Mapping[str, Any]:
+        """What the calibration knows of the output beyond its kind of response; may be empty."""
+        return known_discrepancy(self.calibrated, self.output)
+
+    @property
+    def groups(self) -> RowGroups:
+        """Rows of the output that count."""
+        return self.simulation.groups[self.output]
+
+    @cached_property
+    def white(self) -> float:
+        """White noise of a reading, from the differences of neighbours.
+
+        Not far below that of the calibration: a sensor that stands still is no quiet sensor.
+        """
+        residual = self.groups.joined(self.simulation.residual(self.output))
+        if "tight" in self.assumptions:
+            least = MIN_NOISE_RATIO * float(self._known.get("white_sigma", 0.0))
+        else:
+            least = MIN_NOISE_SHARE * float(np.std(residual))
+        return max(difference_sigma(residual), least, MIN_WHITE)
+
+    def floor(self, tau: float = np.inf) -> float:
+        """Discrepancy of the calibration.
+
+        Parameters
+        ----------
+        tau : float [s]
+            Its time constant or longest one. A slower one than the calibration has shown is at
+            most a share of the white noise.
+        """
+        least = MIN_FLOOR * self.white
+        if not self._known or tau > self._shown:
+            return least
+        return max(float(self._known["drift_sigma"]), least)
+
+    @property
+    def _shown(self) -> float:
+        """Slowest time constant of a discrepancy that the calibration has shown [s]."""
+        return SHOWN_TIME_CONSTANTS * self._known["drift_time_s"] if self._known else 0.0
+
+    @property
+    def expected(self) -> Callable[[float], float] | None:
+        """Discrepancy of a clean log by its time constant [s]; None where the model is free."""
+        if "tight" not in self.assumptions:
+            return None
+        slow, fast = self.floor(), self.floor(0.0)
+        shown = self._shown
+        return lambda tau: fast if tau <= shown else slow
+
+    # ------------------------------------------------------------ the model's own parameters
+
+    @cached_property
+    def own(self) -> list[OwnParameter]:
+        """The parameters of the model that the output depends on."""
+        found = []
+        for k, term in enumerate(self.simulation.model.terms):
+            if term.output == self.output:
+                cls = type(term.response)
+                found += [OwnParameter(k, name, True) for name in cls.searched]
+                found += [OwnParameter(k, name, False) for name in cls.gains]
+        return found
+
+    def moved(self, steps: Float) -> Model:
+        """The model with the output's own parameters moved.
+
+        Parameters
+        ----------
+        steps : ndarray, shape (p,)
+            Of logarithms where they are counted so.
+
+        Raises
+        ------
+        ValueError
+            A response does not allow it.
+        """
+        model = self.simulation.model
+        terms = list(model.terms)
+        for each, step in zip(self.own, steps.tolist(), strict=True):
+            term = terms[each.term]
+            value = getattr(term.response, each.name)
+            value = value * np.exp(step) if each.log else value + step
+            terms[each.term] = replace(term, response=replace(term.response, **{each.name: value}))  # type: ignore[type-var]
+        return replace(model, terms=tuple(terms))
+
+    @cached_property
+    def sensitivities(self) -> list[Series]:
+        """Change of the output per unit of each of its own parameters."""
+        simulation, result = self.simulation, []
+        # Where no effect joins outputs, the others need not be simulated.
+        alone = not any(e.side in ("state", "wiring") for e in simulation.model.effects)
+        outputs = simulation.model.outputs
+        if alone:
+            outputs = tuple(o for o in outputs if o.channel == self.output)
+        for k, each in enumerate(self.own):
+            steps = np.zeros(len(self.own))
+            steps[k] = OWN_MOVE * (1.0 if each.log else self._gain_scale(each))
+            try:
+                model = self.moved(steps)
+            except ValueError:  # at the end of its range: the other way
+                steps[k] = -steps[k]
+                model = self.moved(steps)
+            terms = tuple(t for t in model.terms if not alone or t.output == self.output)
+            changed = simulation.with_effects(model=replace(model, terms=terms, outputs=outputs))
+            result.append(
+                [
+                    (new[self.output] - old[self.output]) / steps[k]
+                    for new, old in zip(changed, simulation.outputs, strict=True)
+                ]
+            )
+        return result
+
+    def _gain_scale(self, own: OwnParameter) -> float:
+        response = self.simulation.model.terms[own.term].response
+        gains = [abs(getattr(response, name)) for name in response.gains]
+        return max(gains) or 1.0
+
+    @cached_property
+    def lags(self) -> list[Series]:
+        """Lags of the drives, of unit height: what a response's kind leaves out of its shape."""
+        simulation = self.simulation
+        holds = {d.channel: d.hold for d in simulation.model.drives}
+        return [
+            [
+                lagged(log.time, each[drive], tau, holds[drive])
+                for log, each in zip(simulation.logs, simulation.inputs, strict=True)
+            ]
+            for drive, tau in self._lag_bank
+        ]
+
+    @property
+    def _lag_bank(self) -> Sequence[tuple[str, float]]:
+        """Drive and time constant [s] of each lag that the calibration knows."""
+        lags: Sequence[tuple[str, float]] = self._known.get("lags", ())
+        return lags
+
+    @cached_property
+    def moves(self) -> Series:
+        """Change of the output per unit of each of its `own` parameters and `lags`, (n, p + q)."""
+        columns = [*self.sensitivities, *self.lags]
+        return [np.column_stack([c[k] for c in columns]) for k in range(len(self.simulation.logs))]
+
+    # ------------------------------------------------------------ priors
+
+    @property
+    def group(self) -> str:
+        """Group of nuisance in which the model's own parameters move."""
+        return "released" if "released" in self.assumptions else "tight"
+
+    @property
+    def prior(self) -> Prior:
+        """What moves may be under the assumptions."""
+        return self.free_prior if self.group == "released" else self.calibrated_prior
+
+    @cached_property
+    def free_prior(self) -> Prior:
+        """What moves may be where nothing holds the parameters."""
+        at, size = self._now()
+        # A lag at the largest drive is of the size of the noise; some of them say what all do.
+        lags = self._lag_bank
+        heights = np.array([self.white / self.simulation.level(drive) for drive, _ in lags])
+        root = block_diag(np.diag(size), np.diag(heights)[:, _apart(lags)])
+        inverse = np.asarray(np.linalg.pinv(root), np.float64)
+        return Prior(root, inverse @ np.append(at, np.zeros(len(lags))), inverse)
+
+    @cached_property
+    def calibrated_prior(self) -> Prior:
+        """What moves may be within the calibration, in directions that these logs show."""
+        own, known = self.own, self._known
+        at, size = self._now()
+        if not known:
+            covariance = np.zeros((len(own), len(own)))
+            for term in {e.term for e in own}:
+                index = [k for k, e in enumerate(own) if e.term == term]
+                block = self._calibrated_covariance([own[k] for k in index])
+                covariance[np.ix_(index, index)] = block
+        elif [tuple(n) for n in known["parameters"]] != [
+            (self.simulation.model.terms[e.term].drive, e.name) for e in own
+        ]:
+            return self.free_prior
+        else:
+            covariance = np.array(known["covariance"])
+            q = len(covariance) - len(own)
+            at = np.append(at, np.zeros(q))
+            size = np.append(size, np.full(q, known["lag_sigma"]))
+        columns = self.groups.joined(self.moves)
+        root = _root(covariance, size)
+        changes = columns @ root
+        changes = changes - changes.mean(axis=0)
+        values, vectors = np.linalg.eigh(changes.T @ changes)
+        # The most visible direction first.
+        turn = vectors[:, values > (MIN_CHANGE * self.white) ** 2][:, ::-1]
+        inverse = turn.T @ np.linalg.inv(root)
+        return Prior(root @ turn, inverse @ at, inverse)
+
+    def _now(self) -> tuple[Float, Float]:
+        """How far the own parameters are from the calibration, and how far they may be at most."""
+        at = np.zeros(len(self.own))
+        for k, each in enumerate(self.own):
+            now = getattr(self.simulation.model.terms[each.term].response, each.name)
+            was = getattr(self.calibrated.terms[each.term].response, each.name)
+            at[k] = np.log(now / was) if each.log else now - was
+        return at, self._wide(self.own)
+
+    def _wide(self, own: Sequence[OwnParameter]) -> Float:
+        return np.array([WIDE_LOG if e.log else WIDE_GAIN * self._gain_scale(e) for e in own])
+
+    def _calibrated_covariance(self, own: Sequence[OwnParameter]) -> Float:
+        """Covariance of some parameters of one term, by the fit alone."""
+        term = self.calibrated.terms[own[0].term]
+        if term.covariance is None:
+            return np.diag(self._wide(own) ** 2)
+        names = list(term.covariance_names)
+        index = [names.index(e.name) for e in own]
+        factor = np.array([1 / getattr(term.response, e.name) if e.log else 1.0 for e in own])
+        return np.asarray(term.covariance)[np.ix_(index, index)] * np.outer(factor, factor)
+
+    # ------------------------------------------------------------ start, offsets, accepted causes
+
+    @cached_property
+    def decays(self) -> list[Series]:
+        """What a machine that was not at rest at the first row adds, per log."""
+        simulation = self.simulation
+        slowest = simulation.slowest(self.output)
+        reach = max(float(np.max(np.abs(y[self.output]))) for y in simulation.outputs)
+        return [
+            [
+                reach * np.exp(-(log.time - log.time[0]) / (share * slowest)) * (j == k)
+                for j, log in enumerate(simulation.logs)
+            ]
+            for k in range(len(simulation.logs))
+            for share in START_TIME_CONSTANTS
+        ]
+
+    @property
+    def offsets(self) -> list[Series]:
+        """One for each log that has rows, in that log."""
+        logs = self.simulation.logs
+        return [
+            [np.full(len(log.time), float(j == k)) for j, log in enumerate(logs)]
+            for k in self.groups.present
+        ]
+
+    @cached_property
+    def accepted(self) -> dict[tuple[int, str], Series]:
+        """Sensitivities to the parameters of the effects that the model holds already."""
+        simulation, result = self.simulation, {}
+        for at, effect in enumerate(simulation.model.effects):
+            # The instant of an accident is found by scanning: it has no slope.
+            searched = () if effect.event else effect.searched()
+            for name in (*effect.linear(), *searched):
+                step = _step(effect, name)
+                effects = list(simulation.model.effects)
+                effects[at] = effect.changed({name: effect.parameters[name] + step})
+                changed = simulation.with_effects(
+                    model=replace(simulation.model, effects=tuple(effects))
+                )
+                change = simulation.change(changed).get(self.output)
+                if change is not None:
+                    result[at, name] = [c / step for c in change]
+        return result
+
+
+def _step(effect: Effect, name: str) -> float:
+    """Move of an effect's parameter from which its slope is taken."""
+    relative = LINEAR_MOVE if effect.parameter(name).linear else SEARCHED_MOVE
+    return max(relative * abs(effect.parameters[name]), MIN_MOVE)
+
+
+def _apart(lags: Sequence[tuple[str, float]]) -> list[int]:
+    """Which of the lags to keep, of every drive the first and what is far from the one before."""
+    kept: list[int] = []
+    for k, (drive, tau) in enumerate(lags):
+        last = next((lags[j][1] for j in reversed(kept) if lags[j][0] == drive), 0.0)
+        if not last or max(tau, last) >= MIN_LAG_RATIO * min(tau, last):
+            kept.append(k)
+    return kept
+
+
+def _root(covariance: Float, size: Float) -> Float:
+    """A root of a covariance; never wider than `size`, never exactly known."""
+    scaled = covariance / np.outer(size, size)
+    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.clip(values, MIN_EIGENVALUE, 1.0)))

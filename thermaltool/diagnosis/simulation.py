@@ -1,0 +1,361 @@
+"""A model simulated on logs beside what they measured: residuals, and what a cause would change."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.effects.effect import Effect, Float, Scene, reference_of
+from thermaltool.fitting.discrepancy import MOST_ROWS
+from thermaltool.model import Model, away_from_rest, driven, read_outputs, relative, respond
+from thermaltool.record import Record
+from thermaltool.signals.likelihood import ColouredNoise
+
+Index = NDArray[np.int64]
+Series = list[Float]  # one array for each log
+Changes = Mapping[str, Series]  # of each output
+Mask = Mapping[tuple[str, str], NDArray[np.bool_]]  # of (digest of a log, output)
+
+# Pauses above this many median periods are not averaged over.
+MAX_PERIODS_IN_GROUP = 5.0
+# A channel offers a place to a cause where more than this share of its rows has a value.
+MIN_SHARE_MEASURED = 0.5
+# A small move of what is not linear in a cause, relative.
+RELATIVE_MOVE = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class RowGroups:
+    """Rows of one output that count, averaged in groups where they are many.
+
+    Attributes
+    ----------
+    rows : tuple of ndarray of int, one for each log
+        Rows that are measured and in use.
+    first : ndarray of int, shape (n,)
+        Where each group begins, counted through all logs.
+    weight : ndarray, shape (n,)
+        White variance of a group's mean over that of a reading: one over its rows.
+    time : ndarray, shape (n,) [s]
+        Mean time of each group.
+    noise : ColouredNoise
+        Noise of the groups.
+    owner : ndarray of int, shape (n,)
+        Log of each group.
+    """
+
+    rows: tuple[Index, ...]
+    first: Index
+    weight: Float
+    time: Float
+    noise: ColouredNoise
+    owner: Index
+
+    @staticmethod
+    def of(logs: Sequence[Record], usable: Sequence[NDArray[np.bool_]]) -> RowGroups | None:
+        """Groups of the usable rows; None where there are none.
+
+        Parameters
+        ----------
+        logs : sequence of Record
+        usable : sequence of ndarray of bool, one for each log
+        """
+        rows, first, owner, at = [], [], [], 0
+        total = sum(int(np.sum(use)) for use in usable)
+        size = -(-total // MOST_ROWS)
+        for k, (log, use) in enumerate(zip(logs, usable, strict=True)):
+            there = np.flatnonzero(use)
+            rows.append(there)
+            if not len(there):
+                continue
+            steps = np.diff(log.time[there])
+            long = MAX_PERIODS_IN_GROUP * np.median(steps) if len(steps) else 0.0
+            edges = [0, *(np.flatnonzero(steps > long) + 1).tolist(), len(there)]
+            groups = np.concatenate([np.arange(a, b, size) for a, b in itertools.pairwise(edges)])
+            first.append(at + groups)
+            owner.append(np.full(len(groups), k))
+            at += len(there)
+        if not at:
+            return None
+        starts, owners = np.concatenate(first), np.concatenate(owner)
+        counts = np.diff(np.append(starts, at))
+        time = np.concatenate([log.time[r] for log, r in zip(logs, rows, strict=True)])
+        means = np.add.reduceat(time, starts) / counts
+        blocks = np.flatnonzero(np.diff(owners, prepend=-1))
+        period = float(np.median(np.concatenate([np.diff(log.time) for log in logs])))
+        noise = ColouredNoise(means, blocks, 1.0 / counts, period)
+        return RowGroups(tuple(rows), starts, 1.0 / counts, means, noise, owners)
+
+    def joined(self, series: Sequence[Float]) -> Float:
+        """Rows in use of all logs, one after the other.
+
+        Parameters
+        ----------
+        series : sequence of ndarray, shape (n_log,) or (n_log, c)
+        """
+        return np.concatenate([each[r] for each, r in zip(series, self.rows, strict=True)])
+
+    def means(self, series: Sequence[Float]) -> Float:
+        """Means of the groups, shape (n,) or (n, c).
+
+        Parameters
+        ----------
+        series : sequence of ndarray, shape (n_log,) or (n_log, c)
+        """
+        joined = self.joined(series)
+        if len(joined) == len(self.first):
+            return joined
+        weight = self.weight if joined.ndim == 1 else self.weight[:, None]
+        return np.asarray(np.add.reduceat(joined, self.first, axis=0) * weight)
+
+    @property
+    def size(self) -> int:
+        """Number of groups."""
+        return len(self.first)
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return sum(len(rows) for rows in self.rows)
+
+    @property
+    def present(self) -> list[int]:
+        """Logs that have rows."""
+        return [k for k, rows in enumerate(self.rows) if len(rows)]
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A model with its accepted causes, simulated on every log.
+
+    Attributes
+    ----------
+    model : Model
+        Effects included.
+    logs : tuple of Record
+    masked : mapping of (digest, output) to ndarray of bool
+        Rows that are left out (outliers).
+    """
+
+    model: Model
+    logs: tuple[Record, ...]
+    masked: Mask
+
+    def _acting(self, log: Record, *more: Effect) -> list[Effect]:
+        return [e for e in (*self.model.effects, *more) if e.log in (None, log.digest)]
+
+    @cached_property
+    def inputs(self) -> list[dict[str, Float]]:
+        """What acts in place of every drive in each log, relative to its reference."""
+        return [driven(self.model, self._acting(log), log) for log in self.logs]
+
+    @cached_property
+    def _responses(self) -> list[dict[str, Float]]:
+        return [respond(self.model, self._acting(log), log) for log in self.logs]
+
+    @cached_property
+    def outputs(self) -> list[dict[str, Float]]:
+        """Outputs of each log, relative to rest."""
+        return [
+            read_outputs(self._acting(log), response, log)
+            for log, response in zip(self.logs, self._responses, strict=True)
+        ]
+
+    @cached_property
+    def measured(self) -> list[dict[str, Float]]:
+        """Outputs of each log as measured, relative to rest."""
+        return [
+            {
+                o.channel: relative(log.columns[o.channel], o.offset)
+                for o in self.model.outputs
+                if o.channel in log.columns
+            }
+            for log in self.logs
+        ]
+
+    @cached_property
+    def groups(self) -> dict[str, RowGroups]:
+        """Rows that count, of every output that has some."""
+        found = {}
+        for o in self.model.outputs:
+            groups = RowGroups.of(self.logs, [self._usable(log, o.channel) for log in self.logs])
+            if groups is not None:
+                found[o.channel] = groups
+        return found
+
+    def _usable(self, log: Record, output: str) -> NDArray[np.bool_]:
+        """Rows in which an output is measured and not masked."""
+        if output not in log.columns:
+            return np.zeros(len(log), bool)
+        measured = np.isfinite(log.columns[output])
+        return measured & ~self.masked.get((log.digest, output), np.zeros(len(log), bool))
+
+    def residual(self, output: str) -> Series:
+        """Measured minus simulated in each log; NaN where not measured."""
+        return [
+            m[output] - y[output] if output in m else np.full(len(y[output]), np.nan)
+            for m, y in zip(self.measured, self.outputs, strict=True)
+        ]
+
+    def with_effects(self, *more: Effect, model: Model | None = None) -> list[dict[str, Float]]:
+        """Outputs of every log with more effects, or with another model.
+
+        What acts behind the responses alone takes those that are there.
+        """
+        result = []
+        again = model is not None or any(e.side in ("drive", "state") for e in more)
+        other = Simulation(model or self.model, self.logs, self.masked)
+        for k, log in enumerate(self.logs):
+            effects = other._acting(log, *more)
+            response = respond(other.model, effects, log) if again else self._responses[k]
+            result.append(read_outputs(effects, response, log))
+        return result
+
+    def change(self, changed: Sequence[Mapping[str, Float]]) -> dict[str, Series]:
+        """What changed outputs differ by from those of the model; unchanged ones are left out."""
+        result = {}
+        for output in self.groups:
+            series = [
+                new[output] - old[output] for new, old in zip(changed, self.outputs, strict=True)
+            ]
+            if any(np.any(s) for s in series):
+                result[output] = series
+        return result
+
+    def displacement(self, effect: Effect) -> dict[str, Series]:
+        """Change of every output by a cause as it stands."""
+        return self.change(self.with_effects(effect))
+
+    def signatures(self, effect: Effect) -> dict[str, dict[str, Series]]:
+        """How each amplitude of an effect changes each output, per unit of the amplitude.
+
+        Parameters
+        ----------
+        effect : Effect
+            At a trial size.
+
+        Returns
+        -------
+        dict of amplitude to dict of output to list of ndarray
+            Linear parameters; the amplitude ``""`` where there is none: the whole displacement.
+            Outputs that do not change are left out.
+        """
+        linear = effect.linear()
+        if not linear:
+            return {"": self.displacement(effect)}
+        result: dict[str, dict[str, Series]] = {}
+        for base in dict.fromkeys(reference_of(name)[0] for name in linear):
+            neutral = effect.known[base].neutral
+            others = {n: effect.parameter(n).neutral for n in linear if reference_of(n)[0] != base}
+            trial = {n: neutral + 1.0 for n in linear if reference_of(n)[0] == base}
+            changes = self.displacement(effect.changed({**others, **trial}))
+            for name in trial:
+                own = reference_of(name)[1]
+                reached = {o: s for o, s in changes.items() if own in (None, o)}
+                if reached:
+                    result[name] = reached
+        return result
+
+    def span(self, effect: Effect) -> list[dict[str, Series]]:
+        """Changes by each amplitude of a cause, and by a small move of what is not linear in it."""
+        found = list(self.signatures(effect).values())
+        # An instant that was found by scanning has no slope.
+        searched = () if effect.event else effect.searched()
+        if (effect.linear() and searched) or len(searched) > 1:
+            here = self.with_effects(effect)
+            for name in searched:
+                known, value = effect.parameter(name), effect.parameters[name]
+                step = RELATIVE_MOVE * (
+                    abs(value) if known.log else abs(value - known.neutral) or 1.0
+                )
+                step = step if value + step <= known.high else -step
+                there = self.with_effects(effect.changed({name: value + step}))
+                found.append(
+                    {
+                        o: [(t[o] - h[o]) / step for t, h in zip(there, here, strict=True)]
+                        for o in self.groups
+                    }
+                )
+        return found
+
+    def level(self, drive: str) -> float:
+        """Largest value of a drive in these logs, relative to its reference; 1 where it rests."""
+        return max(float(np.max(np.abs(each[drive]))) for each in self.inputs) or 1.0
+
+    def slowest(self, output: str) -> float:
+        """Slowest time constant of the terms of an output [s]."""
+        return max(t.response.slowest() for t in self.model.terms if t.output == output)
+
+    def away_from_rest(self) -> bool:
+        """Whether a log begins away from rest, by an output whose rest is known."""
+        for log in self.logs:
+            for o in self.model.outputs:
+                if o.offset != "first" and o.channel in self.groups and o.channel in log.columns:
+                    values = relative(log.columns[o.channel], o.offset)
+                    values = values[np.isfinite(values)]
+                    if len(values) and away_from_rest(float(values[0]), o.range):
+                        return True
+        return False
+
+    def level_responses(self) -> list[dict[str, Series]]:
+        """Responses to the level of each drive with which each log begins.
+
+        How a machine came to be where a log begins with a drive on, nobody knows: what it would do
+        from rest under that level tells nothing.
+        """
+        found = []
+        bare = replace(self.model, effects=())
+        rest = {d.channel: 0.0 if d.reference == "first" else d.reference for d in bare.drives}
+        for k, log in enumerate(self.logs):
+            for channel in rest:
+                if self.inputs[k][channel][0] == 0:
+                    continue
+                columns = {c: np.full(len(log.time), r + (c == channel)) for c, r in rest.items()}
+                response = bare.simulate(Record(log.time, columns))
+                found.append(
+                    {
+                        o: [y if j == k else np.zeros(len(g)) for j, g in enumerate(self.logs)]
+                        for o, y in response.items()
+                    }
+                )
+        return found
+
+    def scene(self, noise: Mapping[str, float]) -> Scene:
+        """What the catalogue of causes sees.
+
+        Parameters
+        ----------
+        noise : mapping of output to float
+            White noise of a reading.
+        """
+        known = {d.channel for d in self.model.drives} | {o.channel for o in self.model.outputs}
+        used = {c for e in self.model.effects for c in e.needs()}
+        beside = [c for c in self.logs[0].columns if c not in known | used]
+        residuals = {o: self.residual(o) for o in self.groups}
+        return Scene(
+            logs=self.logs,
+            drives=tuple(d.channel for d in self.model.drives),
+            outputs=tuple(self.groups),
+            extra=tuple(c for c in beside if all(_moves(log, c) for log in self.logs)),
+            driven=tuple(self.inputs),
+            simulated=tuple(self.outputs),
+            residual=tuple(
+                {o: residuals[o][k] for o in self.groups} for k in range(len(self.logs))
+            ),
+            noise=noise,
+            slowest={o: self.slowest(o) for o in self.groups},
+        )
+
+
+def _moves(log: Record, channel: str) -> bool:
+    """Whether a channel has values enough, and changes."""
+    values = log.columns.get(channel)
+    if values is None:
+        return False
+    values = values[np.isfinite(values)]
+    return len(values) > MIN_SHARE_MEASURED * len(log.time) and float(np.ptp(values)) > 0

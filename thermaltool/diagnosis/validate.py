@@ -1,0 +1,391 @@
+"""Held-out judgement: the verdict on a cause, by what it is worth on data that no fit has seen.
+
+Each log is cut into blocks of time; every block is predicted, free running, by a fit to all other
+rows: the model's own parameters within their prior and the parameters of its effects, around the
+full fit. Places that were found by scanning (the instant of a step) stay where they are. The
+interval of the gain is that of a bootstrap over shorter blocks, so that slow errors count in full.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermaltool.diagnosis.fit import CauseCandidate, fit_candidate
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.result import Cause, Gain
+from thermaltool.diagnosis.simulation import Index, Series
+from thermaltool.effects.effect import Effect, Float
+from thermaltool.errors import ModelError
+from thermaltool.model import Model
+from thermaltool.record import Record
+from thermaltool.signals.agreement import agreement
+from thermaltool.signals.likelihood import ColouredNoise
+from thermaltool.units import is_displacement
+
+# Parts of a log of which each is held out once.
+FOLDS = 6
+# Blocks of the bootstrap, and draws.
+BOOTSTRAP_BLOCKS, DRAWS = 36, 2000
+# A cause has to explain this many times the slow discrepancy of a clean log, or, where that is
+# large, this share of what is wrong now.
+MIN_FLOORS, MAX_SHARE_OF_MISFIT = 1.0, 0.7
+# Turns between the model's own parameters and those of a cause.
+MAX_TURNS = 2
+# Singular values of the scaled normal matrix of a fold that count, relative to the largest.
+RELATIVE_RANK = 1e-12
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """An accepted cause.
+
+    Attributes
+    ----------
+    cause : Cause
+    candidate : CauseCandidate
+        As fitted together with the model's own parameters.
+    rivals : sequence of CauseCandidate
+        All that were fitted, the accepted one among them.
+    before, after : Hypothesis
+        Without the cause and with it.
+    """
+
+    cause: Cause
+    candidate: CauseCandidate
+    rivals: Sequence[CauseCandidate]
+    before: Hypothesis
+    after: Hypothesis
+
+
+def judge(
+    hypothesis: Hypothesis,
+    candidate: CauseCandidate,
+    rivals: Sequence[CauseCandidate],
+    calibrated: Model,
+    unseen: Sequence[Record] = (),
+) -> Verdict | None:
+    """Verdict on a candidate; None where it is worth nothing on unseen data.
+
+    Its signature has given it its evidence (`fit.evaluate`). It is fitted together with the model's
+    own parameters, where these are free; every block of the logs is predicted from the others,
+    with it and without; and what it gains there has to be sure, of practical size, and larger than
+    what the calibration got wrong. With `unseen` logs it has to be so there too.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        Without it; it is judged under its own assumptions.
+    candidate : CauseCandidate
+    rivals : sequence of CauseCandidate
+        All that were fitted, the candidate among them.
+    calibrated : Model
+        As the calibration left it.
+    unseen : sequence of Record
+        Logs to validate on.
+    """
+    before = hypothesis.under(candidate.assumptions, calibrated)
+    try:
+        after, candidate = _fitted_jointly(before, candidate)
+        alone = before.fitted()
+        if not is_practical(before, held_out_gains(alone, after)):
+            return None
+        old, new = alone.written(calibrated), after.written(calibrated)
+        if unseen:
+            gains = transferred_gains(old.with_logs(unseen), new.with_logs(unseen))
+            if not is_practical(before, gains):
+                return None
+        else:
+            gains = held_out_gains(alone, after, (old, new))
+        intervals = after.intervals(len(after.model.effects) - 1)
+    except ModelError:  # the effect runs away with the parameters that go with it
+        return None
+    cause = Cause(
+        candidate.effect,
+        candidate.evidence,
+        intervals,
+        gains,
+        explained(before, gains),
+        tuple((c.effect, c.evidence) for c in rivals if candidate.has_other_form(c)),
+    )
+    return Verdict(cause, candidate, rivals, before, after)
+
+
+def _fitted_jointly(
+    hypothesis: Hypothesis, candidate: CauseCandidate
+) -> tuple[Hypothesis, CauseCandidate]:
+    """The model's own parameters and a cause, in turns until they agree."""
+
+    def with_cause(model: Model, effect: Effect) -> Hypothesis:
+        effects = (*hypothesis.model.effects, effect)
+        return hypothesis.with_model(replace(model, effects=effects)).fitted()
+
+    after = with_cause(hypothesis.model, candidate.effect)
+    for _ in range(MAX_TURNS if "released" in hypothesis.assumptions else 0):
+        rest = replace(after.model, effects=hypothesis.model.effects)
+        again = fit_candidate(hypothesis.with_model(rest), candidate)
+        if not np.isfinite(again.gain):
+            break
+        candidate = replace(candidate, effect=again.effect)
+        after = with_cause(rest, again.effect)
+    return after, candidate
+
+
+# ---------------------------------------------------------------- gains
+
+
+def held_out_gains(
+    before: Hypothesis,
+    after: Hypothesis,
+    written: tuple[Hypothesis, Hypothesis] | None = None,
+    seed: int = 0,
+) -> dict[str, Gain]:
+    """Gain of every output by blocked cross-validation.
+
+    Parameters
+    ----------
+    before, after : Hypothesis
+        On the same logs; `after` has one cause more.
+    written : (Hypothesis, Hypothesis), optional
+        The same with the models as they are written for a user, without what the calibration knows
+        of a response beyond its kind: the gains are those of these models.
+    seed : int
+        Of the bootstrap.
+    """
+    result = {}
+    # Where nothing says how large a slow discrepancy may be, it would bridge short stretches.
+    events = "tight" in after.assumptions and any(e.event for e in after.model.effects)
+    for output, groups in before.groups.items():
+        errors = []
+        for k, hypothesis in enumerate((before, after)):
+            error = _held_out_errors(hypothesis, output, events, written is not None)
+            if written is not None:
+                known = groups.joined([y[output] for y in hypothesis.simulation.outputs])
+                plain = groups.joined([y[output] for y in written[k].simulation.outputs])
+                error = _centred(hypothesis, output, error + known - plain)
+            errors.append(error)
+        result[output] = compare(_measured(before, output), errors[0], errors[1], seed)
+    return result
+
+
+def transferred_gains(before: Hypothesis, after: Hypothesis, seed: int = 0) -> dict[str, Gain]:
+    """Gain of every output on logs that no fit has seen, both models as they stand.
+
+    Parameters
+    ----------
+    before, after : Hypothesis
+        On those logs.
+    seed : int
+        Of the bootstrap.
+    """
+    result = {}
+    for output, groups in before.groups.items():
+        old, new = (
+            groups.joined(_about_mean(each.simulation.residual(output), output))
+            for each in (before, after)
+        )
+        result[output] = compare(_measured(before, output), old, new, seed)
+    return result
+
+
+def compare(measured: Float, before: Float, after: Float, seed: int) -> Gain:
+    """Gain of errors over others, with its bootstrap interval.
+
+    Parameters
+    ----------
+    measured, before, after : ndarray, shape (n,) [unit of the channel]
+        What was measured, and the errors without and with a cause.
+    seed : int
+        Of the bootstrap.
+    """
+    blocks = min(BOOTSTRAP_BLOCKS, len(measured))
+    edges = np.arange(blocks) * len(measured) // blocks
+    counts = np.diff(np.append(edges, len(measured)))
+    squares = np.add.reduceat(np.column_stack([before**2, after**2]), edges)
+    draws = np.random.default_rng(seed).integers(0, blocks, (DRAWS, blocks))
+    means = np.sqrt(squares[draws].sum(1) / counts[draws].sum(1)[:, None])
+    low, high = np.quantile(means[:, 0] - means[:, 1], [0.025, 0.975])
+    a, b = agreement(measured, measured - before), agreement(measured, measured - after)
+    return Gain(
+        a.rmse,
+        b.rmse,
+        a.max_error,
+        b.max_error,
+        a.fit_percent,
+        b.fit_percent,
+        (float(low), float(high)),
+    )
+
+
+def is_practical(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
+    """Whether gains are sure and large enough on some output, and no other output is spoiled.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        Before the cause.
+    gains : mapping of output to Gain
+    """
+    # What helps one output and spoils another is no cause.
+    if any(g.harmful for g in gains.values()):
+        return False
+    for output, g in gains.items():
+        white = hypothesis.white(output)
+        removed = max(g.rms_before**2 - g.rms_after**2, 0.0)
+        misfit = max(g.rms_before**2 - white**2, 0.0)
+        tight = "tight" in hypothesis.assumptions
+        floor = hypothesis.nuisance[output].floor() if tight else white
+        least = min(MIN_FLOORS * floor, MAX_SHARE_OF_MISFIT * np.sqrt(misfit))
+        if g.claimed and g.useful and removed >= least**2:
+            return True
+    return False
+
+
+def explained(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> float:
+    """Share of the misfit above noise that is gone, the channels weighed by their noise.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        Before the cause.
+    gains : mapping of output to Gain
+    """
+    before = after = 0.0
+    for output, g in gains.items():
+        white = hypothesis.white(output)
+        before += max((g.rms_before / white) ** 2 - 1, 0.0)
+        after += max((g.rms_after / white) ** 2 - 1, 0.0)
+    return float(np.clip(1 - after / before, 0.0, 1.0)) if before else 0.0
+
+
+# ---------------------------------------------------------------- prediction of held-out rows
+
+
+def _measured(hypothesis: Hypothesis, output: str) -> Float:
+    measured = hypothesis.simulation.measured
+    return hypothesis.groups[output].joined([m.get(output, np.zeros(0)) for m in measured])
+
+
+def _centred(hypothesis: Hypothesis, output: str, error: Float) -> Float:
+    """Without its mean in every log, as an offset is free in every log."""
+    lengths = [len(rows) for rows in hypothesis.groups[output].rows]
+    parts = np.split(error, np.cumsum(lengths)[:-1])
+    return np.concatenate([part - part.mean() if len(part) else part for part in parts])
+
+
+def _about_mean(residual: Series, output: str) -> Series:
+    """The zero of a displacement is arbitrary in every log."""
+    if not is_displacement(output):
+        return residual
+    return [r - np.nanmean(r) if np.isfinite(r).any() else r for r in residual]
+
+
+def _held_out_errors(hypothesis: Hypothesis, output: str, events: bool, written: bool) -> Float:
+    """Error of every row, predicted from the other blocks, shape (rows,).
+
+    What is `written` counts as the extended model predicts it. Whether a cause helps is judged
+    beside what the calibration leaves open, which the other blocks say.
+    """
+    groups, evidence = hypothesis.groups[output], hypothesis.evidence[output]
+    columns, prior, centre, own = _columns(hypothesis, output)
+    residual = hypothesis.simulation.residual(output)
+    table = [np.column_stack(pair) for pair in zip(residual, columns, strict=True)]
+    null = evidence.null(hypothesis.assumptions)
+    level = evidence.levels[null.level]
+    prior = prior * null.white**2
+    coarse, fine = groups.means(table), groups.joined(table)
+    error = np.empty(len(fine))
+    group = np.repeat(np.arange(groups.size), np.diff(np.append(groups.first, len(fine))))
+    for k in range(len(hypothesis.logs)):
+        blocks = _blocks(np.flatnonzero(groups.owner == k), events)
+        for fold in _folds(blocks):
+            # Nothing but the first block says what the start was like: it stays in the fit.
+            initial = "initial" in hypothesis.assumptions
+            held = np.setdiff1d(fold, blocks[0]) if initial else fold
+            rest = np.setdiff1d(np.arange(groups.size), held)
+            shift = _fit(hypothesis, output, coarse, rest, (level.ratio, level.tau), prior, centre)
+            if written:
+                shift = _written(hypothesis, output, shift, own)
+            rows = np.isin(group, fold)
+            error[rows] = fine[rows, 0] - fine[rows, 1:] @ shift
+    return error
+
+
+def _blocks(rows: Index, events: bool) -> list[Index]:
+    """Stretches of one log, shorter ones where something happened at an instant.
+
+    What happened late would else have all that it changed in one block.
+    """
+    count = min(FOLDS * FOLDS if events else FOLDS, len(rows))
+    return np.array_split(rows, count) if count else []
+
+
+def _folds(blocks: Sequence[Index]) -> list[Index]:
+    """Rows that are held out together: every so many-th block."""
+    return [np.concatenate(blocks[k::FOLDS]) for k in range(min(FOLDS, len(blocks)))]
+
+
+def _fit(
+    hypothesis: Hypothesis,
+    output: str,
+    table: Float,
+    kept: Index,
+    noise: tuple[float, float],
+    prior: Float,
+    centre: Float,
+) -> Float:
+    """Generalized least squares on some rows."""
+    groups = hypothesis.groups[output]
+    owners = groups.owner[kept]
+    starts = np.flatnonzero(np.diff(owners, prepend=-1))
+    coloured = ColouredNoise(groups.time[kept], starts, groups.weight[kept], groups.noise.period)
+    rows = table[kept]
+    gram = rows.T @ coloured.factor(*noise).solve(rows)
+    A = gram[1:, 1:] + np.diag(prior)
+    size = np.sqrt(np.diag(A))
+    size[size == 0] = 1.0
+    inner = np.linalg.pinv(A / np.outer(size, size), rcond=RELATIVE_RANK, hermitian=True)
+    return np.asarray((inner @ ((gram[0, 1:] - prior * centre) / size)) / size)
+
+
+def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float, slice]:
+    """What a fold may use: offsets, effects, what the calibration leaves open, the start.
+
+    Returns
+    -------
+    list of ndarray, shape (n, c), one for each log
+        Sensitivities.
+    ndarray, shape (c,)
+        Precision of the priors, and
+    ndarray, shape (c,)
+        their centres.
+    slice
+        Columns of what the calibration leaves open.
+    """
+    nuisance = hypothesis.nuisance[output]
+    flat = [*nuisance.offsets, *nuisance.accepted.values()]
+    prior = nuisance.prior
+    starts = nuisance.decays if "initial" in hypothesis.assumptions else []
+    columns = [
+        np.column_stack([*(c[k] for c in flat), own @ prior.root, *(c[k] for c in starts)])
+        for k, own in enumerate(nuisance.moves)
+    ]
+    free, known = np.zeros(len(flat)), np.zeros(len(starts))
+    precision = np.concatenate([free, np.ones_like(prior.centre), np.ones(len(starts))])
+    centre = np.concatenate([free, prior.centre, known])
+    return columns, precision, centre, slice(len(flat), len(flat) + len(prior.centre))
+
+
+def _written(hypothesis: Hypothesis, output: str, shift: Float, own: slice) -> Float:
+    """A fit without what the extended model does not hold.
+
+    Where they are free, the parameters of the model move; the lags beside them never do.
+    """
+    nuisance = hypothesis.nuisance[output]
+    moves = nuisance.prior.root @ shift[own]
+    moves[len(nuisance.own) if nuisance.group == "released" else 0 :] = 0.0
+    result = shift.copy()
+    result[own] = nuisance.prior.inverse @ moves
+    return result
