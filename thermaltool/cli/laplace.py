@@ -3,47 +3,16 @@
 from __future__ import annotations
 
 import json
-from math import inf
 from typing import Any
 
 import click
 
 from thermaltool.cli.messages import DID_NOT_PASS, warn
 from thermaltool.cli.options import NUMBER, POSITIVE, Source, json_option, output_option, to_option
+from thermaltool.cli.types import Assignment, TimeGrid
 from thermaltool.documents import atomic_output
 
-
-class TimeGrid(click.ParamType):
-    """START:STOP:COUNT[:log] as a tuple (start, stop, count, is_log)."""
-
-    name = "start:stop:count[:log]"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if isinstance(value, tuple):
-            return value
-        try:
-            start, stop, count, *scale = value.split(":")
-            grid = float(start), float(stop), int(count), scale == ["log"]
-        except ValueError:
-            self.fail(f"{value!r} is not START:STOP:COUNT or START:STOP:COUNT:log", param, ctx)
-        if scale not in ([], ["log"], ["lin"]) or not 0 < grid[0] <= grid[1] < inf or grid[2] < 1:
-            self.fail(f"{value!r}: needs 0 < START <= STOP, COUNT >= 1, log or lin", param, ctx)
-        return grid
-
-
-class Assignment(click.ParamType):
-    """NAME=VALUE as a tuple (name, value)."""
-
-    name = "name=value"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if isinstance(value, tuple):
-            return value
-        name, _, number = value.partition("=")
-        try:
-            return name.strip(), float(number)
-        except ValueError:
-            self.fail(f"{value!r} is not NAME=NUMBER", param, ctx)
+METHODS = ("auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest")
 
 
 @click.command(
@@ -52,41 +21,16 @@ class Assignment(click.ParamType):
 )
 @click.argument("expression")
 @click.argument("file", type=Source(), required=False)
-@click.option(
-    "--times",
-    "grid",
-    type=TimeGrid(),
-    metavar="START:STOP:COUNT[:log]",
-    help="Grid of times [s]; log for geometric.",
-)
-@click.option(
-    "--time",
-    "single",
-    type=POSITIVE,
-    metavar="SECONDS",
-    multiple=True,
-    help="One time [s]; repeatable.",
-)
-@click.option(
-    "--method",
-    type=click.Choice(["auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest"]),
-    default="auto",
-    help="auto: hyperbola, and dehoog where its error exceeds --tol.",
-)
-@click.option(
-    "--tol",
-    type=POSITIVE,
-    metavar="ERROR",
-    default=1e-9,
-    help="Absolute error wanted [unit of the result].",
-)
-@click.option(
-    "--abscissa",
-    type=NUMBER,
-    metavar="RATE",
-    default=0.0,
-    help="Largest real part of the singularities [1/s].",
-)
+@click.option("--times", "grid", type=TimeGrid(), metavar="START:STOP:COUNT[:log]",
+              help="Grid of times [s]; log for geometric.")  # fmt: skip
+@click.option("--time", "single", type=POSITIVE, metavar="SECONDS", multiple=True,
+              help="One time [s]; repeatable.")  # fmt: skip
+@click.option("--method", type=click.Choice(METHODS), default="auto",
+              help="auto: hyperbola, and dehoog where its error exceeds --tol.")  # fmt: skip
+@click.option("--tol", type=POSITIVE, metavar="ERROR", default=1e-9,
+              help="Absolute error wanted [unit of the result].")  # fmt: skip
+@click.option("--abscissa", type=NUMBER, metavar="RATE", default=0.0,
+              help="Largest real part of the singularities [1/s].")  # fmt: skip
 @click.option("-p", "--parameter", type=Assignment(), multiple=True, help="Value of a name.")
 @json_option
 @output_option
@@ -98,13 +42,11 @@ def command(
     file: str | None,
     grid: tuple[float, float, int, bool] | None,
     single: tuple[float, ...],
-    method: str,
-    tol: float,
-    abscissa: float,
     parameter: tuple[tuple[str, float], ...],
     as_json: bool,
     output: str,
     to_format: str | None,
+    **options: Any,
 ) -> None:
     """Invert an EXPRESSION of s numerically, with an error estimate.
 
@@ -122,8 +64,7 @@ def command(
 
     times = _times(ctx, file, grid, single)
     try:
-        result = api.invert_laplace(expression, times, parameters=dict(parameter), method=method,
-                                    tol=tol, abscissa=abscissa)  # fmt: skip
+        result = api.invert_laplace(expression, times, parameters=dict(parameter), **options)
     except ExpressionError as error:
         raise click.BadParameter(str(error), param_hint="EXPRESSION") from error
     if as_json:

@@ -50,18 +50,18 @@ def command(
     measured, simulated and residual; a model beside a kernel or a trade-off names its parts.
     Stdin is a JSON document where it starts with {, else a log as --from says.
     """
-    from thermaltool.documents import atomic_output
     from thermaltool.errors import LogError
     from thermaltool.logs import Log
     from thermaltool.report.content import Content, is_document, read_document, read_table
     from thermaltool.report.figure import draw
-    from thermaltool.report.style import figure_format, render
+    from thermaltool.report.style import figure_format, write_figure
 
     if as_json and output == "-":
         raise click.UsageError("--json reports on stdout: give the figure a file with -o")
     if output == "-" and sys.stdout.isatty():
         raise click.UsageError("stdout is a terminal: name a figure with -o FIG.png, .svg or .pdf")
-    kind = "png" if output == "-" else figure_format(output)
+    if output != "-":
+        figure_format(output)
     keep_inputs(output, *files)
     sources = files or (Source().convert("-", None, ctx),)
     if [*sources, against].count("-") > 1:
@@ -79,9 +79,7 @@ def command(
         if not isinstance(reference.data, Log):
             raise LogError(f"--against takes a log (taken as: {reference.kind})", reference.name)
         contents.append(Content("reference", reference.name, reference.data))
-    figure = render(lambda: draw(contents, channels), kind)
-    with atomic_output(output) as stream:
-        stream.write(figure)
+    write_figure(lambda: draw(contents, channels), output)
     if as_json:
         drawn = [{"file": content.name, "kind": content.kind} for content in contents]
         write_json({"figure": output, "drawn": drawn}, "-")

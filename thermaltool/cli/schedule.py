@@ -6,18 +6,7 @@ import click
 
 from thermaltool.cli.messages import command_line
 from thermaltool.cli.options import Source, keep_inputs, one_stdin, output_option
-
-
-class Levels(click.ParamType):
-    name = "x1,x2,..."
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        try:
-            return tuple(float(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not {self.name}", param, ctx)
+from thermaltool.cli.types import Levels
 
 
 @click.command(

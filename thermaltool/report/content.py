@@ -15,7 +15,7 @@ import numpy as np
 from thermaltool.documents import MODEL, NOISE
 from thermaltool.errors import LogError, ModelError
 from thermaltool.logs import Log, read_log
-from thermaltool.logs.table import UNFINISHED
+from thermaltool.logs.table import UNFINISHED, read_source
 from thermaltool.model import loads
 from thermaltool.report.records import RESIDUAL, SETPOINT
 
@@ -30,6 +30,13 @@ Kind = Literal[
     "setpoints",
     "reference",
 ]
+
+# What commands report with --json has no format: it is known by these fields.
+REPORTS: dict[Kind, frozenset[str]] = {
+    "trade-off": frozenset({"chosen", "forms"}),
+    "kernel": frozenset({"time_s", "weight", "A0", "A1_s"}),
+    "inversion": frozenset({"time_s", "value_1", "error_1"}),
+}
 
 
 @dataclass(frozen=True)
@@ -67,12 +74,9 @@ def read_document(source: str) -> Content:
         Not JSON, or none of the documents that have a figure.
     """
     name = "<stdin>" if source == "-" else source
+    raw = read_source(source)
     try:
-        if source == "-":
-            text = sys.stdin.buffer.read().decode("utf-8-sig")
-        else:
-            with open(source, encoding="utf-8-sig") as stream:
-                text = stream.read()
+        text = raw.data.decode("utf-8-sig")
         document = json.loads(text)
     except UnicodeDecodeError as error:
         raise LogError("not a text file", name) from error
@@ -87,12 +91,9 @@ def read_document(source: str) -> Content:
             return Content("noise", name, NOISE.check(document, name))
         except ModelError as error:
             raise LogError(str(error)) from error
-    if {"chosen", "forms"} <= document.keys():
-        return Content("trade-off", name, document)
-    if {"time_s", "weight", "A0", "A1_s"} <= document.keys():
-        return Content("kernel", name, document)
-    if {"time_s", "value_1", "error_1"} <= document.keys():
-        return Content("inversion", name, document)
+    for kind, fields in REPORTS.items():
+        if fields <= document.keys():
+            return Content(kind, name, document)
     raise LogError(
         "no figure for this document: it is neither a model, nor noise, nor what regularize, "
         "invert or laplace report with --json",
