@@ -24,7 +24,7 @@ from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.problem import Problem
 from thermaltool.fitting.network.search import refine, search
 from thermaltool.fitting.transfer.choose import first_that_fits
-from thermaltool.model.curves import Form, Place
+from thermaltool.model.curves import Form, SearchedCurve
 from thermaltool.responses.modes import Hold
 from thermaltool.signals.agreement import agreement
 
@@ -228,7 +228,7 @@ def _power(data: Records, modes: int, delay: float) -> tuple[Curve, float]:
 def _monotone(data: Records, modes: int, delay: float) -> tuple[Curve, float]:
     """The spline of ``correct`` with as stiff steps."""
     highest = max(float(np.max(s.inputs)) for s in data.spans)
-    place = Place("u", DriveCurve, Form("spline", 6), 0.0, highest, True)
+    place = SearchedCurve("u", DriveCurve, Form("spline", 6), 0.0, highest, True)
     value = _criterion(data, modes, delay)
 
     def price(p: Array) -> float:

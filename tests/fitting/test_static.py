@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from thermaltool.effects.curve import DriveCurve, OutputCurve
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting import static
-from thermaltool.fitting.static import correct, judged
+from thermaltool.fitting.static import agreements, correct
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.model.combine import scheduled
 from thermaltool.model.curves import Form
@@ -96,7 +96,7 @@ def test_dynamics_and_curve_from_one_record():
         )
     assert added(found, 1)[0].bent(np.array(70.0)) == pytest.approx(70.0)
     unseen = log(model(*CURVES), seed=5)
-    assert judged(found.model, [unseen])[ANGLE].rmse == pytest.approx(0.3, rel=0.15)
+    assert agreements(found.model, [unseen])[ANGLE].rmse == pytest.approx(0.3, rel=0.15)
 
 
 def test_several_logs_have_offsets_of_their_own():
@@ -209,8 +209,8 @@ def test_a_drift_pulls_less_at_the_slow_lags(monkeypatch):
     """On unseen power, beside the same fit that takes all that is left for white noise."""
     truth, form = model(*CURVES, outputs=(ANGLE,)), Form("spline", 6)
     errors = {}
-    for again in (0, static._AGAIN):
-        monkeypatch.setattr(static, "_AGAIN", again)
+    for again in (0, static.NOISE_ROUNDS):
+        monkeypatch.setattr(static, "NOISE_ROUNDS", again)
         found = []
         for seed in range(4):
             run, rng = log(truth, seed, rows=720), np.random.default_rng(100 + seed)
@@ -219,9 +219,9 @@ def test_a_drift_pulls_less_at_the_slow_lags(monkeypatch):
             table = {**run.columns, ANGLE: run.columns[ANGLE] + lfilter([1], [1, -stays], steps)}
             fit = correct(model(outputs=(ANGLE,)), [replace(run, columns=table)], (FIRST, SECOND),
                           form, True)  # fmt: skip
-            found.append(judged(fit.model, [log(truth, 50 + seed, 0.0, 2000)])[ANGLE].rmse)
+            found.append(agreements(fit.model, [log(truth, 50 + seed, 0.0, 2000)])[ANGLE].rmse)
         errors[again] = np.mean(found)
-    assert errors[static._AGAIN] < 0.95 * errors[0]
+    assert errors[static.NOISE_ROUNDS] < 0.95 * errors[0]
 
 
 def test_gains_do_not_cancel():

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.effects.effect import Effect, Float, Scene, reference_of
-from thermaltool.fitting.discrepancy import MOST_ROWS
+from thermaltool.fitting.discrepancy import MAX_ROWS
 from thermaltool.model import Model, away_from_rest, driven, read_outputs, relative, respond
 from thermaltool.record import Record
 from thermaltool.signals.likelihood import ColouredNoise
@@ -67,7 +67,7 @@ class RowGroups:
         """
         rows, first, owner, at = [], [], [], 0
         total = sum(int(np.sum(use)) for use in usable)
-        size = -(-total // MOST_ROWS)
+        size = -(-total // MAX_ROWS)
         for k, (log, use) in enumerate(zip(logs, usable, strict=True)):
             there = np.flatnonzero(use)
             rows.append(there)

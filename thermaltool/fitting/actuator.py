@@ -14,13 +14,19 @@ from thermaltool.errors import FitError
 
 Array = NDArray[np.float64]
 
-# Below this share of the reading's variance, what fits is chance.
-LEAST_EXPLAINED = 0.05
+# Share of the reading's variance below which what fits is chance.
+MIN_EXPLAINED = 0.05
+# Fewer rows identify no actuator.
+MIN_ROWS = 50
+# Delays that are tried: up to this share of the log, at most so many samples.
+MAX_DELAY_SHARE, MAX_DELAY = 1 / 10, 50
+# Thresholds of plays are spread over this share of the range of the command.
+THRESHOLD_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class IdentifiedActuator:
-    """What a log tells of an actuator.
+    """Delay, gain and play of an actuator, and how much of a log they explain.
 
     Attributes
     ----------
@@ -74,13 +80,16 @@ def identify_actuator(
         A log that is short, where the command does not move, or that shows no answer.
     """
     command, reading = np.asarray(command, float), np.asarray(reading, float)
-    if len(command) < 50 or not np.all(np.isfinite(command)) or not np.all(np.isfinite(reading)):
-        raise FitError("an actuator is identified from 50 or more rows without missing values")
+    if len(command) < MIN_ROWS or not np.isfinite([*command, *reading]).all():
+        raise FitError(
+            f"an actuator is identified from {MIN_ROWS} or more rows without missing values"
+        )
     reach = float(np.ptp(command))
     if not reach:
         raise FitError("the command does not move: nothing to identify an actuator from")
-    most = min(len(command) // 10, 50) if longest is None else round(longest / period)
-    thresholds = 0.5 * reach * np.arange(plays) / plays
+    usual = min(int(len(command) * MAX_DELAY_SHARE), MAX_DELAY)
+    most = usual if longest is None else round(longest / period)
+    thresholds = THRESHOLD_SHARE * reach * np.arange(plays) / plays
     acts = np.column_stack([_play(command, r) for r in thresholds])
     b, a = _low_pass(natural, damping, period)
     answers = lfilter(b, a, acts - acts[0], axis=0)
@@ -95,7 +104,7 @@ def identify_actuator(
     loss, weights = fit(delay)
     total = _weights(np.zeros((len(reading), 0)), reading)[0]
     explained = 1 - loss / total if total else 0.0
-    if explained < LEAST_EXPLAINED or not weights[0] > 0:
+    if explained < MIN_EXPLAINED or not weights[0] > 0:
         raise FitError(
             f"no answer to the command is seen in the reading ({100 * explained:.2g} % of its "
             "variance)"

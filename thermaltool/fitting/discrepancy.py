@@ -4,6 +4,9 @@ No kind of response is exact. What is left of a calibration is explained by lags
 (whose weights have a prior of one size), by small moves of the fitted parameters, and by white
 noise with a slow drift; sizes by marginal likelihood. Mean and covariance of moves and weights are
 what later data have to contradict before a model counts as wrong (Kennedy & O'Hagan 2001).
+
+The noise is that of signals/drift.py, with the same factors; but weights and moves are integrated
+out beside it, which moves the maximum, and that is only looked for on a grid.
 """
 
 from __future__ import annotations
@@ -18,13 +21,17 @@ from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.likelihood import ColouredNoise
 
 # The likelihood works on so many rows at most: more are averaged in groups.
-MOST_ROWS = 3000
-# Prior size of a lag's weight, in units of the white noise; drift over white, in variance.
-_SIZES = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+MAX_ROWS = 3000
+# Prior size of a lag's weight, in units of the white noise; drift over white, in variance; number
+# of time constants of the drift: the grid on which the marginal likelihood is compared.
+SIZES = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+DRIFT_TIMES = 5
 # Prior standard deviation of a parameter's move, over its size: its square is far below the noise,
 # so that moves stay within what is linear; the lags say the rest.
 MOVE = 0.003
-_RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+# Directions of the information below this share of the largest, once scaled, are rounding.
+MIN_DIRECTION = 1e-13
 
 
 @dataclass(frozen=True)
@@ -74,7 +81,7 @@ def discrepancy(
     span : ndarray, shape (p,)
         Size of each parameter (1 for a logarithm).
     """
-    group = -(-len(time) // MOST_ROWS)
+    group = -(-len(time) // MAX_ROWS)
     first = np.concatenate([np.flatnonzero(record == k)[::group] for k in np.unique(record)])
     counts = np.diff(np.append(first, len(time)))
     table = np.column_stack([time, residual, own, lags, free])
@@ -85,26 +92,22 @@ def discrepancy(
     rows = means[:, 1:]
     p, q = own.shape[1], lags.shape[1]
     sigma = max(difference_sigma(residual), 1e-3 * float(np.std(residual)), 1e-12)
-    best = (np.inf, (0.0, 1.0), _SIZES[0], sigma)
-    taus = np.geomspace(5 * period, max(noise.span / 2, 10 * period), 5)
-    for ratio in _RATIOS:
+    best = (np.inf, (0.0, 1.0), SIZES[0], sigma)
+    taus = np.geomspace(5 * period, max(noise.span / 2, 10 * period), DRIFT_TIMES)
+    for ratio in RATIOS:
         for tau in taus if ratio else taus[:1]:
             factor = noise.factor(ratio, float(tau))
             gram = rows.T @ factor.solve(rows)
-            for size in _SIZES:
+            for size in SIZES:
                 value, white = _marginal(gram, factor.logdet, len(rows), p, q, size)
                 if value < best[0]:
                     best = (value, (ratio, float(tau)), size, white)
     _, (ratio, tau), size, white = best
     gram = rows.T @ noise.factor(ratio, tau).solve(rows)
-    prior = np.zeros(gram.shape[0] - 1)
-    prior[p : p + q] = 1 / size**2
+    prior = _lag_prior(len(gram) - 1, p, q, size)
     prior[:p] = (white / MOVE) ** 2 / np.maximum(span, 1e-300) ** 2
-    A = gram[1:, 1:] + np.diag(prior)
-    height = np.sqrt(np.diag(A))
-    height[height == 0] = 1.0
-    inverse = np.linalg.pinv(A / np.outer(height, height), rcond=1e-13, hermitian=True)
-    inverse = inverse / np.outer(height, height)
+    scaled, height = _scaled(gram, prior)
+    inverse = _inverse(scaled) / np.outer(height, height)
     keep = slice(0, p + q)
     mean = inverse @ gram[1:, 0]
     return Discrepancy(
@@ -117,21 +120,35 @@ def discrepancy(
     )
 
 
+def _lag_prior(columns: int, p: int, q: int, size: float) -> Float:
+    """Prior information of the columns, shape (columns,): that of the q lags behind p others."""
+    prior = np.zeros(columns)
+    prior[p : p + q] = 1 / size**2
+    return prior
+
+
+def _scaled(gram: Float, prior: Float) -> tuple[Float, Float]:
+    """Information with the prior, its diagonal scaled to ones, and the roots of the diagonal."""
+    information = gram[1:, 1:] + np.diag(prior)
+    height = np.sqrt(np.diag(information))
+    height[height == 0] = 1.0
+    return information / np.outer(height, height), height
+
+
+def _inverse(scaled: Float) -> Float:
+    return np.asarray(np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True), float)
+
+
 def _marginal(
     gram: Float, logdet: float, n: int, p: int, q: int, size: float
 ) -> tuple[float, float]:
     """Negative log marginal likelihood, and white noise, for one prior size of the lags."""
-    prior = np.zeros(len(gram) - 1)
-    prior[p : p + q] = 1 / size**2
-    A = gram[1:, 1:] + np.diag(prior)
-    height = np.sqrt(np.diag(A))
-    height[height == 0] = 1.0
-    scaled = A / np.outer(height, height)
-    inner = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True)
+    prior = _lag_prior(len(gram) - 1, p, q, size)
+    scaled, height = _scaled(gram, prior)
     pull = gram[1:, 0] / height
-    square = max(float(gram[0, 0] - pull @ inner @ pull), 1e-300)
+    square = max(float(gram[0, 0] - pull @ _inverse(scaled) @ pull), 1e-300)
     dof = max(n - (len(prior) - q), 1)
-    values = np.maximum(np.linalg.eigvalsh(scaled), 1e-13)
+    values = np.maximum(np.linalg.eigvalsh(scaled), MIN_DIRECTION)
     occam = float(np.sum(np.log(values))) + 2 * float(np.sum(np.log(height)))
     occam -= float(np.sum(np.log(prior[p : p + q])))
     return 0.5 * (dof * np.log(square / dof) + logdet + occam), float(np.sqrt(square / dof))

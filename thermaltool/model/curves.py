@@ -16,10 +16,12 @@ from thermaltool.record import Record
 
 Kind = Literal["polynomial", "spline"]
 
-# Neighbouring steps of a spline are alike to this (in the logarithm) where no data say otherwise.
-_ALIKE = 1.0
-# What stays below this share of the other side is noise around zero.
-_ONE_SIDED = 0.02
+# Prior deviation of neighbouring steps of a spline from each other, in the logarithm.
+STEP_PRIOR = 1.0
+# A side of a drive below this share of the other one is noise around zero.
+MAX_NOISE_SIDE = 0.02
+# Pieces of a spline and degree of a polynomial where none are given.
+USUAL_SIZES = {"spline": 6, "polynomial": 2}
 
 
 @dataclass(frozen=True)
@@ -31,10 +33,20 @@ class Form:
     kind : "polynomial" or "spline"
     size : int
         Degree, or pieces between knots.
+
+    Raises
+    ------
+    FitError
+        A size that the kind does not take.
     """
 
     kind: Kind
     size: int
+
+    @staticmethod
+    def usual(kind: Kind, size: int | None = None) -> Form:
+        """A form of the usual size where none is given."""
+        return Form(kind, USUAL_SIZES[kind] if size is None else size)
 
     def __post_init__(self) -> None:
         least, most = (1, MOST_DEGREE) if self.kind == "polynomial" else (2, MOST_KNOTS - 2)
@@ -43,7 +55,7 @@ class Form:
 
 
 @dataclass(frozen=True)
-class Place:
+class SearchedCurve:
     """One curve of a search.
 
     Attributes
@@ -52,7 +64,7 @@ class Place:
     cls : type of Curve
     form : Form
     low, high : float [unit of the channel]
-        What the logs hold of it, relative to rest.
+        What the records hold of it, relative to rest.
     pinned : bool
         The curve agrees with the channel at its largest level.
     """
@@ -101,9 +113,9 @@ class Place:
     def _knots(self) -> Float:
         """Even from the lowest to the highest level; zero is one of them."""
         low, high, pieces = min(self.low, 0.0), max(self.high, 0.0), self.form.size
-        if low > -_ONE_SIDED * high:
+        if low > -MAX_NOISE_SIDE * high:
             below = 0
-        elif high < -_ONE_SIDED * low:
+        elif high < -MAX_NOISE_SIDE * low:
             below = pieces
         else:
             below = min(max(1, round(pieces * low / (low - high))), pieces - 1)
@@ -115,11 +127,13 @@ class Place:
         """Rows that keep what the data leave open from going anywhere."""
         if self.form.kind == "polynomial":
             return np.empty(0)
-        return np.diff(np.append(p, 0.0) if self.pinned else p) / _ALIKE
+        return np.diff(np.append(p, 0.0) if self.pinned else p) / STEP_PRIOR
 
 
-def place_of(model: Model, logs: Sequence[Record], channel: str, form: Form, refit: bool) -> Place:
-    """Where a curve goes: in front of a drive, or behind an output.
+def searched_curve(
+    model: Model, records: Sequence[Record], channel: str, form: Form, refit: bool
+) -> SearchedCurve:
+    """A curve for a search: in front of a drive, or behind an output.
 
     Raises
     ------
@@ -132,12 +146,12 @@ def place_of(model: Model, logs: Sequence[Record], channel: str, form: Form, ref
     if any(isinstance(e, Curve) and e.channel == channel for e in model.effects):
         raise ModelError(f"{channel} has a curve already: start from the model without it")
     if channel in drives:
-        seen = np.concatenate([driven(model, model.effects, log)[channel] for log in logs])
+        seen = np.concatenate([driven(model, model.effects, record)[channel] for record in records])
         cls: type[Curve] = DriveCurve
     elif channel in outputs:
         if refit:
             raise ModelError(f"{channel}: the dynamics are searched again with curves of drives")
-        seen = np.concatenate([model.simulate(log)[channel] for log in logs])
+        seen = np.concatenate([model.simulate(record)[channel] for record in records])
         cls = OutputCurve
     else:
         there = ", ".join((*drives, *outputs))
@@ -145,4 +159,4 @@ def place_of(model: Model, logs: Sequence[Record], channel: str, form: Form, ref
     low, high = float(np.min(seen)), float(np.max(seen))
     if not high > low:
         raise FitError(f"{channel} never moves within the logs: they say nothing of a curve")
-    return Place(channel, cls, form, low, high, refit)
+    return SearchedCurve(channel, cls, form, low, high, refit)

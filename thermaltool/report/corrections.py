@@ -1,4 +1,4 @@
-"""What ``correct`` reports: fits before and after, on the logs of the fit and on another."""
+"""What ``correct`` reports: fits before and after, on the records of the fit and on another."""
 
 from __future__ import annotations
 
@@ -7,9 +7,25 @@ from typing import Any
 import numpy as np
 
 from thermaltool.effects.curve import Curve
-from thermaltool.fitting.static import Corrected, judged
-from thermaltool.model import Model
+from thermaltool.fitting.static import Corrected, agreements
+from thermaltool.model import Model, relative
 from thermaltool.record import Record
+
+# A drive farther from its reference than this share of its range is on.
+MAX_OFF_SHARE = 0.01
+
+
+def correction_warnings(model: Model, record: Record) -> list[str]:
+    """Drives that are on where a record begins, each a sentence."""
+    told = []
+    for drive in model.drives:
+        first = relative(record.column(drive.channel), drive.reference)[0]
+        if abs(first) > MAX_OFF_SHARE * max(map(abs, drive.range)):
+            told.append(
+                f"{record.name}: begins with {drive.channel} {first:g} away from rest: it is taken "
+                "as switched on there, which misleads the fit where it was on before"
+            )
+    return told
 
 
 def correction_table(found: Corrected, model: Model, fresh: Record | None) -> list[list[str]]:
@@ -19,7 +35,7 @@ def correction_table(found: Corrected, model: Model, fresh: Record | None) -> li
         after = found.after[name]
         rows.append([name, "fitted", *_fits(before, after)])
         if fresh is not None:
-            pair = judged(model, [fresh])[name], judged(found.model, [fresh])[name]
+            pair = agreements(model, [fresh])[name], agreements(found.model, [fresh])[name]
             rows.append([name, "validation", *_fits(*pair)])
     for curve in _curves(found, model):
         low, high = _span(found.model, curve)
@@ -36,7 +52,7 @@ def correction_document(found: Corrected, model: Model, fresh: Record | None) ->
         for name, before in found.before.items()
     }
     if fresh is not None:
-        before, after = judged(model, [fresh]), judged(found.model, [fresh])
+        before, after = agreements(model, [fresh]), agreements(found.model, [fresh])
         for name, each in outputs.items():
             each["validation"] = {
                 "before": before[name].document(),
