@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from thermaltool.api.inputs import read_model, write_model
+from thermaltool.api.inputs import read_for_fit, read_model, write_model
 from thermaltool.cli.messages import command_line, warn
 from thermaltool.cli.options import (
     Source,
@@ -19,7 +19,6 @@ from thermaltool.cli.options import (
     output_option,
     quiet_option,
 )
-from thermaltool.cli.reading import read_for_fit
 from thermaltool.documents import write_json
 from thermaltool.report.text import aligned
 
@@ -90,7 +89,7 @@ def command(
     need = tuple(dict.fromkeys((*document.needs(), *(o.channel for o in document.outputs))))
     read = []
     for name in every:
-        read.append(read_for_fit(name, need, options, "curve", min_rows=MIN_ROWS))
+        read.append(read_for_fit(name, need, "curve", min_rows=MIN_ROWS, warn=warn, **options))
         for sentence in correction_warnings(document, read[-1]):
             warn(sentence)
     fresh = None if validation is None else read.pop()
