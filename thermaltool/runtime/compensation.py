@@ -12,7 +12,7 @@ from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
 from thermaltool.model import Model
 from thermaltool.runtime.checkpoint import design_digest
 from thermaltool.runtime.clock_check import ClockCheck
-from thermaltool.runtime.compensator import Compensator, Policy
+from thermaltool.runtime.compensator import Policy, SetpointProcess
 from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers
 from thermaltool.runtime.messages import Messages, Report
 from thermaltool.runtime.sensors import SensorChannel
@@ -41,7 +41,7 @@ def offsets(
     messages: Messages,
     sign: float = -1.0,
     settled: bool = False,
-) -> Compensator:
+) -> SetpointProcess:
     """Offsets that cancel the deflections which the model's design estimates.
 
     Parameters
@@ -71,7 +71,7 @@ def offsets(
     followed = [k for k, name in enumerate(estimator.estimates) if name in deflections]
     if not followed:
         raise ModelError("the model's design estimates no deflection: nothing to compensate")
-    return Compensator(
+    return SetpointProcess(
         VariableCoolingStepper(estimator, period)
         if isinstance(estimator, VariableCoolingEstimator)
         else Stepper(estimator, period),
@@ -99,7 +99,7 @@ def heater_power(
     target: str | None = None,
     lead: float | None = None,
     settled: bool = False,
-) -> Compensator:
+) -> SetpointProcess:
     """The power of a heater that holds an output at zero; no design is needed.
 
     Parameters
@@ -133,7 +133,7 @@ def heater_power(
     setpoint = settings.setpoint(limits)
     digest = {"heater": heater, "lead": lead, "parameters": model.parameters_digest(),
               "target": target}  # fmt: skip
-    return Compensator(
+    return SetpointProcess(
         HeaterStepper(stabilizer, lambda: setpoint.value),
         _sensors(inputs, period, settings, messages),
         [0],

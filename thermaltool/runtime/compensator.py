@@ -45,7 +45,7 @@ class Policy:
     settled: bool = False
 
 
-class Compensator(Process):
+class SetpointProcess(Process):
     """The process of every stream that moves an actuator.
 
     Parameters

@@ -17,7 +17,7 @@ from thermaltool.control.setpoint import Setpoint
 from thermaltool.errors import LogError
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck, PeriodCheck
-from thermaltool.runtime.compensator import Compensator, Policy
+from thermaltool.runtime.compensator import Policy, SetpointProcess
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.sensors import SensorChannel
 from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
@@ -75,7 +75,7 @@ class ErrorModel:
 
 @dataclass
 class Controller:
-    """A forecasting control that answers each sample of a `Compensator`.
+    """A forecasting control that answers each sample of a `SetpointProcess`.
 
     The error is the first reading and the speed, where there is one, the second; a reading that
     is held did not come.
@@ -191,7 +191,7 @@ def error_control(
     settings: Settings,
     messages: Messages,
     horizon: int = 0,
-) -> Compensator:
+) -> SetpointProcess:
     """Commands that cancel an error ahead of the actuator's delay.
 
     Parameters
@@ -236,7 +236,7 @@ def error_control(
     control = ForecastingControl(actuator, forecaster, period, horizon, setpoint.value)
     name = messages.source
     controller = Controller(control, sensors[0], setpoint, round(max_gap / period), name)
-    return Compensator(
+    return SetpointProcess(
         controller,
         sensors,
         [0],
