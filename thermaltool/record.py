@@ -75,6 +75,10 @@ class Record:
             raise LogError(f"no column {channel}{hint(channel, self.columns)}", self.name)
         return self.columns[channel]
 
+    def line(self, row: int) -> int | None:
+        """The line of a row in the file that it was read from; None where there is no file."""
+        return None
+
     def matrix(self, channels: Sequence[str]) -> Array:
         """Samples of several channels, shape (channels, n); raises as `column`."""
         rows = [self.column(channel) for channel in channels]

@@ -75,6 +75,13 @@ class DesignModel:
     losses: tuple[Effect, ...] = ()
     notes: tuple[str, ...] = ()
 
+    @property
+    def all_notes(self) -> tuple[str, ...]:
+        """The notes on effects, and what is read beside the sensors."""
+        if not self.drives or not self.known:
+            return self.notes
+        return (*self.notes, f"read beside the sensors: {', '.join(k.channel for k in self.known)}")
+
     def finished(self, estimator: Estimator) -> Estimator:
         """An estimator with the columns that are read beside the sensors."""
         if not self.known:

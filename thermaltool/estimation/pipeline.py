@@ -108,6 +108,11 @@ class EstimatorPipeline:
         """Names of the columns that are read."""
         return tuple(each.column for each in self.input_columns)
 
+    @property
+    def estimates_drives(self) -> bool:
+        """Whether a sensor is read, from which drives are estimated."""
+        return any(each.sensor for each in self.input_columns)
+
     def true_values(self, columns: Mapping[str, Float]) -> Float:
         """True values behind the columns, relative to rest; NaN where a reading has none.
 

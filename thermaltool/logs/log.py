@@ -39,5 +39,8 @@ class Log(Record):
     lines: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
     problems: tuple[LogError, ...] = ()
 
+    def line(self, row: int) -> int | None:
+        return int(self.lines[row])
+
     def _cut(self, rows: slice | Rows, segments: Sequence[slice], first: bool) -> Self:
         return replace(super()._cut(rows, segments, first), lines=self.lines[rows])

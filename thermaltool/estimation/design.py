@@ -1,0 +1,128 @@
+"""The estimator of a model, chosen among its forms by the band of the deflection error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Literal
+
+from thermaltool.errors import FitError, ModelError
+from thermaltool.estimation.design_model import DesignModel
+from thermaltool.estimation.known_inputs import Feedforward
+from thermaltool.estimation.regularization import (
+    DesignChoice,
+    best_choice,
+    design_kalman,
+    design_kernel,
+)
+from thermaltool.model import Model
+
+
+@dataclass(frozen=True)
+class DesignPlan:
+    """What is asked of a design.
+
+    Attributes
+    ----------
+    form : "auto", "kalman" or "kernel"
+        "auto" takes the one with the narrower predicted band.
+    walk : float or None
+        The one random-walk rate of the Kalman form [share of the level per √s].
+    pinned : mapping
+        What the kernel form does not search: any of ``A``, ``B``, ``c``, ``cutoff_Hz``,
+        ``delay_s``.
+    """
+
+    form: Literal["auto", "kalman", "kernel"] = "auto"
+    walk: float | None = None
+    pinned: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class EstimatorDesign:
+    """A model with its estimator, and the trade-off that it was chosen from.
+
+    Attributes
+    ----------
+    model : Model
+        With its design.
+    problem : DesignModel
+        What was designed for.
+    chosen : "kalman", "kernel" or "feedforward"
+    choices : mapping of form to sequence of DesignChoice
+        Empty where every drive is measured: nothing is estimated.
+    refused : str or None
+        Why the kernel form is not among the choices, where it was tried.
+    """
+
+    model: Model
+    problem: DesignModel
+    chosen: str
+    choices: Mapping[str, Sequence[DesignChoice]]
+    refused: str | None = None
+
+    @property
+    def best(self) -> DesignChoice | None:
+        """The choice that was taken; None where nothing is estimated."""
+        return best_choice(self.choices[self.chosen]) if self.choices else None
+
+
+def needs_noise(model: Model, measured: Sequence[str]) -> bool:
+    """Whether the sensors' noise has to be known: a drive is estimated from them."""
+    return bool(model.sensors and {d.channel for d in model.drives} - set(measured))
+
+
+def design_estimator(
+    model: Model,
+    problem: DesignModel,
+    plan: DesignPlan | None = None,
+    progress: Callable[[str], None] = lambda message: None,
+) -> EstimatorDesign:
+    """Design the estimator of a model.
+
+    Parameters
+    ----------
+    model : Model
+    problem : DesignModel
+        Of the same model.
+    plan : DesignPlan, optional
+    progress : callable
+        Gets a word on what is being tried.
+
+    Raises
+    ------
+    ModelError
+        A form that is asked for where nothing is to be estimated.
+    FitError
+        The form that is asked for has no usable design.
+    """
+    plan = plan or DesignPlan()
+    if not problem.drives:
+        if plan.form != "auto":
+            raise ModelError(
+                f"--form {plan.form}: every drive is measured, nothing is to be estimated"
+            )
+        estimator = problem.finished(Feedforward(problem.outputs))
+        model = model.with_design({**estimator.document(), "sample_period_s": problem.dt})
+        return EstimatorDesign(model, problem, "feedforward", {})
+    choices: dict[str, list[DesignChoice]] = {}
+    refused = None
+    if plan.form != "kernel":
+        choices["kalman"] = design_kalman(problem, plan.walk, progress)
+    single = len(problem.sensors) == 1 and len(problem.drives) == 1
+    if plan.form == "kernel" or (plan.form == "auto" and single):
+        try:
+            choices["kernel"] = design_kernel(problem, plan.pinned, progress)
+        except FitError as error:
+            if plan.form == "kernel":
+                raise
+            refused = f"kernel form: {error}"
+    chosen = min(choices, key=lambda form: best_choice(choices[form]).objective)
+    best = best_choice(choices[chosen])
+    document = {
+        **problem.finished(best.estimator).document(),
+        "sample_period_s": problem.dt,
+        "settings": best.settings,
+        "predicted": asdict(best.prediction),
+    }
+    return EstimatorDesign(model.with_design(document), problem, chosen, choices, refused)
