@@ -13,7 +13,7 @@ import argparse
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 # One core; before numpy loads.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from thermaltool.control.heaters import Stabilizer
 from thermaltool.errors import FitError, ModelError
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.static import correct
 from thermaltool.fitting.transfer.continuation import continued
-from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.machine import machine
 from thermaltool.model import Model
@@ -108,14 +108,11 @@ def fitted(
 
     Where an order has no stable form with real poles, the next lower one is taken.
     """
-    stretches = tuple(
-        Stretch(np.array([log.columns[i] for i in inputs]), log.columns[output], k)
-        for k, log in enumerate(logs)
-    )
-    data = Data(stretches, DT, inputs, output).from_rest()
-    delays = tuple(1 if hold_of(i) == "zero" else 0 for i in inputs)
+    records = tuple(replace(log, origin=k) for k, log in enumerate(logs))
+    holds = tuple(hold_of(i) for i in inputs)
+    data = TrainingData(records, inputs, (output,), DT, holds).from_rest()
     try:
-        orders = orders_of("oe", (order,) * len(inputs), order, delays)
+        orders = orders_of("oe", (order,) * len(inputs), order, data.least_delays)
         found = identify(data, "oe", orders, real=True)
         ways = [continued(found, k, hold_of(i)) for k, i in enumerate(inputs)]
     except (FitError, ModelError):

@@ -24,9 +24,10 @@ from identify_peers import Array
 from identify_speed import speed
 from scipy.signal import lfilter
 
+from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.transfer.choose import choose, first_that_fits, started
-from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.units import Hold
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 
@@ -45,7 +46,7 @@ def coverage(seed: int, repeats: int) -> None:
             for repeat in range(repeats):
                 e = np.random.default_rng([seed, k, 2, repeat]).standard_normal(3000)
                 y = x + NOISE * x.std() * lfilter(*colour, e)
-                data = Data((Stretch(u, y),), 1.0, ("u",))
+                data = TrainingData((sampled(("u",), u, ("y",), y, 1.0),), ("u",), ("y",), 1.0)
                 model = identify(data, "oe", orders_of("oe", (2,), 2, (truth[2],)))
                 named = [*model.named(), ("gain", model.gain(0))]
                 labels = [label for label, _ in named]
@@ -69,10 +70,10 @@ def measured() -> None:
     print("|---|---|---|---|---|---|---|")
     hair = np.genfromtxt(DATA / "daisy/hairdryer_ljung.csv", delimiter=",", skip_header=1)
     heat = np.genfromtxt(DATA / "daisy/heating_system.csv", delimiter=",", skip_header=1)
-    _measured("hairdryer", "y", ("u",), hair[:, 0], hair[:, 1], 0.08, 1, 0.5)
-    _measured("heating_system", "T", ("u",), heat[:, 1], heat[:, 2], 2.0, 1, 0.5)
+    _measured("hairdryer", "y", ("u",), hair[:, 0], hair[:, 1], 0.08, True, 0.5)
+    _measured("heating_system", "T", ("u",), heat[:, 1], heat[:, 2], 2.0, True, 0.5)
     power = heat[:, 1] ** 1.85
-    _measured("heating_system", "T", ("u^1.85",), power, heat[:, 2], 2.0, 1, 0.5)
+    _measured("heating_system", "T", ("u^1.85",), power, heat[:, 2], 2.0, True, 0.5)
     lines = (DATA / "cnc_spindle/spindle_first_28h.csv").read_text().splitlines()
     names = lines[0].split(",")
     table = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
@@ -80,22 +81,23 @@ def measured() -> None:
     for target in ("ch1_um", "ch3_um", "ch5_um"):
         for inputs in (("t1_C",), ("t5_C",), ("t9_C",), ("t1_C", "t9_C"), ("spindle_rpm",)):
             u = np.array([column[name] - column[name][0] for name in inputs])
-            held = int(inputs == ("spindle_rpm",))
+            held = inputs == ("spindle_rpm",)
             _measured("cnc_spindle", target, inputs, u, column[target], 15.0, held, 0.6)
     network.spindle(column, 15.0)
     network.heating(DATA / "daisy/heating_system.csv")
 
 
 def _measured(
-    log: str, target: str, inputs: tuple[str, ...], u: Array, y: Array, dt: float, least: int,
+    log: str, target: str, inputs: tuple[str, ...], u: Array, y: Array, dt: float, held: bool,
     share: float,
 ) -> None:  # fmt: skip
-    data = Data((Stretch(np.atleast_2d(u), y),), dt, inputs, target)
-    training, rest = data.parted(share)
-    low = (least,) * len(inputs)
-    training = started(training, low)
+    hold: Hold = "zero" if held else "first"
+    record = sampled(inputs, u, (target,), y, dt)
+    data = TrainingData((record,), inputs, (target,), dt, (hold,) * len(inputs))
+    training, rest = data.split(share)
+    training = started(training)
     for real in (False, True):
-        choice = choose(training, "oe", low, real=real)
+        choice = choose(training, "oe", real=real)
         fit = partial(identify, training, "oe", real=real)
         model = first_that_fits((c.orders("oe") for c in choice.candidates), fit)
         o, poles = model.orders, "real" if real else "any"

@@ -14,8 +14,8 @@ import numpy as np
 from identify_cases import Case, case, fit_percent
 from identify_peers import PEERS, Array, Delays, Peer, Simulation, loaded
 
+from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.transfer.choose import started
-from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.search import Found, gauss_newton, search
@@ -30,9 +30,9 @@ FEW = 4
 SLOW = ("SIPPY OE", "nfoursid")
 
 
-def logged(u: Array, y: Array) -> Data:
-    data = Data((Stretch(u, y),), 1.0, tuple(f"u{i}" for i in range(len(u))))
-    return started(data, (1,) * len(u))
+def logged(u: Array, y: Array) -> TrainingData:
+    names = tuple(f"u{i}" for i in range(len(u)))
+    return started(TrainingData((sampled(names, u, ("y",), y, 1.0),), names, ("y",), 1.0))
 
 
 def ours(u: Array, y: Array, nk: Delays) -> Simulation:
@@ -183,7 +183,7 @@ def missed(seed: int, rows: int, inputs: int, systems: int) -> None:
     for k in range(systems):
         given = case(seed, k, rows, inputs)
         orders = orders_of("oe", (2,) * inputs, 2, given.nk)
-        problem = Problem(logged(given.u, given.y).padded(orders.first), orders)
+        problem = Problem(logged(given.u, given.y).about_levels(orders.first), orders)
         truth = Found(given.F, problem.project(given.F), "the true system", False, 0)
         least = gauss_newton(problem, truth).loss
         above.append((search(problem).loss / least - 1) * problem.rows)

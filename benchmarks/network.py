@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -17,21 +18,22 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.signal import lfilter
 
 from thermaltool.effects.curve import DriveCurve
+from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.network.choose import choose_modes, started
-from thermaltool.fitting.network.data import Records, Span, spans_of
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.problem import Problem
 from thermaltool.fitting.network.search import refine, search
 from thermaltool.fitting.transfer.choose import first_that_fits
 from thermaltool.model.curves import Form, SearchedCurve
+from thermaltool.record import Record
 from thermaltool.responses.modes import Hold
 from thermaltool.signals.agreement import agreement
 
 Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]
 # Of records, modes and a dead time: the curve in front of the modes, and its exponent.
-Drive = Callable[[Records, int, float], tuple[Curve, float]]
+Drive = Callable[[TrainingData, int, float], tuple[Curve, float]]
 
 PERIOD, NOISE = 5.0, 0.01
 LAGS = np.array([1200.0, 200.0, 30.0])
@@ -50,9 +52,9 @@ def plant(rng: np.random.Generator, rows: int) -> tuple[Array, Array]:
     return u, WEIGHTS @ modes
 
 
-def records(u: Array, y: Array, at_rest: bool) -> Records:
-    span = Span(PERIOD * np.arange(len(u)), u[None], y, 0, at_rest)
-    return Records((span,), PERIOD, ("Q_W",), ("zero",), ("a", "b"))
+def records(u: Array, y: Array, at_rest: bool) -> TrainingData:
+    record = sampled(("Q_W",), u, ("a", "b"), y, PERIOD, at_rest=at_rest)
+    return TrainingData((record,), ("Q_W",), ("a", "b"), PERIOD)
 
 
 def speed(seed: int) -> None:
@@ -110,7 +112,7 @@ def _narrower(seed: int, repeat: int, u: Array, clean: Array) -> Array:
     found = [data, *(data.only(k) for k in range(2))]
     widths = []
     for each in found:
-        share = identify_network(each, 3, NO_DELAY[: len(each.targets)]).shares[0]
+        share = identify_network(each, 3, NO_DELAY[: len(each.outputs)]).shares[0]
         widths.append([np.log(e.high / e.low) for e in share.time_constants()])
     return np.asarray(widths[0] / np.min(widths[1:], axis=0))
 
@@ -125,14 +127,14 @@ def spindle(column: Mapping[str, Array], period: float) -> None:
         u = np.array([column[name] - column[name][0] for name in names])
         y = np.array([column[name] for name in targets])
         held: Hold = "zero" if names == ("spindle_rpm",) else "first"
-        span = Span(period * np.arange(y.shape[1]), u, y)
-        data = Records((span,), period, names, (held,) * len(names), targets)
-        training, rest = data.parted(0.6)
+        record = sampled(names, u, targets, y, period)
+        data = TrainingData((record,), names, targets, period, (held,) * len(names))
+        training, rest = data.split(0.6)
         training = started(training)
         delays = tuple((0.0,) * len(names) for _ in targets)
         fit = partial(identify_network, training, delays=delays)
         network = first_that_fits((c.modes for c in choose_modes(training, delays)), fit)
-        begins = "rest" if training.spans[0].at_rest else "unknown"
+        begins = "rest" if training.records[0].at_rest else "unknown"
         fits = [
             " / ".join(f"{a.fit_percent:.1f}" for a in network.fit(d)) for d in (training, rest)
         ]
@@ -176,18 +178,18 @@ def _row(name: str, fitted: Drive, blocks: int, modes: int, t: Array, u: Array, 
           flush=True)  # fmt: skip
 
 
-def _records(t: Array, u: Array, y: Array, rows: NDArray[np.bool_]) -> Records:
-    driven = np.where(rows, u, np.nan)[None]
-    spans = tuple(spans_of(t, driven, y[None], [slice(0, len(t))]))
-    return Records(spans, float(t[1] - t[0]), ("u",), ("zero",), ("T",))
+def _records(t: Array, u: Array, y: Array, rows: NDArray[np.bool_]) -> TrainingData:
+    record = Record(t, {"u": np.where(rows, u, np.nan), "T": y})
+    return TrainingData(tuple(record.pieces(["u"])), ("u",), ("T",), float(t[1] - t[0]))
 
 
-def _through(data: Records, curve: Curve) -> Records:
-    spans = [Span(s.time, curve(s.inputs), s.outputs, s.origin) for s in data.spans]
-    return Records(tuple(spans), data.dt, data.names, data.holds, data.targets)
+def _through(data: TrainingData, curve: Curve) -> TrainingData:
+    parts = (replace(r.with_columns({"u": curve(r.columns["u"])}), at_rest=False)
+             for r in data.records)  # fmt: skip
+    return replace(data, records=tuple(parts))
 
 
-def _bent(fitted: Drive, data: Records, modes: int) -> tuple[Curve, Network, float]:
+def _bent(fitted: Drive, data: TrainingData, modes: int) -> tuple[Curve, Network, float]:
     """The curve of largest likelihood over the dead times, and the network behind it."""
     tried = []
     for delay in DELAYS:
@@ -197,7 +199,7 @@ def _bent(fitted: Drive, data: Records, modes: int) -> tuple[Curve, Network, flo
     return min(tried, key=lambda each: each[1].criterion)
 
 
-def _criterion(data: Records, modes: int, delay: float) -> Callable[[Curve], float]:
+def _criterion(data: TrainingData, modes: int, delay: float) -> Callable[[Curve], float]:
     """Of a curve, the time constants searched from where the last curve had them."""
     lags = [search(Problem(data, ((delay,),)), modes).lags]
 
@@ -209,15 +211,15 @@ def _criterion(data: Records, modes: int, delay: float) -> Callable[[Curve], flo
     return value
 
 
-def _linear(data: Records, modes: int, delay: float) -> tuple[Curve, float]:
+def _linear(data: TrainingData, modes: int, delay: float) -> tuple[Curve, float]:
     return (lambda u: u), float("nan")
 
 
-def _square(data: Records, modes: int, delay: float) -> tuple[Curve, float]:
+def _square(data: TrainingData, modes: int, delay: float) -> tuple[Curve, float]:
     return np.square, 2.0
 
 
-def _power(data: Records, modes: int, delay: float) -> tuple[Curve, float]:
+def _power(data: TrainingData, modes: int, delay: float) -> tuple[Curve, float]:
     value = _criterion(data, modes, delay)
     found = minimize_scalar(lambda p: value(lambda u: np.abs(u) ** p), bounds=EXPONENTS,
                             method="bounded", options={"xatol": 0.01})  # fmt: skip
@@ -225,9 +227,9 @@ def _power(data: Records, modes: int, delay: float) -> tuple[Curve, float]:
     return (lambda u: np.abs(u) ** p), p
 
 
-def _monotone(data: Records, modes: int, delay: float) -> tuple[Curve, float]:
+def _monotone(data: TrainingData, modes: int, delay: float) -> tuple[Curve, float]:
     """The spline of ``correct`` with as stiff steps."""
-    highest = max(float(np.max(s.inputs)) for s in data.spans)
+    highest = max(float(np.max(u)) for u in data.u)
     place = SearchedCurve("u", DriveCurve, Form("spline", 6), 0.0, highest, True)
     value = _criterion(data, modes, delay)
 

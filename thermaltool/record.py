@@ -99,6 +99,11 @@ class Record:
         """Name and digest, as the provenance of a document has them."""
         return {"name": self.name, "sha256": self.digest}
 
+    @property
+    def elapsed(self) -> Array:
+        """Time since the first row, shape (n,) [s]."""
+        return self.time - self.time[0]
+
     def with_columns(self, columns: Mapping[str, Array]) -> Self:
         """The same clock with more or other channels."""
         return replace(self, columns={**self.columns, **columns})

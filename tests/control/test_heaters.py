@@ -11,9 +11,9 @@ import pytest
 
 from thermaltool.control.heaters import Stabilizer
 from thermaltool.effects.curve import DriveCurve
+from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.static import correct
 from thermaltool.fitting.transfer.continuation import continued
-from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.machine import machine
 from thermaltool.model import Drive, Model, ModelRecursion, Output, Term
@@ -303,7 +303,9 @@ def calibrated(plant, hours, seed):
     given = settings("mixed", (True, True), plant.regulators[0].full, clock - 1800.0, seed)
     read = plant.simulate(given, air(clock, 20.0, 0.5, seed), DT)
     y = angle(plant, read) + np.random.default_rng(seed).standard_normal(len(clock))
-    data = Data((Stretch(given.T, y),), DT, (CAUSAL, HEATER), ANGLE).from_rest()
+    names = (CAUSAL, HEATER)
+    record = sampled(names, given.T, (ANGLE,), y, DT)
+    data = TrainingData((record,), names, (ANGLE,), DT).from_rest()
     found = identify(data, "oe", orders_of("oe", (3, 3), 3, (1, 1)), real=True)
     ways = [continued(found, k, "zero") for k in range(2)]
     linear = machine([(found, ways, found.fit(data), data)], None, {})

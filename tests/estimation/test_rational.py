@@ -11,8 +11,8 @@ from thermaltool.effects.band import Band
 from thermaltool.effects.curve import DriveCurve
 from thermaltool.errors import ModelError
 from thermaltool.estimation.rational import inverse_model
+from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.transfer.continuation import continued
-from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.machine import machine
 from thermaltool.model import Drive, Term, dumps, loads
@@ -35,7 +35,8 @@ def c_frame():
     read = plant.simulate(given, air(clock, 20.0, 0.0, 2), DT)
     angle = 1e3 * (read["d_x2_um"] - read["d_x1_um"]) / plant.distance
     angle = angle + 0.5 * np.random.default_rng(2).standard_normal(len(clock))
-    data = Data((Stretch(given[:, 1:].T, angle),), DT, (HEATER,), ANGLE).from_rest()
+    record = sampled((HEATER,), given[:, 1:].T, (ANGLE,), angle, DT)
+    data = TrainingData((record,), (HEATER,), (ANGLE,), DT).from_rest()
     found = identify(data, "oe", orders_of("oe", (2,), 2, (1,)), real=True)
     return machine([(found, [continued(found, 0, "zero")], found.fit(data), data)], None, {})
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from thermaltool.cli.transfer import Findings, read_one
 from thermaltool.errors import FitError
-from thermaltool.fitting.network.data import Records, Span, spans_of
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.network.run import Shared, SharedPlan, run_shared
 from thermaltool.fitting.transfer.machine import in_use
 from thermaltool.model import Model
+from thermaltool.record import Record
 from thermaltool.report.network import network_document, network_table, network_warnings
 from thermaltool.report.transfer import lost_from_rest
 from thermaltool.units import hold_of
@@ -39,7 +39,7 @@ def identify_shared(
     plan = SharedPlan(options["modes"], options["delay"] or 0.0, options["initial"],
                       options["split"])  # fmt: skip
     found = run_shared(data, plan, fresh)
-    parts = [(share, found.ways(k), found.training[k], found.data.of(k))
+    parts = [(share, found.ways(k), found.training[k], found.data.measured(k))
              for k, share in enumerate(found.network.shares)]  # fmt: skip
     return Findings(sources, parts, network_document(found), network_table(found),
                     network_warnings(found), lambda model: _lost(found, model))  # fmt: skip
@@ -50,26 +50,25 @@ def _load(
     inputs: tuple[str, ...],
     outputs: tuple[str, ...],
     options: Mapping[str, Any],
-) -> tuple[Records, list[dict[str, str]]]:
-    spans: list[Span] = []
+) -> tuple[TrainingData, list[dict[str, str]]]:
+    records: list[Record] = []
     sources, period = [], None
     for name in logs:
         log = read_one(name, (*inputs, *outputs), options)
         period = period or log.period
-        u, y = (np.array([log.column(c) for c in each]) for each in (inputs, outputs))
-        origin = 1 + spans[-1].origin if spans else 0
-        spans += spans_of(log.time, u, y, log.segments, origin)
+        origin = 1 + records[-1].origin if records else 0
+        records += [replace(piece, origin=origin) for piece in log.pieces(inputs)]
         sources.append({"name": log.name, "sha256": log.digest})
     assert period is not None
-    if not spans:
+    if not records:
         raise FitError(f"{', '.join(inputs)}: no two rows in a row have a reading")
     holds = tuple(hold_of(name) for name in inputs)
-    return Records(tuple(spans), period, inputs, holds, outputs), sources
+    return TrainingData(tuple(records), inputs, outputs, period, holds), sources
 
 
 def _lost(found: Shared, model: Model) -> list[str]:
     data = found.data
     return lost_from_rest([
-        (target, found.training[k], in_use(model, data.of(k), data.clocks(k)))
-        for k, target in enumerate(data.targets)
+        (target, found.training[k], in_use(model, data.measured(k)))
+        for k, target in enumerate(data.outputs)
     ])  # fmt: skip

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from thermaltool.cli.messages import warn, warn_pauses
 from thermaltool.errors import LogError
+from thermaltool.fitting.data import TrainingData, even_records
 from thermaltool.fitting.transfer.continuation import Continued
-from thermaltool.fitting.transfer.data import UNEVEN, Data, even_stretches
 from thermaltool.fitting.transfer.machine import Identity, in_use
 from thermaltool.fitting.transfer.run import Plan, run
 from thermaltool.logs import Log, read_log
 from thermaltool.model import Model
+from thermaltool.record import MAX_UNEVENNESS, Record
 from thermaltool.report.transfer import (
     lost_from_rest,
     transfer_document,
@@ -23,6 +24,7 @@ from thermaltool.report.transfer import (
     warnings_of,
 )
 from thermaltool.signals.agreement import Agreement
+from thermaltool.units import hold_of
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Findings:
     """
 
     sources: list[dict[str, str]]
-    parts: Sequence[tuple[Identity, Sequence[Continued | str], Agreement, Data]]
+    parts: Sequence[tuple[Identity, Sequence[Continued | str], Agreement, TrainingData]]
     document: Mapping[str, Any]
     table: str
     warnings: list[str]
@@ -67,7 +69,7 @@ def identify_each(
         As `load_data`.
     """
     read, sources, period = load_data(logs, inputs, outputs, options)
-    fresh: Mapping[str, Data] = {}
+    fresh: Mapping[str, TrainingData] = {}
     if validation is not None:
         fresh = load_data((validation,), inputs, outputs, options, period)[0]
     plan = Plan(options["structure"], options["orders"], options["noise_orders"],
@@ -92,7 +94,7 @@ def load_data(
     outputs: tuple[str, ...],
     options: Mapping[str, Any],
     period: float | None = None,
-) -> tuple[dict[str, Data], list[dict[str, str]], float]:
+) -> tuple[dict[str, TrainingData], list[dict[str, str]], float]:
     """The data of every output, where the logs came from, and the sample period [s].
 
     Raises
@@ -100,24 +102,23 @@ def load_data(
     LogError
         As `read_log`; a log of another period; too few rows.
     """
-    stretches: dict[str, list[Any]] = {name: [] for name in outputs}
+    records: dict[str, list[Record]] = {name: [] for name in outputs}
     sources = []
     for origin, name in enumerate(logs):
         log = read_one(name, (*inputs, *outputs), options)
         dt = log.period
         if period is None:
             period = dt
-        elif abs(dt - period) > UNEVEN * period:
+        elif abs(dt - period) > MAX_UNEVENNESS * period:
             raise LogError(f"sampled every {dt:g} s, the first log every {period:g} s", log.name)
         _warn_uneven(log, period)
-        u = np.array([log.column(channel) for channel in inputs])
         for target in outputs:
-            stretches[target] += even_stretches(
-                log.time, u, log.column(target), log.segments, period, origin
-            )
+            records[target] += even_records(replace(log, origin=origin), inputs, target, period)
         sources.append({"name": log.name, "sha256": log.digest})
     assert period is not None
-    data = {n: Data(tuple(parts), period, inputs, n) for n, parts in stretches.items()}
+    holds = tuple(hold_of(name) for name in inputs)
+    data = {n: TrainingData(tuple(parts), inputs, (n,), period, holds)
+            for n, parts in records.items()}  # fmt: skip
     return data, sources, period
 
 
@@ -132,7 +133,7 @@ def read_one(name: str, need: tuple[str, ...], options: Mapping[str, Any]) -> Lo
 
 def _warn_uneven(log: Log, period: float) -> None:
     steps = np.concatenate([np.diff(log.time[part]) for part in log.segments])
-    uneven = int(np.sum(np.abs(steps - period) > UNEVEN * period))
+    uneven = int(np.sum(np.abs(steps - period) > MAX_UNEVENNESS * period))
     if uneven:
         warn(
             f"{log.name}: {uneven} of {len(steps)} steps are not {period:g} s: straight lines "

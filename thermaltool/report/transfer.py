@@ -49,7 +49,7 @@ def warnings_of(found: Identified) -> list[str]:
                 f"{target}: in continuous time the step differs by up to "
                 f"{100 * way.mismatch:.2g} % from the discrete model"
             )
-    span = max(len(s) for s in found.data.stretches) * m.dt
+    span = found.data.longest * m.dt
     # What grows is told above: it has no continuous form.
     settling = [
         e.value

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import StateSpace, lfilter, lsim
 
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, LogError
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.network.choose import choose_delays, choose_modes, started
-from thermaltool.fitting.network.data import Records, Span, spans_of
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.residuals import network_tests
 from thermaltool.fitting.transfer.choose import first_that_fits
+from thermaltool.record import Record
 
 DT, ROWS = 5.0, 1600
 LAGS = np.array([1200.0, 200.0, 30.0])
@@ -49,8 +52,9 @@ def records(u, y, at_rest=True, hold="zero", time=None):
     time = DT * np.arange(y.shape[1]) if time is None else time
     inputs = np.atleast_2d(u)
     names = tuple(f"Q_{k}_W" for k in range(len(inputs)))
-    span = Span(time, inputs, y, 0, at_rest)
-    return Records((span,), DT, names, (hold,) * len(inputs), TARGETS)
+    columns = dict(zip((*names, *TARGETS), (*inputs, *y), strict=True))
+    record = Record(time, columns, at_rest=at_rest)
+    return TrainingData((record,), names, TARGETS, DT, (hold,) * len(inputs))
 
 
 def estimates(network):
@@ -108,7 +112,7 @@ def test_the_state_at_the_start_is_found_where_it_is_not_rest(hold):
     u = power(rng) + 0.5
     y = noisy(rng, plant(u, hold, state=np.array([1.5, -0.5, 0.2])))
     data = records(u, y, at_rest=False, hold=hold)
-    assert not started(data).spans[0].at_rest
+    assert not started(data).records[0].at_rest
     network = identify_network(data, 3, NONE)
     np.testing.assert_allclose(network.lags, LAGS, rtol=0.1)
     assert min(a.fit_percent for a in network.fit(data)) > 98.5
@@ -118,7 +122,7 @@ def test_the_state_at_the_start_is_found_where_it_is_not_rest(hold):
 def test_an_idle_start_is_rest():
     rng = np.random.default_rng(8)
     u = power(rng)
-    assert started(records(u, noisy(rng, plant(u)), at_rest=False)).spans[0].at_rest
+    assert started(records(u, noisy(rng, plant(u)), at_rest=False)).records[0].at_rest
 
 
 def test_any_clock_and_missing_readings():
@@ -141,14 +145,16 @@ def test_any_clock_and_missing_readings():
 
 def test_pauses_part_a_log_and_each_log_has_its_offset():
     rng = np.random.default_rng(10)
-    spans = []
+    pieces = []
     for origin in (0, 1):
         u = power(rng)
         y = noisy(rng, plant(u)) + 7.0 * origin
         parts = [slice(0, 700), slice(760, ROWS)] if origin else [slice(0, ROWS)]
-        spans += spans_of(DT * np.arange(ROWS), u[None], y, parts, origin)
-    data = Records(tuple(spans), DT, ("Q_0_W",), ("zero",), TARGETS).from_rest()
-    assert [s.at_rest for s in data.spans] == [True, True, False]
+        log = records(u, y).records[0]
+        log = replace(log, segments=tuple(parts), origin=origin)
+        pieces += log.pieces(["Q_0_W"])
+    data = TrainingData(tuple(pieces), ("Q_0_W",), TARGETS, DT).from_rest()
+    assert [r.at_rest for r in data.records] == [True, True, False]
     network = identify_network(data, 3, NONE)
     np.testing.assert_allclose(network.lags, LAGS, rtol=0.03)
     for share, offset in zip(network.shares, OFFSETS, strict=True):
@@ -237,13 +243,11 @@ def test_collinear_inputs_and_short_records_are_named():
     both = np.array([u, 2 * u])
     with pytest.raises(FitError, match="collinear inputs: Q_0_W, Q_1_W"):
         identify_network(records(both, y), 2, ((0.0, 0.0),) * 2)
-    short = records(u[:18], y[:, :18])
-    short = Records((Span(short.spans[0].time, power(np.random.default_rng(1), 18, 5)[None],
-                          y[:, :18], 0, True),), DT, ("Q_0_W",), ("zero",), TARGETS)  # fmt: skip
+    short = records(power(np.random.default_rng(1), 18, 5), y[:, :18])
     with pytest.raises(FitError, match="18 rows do not carry 6 modes"):
         identify_network(short, 6, NONE)
 
 
 def test_lengths_that_differ_are_named():
-    with pytest.raises(FitError, match="differ in length"):
-        Span(np.arange(5.0), np.ones((1, 4)), np.ones((2, 5)))
+    with pytest.raises(LogError, match="Q_0_W has shape"):
+        records(np.ones((1, 4)), np.ones((2, 5)))

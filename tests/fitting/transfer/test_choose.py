@@ -7,27 +7,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference.random_systems import case, fit_percent
+from reference.training import training
 
-from thermaltool.errors import FitError, ModelError
+from thermaltool.errors import FitError, LogError, ModelError
+from thermaltool.fitting.data import even_records
 from thermaltool.fitting.transfer.choose import choose, started
 from thermaltool.fitting.transfer.continuation import continued
 from thermaltool.fitting.transfer.continuous import identify_continuous
-from thermaltool.fitting.transfer.data import Data, Stretch, even_stretches
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.model import simulate_response
+from thermaltool.record import Record
 from thermaltool.responses.rational import Rational1, Rational2
 
 
-def data(u, y, dt=1.0, names=None):
-    u = np.atleast_2d(u)
-    return Data((Stretch(u, y),), dt, names or tuple(f"u{k}" for k in range(len(u))), "y")
+def data(u, y, dt=1.0, names=None, holds=()):
+    return training((u, y), period=dt, inputs=names, holds=holds)
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_delay_and_a_sufficient_order_are_found(seed):
     known = case(seed, 3000)
     record = data(known.u, known.y)
-    best = choose(record, "oe", (1,)).best
+    best = choose(record, "oe").best
     # The slow pole of a stiff one hides the fast one, which moves its output by little.
     if not known.stiff:
         assert best.nk == (known.nk,)
@@ -89,9 +90,9 @@ def test_a_pole_that_is_there_twice_becomes_two(turned):
 
 def test_rest_is_told_from_a_transient():
     _, _, u, y = thermal("zero", 0.0)
-    assert started(data(u, y, 5.0), (1,)).stretches[0].at_rest
+    assert started(data(u, y, 5.0)).records[0].at_rest
     late = slice(150, None)
-    assert not started(data(u[late], y[late], 5.0), (1,)).stretches[0].at_rest
+    assert not started(data(u[late], y[late], 5.0)).records[0].at_rest
 
 
 STEPPED = {
@@ -114,27 +115,27 @@ def stepped(response, noise, hot=0.0, idle=30, rows=700, dt=60.0):
 @pytest.mark.parametrize("label", STEPPED)
 def test_a_step_after_an_idle_start_is_from_rest(label, noise):
     """The delay alone lets a free state lower the squared error, here by up to a third."""
-    assert started(stepped(STEPPED[label], noise), (1,)).stretches[0].at_rest
+    assert started(stepped(STEPPED[label], noise)).records[0].at_rest
 
 
 def test_an_idle_start_that_still_cools_down_is_not_rest():
-    assert not started(stepped(STEPPED["first order"], 0.02, hot=30.0), (1,)).stretches[0].at_rest
+    assert not started(stepped(STEPPED["first order"], 0.02, hot=30.0)).records[0].at_rest
 
 
 def test_parts_of_a_record():
-    first, rest = data(np.arange(10.0), np.arange(10.0) ** 2).parted(0.3)
-    assert (first.size, rest.size) == (3, 7)
-    assert rest.stretches[0].output[0] == 9.0
+    first, rest = data(np.arange(10.0), np.arange(10.0) ** 2).split(0.3)
+    assert (first.rows, rest.rows) == (3, 7)
+    assert rest.y[0][0, 0] == 9.0
     with pytest.raises(FitError, match="split"):
-        data(np.arange(3.0), np.arange(3.0)).parted(0.01)
+        data(np.arange(3.0), np.arange(3.0)).split(0.01)
 
 
 def test_an_uneven_clock_is_drawn_and_a_hole_parts():
     time = np.array([0.0, 1.0, 2.0, 3.3, 4.0, 9.0, 10.0])
     y = np.array([0.0, 1.0, 2.0, 3.3, 4.0, np.nan, 7.0])
-    parts = list(even_stretches(time, time[None], y, [slice(0, 7)], 1.0))
+    parts = list(even_records(Record(time, {"u": time, "y": y}), ("u",), "y", 1.0))
     assert [len(p) for p in parts] == [5, 1]
-    np.testing.assert_allclose(parts[0].output, [0, 1, 2, 3, 4])
+    np.testing.assert_allclose(parts[0].column("y"), [0, 1, 2, 3, 4])
 
 
 GOOD = np.random.default_rng(1).standard_normal(200)
@@ -168,8 +169,8 @@ def test_collinear_inputs_are_named_and_others_are_not():
 
 
 def test_unequal_lengths_are_refused():
-    with pytest.raises(FitError, match="length"):
-        Stretch(np.ones((1, 5)), np.ones(4))
+    with pytest.raises(LogError, match="shape"):
+        training((np.ones((1, 5)), np.ones(4)))
 
 
 @pytest.mark.parametrize("hold", ["zero", "first"])
@@ -177,8 +178,8 @@ def test_unequal_lengths_are_refused():
 def test_continuous_time_gives_the_same_physics(hold, dt):
     response, _, u, y = thermal(hold, 7 * dt, dt, rows=round(15000 / dt))
     nk = 7 + (hold == "zero")
-    record = data(u, y, dt).from_rest()
-    model = identify_continuous(record, orders_of("oe", (2,), 2, (nk,)), (hold,))
+    record = data(u, y, dt, holds=(hold,)).from_rest()
+    model = identify_continuous(record, orders_of("oe", (2,), 2, (nk,)))
     assert model.converged
     assert "continuous" in model.method
     way = continued(model, 0, hold)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from reference.training import training
 from scipy.signal import lfilter
 
 from thermaltool.fitting.transfer.choose import choose, started
 from thermaltool.fitting.transfer.continuous import identify_continuous
-from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.signals.gauss_newton import inverse_of
 
@@ -32,7 +32,7 @@ def machine(seed, colour):
     late = np.concatenate([np.zeros(5), u[:-5]])
     noise = lfilter([1], [1, -colour], rng.standard_normal(n)) * np.sqrt(1 - colour**2)
     y = lags(late, [(0.2, 120.0), (0.8, 1500.0)], 10.0) + noise + 7.0
-    return Data((Stretch(u[None], y),), 10.0, ("u",), "y")
+    return training((u, y), period=10.0)
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.9])
@@ -40,8 +40,8 @@ def test_a_second_order_is_found_whatever_the_colour_of_the_errors(colour):
     """Of ten records; where all rows counted alike, coloured errors led to it in about four."""
     right = 0
     for seed in range(10):
-        data = started(machine(seed, colour), (1,))
-        best = choose(data, "oe", (1,)).best
+        data = started(machine(seed, colour))
+        best = choose(data, "oe").best
         right += best.nf == 2 and abs(best.nk[0] - 6) <= 1
     assert right >= 8
 
@@ -55,10 +55,10 @@ def test_a_delay_does_not_stand_for_a_third_pole(seed):
     for gain, tau in ((1.0, 300.0), (0.5, 60.0), (-0.6, 8.0)):
         free = rng.uniform(-3, 3) * np.exp(-np.arange(n) / tau)
         y += lags(u, [(gain, tau)]) + gain * free
-    data = Data((Stretch(u[None], y),), 1.0, ("u",), "y")
-    fitted, held = data.parted(0.6)
+    data = training((u, y))
+    fitted, held = data.split(0.6)
     wanted = identify(fitted, "oe", orders_of("oe", (3,), 3, (1,))).fit(held).fit_percent
-    assert choose(data, "oe", (1,)).best.fit_percent > wanted - 3
+    assert choose(data, "oe").best.fit_percent > wanted - 3
 
 
 @pytest.mark.parametrize("structure", ["oe", "bj"])
@@ -83,12 +83,8 @@ def test_gains_and_lags_at_slow_poles_are_covered(continuous):
     covered, slowest = 0, 0
     for seed in range(20):
         y = clean + 0.02 * np.random.default_rng(seed).standard_normal(n) + 5.0
-        data = Data((Stretch(u[None], y, 0, True),), 1.0, ("u",), "y")
-        model = (
-            identify_continuous(data, orders, ["zero"])
-            if continuous
-            else identify(data, "oe", orders)
-        )
+        data = training((u, y, 0, True))
+        model = identify_continuous(data, orders) if continuous else identify(data, "oe", orders)
         gain, tau = model.gain(0), model.time_constants()[0]
         covered += gain.low < 1.9 < gain.high
         slowest += tau.low < 5000.0 < tau.high
@@ -102,8 +98,8 @@ def test_a_continuous_model_has_the_orders_that_were_fitted():
     u = np.repeat(rng.uniform(0, 1, n // 50), 50)
     a = np.array([400.0, 50.0])
     y = lags(u, [(2 * a[0] / (a[0] - a[1]), a[0]), (-2 * a[1] / (a[0] - a[1]), a[1])], 2.0)
-    data = Data((Stretch(u[None], y + 0.01 * rng.standard_normal(n)),), 2.0, ("u",), "y")
-    model = identify_continuous(data, orders_of("oe", (1,), 2, (1,)), ["zero"])
+    data = training((u, y + 0.01 * rng.standard_normal(n)), period=2.0)
+    model = identify_continuous(data, orders_of("oe", (1,), 2, (1,)))
     assert model.orders.nb == (1,)
     assert model.parameters == 4
     named = dict(model.named())
@@ -124,7 +120,7 @@ def test_real_poles_of_more_do_at_least_as_well(seed):
     pair = np.poly(rng.uniform(0.9, 0.99) * np.exp(1j * rng.uniform(0.02, 0.3) * np.array([1, -1])))
     slow = np.cumsum(rng.standard_normal(n)) * 0.02
     y = lfilter([0, pair.real.sum()], pair.real, u) + lags(u, [(1.0, 400.0)]) + slow
-    data = Data((Stretch(u[None], y),), 1.0, ("u",), "y")
+    data = training((u, y))
     losses = [identify(data, "oe", orders_of("oe", (1,), nf, (1,)), real=True).loss
               for nf in (1, 2, 3)]  # fmt: skip
     assert losses[1] < 1.01 * losses[0]
@@ -149,9 +145,8 @@ def test_a_start_within_a_transient_is_not_rest(seed, removed):
     u = np.repeat(rng.uniform(0, 20, n // 50), 50)
     y = lags(u, [(0.3, 60.0)], 2.0) + 0.5 * rng.standard_normal(n)
     parts = [slice(0, n)] if removed.stop == 0 else [slice(0, 8), slice(28, n)]
-    stretches = tuple(Stretch(u[None, p], y[p]) for p in parts)
-    data = started(Data(stretches, 2.0, ("u",), "y"), (1,))
+    data = started(training(*((u[p], y[p]) for p in parts), period=2.0))
     # A transient of less than the noise may pass for rest.
-    assert 0.3 * u[0] < 1.0 or not any(s.at_rest for s in data.stretches)
+    assert 0.3 * u[0] < 1.0 or not any(r.at_rest for r in data.records)
     gain = identify(data, "oe", orders_of("oe", (1,), 1, (1,))).gain(0)
     assert abs(gain.value - 0.3) < 3.5 / 1.96 * (gain.high - gain.value)

@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 import pytest
 from reference.random_systems import case, fit_percent
+from reference.training import training
 from scipy.signal import lfilter
 
 from thermaltool.fitting.transfer import search
 from thermaltool.fitting.transfer.choose import real_poles
-from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.search import (
@@ -24,8 +24,7 @@ from thermaltool.fitting.transfer.search import (
 
 
 def data(u, y, dt=1.0):
-    u = np.atleast_2d(u)
-    return Data((Stretch(u, y),), dt, tuple(f"u{k}" for k in range(len(u))), "y")
+    return training((u, y), period=dt)
 
 
 @pytest.mark.parametrize("seed", range(24))
@@ -63,7 +62,7 @@ def test_an_unknown_start_does_not_matter():
     )
     model = identify(data(known.u[late], begun), "oe", orders_of("oe", (2,), 2, (known.nk,)))
     assert fit_percent(known.x, model.respond(known.u[None])) >= 99.0
-    assert model.simulate(Stretch(known.u[None, late], begun))[400:] == pytest.approx(
+    assert model.simulate(data(known.u[late], begun).records[0])[400:] == pytest.approx(
         known.x[late][400:] + model.offsets[0], abs=0.1 * known.x.std()
     )
 
@@ -72,10 +71,8 @@ def test_gaps_part_the_record_and_every_log_has_its_offset():
     known = case(2, 9000)
     u = known.u[None]
     cuts = [(slice(0, 2500), 0), (slice(2600, 5000), 0), (slice(5000, 9000), 1)]
-    stretches = tuple(
-        Stretch(u[:, rows], known.y[rows] + 10.0 * origin, origin) for rows, origin in cuts
-    )
-    model = identify(Data(stretches, 1.0, ("u0",), "y"), "oe", orders_of("oe", (2,), 2, (7,)))
+    parts = ((u[:, rows], known.y[rows] + 10.0 * origin, origin) for rows, origin in cuts)
+    model = identify(training(*parts), "oe", orders_of("oe", (2,), 2, (7,)))
     assert fit_percent(known.x, model.respond(u)) >= 99.0
     assert model.offsets == pytest.approx((3.0, 13.0), abs=0.1 * known.x.std())
 

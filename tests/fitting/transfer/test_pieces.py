@@ -6,14 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from reference.training import training
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.network.data import Records, Span
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.residuals import network_tests
 from thermaltool.fitting.transfer.choose import choose
-from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import STRUCTURES, identify, orders_of
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.residuals import residual_tests
@@ -30,7 +29,7 @@ def plant(seed, n=3000, noise=0.01, colour=0.0):
 
 
 def pieces(u, y, *parts):
-    return Data(tuple(Stretch(u[None, p], y[p]) for p in parts), 1.0, ("u",), "y")
+    return training(*((u[p], y[p]) for p in parts))
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
@@ -77,11 +76,8 @@ def test_pieces_that_are_all_too_short_are_refused():
 
 def test_a_short_log_beside_a_long_one_in_a_network():
     u, y = plant(6)
-    spans = tuple(
-        Span(np.arange(float(p.stop - p.start)), u[None, p], y[None, p], k)
-        for k, p in enumerate((slice(0, 2900), slice(2950, 2958)))
-    )
-    data = Records(spans, 1.0, ("u",), ("zero",), ("y",))
+    parts = slice(0, 2900), slice(2950, 2958)
+    data = training(*((u[p], y[p], k) for k, p in enumerate(parts)))
     (tests,) = network_tests(identify_network(data, 1, ((0.0,),)), data)
     assert tests.lags == 25
 
@@ -101,7 +97,7 @@ def test_residuals_of_the_true_orders_are_seldom_called_wrong(inputs, lags):
                 x = lfilter([0, 1 - pole], [1, -pole], x)
             y += x
         y += 0.1 * y.std() * rng.standard_normal(2000)
-        data = Data((Stretch(u, y),), 1.0, tuple("abc"[:inputs]))
+        data = training((u, y))
         model = identify(data, "oe", orders_of("oe", (2,) * inputs, 2, (1,) * inputs))
         tests = residual_tests(model, data)
         white.append(tests.white_p < 0.05)
@@ -114,9 +110,9 @@ def test_orders_of_several_logs_with_zeros_of_their_own():
     u, y = plant(7, 4500)
     x = np.exp(-1 / 30)
     y = y + lfilter([0, 0.5 * (1 - x)], [1, -x], u)
-    logs = [Stretch(u[None, a : a + 1500], y[a : a + 1500] + zero, k)
+    logs = [(u[a : a + 1500], y[a : a + 1500] + zero, k)
             for k, (a, zero) in enumerate(((0, 0.0), (1500, 5.0), (3000, 50.0)))]  # fmt: skip
-    choice = choose(Data(tuple(logs), 1.0, ("u",), "y"), "oe", (1,))
+    choice = choose(training(*logs), "oe")
     assert choice.best.nf == 2
     assert choice.best.fit_percent > 90
 
@@ -126,7 +122,7 @@ def test_a_long_idle_start_is_no_reason_to_give_up():
     u[:13000] = u[0]
     rng = np.random.default_rng(8)
     y = lfilter([0, 1 - POLE], [1, -POLE], u - u[0]) + 0.01 * rng.standard_normal(30000)
-    choice = choose(pieces(u, y, slice(0, 30000)), "oe", (1,))
+    choice = choose(pieces(u, y, slice(0, 30000)), "oe")
     assert choice.best.nf == 1
     assert choice.best.nk == (1,)
 
@@ -140,15 +136,15 @@ def test_starts_of_pieces_are_projected_out_one_by_one():
     poles = np.exp(-1 / np.array([300.0, 20.0]))
     F = np.poly(poles)
     projected = problem.project((F,))
-    blocks, rows = [], sum(len(s) - 2 for s in data.stretches)
+    blocks, rows = [], sum(len(r) - 2 for r in data.records)
     dense, at = np.zeros((rows, 2 + 1 + 2 * 8)), 0
-    for k, s in enumerate(data.stretches):
-        n = len(s) - 2
-        filtered = lfilter([1.0], F, s.inputs[0])
+    for k, (piece_u, piece_y) in enumerate(zip(data.u, data.y, strict=True)):
+        n = piece_u.shape[1] - 2
+        filtered = lfilter([1.0], F, piece_u[0])
         part = slice(at, at + n)
         dense[part, 0], dense[part, 1], dense[part, 2] = filtered[1:-1], filtered[:-2], 1.0
         dense[part, 3 + 2 * k : 5 + 2 * k] = poles ** np.arange(n)[:, None]
-        blocks.append(s.output[2:])
+        blocks.append(piece_y[0, 2:])
         at += n
     y = np.concatenate(blocks)
     left = y - dense @ np.linalg.lstsq(dense, y, rcond=None)[0]

@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 import pytest
 from reference.random_systems import case, fit_percent
+from reference.training import training
 from scipy.signal import lfilter
 
 from thermaltool.fitting.transfer import search
 from thermaltool.fitting.transfer.continuous import ContinuousProblem, identify_continuous
-from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.polynomials import (
@@ -34,27 +34,22 @@ ORDERS = [(1, 1), (1, 2), (2, 2), (1, 3), (2, 3)]
 KINDS = [(Problem, o) for o in [*ORDERS, (3, 1), (4, 2)]] + [(ContinuousProblem, o) for o in ORDERS]
 
 
-def two_stretches():
+def two_pieces():
     """One from an unknown state and one from rest, with an offset of its own."""
     known = case(3, 1500)
     u = known.u[None]
-    return Data(
-        (Stretch(u[:, :900], known.y[:900]), Stretch(u[:, 950:], known.y[950:], 1, True)),
-        1.0,
-        ("u",),
-    )
+    return training((u[:, :900], known.y[:900]), (u[:, 950:], known.y[950:], 1, True))
 
 
 def count_rows(problem):
-    return [s.output[problem.orders.first :] for s in problem.used]
+    return [problem.output(k) for k in problem.used]
 
 
 @pytest.mark.parametrize(("kind", "order"), KINDS)
 def test_losses_of_the_grid_are_those_of_the_models(kind, order):
     nb, nf = order
     orders = orders_of("oe", (nb,), nf, (2,))
-    held = {"holds": ("zero",)} if kind is ContinuousProblem else {}
-    problem = kind(two_stretches().padded(orders.first), orders, **held)
+    problem = kind(two_pieces().about_levels(orders.first), orders)
     starts = grid(problem).ranked(count_rows(problem), 100)
     assert len(starts) >= 5
     for start in starts:
@@ -65,7 +60,7 @@ def test_losses_of_the_grid_are_those_of_the_models(kind, order):
 
 def test_the_grid_around_a_denominator_changes_one_pole_at_a_time():
     orders = orders_of("oe", (2,), 2, (2,))
-    problem = Problem(two_stretches().padded(orders.first), orders)
+    problem = Problem(two_pieces().about_levels(orders.first), orders)
     around = np.array([40.0, 3.0])
     kept = np.exp(-1 / around)
     starts = grid(problem, around).ranked(count_rows(problem), 100)
@@ -108,7 +103,7 @@ def test_an_input_that_explains_little_is_looked_at_again():
     x = x + 0.2 * x.std() / slow.std() * slow
     y = x + 0.1 * x.std() * rng.standard_normal(n)
     orders = orders_of("oe", (2, 2), 2, (1, 1))
-    problem = Problem(Data((Stretch(u, y),), 1.0, ("a", "b")).padded(orders.first), orders)
+    problem = Problem(training((u, y)).about_levels(orders.first), orders)
     caught = (strong, np.poly(np.exp(-1 / np.array([800.0, 20000.0]))))
     there = Found(caught, problem.project(caught), SEPARATE, False, 0)
     better = beside(problem, there)
@@ -131,7 +126,7 @@ def test_several_inputs_say_how_they_were_found(monkeypatch, steps):
     y = x + 0.1 * x.std() * np.random.default_rng(4).standard_normal(len(x))
     u = np.array([p.u for p in parts])
     orders = orders_of("oe", (2, 2), 2, tuple(p.nk for p in parts))
-    model = identify(Data((Stretch(u, y),), 1.0, ("a", "b")), "oe", orders)
+    model = identify(training((u, y)), "oe", orders)
     assert model.converged
     assert SEPARATE in model.method
     assert bool(again) == (steps == 1)
@@ -148,9 +143,8 @@ def test_held_and_running_inputs_together_in_continuous_time(order):
     y = x + 0.05 * x.std() * rng.standard_normal(3000)
     holds, nk, tau = ("zero", "first"), (1, 0), -1 / np.log([0.98, 0.9])
     model = identify_continuous(
-        Data((Stretch(u[list(order)], y),), 1.0, ("a", "b")),
+        training((u[list(order)], y), holds=tuple(holds[k] for k in order)),
         orders_of("oe", (1, 1), 1, tuple(nk[k] for k in order)),
-        tuple(holds[k] for k in order),
     )
     assert model.converged
     for group, k in enumerate(order):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from reference.random_systems import case, fit_percent
+from reference.training import training
 from scipy.signal import lfilter
 
-from thermaltool.fitting.transfer.data import Data, Stretch
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.residuals import residual_tests
 
@@ -24,7 +24,7 @@ def record(seed, structure, rows=4000):
     known = case(seed, rows, noise=0.0)
     e = 0.1 * known.x.std() * np.random.default_rng(500 + seed).standard_normal(rows)
     y = known.y + NOISES[structure](known.F, e)
-    return known, Data((Stretch(known.u[None], y),), 2.0, ("u",), "y")
+    return known, training((known.u, y), period=2.0, inputs=("u",))
 
 
 def errors_in_deviations(model, known):
@@ -66,7 +66,7 @@ def test_intervals_of_oe_cover_in_white_and_coloured_noise(noise):
     inside = []
     for seed in range(120):
         e = 0.1 * known.x.std() * np.random.default_rng(9000 + seed).standard_normal(1500)
-        data = Data((Stretch(known.u[None], known.y + NOISES[noise](known.F, e)),), 1.0, ("u",))
+        data = training((known.u, known.y + NOISES[noise](known.F, e)))
         model = identify(data, "oe", orders_of("oe", (2,), 2, (known.nk,)))
         estimates = [e for _, e in model.named()]
         inside.append([e.low < t < e.high for e, t in zip(estimates, truth, strict=True)])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.network.data import Records
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.network.identify import MOST_MODES, identify_network, runs_of
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.problem import Delays, Problem
@@ -20,7 +20,6 @@ from thermaltool.fitting.transfer.choose import (
     standing,
 )
 from thermaltool.fitting.transfer.colour import effective_share
-from thermaltool.fitting.transfer.data import Array
 from thermaltool.signals.agreement import Agreement
 
 # Delays and time constants are found in turn at most so often.
@@ -49,7 +48,7 @@ class Candidate:
     score: float
 
 
-def choose_modes(data: Records, delays: Delays) -> tuple[Candidate, ...]:
+def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate, ...]:
     """Numbers of modes by what they predict of rows that were not fitted, the best first.
 
     Raises
@@ -58,7 +57,7 @@ def choose_modes(data: Records, delays: Delays) -> tuple[Candidate, ...]:
         No candidate fits.
     """
     data.check()
-    fitted, held = data.parted(FITTED)
+    fitted, held = data.split(FITTED)
     found: list[tuple[Network, tuple[Agreement, ...]]] = []
     problem: FitError | None = None
     for modes in range(1, MOST_MODES + 1):
@@ -73,7 +72,7 @@ def choose_modes(data: Records, delays: Delays) -> tuple[Candidate, ...]:
     if not found:
         raise problem or FitError("no number of modes fits these data")
     best = min(found, key=lambda each: _error(each[1]))[0]
-    rows = max(_share(best, held) * held.size, 2.0)
+    rows = max(_share(best, held) * held.rows, 2.0)
     ranked = (_judged(network, agreements, fitted, rows) for network, agreements in found)
     return tuple(sorted(ranked, key=lambda c: c.score))
 
@@ -84,37 +83,36 @@ def _error(agreements: tuple[Agreement, ...]) -> float:
 
 
 def _judged(
-    network: Network, agreements: tuple[Agreement, ...], fitted: Records, rows: float
+    network: Network, agreements: tuple[Agreement, ...], fitted: TrainingData, rows: float
 ) -> Candidate:
     p, modes = len(network.shares), len(network.lags)
     parameters = (modes + sum(s.parameters - modes for s in network.shares)) / p
     score = _error(agreements) + parameters * float(np.log(rows)) / rows
-    bic = 2 * network.criterion + p * parameters * float(np.log(fitted.size))
+    bic = 2 * network.criterion + p * parameters * float(np.log(fitted.rows))
     return Candidate(modes, tuple(a.fit_percent for a in agreements), bic, score)
 
 
-def _share(network: Network, held: Records) -> float:
+def _share(network: Network, held: TrainingData) -> float:
     """Share of the rows that count as independent, in the mean over the outputs."""
-    computed = [network.simulate(s) for s in held.spans]
+    computed = [network.simulate(record) for record in held.records]
     shares = []
     for k in range(len(network.shares)):
-        errors = [s.outputs[k] - y[k] for s, y in zip(held.spans, computed, strict=True)]
+        errors = [y[k] - own[k] for y, own in zip(held.y, computed, strict=True)]
         runs = [run for error in errors for run in runs_of(error)]
         shares.append(effective_share(runs) if runs else 1.0)
     return float(np.mean(shares))
 
 
-def choose_delays(data: Records) -> Delays:
+def choose_delays(data: TrainingData) -> Delays:
     """Dead time of every output behind every input, in whole sample periods.
 
     By the loss of modes whose time constants stand, the other delays held, until none changes;
     then all together by a period, with the time constants searched again.
     """
     data.check()
-    stride = max(1, data.size // THINNED)
-    longest = max(len(s) for s in data.spans)
-    tried = (data.dt * np.arange(1 + min(LARGEST_DELAY, max(4, longest // 8)))).tolist()
-    delays: Delays = tuple((0.0,) * len(data.names) for _ in data.targets)
+    stride = max(1, data.rows // THINNED)
+    tried = (data.period * np.arange(1 + min(LARGEST_DELAY, max(4, data.longest // 8)))).tolist()
+    delays: Delays = tuple((0.0,) * len(data.inputs) for _ in data.outputs)
     score, best = _leanest(Problem(data, delays, stride))
     for _ in range(ROUNDS):
         before = delays
@@ -124,7 +122,7 @@ def choose_delays(data: Records) -> Delays:
         )
         if delays != before:
             score, best = _leanest(Problem(data, delays, stride))
-        moved = [_shifted(delays, step) for step in (-data.dt, data.dt)]
+        moved = [_shifted(delays, step) for step in (-data.period, data.period)]
         for other in moved:
             price, found = _leanest(Problem(data, other, stride))
             if price < score:
@@ -153,7 +151,7 @@ def _shifted(delays: Delays, step: float) -> Delays:
 def _leanest(problem: Problem) -> tuple[float, Found]:
     """Of one to three modes those of least BIC: a delay stands for modes that are missing."""
     found = []
-    outputs, inputs = len(problem.delays), len(problem.data.names)
+    outputs, inputs = len(problem.delays), len(problem.data.inputs)
     rows = sum(problem.rows(k) for k in range(outputs))
     for modes in (1, 2, 3):
         try:
@@ -166,21 +164,21 @@ def _leanest(problem: Problem) -> tuple[float, Found]:
     return min(found, key=lambda pair: pair[0])
 
 
-def started(data: Records) -> Records:
+def started(data: TrainingData) -> TrainingData:
     """The records from rest, unless a free state at the start describes some output clearly better.
 
     The rule is that of transfer functions (`transfer.choose.started`), with shared modes.
     """
     data.check()
-    if brief(data.spans):
+    if brief(data):
         return data
-    if all(standing(data.of(k)) for k in range(len(data.targets))):
+    if all(standing(data.measured(k)) for k in range(len(data.outputs))):
         return data.from_rest()
-    none: Delays = tuple((0.0,) * len(data.names) for _ in data.targets)
+    none: Delays = tuple((0.0,) * len(data.inputs) for _ in data.outputs)
     losses: list[list[float]] = []
     for each in (data.from_rest(), data):
         problem = Problem(each, none)
-        rows = min(problem.rows(k) for k in range(len(data.targets)))
+        rows = min(problem.rows(k) for k in range(len(data.outputs)))
         if rows <= problem.linear_count(3) + 3:
             return data
         found = _leanest(problem)[1]

@@ -8,24 +8,23 @@ import numpy as np
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.network.data import Records
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.network.model import Network, Share
 from thermaltool.fitting.network.problem import Delays, Index, Problem
 from thermaltool.fitting.network.search import METHOD, Found, search
 from thermaltool.fitting.transfer.colour import error_colour
-from thermaltool.fitting.transfer.data import Array
 from thermaltool.signals.gauss_newton import inverse_of
 
 # As many as a kind of response holds.
 MOST_MODES = 6
 
 
-def identify_network(data: Records, modes: int, delays: Delays) -> Network:
+def identify_network(data: TrainingData, modes: int, delays: Delays) -> Network:
     """Time constants that all outputs share, and the weights of each.
 
     Parameters
     ----------
-    data : Records
+    data : TrainingData
     modes : int
         Number of time constants.
     delays : tuple of tuple of float, for each output one for each input [s]
@@ -33,8 +32,8 @@ def identify_network(data: Records, modes: int, delays: Delays) -> Network:
     Raises
     ------
     FitError
-        Data that carry no transfer function (`Data.check`), a delay beyond the record, more modes
-        than the data carry.
+        Data that carry no transfer function (`TrainingData.check`), a delay beyond the record, more
+        modes than the data carry.
     """
     data.check()
     if not 1 <= modes <= MOST_MODES:
@@ -47,8 +46,8 @@ def identify_network(data: Records, modes: int, delays: Delays) -> Network:
 
 def _carried(problem: Problem, modes: int) -> None:
     data, need = problem.data, problem.linear_count(modes) + modes
-    for k, (target, delays) in enumerate(zip(data.targets, problem.delays, strict=True)):
-        for name, delay in zip(data.names, delays, strict=True):
+    for k, (target, delays) in enumerate(zip(data.outputs, problem.delays, strict=True)):
+        for name, delay in zip(data.inputs, delays, strict=True):
             if delay >= data.duration:
                 raise FitError(
                     f"{name}: a delay of {delay:g} s is longer than the record "
@@ -63,19 +62,19 @@ def _carried(problem: Problem, modes: int) -> None:
 
 
 def _network(problem: Problem, found: Found) -> Network:
-    data, n, m = problem.data, len(found.lags), len(problem.data.names)
-    levels, centres = data.levels(), problem.centres()
+    data, n, m = problem.data, len(found.lags), len(problem.data.inputs)
+    levels, centres = data.levels, problem.centres()
     covariances, variances = _covariances(problem, found)
     shares, zeros = [], []
     for k, f in enumerate(found.projected):
         weights = f.linear[: n * m].reshape(m, n)
-        settled = f.linear[n * m : n * m + data.origins] + centres[k]
+        settled = f.linear[n * m : n * m + data.experiments] + centres[k]
         offsets = settled - levels @ weights.sum(1)
         zeros.append(settled)
         shares.append(Share(
-            data.names, data.targets[k], data.dt, found.lags, weights, problem.delays[k],
+            data.inputs, data.outputs[k], data.period, found.lags, weights, problem.delays[k],
             tuple(offsets.tolist()), variances[k], covariances[k], f.rows,
-            n + n * m + data.origins, f.loss, METHOD,
+            n + n * m + data.experiments, f.loss, METHOD,
         ))  # fmt: skip
     return Network(tuple(shares), data.holds, levels, np.array(zeros), found.converged,
                    found.criterion)  # fmt: skip
@@ -87,7 +86,7 @@ def _covariances(problem: Problem, found: Found) -> tuple[list[Array], list[floa
     The estimator is linear in the errors near the optimum; their colour is an AR model for each
     output, and what drives them may be correlated between outputs (Ljung 1999, 9.4).
     """
-    n, own = len(found.lags), len(found.lags) * len(problem.data.names)
+    n, own = len(found.lags), len(found.lags) * len(problem.data.inputs)
     share = n / len(found.projected)
     freedom = [max(f.rows - len(f.linear) - share, 1.0) for f in found.projected]
     variances = [f.loss / free for f, free in zip(found.projected, freedom, strict=True)]
@@ -123,7 +122,7 @@ class _Scores:
 
     def __init__(self, problem: Problem, found: Found) -> None:
         self.problem, self.found = problem, found
-        spans, outputs = len(problem.data.spans), len(found.projected)
+        spans, outputs = len(problem.data.records), len(found.projected)
         errors: list[list[Array]] = [[np.empty(0)] * spans for _ in range(outputs)]
         for k, j, error in problem.errors(found.lags, found.projected):
             errors[k][j] = error
@@ -147,10 +146,10 @@ class _Scores:
     def _rows(self, k: int) -> list[tuple[Array, Array]]:
         """For every span: what the linear columns leave of the slopes, and these columns."""
         lags, f, n = self.found.lags, self.found.projected[k], len(self.found.lags)
-        m, result = len(self.problem.data.names), []
-        for span, place in zip(self.problem.data.spans, self.problem.places(n, False), strict=True):
-            there = self.problem.there(span)[k]
-            rows = self.problem.columns(span, lags, self.problem.delays[k], slopes=True)
+        m, result = len(self.problem.data.inputs), []
+        for j, place in enumerate(self.problem.places(n, False)):
+            there = self.problem.there(j)[k]
+            rows = self.problem.columns(j, lags, self.problem.delays[k], slopes=True)
             rows = rows * there
             linear, slopes = rows[: len(place)], rows[len(place) :]
             sizes = np.concatenate([f.linear[place][: n * m], f.linear[place][n * m + 1 :]])

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermaltool.fitting.network.data import Records, Span
+from thermaltool.fitting.data import Array, TrainingData, Zero
 from thermaltool.fitting.network.problem import Delays, driven, known
-from thermaltool.fitting.transfer.data import Array, Zero
+from thermaltool.record import Record
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Hold
 from thermaltool.responses.rational import KINDS
@@ -157,12 +157,12 @@ class Network:
         each = self.shares[0].time_constants()
         return tuple(e for e in each if e.high > UNTOLD * e.low)
 
-    def simulate(self, span: Span, zero: Zero = "fitted") -> Array:
-        """Free run over a span; the state at its start is estimated from it.
+    def simulate(self, record: Record, zero: Zero = "fitted") -> Array:
+        """Free run over a record; the state at its start is estimated from it.
 
         Parameters
         ----------
-        span : Span
+        record : Record
         zero : Zero
 
         Returns
@@ -170,34 +170,36 @@ class Network:
         y : ndarray, shape (p, n)
             NaN where a delayed input is not in the record.
         """
-        at = span.origin if zero == "fitted" else 0
-        result = np.full((len(self.shares), len(span)), np.nan)
-        decays = np.exp(-span.time / self.lags[:, None])
+        at, elapsed = record.origin if zero == "fitted" else 0, record.elapsed
+        inputs = record.matrix(self.shares[0].names)
+        result = np.full((len(self.shares), len(record)), np.nan)
+        decays = np.exp(-elapsed / self.lags[:, None])
         for k, share in enumerate(self.shares):
-            modes = driven(span, self.levels[at], self.lags, share.delays, self.holds)
+            output = record.column(share.target)
+            modes = driven(elapsed, inputs, self.levels[at], self.lags, share.delays, self.holds)
             y = share.weights.ravel() @ modes + self.zeros[k, at]
             if zero == "mean":
                 y += np.mean(share.offsets) - share.offsets[at]
-            there = known(span, share.delays)
-            judged = there & np.isfinite(span.outputs[k])
-            free = [] if span.at_rest else [decays]
+            there = known(record, share.delays)
+            judged = there & np.isfinite(output)
+            free = [] if record.at_rest else [decays]
             columns = np.vstack([*free, *([np.ones((1, len(y)))] if zero == "free" else [])] or
                                 [np.zeros((0, len(y)))])  # fmt: skip
             if len(columns) and int(judged.sum()) > len(columns):
                 own = columns[:, judged]
-                left = span.outputs[k][judged] - y[judged]
+                left = output[judged] - y[judged]
                 y = y + solve(own @ own.T, own @ left) @ columns
             result[k] = np.where(there, y, np.nan)
         return result
 
-    def fit(self, data: Records, zeros: Sequence[Zero] | None = None) -> list[Agreement]:
-        """How far the free run of every output is from it over all spans."""
+    def fit(self, data: TrainingData, zeros: Sequence[Zero] | None = None) -> list[Agreement]:
+        """How far the free run of every output is from it over all records."""
         computed = self.run(data, zeros)
         return [agreement(data.output(k), computed[k]) for k in range(len(self.shares))]
 
-    def run(self, data: Records, zeros: Sequence[Zero] | None = None) -> Array:
-        """Free runs over all spans in a row, shape (p, n); a zero for each output."""
+    def run(self, data: TrainingData, zeros: Sequence[Zero] | None = None) -> Array:
+        """Free runs over all records in a row, shape (p, n); a zero for each output."""
         fitted: list[Zero] = ["fitted"]
         each = zeros or fitted * len(self.shares)
-        runs = {z: np.hstack([self.simulate(s, z) for s in data.spans]) for z in set(each)}
+        runs = {z: np.hstack([self.simulate(s, z) for s in data.records]) for z in set(each)}
         return np.array([runs[z][k] for k, z in enumerate(each)])

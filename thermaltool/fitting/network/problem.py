@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.fitting.network.data import Records, Span
-from thermaltool.fitting.transfer.data import Array
+from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.record import Record
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Hold, Modes
 from thermaltool.signals.gauss_newton import solve
@@ -27,8 +27,8 @@ EXACT = 1e-13
 
 
 def driven(
-    span: Span, levels: Array, lags: Array, delays: Sequence[float], holds: Sequence[Hold],
-    slopes: bool = False, stride: int = 1,
+    time: Array, inputs: Array, levels: Array, lags: Array, delays: Sequence[float],
+    holds: Sequence[Hold], slopes: bool = False, stride: int = 1,
 ) -> Array:  # fmt: skip
     """Every mode with a steady state of 1, driven by every input relative to `levels`.
 
@@ -37,7 +37,9 @@ def driven(
 
     Parameters
     ----------
-    span : Span
+    time : ndarray, shape (n,) [s]
+        From the first row on.
+    inputs : ndarray, shape (m, n)
     levels : ndarray, shape (m,)
     lags : ndarray, shape (N,) [s]
     delays : sequence of float, one for each input [s]
@@ -52,7 +54,7 @@ def driven(
     ndarray, shape (m · N, rows kept)
     """
     rows = []
-    for u, level, delay, hold in zip(span.inputs, levels, delays, holds, strict=True):
+    for u, level, delay, hold in zip(inputs, levels, delays, holds, strict=True):
         moved, stood = u - u[0], 0.0 if slopes else u[0] - level
         for tau in lags.tolist():
             pole = np.array([-1 / tau], complex)
@@ -60,13 +62,13 @@ def driven(
             double = np.array([1 / tau**2 if slopes else 0.0])
             modes = (DelayedModes(pole, weight, double, delay) if delay
                      else Modes(pole, weight, double))  # fmt: skip
-            rows.append(modes.run(span.time, moved, hold)[::stride] + stood)
+            rows.append(modes.run(time, moved, hold)[::stride] + stood)
     return np.array(rows)
 
 
-def known(span: Span, delays: Sequence[float]) -> NDArray[np.bool_]:
+def known(record: Record, delays: Sequence[float]) -> NDArray[np.bool_]:
     """Rows whose delayed inputs are in the record, or before it known to stand still."""
-    return np.asarray((span.time >= max(delays)) | span.at_rest)
+    return np.asarray((record.elapsed >= max(delays)) | record.at_rest)
 
 
 @dataclass(frozen=True)
@@ -123,66 +125,68 @@ class Problem:
 
     Attributes
     ----------
-    data : Records
+    data : TrainingData
     delays : tuple of tuple of float, for each output one for each input [s]
     stride : int
         Every so many rows count; the modes are followed over all.
     """
 
-    data: Records
+    data: TrainingData
     delays: Delays
     stride: int = 1
 
     def free(self) -> list[int]:
-        """Which span has which decays: its place among those in an unknown state, or −1."""
-        counts = np.cumsum([not s.at_rest for s in self.data.spans]) - 1
-        return [-1 if s.at_rest else int(k) for s, k in zip(self.data.spans, counts, strict=True)]
+        """Which record has which decays: its place among those in an unknown state, or −1."""
+        counts = np.cumsum([not r.at_rest for r in self.data.records]) - 1
+        return [-1 if r.at_rest else int(k) for r, k in zip(self.data.records, counts, strict=True)]
 
     def linear_count(self, modes: int) -> int:
-        unknown = sum(not s.at_rest for s in self.data.spans)
-        return modes * (len(self.data.names) + unknown) + self.data.origins
+        unknown = sum(not record.at_rest for record in self.data.records)
+        return modes * (len(self.data.inputs) + unknown) + self.data.experiments
 
     def rows(self, k: int) -> int:
         """Rows of output k that count."""
-        return sum(int(there[k].sum()) for there in map(self.there, self.data.spans))
+        return sum(int(self.there(j)[k].sum()) for j in range(len(self.data.records)))
 
-    def there(self, span: Span) -> NDArray[np.bool_]:
-        """Which of every `stride` rows count for each output, shape (p, rows)."""
-        kept = np.isfinite(span.outputs)
+    def there(self, j: int) -> NDArray[np.bool_]:
+        """Which of every `stride` rows of record j count for each output, shape (p, rows)."""
+        kept = np.isfinite(self.data.y[j])
         for k, delays in enumerate(self.delays):
-            kept[k] &= known(span, delays)
+            kept[k] &= known(self.data.records[j], delays)
         return kept[:, :: self.stride]
 
     def centres(self) -> Array:
-        """Mean of every output in every experiment, shape (p, origins)."""
-        found = np.zeros((len(self.delays), self.data.origins))
-        for origin in range(self.data.origins):
-            own = [s.outputs for s in self.data.spans if s.origin == origin]
+        """Mean of every output in every experiment, shape (p, experiments)."""
+        found = np.zeros((len(self.delays), self.data.experiments))
+        for origin in range(self.data.experiments):
+            own = [y for r, y in zip(self.data.records, self.data.y, strict=True)
+                   if r.origin == origin]  # fmt: skip
             values = np.hstack(own) if own else np.zeros((len(self.delays), 0))
             for k, y in enumerate(values):
                 there = np.isfinite(y)
                 found[k, origin] = float(np.mean(y[there])) if there.any() else 0.0
         return found
 
-    def columns(self, span: Span, lags: Array, delays: Sequence[float], slopes: bool) -> Array:
-        """Of every `stride` rows of a span: gains, offset, decays, the slopes where wanted."""
-        way = lags, delays, self.data.holds
-        levels, time = self.data.levels()[span.origin], span.time[:: self.stride]
-        parts = [driven(span, levels, *way, stride=self.stride), np.ones((1, len(time)))]
-        passed = time / lags[:, None] if not span.at_rest else np.zeros((0, len(time)))
+    def columns(self, j: int, lags: Array, delays: Sequence[float], slopes: bool) -> Array:
+        """Of every `stride` rows of record j: gains, offset, decays, the slopes where wanted."""
+        record, elapsed = self.data.records[j], self.data.records[j].elapsed
+        levels, time = self.data.levels[record.origin], elapsed[:: self.stride]
+        given = elapsed, self.data.u[j], levels, lags, delays, self.data.holds
+        parts = [driven(*given, stride=self.stride), np.ones((1, len(time)))]
+        passed = time / lags[:, None] if not record.at_rest else np.zeros((0, len(time)))
         parts.append(np.exp(-passed))
         if slopes:
-            parts.append(driven(span, levels, *way, slopes=True, stride=self.stride))
+            parts.append(driven(*given, slopes=True, stride=self.stride))
             parts.append(passed * np.exp(-passed))
         return np.vstack(parts)
 
     def places(self, modes: int, slopes: bool) -> list[Index]:
-        """Where the columns of each span stand among all."""
-        gains, origins = modes * len(self.data.names), self.data.origins
+        """Where the columns of each record stand among all."""
+        gains, origins = modes * len(self.data.inputs), self.data.experiments
         linear, found = self.linear_count(modes), []
-        for span, free in zip(self.data.spans, self.free(), strict=True):
+        for record, free in zip(self.data.records, self.free(), strict=True):
             own = np.arange(0 if free < 0 else modes) + modes * max(free, 0)
-            offset = np.array([gains + span.origin])
+            offset = np.array([gains + record.origin])
             place = [np.arange(gains), offset, gains + origins + own]
             if slopes:
                 place += [linear + np.arange(gains), linear + gains + own]
@@ -193,22 +197,23 @@ class Problem:
         """Of every output; outputs with the same delays and rows share one matrix."""
         n, p = len(lags), len(self.delays)
         linear = self.linear_count(n)
-        size = 2 * linear - self.data.origins if slopes else linear
+        size = 2 * linear - self.data.experiments if slopes else linear
         grams: dict[tuple[bytes, ...], Array] = {}
         keys: list[list[bytes]] = [[] for _ in range(p)]
         cross, power, rows = np.zeros((p, size)), np.zeros(p), np.zeros(p, int)
         centres, parts = self.centres(), []
-        for span, place in zip(self.data.spans, self.places(n, slopes), strict=True):
-            there, columns = self.there(span), {}
+        for j, place in enumerate(self.places(n, slopes)):
+            there, columns = self.there(j), {}
             products: dict[bytes, Array] = {}
             for k, delays in enumerate(self.delays):
                 if delays not in columns:
-                    columns[delays] = self.columns(span, lags, delays, slopes)
+                    columns[delays] = self.columns(j, lags, delays, slopes)
                 key = repr(delays).encode() + np.packbits(there[k]).tobytes()
                 kept = columns[delays] if there[k].all() else columns[delays][:, there[k]]
                 if key not in products:
                     products[key] = kept @ kept.T
-                y = span.outputs[k, :: self.stride][there[k]] - centres[k, span.origin]
+                y = self.data.y[j][k, :: self.stride][there[k]]
+                y = y - centres[k, self.data.records[j].origin]
                 cross[k, place] += kept @ y
                 power[k] += float(y @ y)
                 rows[k] += len(y)
@@ -232,14 +237,14 @@ class Problem:
     def project(self, lags: Array) -> list[Projected]:
         """Every output for given time constants."""
         n = len(lags)
-        linear, gains = self.linear_count(n), n * len(self.data.names)
+        linear, gains = self.linear_count(n), n * len(self.data.inputs)
         inner, outer = slice(0, linear), slice(linear, None)
         found = []
         for s in self.sums(lags):
             G, g = s.gram[inner, inner], s.cross[inner]
             # A slope by ln τ_j: those of its gains and decays, by their sizes.
             c = solve(G, g)
-            sizes = np.concatenate([c[:gains], c[gains + self.data.origins :]])
+            sizes = np.concatenate([c[:gains], c[gains + self.data.experiments :]])
             turn = np.zeros((len(sizes), n))
             turn[np.arange(len(sizes)), np.arange(len(sizes)) % n] = sizes
             across = s.gram[inner, outer] @ turn
@@ -251,16 +256,17 @@ class Problem:
         return found
 
     def errors(self, lags: Array, found: Sequence[Projected]) -> Iterator[tuple[int, int, Array]]:
-        """For each output and span: (output, span, its errors, NaN where no row counts)."""
+        """For each output and record: (output, record, its errors, NaN where no row counts)."""
         centres = self.centres()
-        for j, (span, place) in enumerate(
-            zip(self.data.spans, self.places(len(lags), False), strict=True)
+        for j, (record, place) in enumerate(
+            zip(self.data.records, self.places(len(lags), False), strict=True)
         ):
-            there, seen = self.there(span), dict.fromkeys(self.delays)
-            columns = {delays: self.columns(span, lags, delays, slopes=False) for delays in seen}
+            there, seen = self.there(j), dict.fromkeys(self.delays)
+            columns = {delays: self.columns(j, lags, delays, slopes=False) for delays in seen}
             for k, delays in enumerate(self.delays):
                 computed = found[k].linear[place] @ columns[delays]
-                error = span.outputs[k, :: self.stride] - centres[k, span.origin] - computed
+                y = self.data.y[j][k, :: self.stride]
+                error = y - centres[k, record.origin] - computed
                 yield k, j, np.where(there[k], error, np.nan)
 
 

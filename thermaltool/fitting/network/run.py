@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.network.choose import (
     Candidate,
     choose_delays,
     choose_modes,
     started,
 )
-from thermaltool.fitting.network.data import Records
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.residuals import network_tests
@@ -50,7 +50,7 @@ class Shared:
     Attributes
     ----------
     network : Network
-    data : Records
+    data : TrainingData
         What it was fitted to.
     training, validation : tuple of Agreement, one for each output
         Of free runs; `validation` is None where no data were kept for it.
@@ -62,7 +62,7 @@ class Shared:
     """
 
     network: Network
-    data: Records
+    data: TrainingData
     training: tuple[Agreement, ...]
     validation: tuple[Agreement, ...] | None
     improvement: tuple[float, ...] | None
@@ -78,14 +78,14 @@ class Shared:
         )
 
 
-def run_shared(data: Records, plan: SharedPlan, fresh: Records | None = None) -> Shared:
+def run_shared(data: TrainingData, plan: SharedPlan, fresh: TrainingData | None = None) -> Shared:
     """Fit and judge one network for all outputs.
 
     Parameters
     ----------
-    data : Records
+    data : TrainingData
     plan : SharedPlan
-    fresh : Records, optional
+    fresh : TrainingData, optional
         Of another log, for validation.
 
     Raises
@@ -95,7 +95,7 @@ def run_shared(data: Records, plan: SharedPlan, fresh: Records | None = None) ->
     """
     held = fresh
     if plan.split is not None:
-        data, held = data.parted(plan.split)
+        data, held = data.split(plan.split)
     if plan.initial != "free":
         data = data.from_rest() if plan.initial == "rest" else started(data)
     network, candidates = _fitted(data, plan)
@@ -106,12 +106,12 @@ def run_shared(data: Records, plan: SharedPlan, fresh: Records | None = None) ->
                   tuple(network_tests(network, data)), candidates)  # fmt: skip
 
 
-def _fitted(data: Records, plan: SharedPlan) -> tuple[Network, tuple[Candidate, ...] | None]:
+def _fitted(data: TrainingData, plan: SharedPlan) -> tuple[Network, tuple[Candidate, ...] | None]:
     data.check()
     if plan.delay == "auto":
         delays = choose_delays(data)
     else:
-        delays = tuple((plan.delay,) * len(data.names) for _ in data.targets)
+        delays = tuple((plan.delay,) * len(data.inputs) for _ in data.outputs)
     if plan.modes is not None:
         return identify_network(data, plan.modes, delays), None
     candidates = choose_modes(data, delays)
@@ -120,14 +120,14 @@ def _fitted(data: Records, plan: SharedPlan) -> tuple[Network, tuple[Candidate, 
 
 
 def _validated(
-    network: Network, held: Records, other_log: bool
+    network: Network, held: TrainingData, other_log: bool
 ) -> tuple[tuple[Agreement, ...], tuple[float, ...]]:
-    zeros = tuple(zero_of(target, other_log) for target in held.targets)
+    zeros = tuple(zero_of(target, other_log) for target in held.outputs)
     fits, gains = [], []
     for k, (share, y) in enumerate(zip(network.shares, network.run(held, zeros), strict=True)):
-        outputs = [s.outputs[k] for s in held.spans]
-        rest = rests(held.spans, outputs, zeros[k], share.offsets)
-        fit, gain = judged(share.target, held.spans, outputs, y, rest, share.modes)
+        outputs = [each[k] for each in held.y]
+        rest = rests(held.records, outputs, zeros[k], share.offsets)
+        fit, gain = judged(share.target, held.records, outputs, y, rest, share.modes)
         fits.append(fit)
         gains.append(gain)
     return tuple(fits), tuple(gains)

@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.data import Array
 from thermaltool.fitting.network.problem import Problem, Projected, Sums, criterion
-from thermaltool.fitting.transfer.data import Array
 from thermaltool.fitting.transfer.search import SLOWEST
 from thermaltool.signals.gauss_newton import minimize, solve
 
-# Starts are found on so many rows; the modes are followed over all. Of a record in many spans, each
-# with decays of its own, the longest ones do.
-THINNED, SPANS = 20000, 6
+# Starts are found on so many rows; the modes are followed over all. Of many records, each with
+# decays of its own, the longest ones do.
+THINNED, RECORDS = 20000, 6
 # Time constants that a start chooses from, for each decade; the shortest one, in sample periods.
 PER_DECADE, FASTEST = 6, 0.2
 # The likelihood that counts as settled.
@@ -57,7 +57,7 @@ def search(problem: Problem, modes: int) -> Found:
     FitError
         Two modes fall together: the data carry fewer.
     """
-    stride = max(1, problem.data.size // THINNED)
+    stride = max(1, problem.data.rows // THINNED)
     thin = replace(problem, stride=problem.stride * stride)
     tries = [refine(thin, start) for start in starts(thin, modes)]
     best = min(tries, key=lambda found: found.criterion)
@@ -74,7 +74,7 @@ def search(problem: Problem, modes: int) -> Found:
 
 def box(problem: Problem) -> tuple[float, float]:
     """Shortest and longest time constant of the search [s]."""
-    return FASTEST * problem.data.dt, SLOWEST * problem.data.duration
+    return FASTEST * problem.data.period, SLOWEST * problem.data.duration
 
 
 def refine(problem: Problem, lags: Array, most: int = 60) -> Found:
@@ -119,7 +119,7 @@ def starts(problem: Problem, modes: int) -> list[Array]:
     low, high = 3 * low, high / 5
     count = max(modes + 2, round(PER_DECADE * np.log10(high / low)))
     grid = np.geomspace(high, low, count)
-    few = replace(problem, data=problem.data.longest(SPANS))
+    few = replace(problem, data=problem.data.longest_records(RECORDS))
     chosen = _chosen(_Bank(few, grid), modes)
     spread = np.geomspace(high / 10, max(low * 5, high / 1000), modes)
     return [grid[list(chosen)], spread]
@@ -129,8 +129,8 @@ class _Bank:
     """Losses of any choice from a grid of time constants, from one pass over the rows."""
 
     def __init__(self, problem: Problem, grid: Array) -> None:
-        self.count, self.inputs = len(grid), len(problem.data.names)
-        self.origins = problem.data.origins
+        self.count, self.inputs = len(grid), len(problem.data.inputs)
+        self.origins = problem.data.experiments
         self.sums: list[Sums] = problem.sums(grid, slopes=False)
         self.shared: dict[int, list[int]] = {}
         for k, s in enumerate(self.sums):

@@ -16,8 +16,8 @@ from typing import TypeVar
 import numpy as np
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.transfer.colour import effective_share
-from thermaltool.fitting.transfer.data import Array, Data, Piece
 from thermaltool.fitting.transfer.identify import Structure, identify, orders_of
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.output_error import Orders, Problem
@@ -83,9 +83,8 @@ class Choice:
 
 
 def choose(
-    data: Data,
+    data: TrainingData,
     structure: Structure,
-    least_delay: tuple[int, ...],
     nc: int = 1,
     nd: int = 1,
     real: bool = False,
@@ -94,10 +93,8 @@ def choose(
 
     Parameters
     ----------
-    data : Data
+    data : TrainingData
     structure : Structure
-    least_delay : tuple of int, one for each input
-        1 where the input is held between samples, 0 where it runs on.
     nc, nd : int
         Orders of the noise.
     real : bool
@@ -109,11 +106,11 @@ def choose(
         No candidate fits.
     """
     data.check()
-    short = data if data.size <= COMPARED else data.excerpt(COMPARED)
-    fitted, held = short.parted(FITTED)
+    short = data if data.rows <= COMPARED else data.excerpt(COMPARED)
+    fitted, held = short.split(FITTED)
     found: dict[tuple[int, int, tuple[int, ...]], TransferModel] = {}
     problem: FitError | None = None
-    for nb, nf, delays in _grid(_delays(fitted, least_delay), least_delay):
+    for nb, nf, delays in _grid(_delays(fitted), data.least_delays):
         try:
             orders = orders_of(structure, (nb,) * len(delays), nf, delays)
             model = identify(fitted, structure, orders, nc, nd, real)
@@ -148,7 +145,7 @@ def first_that_fits(candidates: Iterable[C], fit: Callable[[C], M]) -> M:
     raise problem or FitError("there is no candidate")
 
 
-def started(data: Data, least_delay: tuple[int, ...]) -> Data:
+def started(data: TrainingData) -> TrainingData:
     """The data from rest, unless a free state at the start describes them clearly better.
 
     Free responses can stand for slow modes: with one step in the record gain, offset, modes and
@@ -158,14 +155,15 @@ def started(data: Data, least_delay: tuple[int, ...]) -> Data:
     still at first are at rest whatever the losses say: a delay alone can make a free state better.
     """
     data.check()
-    if brief(data.stretches):
+    if brief(data):
         return data
     if standing(data):
         return data.from_rest()
-    orders = orders_of("oe", (2,) * len(least_delay), 2, least_delay)
+    least = data.least_delays
+    orders = orders_of("oe", (2,) * len(least), 2, least)
     losses = []
     for each in (data.from_rest(), data):
-        problem = Problem(each.padded(orders.first), orders)
+        problem = Problem(each.about_levels(orders.first), orders)
         if problem.rows <= problem.linear_count + sum(orders.nf):
             return data
         found = search(problem)
@@ -189,16 +187,14 @@ def in_transient(rest: float, free: float, errors: Sequence[Array]) -> bool:
     return ratio > RESTING or rows * float(np.log(max(ratio, 1.0))) > CLEARLY
 
 
-def brief(pieces: Sequence[Piece]) -> bool:
-    """Whether some experiment begins with a piece too short to tell rest from a transient."""
-    begins = {piece.origin: piece for piece in reversed(pieces)}
-    return any(len(piece) < IDLE * LEAST for piece in begins.values())
+def brief(data: TrainingData) -> bool:
+    """Whether some experiment begins with a record too short to tell rest from a transient."""
+    return any(len(data.records[k]) < IDLE * LEAST for k in data.begins.values())
 
 
-def standing(data: Data) -> bool:
+def standing(data: TrainingData) -> bool:
     """Whether every experiment begins idle: inputs and output stand still, within their noise."""
-    begins = {s.origin: s for s in reversed(data.stretches)}
-    return all(_stands(s.inputs, s.output) for s in begins.values())
+    return all(_stands(data.u[k], data.y[k][0]) for k in data.begins.values())
 
 
 def _stands(inputs: Array, output: Array) -> bool:
@@ -223,7 +219,9 @@ def real_poles(model: TransferModel) -> bool:
 
 
 def _ranked(
-    found: Mapping[tuple[int, int, tuple[int, ...]], TransferModel], fitted: Data, held: Data
+    found: Mapping[tuple[int, int, tuple[int, ...]], TransferModel],
+    fitted: TrainingData,
+    held: TrainingData,
 ) -> tuple[Candidate, ...]:
     """By their free run over what was not fitted, the best first."""
     y = held.output()
@@ -233,9 +231,9 @@ def _ranked(
     if not squares:
         return ()
     best = y - computed[min(squares, key=lambda key: squares[key])]
-    ends = np.cumsum([len(s) for s in held.stretches])[:-1]
+    ends = np.cumsum([len(record) for record in held.records])[:-1]
     runs = [e[np.isfinite(e)] for e in np.split(best, ends)]
-    rows = max(effective_share(runs) * held.size, 2.0)
+    rows = max(effective_share(runs) * held.rows, 2.0)
     variance = float(np.var(fitted.output()))
     ranked = []
     for (nb, nf, nk), square in squares.items():
@@ -263,25 +261,25 @@ def _grid(
                 yield nb, nf, nk
 
 
-def _delays(data: Data, least: tuple[int, ...]) -> list[tuple[int, ...]]:
+def _delays(data: TrainingData) -> list[tuple[int, ...]]:
     """Delay of each input, the others held, until none changes.
 
     Then what else may be: the least delays, and for each input the best other minimum of the loss,
     for a delay can stand for poles that a second order has not.
     """
-    most = min(LARGEST_DELAY, max(4, data.longest // 8))
+    most, least = min(LARGEST_DELAY, max(4, data.longest // 8)), data.least_delays
     nk, others = least, list(least)
     for _ in range(3):
         before = nk
         for k, low in enumerate(least):
             losses = []
             orders = orders_of("oe", (3,) * len(nk), 2, nk)
-            problem = Problem(data.padded(orders.first), orders)
+            problem = Problem(data.about_levels(orders.first), orders)
             F = search(problem).F
             for delay in range(low, most + 1):
                 tried = (*nk[:k], delay, *nk[k + 1 :])
                 orders = orders_of("oe", (2,) * len(nk), 2, tried)
-                candidate = Problem(data.padded(orders.first), orders)
+                candidate = Problem(data.about_levels(orders.first), orders)
                 losses.append(candidate.project(F, keep=False).loss / max(candidate.rows, 1))
             minima = _minima(losses)
             others[k] = low + minima[min(1, len(minima) - 1)]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import freqz
 
-from thermaltool.fitting.transfer.data import Array
+from thermaltool.fitting.data import Array
 from thermaltool.timeseries.ar import burg
 from thermaltool.timeseries.record import NEW_START, Record
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import ModelError
-from thermaltool.fitting.transfer.data import Array
+from thermaltool.fitting.data import Array
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Hold

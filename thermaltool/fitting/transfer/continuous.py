@@ -8,7 +8,7 @@ counts in samples within the search.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.transfer.data import Array, Data
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.transfer.identify import check_orders, coloured_gram
 from thermaltool.fitting.transfer.model import TransferModel, decay
 from thermaltool.fitting.transfer.output_error import Orders, Problem
@@ -34,13 +34,8 @@ SLOWEST = 1e-30
 class ContinuousProblem(Problem):
     """Denominators A(s) = s^n + a1 s^(n−1) + ... + an, as (1, a1, ..., an), s in 1/samples.
 
-    Attributes
-    ----------
-    holds : tuple of "zero" or "first"
-        Of each input.
+    The inputs go on between samples as the data say.
     """
-
-    holds: tuple[Hold, ...] = ()
 
     def recursion(self, f: Array) -> Array:
         return np.asarray(np.poly(np.exp(np.roots(f))).real)
@@ -48,18 +43,14 @@ class ContinuousProblem(Problem):
     def start(self, lags: Array) -> Array:
         return np.asarray(np.poly(-1 / np.asarray(lags, float)).real)
 
-    def only(self, inputs: Sequence[int], data: Data, orders: Orders) -> ContinuousProblem:
-        holds = tuple(self.holds[i] for i in inputs)
-        return replace(self, data=data, orders=orders, holds=holds)
-
     def parts(self, lags: Array, nb: int) -> Array:
         return partial_fractions(-1.0 / lags, range(nb))
 
     def numerators(self, u: Array, f: Array, i: int, out: Array) -> None:
         n = len(u) - self.orders.first
         # A held input reaches the next sample first: the filter has that sample in it.
-        begin = self.orders.first - self.orders.nk[i] + (self.holds[i] == "zero")
-        numerators, denominator = sampled(f, self.holds[i])
+        begin = self.orders.first - self.orders.nk[i] + (self.data.holds[i] == "zero")
+        numerators, denominator = sampled(f, self.data.holds[i])
         for j, row in enumerate(out):
             row[:] = lfilter(numerators[j], denominator, u)[begin : begin + n]
 
@@ -179,17 +170,14 @@ def sampled(f: Array, hold: Hold) -> tuple[Array, Array]:
     return numerators, np.asarray(denominator)
 
 
-def identify_continuous(
-    data: Data, orders: Orders, holds: Sequence[Hold], real: bool = False
-) -> TransferModel:
+def identify_continuous(data: TrainingData, orders: Orders, real: bool = False) -> TransferModel:
     """A model in continuous time, given as its exact discrete form.
 
     Parameters
     ----------
-    data : Data
+    data : TrainingData
     orders : Orders
         nb coefficients of B(s), at most nf; nk samples of delay, of which a held input has one.
-    holds : sequence of "zero" or "first"
     real : bool
         Real poles only.
 
@@ -202,10 +190,10 @@ def identify_continuous(
     check_orders(data, orders)
     if any(b > f for b, f in zip(orders.nb, orders.nf, strict=True)):
         raise FitError("in continuous time nb is at most nf: the response has no direct part")
-    for name, nk, hold in zip(data.names, orders.nk, holds, strict=True):
+    for name, nk, hold in zip(data.inputs, orders.nk, data.holds, strict=True):
         if hold == "zero" and nk < 1:
             raise FitError(f"{name} is held between samples: its delay nk is at least 1")
-    problem = ContinuousProblem(data.padded(orders.first), orders, holds=tuple(holds))
+    problem = ContinuousProblem(data.about_levels(orders.first), orders)
     found = search(problem)
     if real:
         found = overdamped(problem, found)
@@ -217,7 +205,7 @@ def identify_continuous(
     middle = coloured_gram(problem, found, slopes.gram, sigma2)
     covariance = (inverse @ middle @ inverse)[:own, :own]
     theta = np.concatenate([*(f[1:] for f in found.F), here.linear[: sum(orders.nb)]])
-    F, B = _discrete(theta, orders, holds)
+    F, B = _discrete(theta, orders, data.holds)
     edge = sum(orders.nb)
     for f in found.F:
         if not f[-1] > SLOWEST:
@@ -226,15 +214,15 @@ def identify_continuous(
     gains = theta[starts] / np.array([f[-1] for f in found.F])
     return ContinuousModel(
         "oe",
-        data.names,
-        data.target,
-        data.dt,
+        data.inputs,
+        data.outputs[0],
+        data.period,
         orders,
         B,
         F,
-        tuple((here.linear[edge : edge + data.origins] - data.levels() @ gains).tolist()),
-        data.levels(),
-        tuple(here.linear[edge : edge + data.origins].tolist()),
+        tuple((here.linear[edge : edge + data.experiments] - data.levels @ gains).tolist()),
+        data.levels,
+        tuple(here.linear[edge : edge + data.experiments].tolist()),
         sigma2,
         covariance,
         found.method + " in continuous time",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.transfer.data import Array, Data, Stretch
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.transfer.output_error import Orders
 from thermaltool.fitting.transfer.polynomials import difference_basis, stabilized
 from thermaltool.signals.gauss_newton import minimize, solve
@@ -52,22 +52,22 @@ class Regression:
     converged: bool = True
 
 
-def arx(data: Data, orders: Orders) -> Regression:
+def arx(data: TrainingData, orders: Orders) -> Regression:
     """ARX by least squares."""
     return _step(data, orders, 0, None)
 
 
-def armax(data: Data, orders: Orders, nc: int, most: int = 50) -> Regression:
+def armax(data: TrainingData, orders: Orders, nc: int, most: int = 50) -> Regression:
     """ARMAX by Gauss-Newton from two regressions."""
     longer = min(LONG * max(orders.nf[0], nc, 2), max(2, data.longest // 10))
     long_orders = Orders(orders.nb, (max(longer, orders.nf[0]),), orders.nk, orders.groups)
     long = arx(data, long_orders)
-    noise = [_errors(s, long_orders, long) for s in data.stretches]
+    noise = [_errors(data, k, long_orders, long) for k in range(len(data.records))]
     end = minimize(
         _evaluated(data, orders, _step(data, orders, nc, noise)),
         lambda here: here.loss,
         lambda here: _slopes(data, orders, here),
-        lambda here, step: _evaluated(data, orders, _moved(here, orders, step, data.origins)),
+        lambda here, step: _evaluated(data, orders, _moved(here, orders, step, data.experiments)),
         lambda here: SETTLED * here.loss / here.rows,
         most,
     )
@@ -79,10 +79,11 @@ def _first(orders: Orders) -> int:
     return max(orders.first, orders.nf[0])
 
 
-def _rows(s: Stretch, orders: Orders, y: Array, inputs: Array, one: Array) -> list[Array]:
+def _rows(data: TrainingData, k: int, orders: Orders) -> list[Array]:
     """Columns of F and B in differences, and the constant, on the rows that count."""
     first = _first(orders)
-    n = len(s) - first
+    inputs, (y,) = data.u[k], data.y[k]
+    n = len(y) - first
     rows = []
     lag = y
     for j in range(orders.nf[0]):
@@ -94,7 +95,7 @@ def _rows(s: Stretch, orders: Orders, y: Array, inputs: Array, one: Array) -> li
             if j:
                 u = np.diff(u)
             rows.append(u[first - nk - j : first - nk - j + n])
-    rows.append(one[first:])
+    rows.append(np.ones(n))
     return rows
 
 
@@ -108,18 +109,18 @@ def _place(orders: Orders, nc: int, origin: int) -> NDArray[np.intp]:
     return np.concatenate(parts).astype(np.intp)
 
 
-def _step(data: Data, orders: Orders, nc: int, noise: list[Array] | None) -> Regression:
+def _step(data: TrainingData, orders: Orders, nc: int, noise: list[Array] | None) -> Regression:
     """One linear regression; `noise` stands for e where C is wanted."""
-    size = orders.parameters + nc + data.origins
+    size = orders.parameters + nc + data.experiments
     gram, right, power, rows_seen = np.zeros((size, size)), np.zeros(size), 0.0, 0
-    for k, s in enumerate(data.stretches):
+    for k, record in enumerate(data.records):
         first = _first(orders)
-        if len(s) <= first + 1:
+        if len(record) <= first + 1:
             continue
-        X = _rows(s, orders, s.output, s.inputs, np.ones(len(s)))
+        X = _rows(data, k, orders)
         if noise is not None:
             X += [lag[first:] for lag in _lags(noise[k], nc)]
-        Z, y, place = np.array(X), s.output[first:], _place(orders, nc, s.origin)
+        Z, y, place = np.array(X), data.y[k][0, first:], _place(orders, nc, record.origin)
         gram[np.ix_(place, place)] += Z @ Z.T
         right[place] += Z @ y
         power += float(y @ y)
@@ -129,9 +130,9 @@ def _step(data: Data, orders: Orders, nc: int, noise: list[Array] | None) -> Reg
     theta = solve(gram, right)
     loss = max(power - float(theta @ right), 1e-30 * power)
     start = Regression(np.eye(1, orders.nf[0] + 1)[0], np.eye(1, nc + 1)[0],
-                       tuple(np.zeros(b) for b in orders.nb), (0.0,) * data.origins,
+                       tuple(np.zeros(b) for b in orders.nb), (0.0,) * data.experiments,
                        gram, loss, rows_seen)  # fmt: skip
-    return _moved(start, orders, theta, data.origins)
+    return _moved(start, orders, theta, data.experiments)
 
 
 def _moved(r: Regression, orders: Orders, step: Array, origins: int) -> Regression:
@@ -147,37 +148,37 @@ def _moved(r: Regression, orders: Orders, step: Array, origins: int) -> Regressi
     return Regression(F, C, tuple(B), constants, r.gram, r.loss, r.rows)
 
 
-def _errors(s: Stretch, orders: Orders, r: Regression) -> Array:
+def _errors(data: TrainingData, k: int, orders: Orders, r: Regression) -> Array:
     """One-step errors e on every row, zero before the first that counts."""
     first = _first(orders)
-    if len(s) <= first:
-        return np.zeros(len(s))
-    error = lfilter(r.F, [1.0], s.output) - r.constants[s.origin]
-    for u, b, nk in zip(s.inputs, r.numerators, orders.nk, strict=True):
+    record, (y,) = data.records[k], data.y[k]
+    if len(record) <= first:
+        return np.zeros(len(record))
+    error = lfilter(r.F, [1.0], y) - r.constants[record.origin]
+    for u, b, nk in zip(data.u[k], r.numerators, orders.nk, strict=True):
         error = error - lfilter(np.concatenate([np.zeros(nk), b]), [1.0], u)
-    result = np.zeros(len(s))
+    result = np.zeros(len(record))
     result[first:] = lfilter([1.0], r.C, error[first:])
     return result
 
 
-def _evaluated(data: Data, orders: Orders, r: Regression) -> Regression:
+def _evaluated(data: TrainingData, orders: Orders, r: Regression) -> Regression:
     """With the loss of the one-step errors."""
-    loss = sum(float(np.sum(_errors(s, orders, r) ** 2)) for s in data.stretches)
+    loss = sum(float(np.sum(_errors(data, k, orders, r) ** 2)) for k in range(len(data.records)))
     return Regression(r.F, r.C, r.numerators, r.constants, r.gram, loss, r.rows)
 
 
-def _slopes(data: Data, orders: Orders, r: Regression) -> tuple[Array, Array]:
+def _slopes(data: TrainingData, orders: Orders, r: Regression) -> tuple[Array, Array]:
     nc = len(r.C) - 1
-    size = orders.parameters + nc + data.origins
+    size = orders.parameters + nc + data.experiments
     gram, score, first = np.zeros((size, size)), np.zeros(size), _first(orders)
-    for s in data.stretches:
-        if len(s) <= first + 1:
+    for k, record in enumerate(data.records):
+        if len(record) <= first + 1:
             continue
-        e = _errors(s, orders, r)
-        rows = [lfilter([1.0], r.C, x) for x in
-                _rows(s, orders, s.output, s.inputs, np.ones(len(s)))]  # fmt: skip
+        e = _errors(data, k, orders, r)
+        rows = [lfilter([1.0], r.C, x) for x in _rows(data, k, orders)]
         rows += [lag[first:] for lag in _lags(lfilter([1.0], r.C, e), nc)]
-        Z, place = np.array(rows), _place(orders, nc, s.origin)
+        Z, place = np.array(rows), _place(orders, nc, record.origin)
         gram[np.ix_(place, place)] += Z @ Z.T
         score[place] += Z @ e[first:]
     return gram, score

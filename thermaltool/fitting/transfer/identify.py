@@ -10,8 +10,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.transfer.colour import error_colour, error_record
-from thermaltool.fitting.transfer.data import Array, Data
 from thermaltool.fitting.transfer.equation_error import Regression, armax, arx
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.output_error import Orders, Problem
@@ -48,7 +48,7 @@ def orders_of(
 
 
 def identify(
-    data: Data,
+    data: TrainingData,
     structure: Structure,
     orders: Orders,
     nc: int = 1,
@@ -59,7 +59,7 @@ def identify(
 
     Parameters
     ----------
-    data : Data
+    data : TrainingData
     structure : {"oe", "bj", "arx", "armax"}
     orders : Orders
     nc, nd : int
@@ -70,7 +70,7 @@ def identify(
     Raises
     ------
     FitError
-        Data that carry no transfer function (`Data.check`), a delay beyond the record, more
+        Data that carry no transfer function (`TrainingData.check`), a delay beyond the record, more
         parameters than rows.
     """
     data.check()
@@ -78,7 +78,7 @@ def identify(
     if structure in ("arx", "armax"):
         found = arx(data, orders) if structure == "arx" else armax(data, orders, nc)
         return _equation_model(data, structure, orders, found)
-    problem = Problem(data.padded(orders.first), orders)
+    problem = Problem(data.about_levels(orders.first), orders)
     found_oe = search(problem)
     if structure == "oe":
         found_oe = overdamped(problem, found_oe) if real else found_oe
@@ -86,25 +86,25 @@ def identify(
     return _box_jenkins(problem, found_oe, data, nc, nd)
 
 
-def check_orders(data: Data, orders: Orders) -> None:
+def check_orders(data: TrainingData, orders: Orders) -> None:
     """Refuse what the record does not carry (FitError).
 
     A delay beyond it, a log in pieces too short to say anything, more parameters than rows.
     """
-    for name, nk in zip(data.names, orders.nk, strict=True):
+    for name, nk in zip(data.inputs, orders.nk, strict=True):
         if nk >= data.longest:
             raise FitError(
                 f"{name}: a delay of {nk} samples is longer than the record ({data.longest})"
             )
-    problem = Problem(data.padded(orders.first), orders)
-    if {s.origin for s in problem.used} != set(range(data.origins)):
+    problem = Problem(data.about_levels(orders.first), orders)
+    if {data.records[k].origin for k in problem.used} != set(range(data.experiments)):
         raise FitError(
-            f"{data.target}: a log has no run of more than {orders.shortest} readings without a "
-            "gap, which these orders need: take lower ones; --structure network takes holes"
+            f"{data.outputs[0]}: a log has no run of more than {orders.shortest} readings without "
+            "a gap, which these orders need: take lower ones; --structure network takes holes"
         )
     need = problem.linear_count + sum(orders.nf)
     # What is known from before the record is no row of it.
-    before = sum(s.at_rest for s in problem.used) * orders.first
+    before = sum(data.records[k].at_rest for k in problem.used) * orders.first
     rows = problem.rows - before
     if rows < 2 * need:
         raise FitError(
@@ -124,7 +124,7 @@ def _numerators(problem: Problem, linear: Array) -> tuple[Array, ...]:
 
 
 def _output_model(
-    problem: Problem, found: Found, structure: Structure, data: Data,
+    problem: Problem, found: Found, structure: Structure, data: TrainingData,
     C: Array | None = None, D: Array | None = None,
 ) -> TransferModel:  # fmt: skip
     here, orders = problem.project(found.F), problem.orders
@@ -146,15 +146,15 @@ def _output_model(
     gains = np.array([b.sum() / of[k].sum() for k, b in enumerate(B)])
     return TransferModel(
         structure,
-        data.names,
-        data.target,
-        data.dt,
+        data.inputs,
+        data.outputs[0],
+        data.period,
         orders,
         B,
         found.F,
-        tuple((here.linear[edge : edge + data.origins] - data.levels() @ gains).tolist()),
-        data.levels(),
-        tuple(here.linear[edge : edge + data.origins].tolist()),
+        tuple((here.linear[edge : edge + data.experiments] - data.levels @ gains).tolist()),
+        data.levels,
+        tuple(here.linear[edge : edge + data.experiments].tolist()),
         sigma2,
         covariance[:own, :own],
         found.method,
@@ -186,7 +186,9 @@ def coloured_gram(problem: Problem, found: Found, gram: Array, sigma2: float) ->
     return result * variance
 
 
-def _box_jenkins(problem: Problem, found: Found, data: Data, nc: int, nd: int) -> TransferModel:
+def _box_jenkins(
+    problem: Problem, found: Found, data: TrainingData, nc: int, nd: int
+) -> TransferModel:
     """Refined instrumental variables with a noise model (RIV; Young 2011, chapter 7).
 
     An ARMA model of the errors whitens all rows of the next plant estimate, until the plant stands.
@@ -212,7 +214,7 @@ def _box_jenkins(problem: Problem, found: Found, data: Data, nc: int, nd: int) -
 
 
 def _equation_model(
-    data: Data, structure: Structure, orders: Orders, found: Regression
+    data: TrainingData, structure: Structure, orders: Orders, found: Regression
 ) -> TransferModel:
     sigma2 = found.loss / max(found.rows - len(found.gram), 1)
     own = orders.parameters
@@ -223,15 +225,15 @@ def _equation_model(
     gains = np.array([b.sum() / at_rest for b in found.numerators])
     return TransferModel(
         structure,
-        data.names,
-        data.target,
-        data.dt,
+        data.inputs,
+        data.outputs[0],
+        data.period,
         orders,
         found.numerators,
         (found.F,),
         tuple(offsets.tolist()),
-        data.levels(),
-        tuple((offsets + data.levels() @ gains).tolist()),
+        data.levels,
+        tuple((offsets + data.levels @ gains).tolist()),
         sigma2,
         sigma2 * inverse,
         "least squares" if structure == "arx" else "Gauss-Newton from two regressions",

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.transfer.data import Array, Piece, Zero
+from thermaltool.fitting.data import Array, Zero
+from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement, improvement
 from thermaltool.units import is_displacement
 
@@ -21,7 +22,7 @@ def zero_of(target: str, other_log: bool) -> Zero:
 
 def judged(
     target: str,
-    pieces: Sequence[Piece],
+    pieces: Sequence[Record],
     measured: Sequence[Array],
     computed: Array,
     rest: Array,
@@ -33,7 +34,7 @@ def judged(
     ----------
     target : str
         Name of the output.
-    pieces : sequence of Piece
+    pieces : sequence of Record
     measured : sequence of ndarray
         Output over each piece; NaN where a reading is missing.
     computed, rest : ndarray, all pieces in a row
@@ -65,7 +66,7 @@ def judged(
 
 
 def rests(
-    pieces: Sequence[Piece], measured: Sequence[Array], zero: Zero, offsets: Sequence[float]
+    pieces: Sequence[Record], measured: Sequence[Array], zero: Zero, offsets: Sequence[float]
 ) -> Array:
     """What counts as no deviation, row by row: the zero, or the first reading of its log."""
     if zero == "mean":

@@ -8,10 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from thermaltool.errors import ModelError
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.transfer.continuation import Continued
-from thermaltool.fitting.transfer.data import Array, Data, Stretch
 from thermaltool.model import Drive, Model, Output, Role, Term, relative
-from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.signals.intervals import Estimate
 from thermaltool.units import Reference, drive_reference, hold_of, is_displacement
@@ -34,7 +33,7 @@ class Identity(Protocol):
 
 
 def machine(
-    found: Sequence[tuple[Identity, Sequence[Continued | str], Agreement, Data]],
+    found: Sequence[tuple[Identity, Sequence[Continued | str], Agreement, TrainingData]],
     reference: Reference | None,
     provenance: Mapping[str, Any],
 ) -> Model:
@@ -56,7 +55,9 @@ def machine(
     for model, ways, training, data in found:
         for k, name in enumerate(model.names):
             rest = drive_reference(name) if reference is None else reference
-            drives[name] = Drive(name, hold_of(name), rest, _extent(data, k, rest))
+            drives[name] = Drive(
+                name, hold_of(name), rest, _extent(data, [u[k] for u in data.u], rest)
+            )
         for name, way in zip(model.names, ways, strict=True):
             if isinstance(way, str):
                 raise ModelError(way)
@@ -66,7 +67,7 @@ def machine(
                  found[0][0].dt, provenance)  # fmt: skip
 
 
-def in_use(model: Model, data: Data, clocks: Sequence[Array] | None = None) -> Agreement:
+def in_use(model: Model, data: TrainingData) -> Agreement:
     """How far the model document, from rest, is from the output of `data`.
 
     That is what ``simulate`` gives: it takes every log to begin at rest, where a fit may have
@@ -75,45 +76,30 @@ def in_use(model: Model, data: Data, clocks: Sequence[Array] | None = None) -> A
     Parameters
     ----------
     model : Model
-    data : Data
-        Of one of its outputs; the first stretch of each experiment counts.
-    clocks : sequence of ndarray [s], optional
-        Of every stretch, where it is not even.
+    data : TrainingData
+        Of one of its outputs; the first record of each experiment counts.
     """
-    times = [data.dt * np.arange(0.0, len(s)) for s in data.stretches] if clocks is None else clocks
-    begins = {s.origin: (t, s) for t, s in zip(reversed(times), reversed(data.stretches),
-                                               strict=True)}  # fmt: skip
-    output = next(o for o in model.outputs if o.channel == data.target)
+    (target,) = data.outputs
+    output = next(o for o in model.outputs if o.channel == target)
     measured, computed = [], []
-    for time, s in begins.values():
-        columns = dict(zip(data.names, s.inputs, strict=True))
-        computed.append(model.simulate(Record(time, columns))[data.target])
-        measured.append(relative(s.output, output.offset))
+    for k in data.begins.values():
+        computed.append(model.simulate(data.records[k])[target])
+        measured.append(relative(data.y[k][0], output.offset))
     return agreement(np.concatenate(measured), np.concatenate(computed))
 
 
-def _extent(data: Data, k: int, rest: Reference) -> tuple[float, float]:
-    return _range([s.inputs[k] for s in data.stretches],
-                  _rests([s.inputs[k] for s in _begun(data)], rest))  # fmt: skip
-
-
-def _begun(data: Data) -> list[Stretch]:
-    """For each stretch the one that its experiment begins with."""
-    first = {s.origin: s for s in reversed(data.stretches)}
-    return [first[s.origin] for s in data.stretches]
-
-
-def _rests(begun: Sequence[Array], rest: Reference) -> list[float]:
-    return [float(values[0]) if rest == "first" else rest for values in begun]
-
-
-def _range(values: Sequence[Array], rests: Sequence[float]) -> tuple[float, float]:
-    moved = np.concatenate([v - rest for v, rest in zip(values, rests, strict=True)])
+def _extent(data: TrainingData, values: Sequence[Array], rest: Reference) -> tuple[float, float]:
+    """Least and largest value of a channel from what counts as its zero in each experiment."""
+    begins = data.begins
+    moved = np.concatenate([
+        v - (values[begins[record.origin]][0] if rest == "first" else rest)
+        for v, record in zip(values, data.records, strict=True)
+    ])  # fmt: skip
     return float(moved.min()), float(moved.max())
 
 
 def _output(
-    model: Identity, training: Agreement, data: Data, drives: Mapping[str, Drive]
+    model: Identity, training: Agreement, data: TrainingData, drives: Mapping[str, Drive]
 ) -> Output:
     """The output with its value at rest: what the offset and the drives at rest give.
 
@@ -131,9 +117,7 @@ def _output(
         model.target,
         role,
         offset,
-        _range(
-            [s.output for s in data.stretches], _rests([s.output for s in _begun(data)], offset)
-        ),
+        _extent(data, [y[0] for y in data.y], offset),
         {
             "rmse": training.rmse,
             "max_error": training.max_error,

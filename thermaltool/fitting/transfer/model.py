@@ -10,9 +10,10 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
-from thermaltool.fitting.transfer.data import Array, Data, Stretch, Zero
+from thermaltool.fitting.data import Array, TrainingData, Zero
 from thermaltool.fitting.transfer.output_error import Orders, free_responses
 from thermaltool.fitting.transfer.polynomials import difference_basis
+from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.signals.criteria import Criteria
 from thermaltool.signals.gauss_newton import solve
@@ -132,12 +133,13 @@ class TransferModel:
             y += lfilter(numerator, self.denominator(k), inputs[k])
         return y
 
-    def simulate(self, stretch: Stretch, zero: Zero = "fitted") -> Array:
-        """Free run over a stretch; the state at its start is estimated from it.
+    def simulate(self, record: Record, zero: Zero = "fitted") -> Array:
+        """Free run over a record; the state at its start is estimated from it.
 
         Parameters
         ----------
-        stretch : Stretch
+        record : Record
+            With the inputs and the output, on an even clock.
         zero : Zero
 
         Returns
@@ -146,16 +148,17 @@ class TransferModel:
             NaN on the first rows, whose inputs are not all in the record.
         """
         # About the levels of the fit: slow poles make gains too large to be taken off again.
-        at = stretch.origin if zero == "fitted" else 0
-        settled = self.respond(stretch.inputs - self.levels[at][:, None]) + self.zeros[at]
+        at, output = record.origin if zero == "fitted" else 0, record.column(self.target)
+        inputs = record.matrix(self.names) - self.levels[at][:, None]
+        settled = self.respond(inputs) + self.zeros[at]
         if zero == "mean":
             settled += np.mean(self.offsets) - self.offsets[at]
-        if stretch.at_rest:
-            left = stretch.output - settled
+        if record.at_rest:
+            left = output - settled
             return settled + (float(np.mean(left)) if zero == "free" else 0.0)
         first = self.orders.first
-        y = np.full(len(stretch), np.nan)
-        if len(stretch) <= self.orders.shortest:
+        y = np.full(len(record), np.nan)
+        if len(record) <= self.orders.shortest:
             return y
         inner = settled[first:]
         columns = [r for f in self.F for r in free_responses(f, len(inner))]
@@ -163,34 +166,37 @@ class TransferModel:
             columns.append(np.ones(len(inner)))
         if columns:
             rows = np.array(columns)
-            left = stretch.output[first:] - inner
+            left = output[first:] - inner
             inner = inner + solve(rows @ rows.T, rows @ left) @ rows
         y[first:] = inner
         return y
 
-    def run(self, data: Data, zero: Zero = "fitted") -> Array:
-        """Free runs over all stretches in a row."""
-        return np.concatenate([self.simulate(s, zero) for s in data.stretches])
+    def run(self, data: TrainingData, zero: Zero = "fitted") -> Array:
+        """Free runs over all records in a row."""
+        return np.concatenate([self.simulate(record, zero) for record in data.records])
 
-    def fit(self, data: Data, zero: Zero = "fitted") -> Agreement:
-        """How far the free run is from the output over all stretches."""
+    def fit(self, data: TrainingData, zero: Zero = "fitted") -> Agreement:
+        """How far the free run is from the output over all records."""
         return agreement(data.output(), self.run(data, zero))
 
-    def errors(self, data: Data) -> Iterator[tuple[Stretch, Array]]:
-        """One-step errors, white where the model holds, of each stretch that is long enough.
+    def errors(self, data: TrainingData) -> Iterator[tuple[Record, Array]]:
+        """One-step errors, white where the model holds, of each record that is long enough.
 
-        They end with the stretch and begin after the rows that its start takes.
+        They end with the record and begin after the rows that its start takes.
         """
         equation = self.structure in ("arx", "armax")
-        for s in data.stretches:
+        for s in data.records:
             if len(s) <= self.orders.shortest and not (s.at_rest and not equation):
                 continue
             if equation:
-                error = s.output - self.respond(s.inputs) - self.offsets[s.origin]
+                error = s.column(self.target) - self.respond(s.matrix(self.names))
+                error = error - self.offsets[s.origin]
                 error = lfilter(self.F[0], [1.0], error)[self.orders.first + len(self.F[0]) - 1 :]
                 yield s, np.asarray(lfilter([1.0], self.C, error))
             else:
-                error = (s.output - self.simulate(s))[0 if s.at_rest else self.orders.first :]
+                error = (s.column(self.target) - self.simulate(s))[
+                    0 if s.at_rest else self.orders.first :
+                ]
                 yield s, np.asarray(lfilter(self.D, self.C, error))
 
     def poles(self, group: int = 0) -> Array:

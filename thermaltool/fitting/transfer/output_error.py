@@ -1,7 +1,7 @@
 """The output-error problem y = Σ B/F u + offset + what is left of the start + noise.
 
 For given denominators F everything else is linear and is projected out: numerators, one offset for
-each experiment and, within each stretch, the free responses of F from an unknown state. What
+each experiment and, within each record, the free responses of F from an unknown state. What
 remains is searched by two kinds of step that share all their filters:
 
 - refined instrumental variables (SRIV; Young 2011, chapter 7): the equation is filtered by 1/F,
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from thermaltool.fitting.transfer.data import Array, Data, Stretch
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.transfer.polynomials import (
     difference_basis,
     from_lags,
@@ -56,7 +56,7 @@ class Orders:
 
     @cached_property
     def shortest(self) -> int:
-        """A stretch of no more rows says nothing: its start takes them."""
+        """A record of no more rows says nothing: its start takes them."""
         return self.first + sum(self.nf) + 1
 
     @cached_property
@@ -75,9 +75,9 @@ class Projection:
     loss : float [unit²]
         Sum of the squared errors.
     free : tuple of ndarray
-        For each used stretch the weights of its free responses.
+        For each used record the weights of its free responses.
     rows : tuple of ndarray
-        For each used stretch its columns, each a row: room for those of the denominators, then
+        For each used record its columns, each a row: room for those of the denominators, then
         its numerators, its offset and its free responses.
     """
 
@@ -89,7 +89,7 @@ class Projection:
 
 @dataclass(frozen=True)
 class Slopes:
-    """Sums over all rows that a step needs, the free responses of each stretch projected out.
+    """Sums over all rows that a step needs, the free responses of each record projected out.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class Problem:
         D and C: all rows pass D/C first, where the noise is (C/D) white (RIV).
     """
 
-    data: Data
+    data: TrainingData
     orders: Orders
     whitening: tuple[Array, Array] | None = None
     _basis: dict[int, Array] = field(default_factory=dict, compare=False)
@@ -132,40 +132,46 @@ class Problem:
     @cached_property
     def rows(self) -> int:
         """Rows that count."""
-        return sum(len(s) - self.orders.first for s in self.used)
+        return sum(len(self.data.records[k]) - self.orders.first for k in self.used)
 
     @cached_property
-    def used(self) -> list[Stretch]:
-        """Stretches long enough to say anything."""
-        return [s for s in self.data.stretches if len(s) > self.orders.shortest]
+    def used(self) -> list[int]:
+        """Which records are long enough to say anything."""
+        least = self.orders.shortest
+        return [k for k, record in enumerate(self.data.records) if len(record) > least]
+
+    def output(self, k: int) -> Array:
+        """Output of record k on the rows that count."""
+        return self.data.y[k][0, self.orders.first :]
 
     @cached_property
     def shared_count(self) -> int:
-        """Linear parameters that all stretches share: numerators and offsets."""
-        return sum(self.orders.nb) + self.data.origins
+        """Linear parameters that all records share: numerators and offsets."""
+        return sum(self.orders.nb) + self.data.experiments
 
     @cached_property
     def linear_count(self) -> int:
         """All linear parameters, those of the free responses as well."""
-        free = sum(not s.at_rest for s in self.used) * sum(self.orders.nf)
+        free = sum(not self.data.records[k].at_rest for k in self.used) * sum(self.orders.nf)
         return self.shared_count + free
 
-    def place(self, stretch: Stretch) -> NDArray[np.intp]:
-        """Where the numerators and the offset of a stretch stand among those shared."""
+    def place(self, k: int) -> NDArray[np.intp]:
+        """Where the numerators and the offset of record k stand among those shared."""
         own = sum(self.orders.nb)
-        return np.append(np.arange(own), own + stretch.origin)
+        return np.append(np.arange(own), own + self.data.records[k].origin)
 
-    def _columns(self, stretch: Stretch, F: Sequence[Array]) -> Array:
-        """Of one stretch, each a row: room for the denominators, numerators, offset, responses."""
-        o, n = self.orders, len(stretch) - self.orders.first
+    def _columns(self, k: int, F: Sequence[Array]) -> Array:
+        """Of record k, each a row: room for the denominators, numerators, offset, responses."""
+        record = self.data.records[k]
+        o, n = self.orders, len(record) - self.orders.first
         searched, own = sum(o.nf), sum(o.nb)
-        rows = np.empty((searched + own + 1 + (0 if stretch.at_rest else searched), n))
+        rows = np.empty((searched + own + 1 + (0 if record.at_rest else searched), n))
         at, free = np.cumsum([searched, *o.nb]), searched + own + 1
         rows[free - 1] = 1.0
         for group, f in zip(o.groups, F, strict=True):
             for i in group:
-                self.numerators(stretch.inputs[i], f, i, rows[at[i] : at[i + 1]])
-            if not stretch.at_rest:
+                self.numerators(self.data.u[k][i], f, i, rows[at[i] : at[i + 1]])
+            if not record.at_rest:
                 rows[free : free + len(f) - 1] = free_responses(self.recursion(f), n)
                 free += len(f) - 1
         return rows
@@ -178,7 +184,7 @@ class Problem:
         """A denominator of these time constants, in samples."""
         return from_lags(lags)
 
-    def only(self, inputs: Sequence[int], data: Data, orders: Orders) -> Problem:
+    def only(self, data: TrainingData, orders: Orders) -> Problem:
         """The same problem of some of the inputs."""
         return replace(self, data=data, orders=orders)
 
@@ -229,9 +235,9 @@ class Problem:
         """Numerators, offsets and free responses by least squares."""
         n, searched = self.shared_count, sum(self.orders.nf)
         gram, right, power, kept, parts = np.zeros((n, n)), np.zeros(n), 0.0, [], []
-        for s in self.used:
-            columns, y = self._columns(s, F), self.white(s.output[self.orders.first :])
-            rows, place = self.white(columns[searched:]), self.place(s)
+        for k in self.used:
+            columns, y = self._columns(k, F), self.white(self.output(k))
+            rows, place = self.white(columns[searched:]), self.place(k)
             own, with_output, count = rows @ rows.T, rows @ y, len(place)
             inner = solve(own[count:, count:], np.column_stack([own[count:, :count],
                                                                 with_output[count:]]))  # fmt: skip
@@ -272,29 +278,29 @@ class Problem:
     def instruments(
         self, F: Sequence[Array], here: Projection
     ) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
-        """For each used stretch: places of its shared columns, all its columns, the error.
+        """For each used record: places of its shared columns, all its columns, the error.
 
         The columns that are not shared, those of its free responses, come last.
         """
         searched = sum(self.orders.nf)
-        for k, (s, (error, signals)) in enumerate(zip(self.used, self.errors(here), strict=True)):
-            self.denominators(signals, F, here.rows[k][:searched])
-            place = np.concatenate([np.arange(searched), searched + self.place(s)])
-            yield place, here.rows[k], error
+        for k, rows, (error, signals) in zip(self.used, here.rows, self.errors(here), strict=True):
+            self.denominators(signals, F, rows[:searched])
+            place = np.concatenate([np.arange(searched), searched + self.place(k)])
+            yield place, rows, error
 
     def errors(self, here: Projection) -> Iterator[tuple[Array, list[Array]]]:
-        """For each used stretch: its error, and the response of each group without the offset."""
+        """For each used record: its error, and the response of each group without the offset."""
         o, searched = self.orders, sum(self.orders.nf)
         edges = np.cumsum([0, *o.nb])
-        for k, s in enumerate(self.used):
-            rows = here.rows[k][searched:]
-            theta = np.concatenate([here.linear[self.place(s)], here.free[k]])
-            error = s.output[o.first :] - theta @ rows
+        for k, columns, free_weights in zip(self.used, here.rows, here.free, strict=True):
+            rows = columns[searched:]
+            theta = np.concatenate([here.linear[self.place(k)], free_weights])
+            error = self.output(k) - theta @ rows
             signals, free = [], sum(o.nb) + 1
             for group, n in zip(o.groups, o.nf, strict=True):
                 only = np.zeros(len(theta))
                 own = [np.arange(edges[i], edges[i + 1]) for i in group]
-                state = np.arange(free, free + (0 if s.at_rest else n))
+                state = np.arange(free, free + (0 if self.data.records[k].at_rest else n))
                 place = np.concatenate([*own, state])
                 only[place] = theta[place]
                 signals.append(only @ rows)

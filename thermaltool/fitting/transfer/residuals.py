@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.transfer.colour import LONGEST, error_record, long_runs
-from thermaltool.fitting.transfer.data import Array, Data
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.signals.whiteness import cross_correlation, ljung_box
 from thermaltool.timeseries.ar import burg
@@ -39,20 +39,20 @@ class ResidualTests:
     independent_p: Mapping[str, float]
 
 
-def residual_tests(model: TransferModel, data: Data) -> ResidualTests:
+def residual_tests(model: TransferModel, data: TrainingData) -> ResidualTests:
     """Both tests on a data set.
 
     Parameters
     ----------
     model : TransferModel
-    data : Data
+    data : TrainingData
         Training or validation data.
     """
     # What the plant has takes nothing from the course of an output's own errors.
     fitted = len(model.C) + len(model.D) - 2
     if model.structure in ("arx", "armax"):
         fitted += len(model.F[0]) - 1
-    runs = [(error, s.inputs) for s, error in model.errors(data)]
+    runs = [(error, s.matrix(model.names)) for s, error in model.errors(data)]
     return tested(runs, dict(zip(model.names, model.orders.nk, strict=True)), fitted)
 
 

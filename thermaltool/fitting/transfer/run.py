@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from thermaltool.errors import FitError, ModelError
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.transfer.choose import (
     Choice,
     choose,
@@ -17,7 +18,6 @@ from thermaltool.fitting.transfer.choose import (
 )
 from thermaltool.fitting.transfer.continuation import Continued, continued
 from thermaltool.fitting.transfer.continuous import identify_continuous
-from thermaltool.fitting.transfer.data import Data
 from thermaltool.fitting.transfer.identify import Structure, identify, orders_of
 from thermaltool.fitting.transfer.judge import judged, rests, zero_of
 from thermaltool.fitting.transfer.model import TransferModel
@@ -64,7 +64,7 @@ class Identified:
     Attributes
     ----------
     model : TransferModel
-    data : Data
+    data : TrainingData
         What it was fitted to.
     training, validation : Agreement
         Of free runs; `validation` is None where no data were kept for it.
@@ -79,7 +79,7 @@ class Identified:
     """
 
     model: TransferModel
-    data: Data
+    data: TrainingData
     training: Agreement
     validation: Agreement | None
     improvement: float | None
@@ -93,14 +93,14 @@ class Identified:
         return float(np.var(self.data.output()))
 
 
-def run(data: Data, plan: Plan, fresh: Data | None = None) -> Identified:
+def run(data: TrainingData, plan: Plan, fresh: TrainingData | None = None) -> Identified:
     """Fit and judge one output.
 
     Parameters
     ----------
-    data : Data
+    data : TrainingData
     plan : Plan
-    fresh : Data, optional
+    fresh : TrainingData, optional
         Of another log, for validation.
 
     Raises
@@ -108,14 +108,13 @@ def run(data: Data, plan: Plan, fresh: Data | None = None) -> Identified:
     FitError
         As `identify`, `choose` and `judged`, with the name of the output.
     """
-    target, held = data.target, fresh
+    (target,), held = data.outputs, fresh
     try:
         if plan.split is not None:
-            data, held = data.parted(plan.split)
-        least = tuple(1 if hold_of(name) == "zero" else 0 for name in data.names)
+            data, held = data.split(plan.split)
         if plan.initial != "free" and plan.structure in ("oe", "bj"):
-            data = data.from_rest() if plan.initial == "rest" else started(data, least)
-        model, choice = _model(data, least, plan)
+            data = data.from_rest() if plan.initial == "rest" else started(data)
+        model, choice = _model(data, plan)
         # OE searches over real poles; slow ones side by side only look like pairs to rounding.
         if plan.real and plan.structure != "oe" and not real_poles(model):
             raise FitError("not all poles are real: take lower orders, or --structure oe")
@@ -124,9 +123,9 @@ def run(data: Data, plan: Plan, fresh: Data | None = None) -> Identified:
     training, validation, gained = model.fit(data), None, None
     if held is not None:
         zero = zero_of(target, fresh is not None)
-        outputs = [s.output for s in held.stretches]
-        rest = rests(held.stretches, outputs, zero, model.offsets)
-        validation, gained = judged(target, held.stretches, outputs, model.run(held, zero), rest,
+        outputs = [y[0] for y in held.y]
+        rest = rests(held.records, outputs, zero, model.offsets)
+        validation, gained = judged(target, held.records, outputs, model.run(held, zero), rest,
                                     sum(model.orders.nf))  # fmt: skip
     return Identified(
         model,
@@ -140,20 +139,19 @@ def run(data: Data, plan: Plan, fresh: Data | None = None) -> Identified:
     )
 
 
-def _model(data: Data, least: tuple[int, ...], plan: Plan) -> tuple[TransferModel, Choice | None]:
+def _model(data: TrainingData, plan: Plan) -> tuple[TransferModel, Choice | None]:
     def fit(orders: Orders) -> TransferModel:
         if plan.continuous:
-            holds = [hold_of(name) for name in data.names]
             orders = replace(orders, nb=tuple(map(min, orders.nb, orders.nf)))
-            return identify_continuous(data, orders, holds, plan.real)
+            return identify_continuous(data, orders, plan.real)
         return identify(data, plan.structure, orders, *plan.noise, plan.real)
 
     given = [each for each in plan.orders if each is not None]
     if given and len(given) == len(plan.orders):
-        each = given * len(data.names) if len(given) == 1 else given
+        each = given * len(data.inputs) if len(given) == 1 else given
         nb, nf, nk = zip(*each, strict=True)
         return fit(orders_of(plan.structure, nb, nf, nk)), None
-    choice = choose(data, plan.structure, least, *plan.noise, plan.real)
+    choice = choose(data, plan.structure, *plan.noise, plan.real)
     return first_that_fits((c.orders(plan.structure) for c in choice.candidates), fit), choice
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.transfer.data import Array
+from thermaltool.fitting.data import Array
 from thermaltool.fitting.transfer.output_error import Orders, Problem, Projection
 from thermaltool.fitting.transfer.starts import Grid, grid
 from thermaltool.signals.gauss_newton import minimize, solve
@@ -83,7 +83,7 @@ def search(problem: Problem) -> Found:
                      "least squares", True, 0)  # fmt: skip
     several = len(problem.orders.groups) > 1
     short = problem
-    if problem.data.size > 2 * SHORT and problem.data.longest > SHORT:
+    if problem.data.rows > 2 * SHORT and problem.data.longest > SHORT:
         short = replace(problem, data=problem.data.excerpt(SHORT))
     best = _together(short) if several else _single(short)
     if short is not problem:
@@ -127,7 +127,7 @@ def refine(
     """
     here = problem.project(F)
     best = Found(F, here, REFINED, False, 0)
-    floor = EXACT * sum(float(s.output @ s.output) for s in problem.used)
+    floor = EXACT * sum(float(y @ y) for y in (problem.data.y[k][0] for k in problem.used))
     for k in range(1, most + 1):
         slopes = problem.slopes(F, here)
         n = slopes.searched
@@ -179,7 +179,7 @@ def overdamped(problem: Problem, start: Found, most: int = 60) -> Found:
     lags = [_apart(-1 / np.log(np.clip(np.abs(z), 1e-6, 1 - 1e-9))) for z in roots]
     if len(roots) == 1:
         coarse = grid(problem)
-        outputs = [s.output[problem.orders.first :] for s in problem.used]
+        outputs = [problem.output(k) for k in problem.used]
         others = [[-1 / np.log(np.roots(problem.recursion(s.F)).real.clip(1e-6))]
                   for s in coarse.ranked(outputs, 3)]  # fmt: skip
     else:
@@ -257,7 +257,7 @@ def _plain(orders: Orders) -> tuple[Array, ...]:
 
 def _single(problem: Problem) -> Found:
     """One denominator: refined instrumental variables from the best starts."""
-    outputs = [s.output[problem.orders.first :] for s in problem.used]
+    outputs = [problem.output(k) for k in problem.used]
     ranked = [(s.F,) for s in grid(problem).ranked(outputs, 5)]
     if not ranked:
         raise FitError("no start of the search has a finite error")
@@ -294,7 +294,7 @@ def _together(problem: Problem) -> Found:
 
 def _swept(problem: Problem) -> tuple[tuple[Array, ...], bool]:
     """Each input roughly, the one that explains most first; and whether that one settled."""
-    whole = [s.output[problem.orders.first :] for s in problem.used]
+    whole = [problem.output(k) for k in problem.used]
     parts = [_alone(problem, g, whole) for g in range(len(problem.orders.groups))]
     grids = [grid(part) if any(part.orders.nf) else None for part in parts]
     losses = [_best_loss(each, whole) for each in grids]
@@ -314,7 +314,7 @@ def _swept(problem: Problem) -> tuple[tuple[Array, ...], bool]:
 
 def thorough(problem: Problem) -> list[tuple[Array, ...]]:
     """The same with a whole search for each input, and with what the later ones explain."""
-    whole = [s.output[problem.orders.first :] for s in problem.used]
+    whole = [problem.output(k) for k in problem.used]
     groups = range(len(problem.orders.groups))
     F = [np.ones(1) for _ in groups]
     shares = [[np.zeros_like(y) for y in whole] for _ in groups]
@@ -374,18 +374,19 @@ def beside(problem: Problem, found: Found) -> tuple[Array, ...] | None:
 
 
 def _alone(problem: Problem, g: int, outputs: list[Array]) -> Problem:
-    """One group of inputs, for other outputs of the used stretches on the rows that count."""
+    """One group of inputs, for other outputs of the used records on the rows that count."""
     o = problem.orders
     rows = list(o.groups[g])
     own = Orders(
         tuple(o.nb[i] for i in rows), (o.nf[g],), tuple(o.nk[i] for i in rows),
         (tuple(range(len(rows))),),
     )  # fmt: skip
-    stretches = tuple(
-        replace(s, inputs=s.inputs[rows, o.first - own.first :],
-                output=np.concatenate([np.zeros(own.first), y]))
-        for s, y in zip(problem.used, outputs, strict=True)
-    )  # fmt: skip
-    names = tuple(problem.data.names[i] for i in rows)
-    data = replace(problem.data, stretches=stretches, names=names)
-    return problem.only(rows, data, own)
+    data, cut, records = problem.data, o.first - own.first, []
+    names = tuple(data.inputs[i] for i in rows)
+    for k, y in zip(problem.used, outputs, strict=True):
+        columns = {data.inputs[i]: data.u[k][i, cut:] for i in rows}
+        columns[data.outputs[0]] = np.concatenate([np.zeros(own.first), y])
+        time = data.records[k].time[cut:]
+        records.append(replace(data.records[k], time=time, columns=columns, segments=()))
+    holds = tuple(data.holds[i] for i in rows)
+    return problem.only(replace(data, records=tuple(records), inputs=names, holds=holds), own)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.fitting.transfer.data import Array, Stretch
+from thermaltool.fitting.data import Array
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.signals.gauss_newton import MIN_DIRECTION
 
@@ -41,14 +41,14 @@ class Grid:
     problem : Problem
         Of one group.
     rows : tuple of ndarray
-        For each used stretch: for each input its m responses and its plain lags; ones; the m free
+        For each used record: for each input its m responses and its plain lags; ones; the m free
         responses, unless it begins at rest.
     lags : ndarray, shape (c, order) [samples]
         Of each choice of poles.
     turns : tuple of ndarray
-        For each used stretch, from its rows to those of a model with the chosen poles (c, l, r).
+        For each used record, from its rows to those of a model with the chosen poles (c, l, r).
     locals : tuple of ndarray
-        For each used stretch and choice, from products with its rows to those with what is left
+        For each used record and choice, from products with its rows to those with what is left
         of its shared columns beside its free responses, (c, s, s + f), and
     frees : tuple of ndarray
         the inverse of the normal equations of the free responses alone (c, f, f).
@@ -65,7 +65,7 @@ class Grid:
     inverses: Array
 
     def ranked(self, outputs: Sequence[Array], most: int) -> list[Start]:
-        """The best starts for these outputs of the used stretches, on the rows that count.
+        """The best starts for these outputs of the used records, on the rows that count.
 
         Parameters
         ----------
@@ -74,12 +74,12 @@ class Grid:
         """
         rights = np.zeros((len(self.lags), self.problem.shared_count))
         power = np.zeros(len(self.lags))
-        for s, y, rows, turn, local, free in zip(
+        for j, y, rows, turn, local, free in zip(
             self.problem.used, outputs, self.rows, self.turns, self.locals, self.frees, strict=True
         ):
             seen = self.problem.white(y)
             right = turn @ (rows @ seen)
-            rights[:, self.problem.place(s)] += np.einsum("kij,kj->ki", local, right)
+            rights[:, self.problem.place(j)] += np.einsum("kij,kj->ki", local, right)
             own = right[:, local.shape[1] :]
             power += float(seen @ seen) - np.einsum("ki,kij,kj->k", own, free, own)
         loss = power - np.einsum("ki,kij,kj->k", rights, self.inverses, rights)
@@ -97,15 +97,14 @@ def grid(problem: Problem, around: Array | None = None) -> Grid:
         Time constants: only one of them at a time takes values of the grid, the others stand.
     """
     lags, chosen = _pairs(problem) if around is None else _beside(problem, around)
-    rows = tuple(problem.white(_rows(problem, s, lags)) for s in problem.used)
-    kinds = {
-        rest: _turns(problem, lags, chosen, rest) for rest in {s.at_rest for s in problem.used}
-    }
-    turns = tuple(kinds[s.at_rest] for s in problem.used)
+    rows = tuple(problem.white(_rows(problem, k, lags)) for k in problem.used)
+    at_rest = [problem.data.records[k].at_rest for k in problem.used]
+    kinds = {rest: _turns(problem, lags, chosen, rest) for rest in set(at_rest)}
+    turns = tuple(kinds[rest] for rest in at_rest)
     grams = np.zeros((len(chosen), problem.shared_count, problem.shared_count))
     left, frees = [], []
-    for s, own, turn in zip(problem.used, rows, turns, strict=True):
-        place = problem.place(s)
+    for k, own, turn in zip(problem.used, rows, turns, strict=True):
+        place = problem.place(k)
         n = len(place)
         gram = turn @ (own @ own.T) @ turn.transpose(0, 2, 1)
         free = _inverses(gram[:, n:, n:])
@@ -170,20 +169,20 @@ def _turns(problem: Problem, lags: Array, chosen: Index, at_rest: bool) -> Array
     return turns
 
 
-def _rows(problem: Problem, stretch: Stretch, lags: Array) -> Array:
-    o, m = problem.orders, len(lags)
-    n = len(stretch) - o.first
+def _rows(problem: Problem, k: int, lags: Array) -> Array:
+    o, m, record, inputs = problem.orders, len(lags), problem.data.records[k], problem.data.u[k]
+    n = len(record) - o.first
     plain = [max(nb - o.nf[0], 0) for nb in o.nb]
-    rows = np.ones((len(o.nb) * m + sum(plain) + 1 + (0 if stretch.at_rest else m), n))
+    rows = np.ones((len(o.nb) * m + sum(plain) + 1 + (0 if record.at_rest else m), n))
     at = 0
     for i, (nk, lagged) in enumerate(zip(o.nk, plain, strict=True)):
         for lag in lags:
-            problem.numerators(stretch.inputs[i], problem.start(lag[None]), i, rows[at : at + 1])
+            problem.numerators(inputs[i], problem.start(lag[None]), i, rows[at : at + 1])
             at += 1
         for j in range(lagged):
-            rows[at] = stretch.inputs[i, o.first - nk - j :][:n]
+            rows[at] = inputs[i, o.first - nk - j :][:n]
             at += 1
-    if not stretch.at_rest:
+    if not record.at_rest:
         rows[at + 1 :] = np.exp(np.arange(n) / -lags[:, None])
     return rows
 

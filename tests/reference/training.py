@@ -1,0 +1,20 @@
+"""Training data from plain arrays on an even clock."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thermaltool.fitting.data import TrainingData, sampled
+
+
+def training(*pieces, period=1.0, inputs=None, outputs=("y",), holds=()):
+    """Of pieces (u, y), (u, y, experiment) or (u, y, experiment, at rest)."""
+    first = np.atleast_2d(pieces[0][0])
+    names = inputs or tuple(f"u{k}" for k in range(len(first)))
+    records = []
+    for u, y, *more in pieces:
+        origin, at_rest = (*more, 0, False)[:2] if len(more) < 2 else more
+        records.append(
+            sampled(names, u, outputs, y, period, origin=int(origin), at_rest=bool(at_rest))
+        )
+    return TrainingData(tuple(records), names, outputs, period, holds)

@@ -1,0 +1,308 @@
+"""Training data: what an estimator is fitted to, as records that it can run through."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import repeat
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import FitError
+from thermaltool.record import MAX_UNEVENNESS, Record
+from thermaltool.units import Hold
+
+Array = NDArray[np.float64]
+
+# Which zero an output has in a free run: that of its experiment in the fit; the mean of all of
+# them, as a model document has it; or one that is estimated from the run.
+Zero = Literal["fitted", "mean", "free"]
+
+# A step longer than so many periods parts a record on an even clock.
+MAX_STEP_PERIODS = 1.5
+# Inputs whose normalized Gram matrix has an eigenvalue below this are the same to rounding.
+MIN_INDEPENDENCE = 1e-9
+# Weight in such a combination above which an input is named.
+MIN_NAMED_WEIGHT = 1e-3
+# An input whose deviations are below this share of its size never moves.
+MIN_MOVEMENT = 1e-12
+# An excerpt excites enough with this share of the power that the best one has.
+MIN_EXCITATION = 0.1
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """Records without pauses, whose inputs have no holes.
+
+    Attributes
+    ----------
+    records : tuple of Record
+        `origin` numbers the experiments from 0: one offset each. Outputs are NaN where a reading
+        is missing.
+    inputs, outputs : tuple of str
+        Channels that drive, and that follow.
+    period : float [s]
+        Usual sample period.
+    holds : tuple of "zero" or "first"
+        Of each input between its samples; held where none is given.
+    """
+
+    records: tuple[Record, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    period: float
+    holds: tuple[Hold, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.holds:
+            object.__setattr__(self, "holds", tuple(repeat("zero", len(self.inputs))))
+
+    @cached_property
+    def u(self) -> tuple[Array, ...]:
+        """Inputs of each record, shape (m, n)."""
+        return tuple(record.matrix(self.inputs) for record in self.records)
+
+    @cached_property
+    def y(self) -> tuple[Array, ...]:
+        """Outputs of each record, shape (p, n)."""
+        return tuple(record.matrix(self.outputs) for record in self.records)
+
+    @property
+    def rows(self) -> int:
+        """Samples of all records."""
+        return sum(map(len, self.records))
+
+    @property
+    def longest(self) -> int:
+        """Samples of the longest record."""
+        return max(map(len, self.records))
+
+    @property
+    def duration(self) -> float:
+        """Duration of the longest record [s]."""
+        return max(record.duration for record in self.records)
+
+    @property
+    def experiments(self) -> int:
+        """Number of experiments."""
+        return 1 + max(record.origin for record in self.records)
+
+    @property
+    def least_delays(self) -> tuple[int, ...]:
+        """Samples before which each input cannot act: one where it is held between samples."""
+        return tuple(int(hold == "zero") for hold in self.holds)
+
+    @cached_property
+    def levels(self) -> Array:
+        """First inputs of each experiment, shape (experiments, m)."""
+        found: dict[int, Array] = {}
+        for record, u in zip(self.records, self.u, strict=True):
+            found.setdefault(record.origin, u[:, 0])
+        return np.array([found[k] for k in range(1 + max(found))])
+
+    @property
+    def begins(self) -> dict[int, int]:
+        """Which record each experiment begins with."""
+        return {r.origin: k for k, r in reversed(list(enumerate(self.records)))}
+
+    def output(self, k: int = 0) -> Array:
+        """All samples of output k in a row."""
+        return np.concatenate([y[k] for y in self.y])
+
+    def only(self, k: int) -> TrainingData:
+        """The data with output k alone."""
+        return replace(self, outputs=(self.outputs[k],))
+
+    def measured(self, k: int) -> TrainingData:
+        """Output k alone, on the rows where it was measured.
+
+        Raises
+        ------
+        FitError
+            There is none.
+        """
+        there = [np.isfinite(y[k]) for y in self.y]
+        parts = [replace(r.where(rows), at_rest=r.at_rest)
+                 for r, rows in zip(self.records, there, strict=True) if rows.any()]  # fmt: skip
+        if not parts:
+            raise FitError(f"{self.outputs[k]} has no reading in any log")
+        return replace(self.only(k), records=tuple(parts))
+
+    def from_rest(self) -> TrainingData:
+        """The same, every experiment settled at its first inputs when it begins."""
+        begins = self.begins
+        return replace(self, records=tuple(
+            replace(r, at_rest=begins[r.origin] == k) for k, r in enumerate(self.records)
+        ))  # fmt: skip
+
+    def split(self, share: float) -> tuple[TrainingData, TrainingData]:
+        """The first `share` of the rows of each experiment, and the rest.
+
+        Raises
+        ------
+        FitError
+            Nothing on one side.
+        """
+        rows = Counter[int]()
+        for record in self.records:
+            rows[record.origin] += len(record)
+        wanted = {origin: round(share * count) for origin, count in rows.items()}
+        if any(not 0 < n < rows[origin] for origin, n in wanted.items()):
+            raise FitError("the split leaves nothing on one side")
+        first, rest = [], []
+        for record in self.records:
+            n = min(max(wanted[record.origin], 0), len(record))
+            wanted[record.origin] -= n
+            if n:
+                first.append(record.rows(slice(0, n)))
+            if n < len(record):
+                rest.append(record.rows(slice(n, len(record))))
+        return replace(self, records=tuple(first)), replace(self, records=tuple(rest))
+
+    def excerpt(self, max_rows: int) -> TrainingData:
+        """At most so many samples of the longest record, from where the inputs first excite.
+
+        From its beginning where the inputs move in the first half of that about as much as in the
+        best such part.
+        """
+        k = max(range(len(self.records)), key=lambda k: len(self.records[k]))
+        whole, half = self.u[k], max_rows // 2
+        starts = range(0, max(whole.shape[1] - max_rows, 0) + half, half)
+        parts = [whole[:, a : a + half] for a in starts]
+        power = np.array([[np.sum((u - u.mean()) ** 2) for u in part] for part in parts])
+        least = np.min(power / np.maximum(power.max(axis=0), 1e-300), axis=1)
+        start = starts[int(np.argmax(least >= MIN_EXCITATION * least.max()))]
+        part = self.records[k].rows(slice(start, start + max_rows))
+        return replace(self, records=(replace(part, origin=0),))
+
+    def longest_records(self, count: int) -> TrainingData:
+        """The longest records alone, their experiments numbered anew."""
+        if len(self.records) <= count:
+            return self
+        kept = sorted(np.argsort([-len(r) for r in self.records], kind="stable")[:count].tolist())
+        origins = {self.records[k].origin: 0 for k in kept}
+        numbers = {origin: k for k, origin in enumerate(origins)}
+        return replace(self, records=tuple(
+            replace(self.records[k], origin=numbers[self.records[k].origin]) for k in kept
+        ))  # fmt: skip
+
+    def about_levels(self, rows: int) -> TrainingData:
+        """With inputs relative to the first of each experiment, and their past where it is known.
+
+        What begins at rest gets `rows` of input zero in front, so that no row is lost to lags.
+        """
+        parts = []
+        for r, u, y in zip(self.records, self.u, self.y, strict=True):
+            n = rows if r.at_rest else 0
+            u = np.hstack([np.zeros((len(u), n)), u - self.levels[r.origin][:, None]])
+            y = np.hstack([np.zeros((len(y), n)), y])
+            time = np.concatenate([r.time[0] + self.period * np.arange(-n, 0), r.time])
+            columns = dict(zip((*self.inputs, *self.outputs), (*u, *y), strict=True))
+            parts.append(replace(r, time=time, columns=columns, segments=()))
+        return replace(self, records=tuple(parts))
+
+    def check(self) -> None:
+        """Refuse what says nothing of a transfer function.
+
+        Raises
+        ------
+        FitError
+            An input that never moves, an output that never moves or is never measured, inputs that
+            are combinations of each other (named).
+        """
+        for k in range(len(self.outputs)):
+            self._check(k)
+
+    def _check(self, k: int) -> None:
+        there = [np.isfinite(y[k]) for y in self.y]
+        output = np.concatenate([y[k][rows] for y, rows in zip(self.y, there, strict=True)])
+        if not len(output):
+            raise FitError(f"{self.outputs[k]} has no reading in any log")
+        if not np.ptp(output) > 0:
+            raise FitError(f"{self.outputs[k]} is constant: there is nothing to identify")
+        parts = [u if rows.all() else u[:, rows] for u, rows in zip(self.u, there, strict=True)]
+        moved = np.hstack([u - u.mean(1, keepdims=True) for u in parts if u.size])
+        power = np.sqrt(np.sum(moved**2, axis=1))
+        size = np.sqrt(np.sum(np.hstack(parts) ** 2, axis=1))
+        for name, deviation, whole in zip(self.inputs, power, size, strict=True):
+            if not deviation > MIN_MOVEMENT * whole:
+                raise FitError(f"{name} does not excite: it never moves within the record")
+        unit = moved / power[:, None]
+        values, vectors = np.linalg.eigh(unit @ unit.T)
+        if len(values) > 1 and values[0] < MIN_INDEPENDENCE:
+            weights = np.abs(vectors[:, 0])
+            named = [name for name, weight in zip(self.inputs, weights, strict=True)
+                     if weight > MIN_NAMED_WEIGHT]  # fmt: skip
+            raise FitError(f"collinear inputs: {', '.join(named)} are combinations of each other")
+
+
+def sampled(
+    inputs: Sequence[str],
+    u: Array,
+    outputs: Sequence[str],
+    y: Array,
+    period: float,
+    *,
+    origin: int = 0,
+    at_rest: bool = False,
+) -> Record:
+    """A record of plain arrays on an even clock.
+
+    Parameters
+    ----------
+    inputs : sequence of str, m of them
+    u : ndarray, shape (m, n), or (n,) for one
+    outputs : sequence of str, p of them
+    y : ndarray, shape (p, n), or (n,) for one
+    period : float [s]
+    origin, at_rest
+        As in `Record`.
+
+    Raises
+    ------
+    LogError
+        Arrays of different lengths.
+    """
+    u, y = np.atleast_2d(u), np.atleast_2d(y)
+    columns = dict(zip((*inputs, *outputs), (*u, *y), strict=True))
+    return Record(
+        period * np.arange(y.shape[1], dtype=np.float64), columns, origin=origin, at_rest=at_rest
+    )
+
+
+def even_records(
+    record: Record, inputs: Sequence[str], output: str, period: float
+) -> Iterator[Record]:
+    """A log as records of one output on an even clock: cut at pauses and at missing readings.
+
+    Where the steps are not all `period` a straight line between the readings is taken on the even
+    clock; a step above 1.5 periods parts the record.
+
+    Parameters
+    ----------
+    record : Record
+    inputs : sequence of str
+    output : str
+    period : float [s]
+    """
+    channels = [*inputs, output]
+    columns, known = record.matrix(channels), record.known(channels)
+    for part in record.segments:
+        rows = part.start + np.flatnonzero(known[part])
+        if not len(rows):
+            continue
+        breaks = np.flatnonzero(np.diff(record.time[rows]) > MAX_STEP_PERIODS * period) + 1
+        for piece in np.split(rows, breaks):
+            time: Array = record.time[piece]
+            values = columns[:, piece]
+            if len(piece) > 1 and np.max(np.abs(np.diff(time) - period)) > MAX_UNEVENNESS * period:
+                count = int((time[-1] - time[0]) / period + 1e-9) + 1
+                clock = time[0] + period * np.arange(count, dtype=np.float64)
+                values = np.array([np.interp(clock, time, row) for row in values])
+                time = clock
+            yield Record(time, dict(zip(channels, values, strict=True)), name=record.name,
+                         origin=record.origin)  # fmt: skip
