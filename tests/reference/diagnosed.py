@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from thermaltool.diagnosis.residual import residual_report
-from thermaltool.diagnosis.result import Alternative, Cause, Curves, Diagnosis, Gain, Tried
+from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Gain, Tried
 from thermaltool.effects.second_source import SecondSource
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
@@ -58,6 +59,9 @@ def diagnosed(logs: Sequence[Record], causes: int = 1, adequate: bool = False) -
         Tried("ambient_drift", "", 119.0, 0.4, "explained by another", OUTPUT),
         Tried("transport_delay", DRIVE, -7.1, None, "cannot be seen"),
     )
+    curves = {"measured": y, "simulated": plain[OUTPUT]}
+    if causes:
+        curves["extended"] = extended
     found = Diagnosis(
         adequate=adequate,
         noise_share=0.9 if adequate else 0.12,
@@ -67,6 +71,6 @@ def diagnosed(logs: Sequence[Record], causes: int = 1, adequate: bool = False) -
         tried=tried,
         notes=(),
         model=MODEL,
-        curves=(Curves(log.digest, OUTPUT, log.time, y, plain[OUTPUT], extended),),
+        curves=((OUTPUT, replace(log, columns=curves)),),
     )
     return found

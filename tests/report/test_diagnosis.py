@@ -2,13 +2,14 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from reference.diagnosed import BED, OUTPUT, diagnosed, measured
 
-from thermaltool.report.diagnosis import DECISIVE, main_output, summary, to_markdown
-from thermaltool.report.diagnosis_figures import Traces, draw_evidence, draw_traces, pictures
+from thermaltool.report.diagnosis import main_output, summary, to_markdown
+from thermaltool.report.diagnosis_figures import draw_curves, draw_evidence, pictures
 from thermaltool.report.diagnosis_tables import duration, number, percent, sections
 from thermaltool.units import printed
 
@@ -22,11 +23,10 @@ def document(causes=1, adequate=False, validated=(), **changed):
     return json.loads(json.dumps({**found, **files, **changed}, allow_nan=False))
 
 
-def traces(name="in/run.csv", extended=True):
-    log = measured()
-    curves = diagnosed([log]).curves[0]
-    return Traces(name, OUTPUT, curves.time, curves.measured, curves.simulated,
-                  curves.extended if extended else None, (slice(0, len(log.time)),))  # fmt: skip
+def curves(name="in/run.csv", extended=True, shift=0.0):
+    ((output, record),) = diagnosed([measured()], causes=int(extended)).curves
+    columns = {**record.columns, "measured": record.column("measured") + shift}
+    return output, replace(record, name=name, columns=columns)
 
 
 def test_contract_of_the_issue():
@@ -162,7 +162,7 @@ def test_markdown():
 
 
 def test_curves_before_and_after():
-    top, bottom = draw_traces(traces(), document()).axes
+    top, bottom = draw_curves(*curves(), document()).axes
     assert [line.get_label() for line in top.lines] == [
         "measured", "model as it is", "model with\nsecond_source",
     ]  # fmt: skip
@@ -174,21 +174,18 @@ def test_curves_before_and_after():
 
 
 def test_curves_without_a_cause():
-    top, bottom = draw_traces(traces(extended=False), document(causes=0)).axes
+    top, bottom = draw_curves(*curves(extended=False), document(causes=0)).axes
     assert len(top.lines) == 2
     assert "after" not in bottom.get_title()
 
 
 def test_a_shift_of_zero_is_drawn_as_none():
-    shifted = traces()
-    moved = Traces("run.csv", OUTPUT, shifted.time, shifted.measured + 50.0, shifted.simulated,
-                   shifted.extended)  # fmt: skip
-    after = draw_traces(moved, document()).axes[1].lines[1].get_ydata()
+    after = draw_curves(*curves(shift=50.0), document()).axes[1].lines[1].get_ydata()
     assert abs(np.mean(after)) < 0.1
 
 
 def test_evidence_chart():
-    ax = draw_evidence(document(), DECISIVE).axes[0]
+    ax = draw_evidence(document()).axes[0]
     assert [label.get_text() for label in ax.get_yticklabels()] == [
         "second_source (T_bed_degC)", "ambient_drift", "transport_delay (Q_main_1)",
     ]  # fmt: skip
@@ -197,13 +194,13 @@ def test_evidence_chart():
 
 
 def test_pictures_are_few_and_named_apart():
-    several = [traces(f"in/run{k}.csv") for k in range(8)]
-    made = list(pictures(several, document(), DECISIVE))
+    several = [curves(f"in/run{k}.csv") for k in range(8)]
+    made = list(pictures(several, document()))
     assert len(made) == 7
     assert len({picture.name for picture in made}) == 7
     assert made[0].name == "d_z_um_run0"
     assert all(picture.png.startswith(b"\x89PNG") for picture in made)
-    single = list(pictures([traces()], document(tried=[]), DECISIVE))
+    single = list(pictures([curves()], document(tried=[])))
     assert [picture.name for picture in single] == ["d_z_um"]
 
 

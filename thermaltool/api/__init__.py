@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from thermaltool.api.calibration import *  # noqa: F403
+    from thermaltool.api.diagnosis import *  # noqa: F403
     from thermaltool.api.inputs import *  # noqa: F403
     from thermaltool.api.laplace_inversion import *  # noqa: F403
     from thermaltool.api.log_check import *  # noqa: F403
@@ -22,6 +23,10 @@ PUBLIC = {
     "calibration": (
         "Calibration",
         "calibrate",
+    ),
+    "diagnosis": (
+        "DiagnosisReport",
+        "diagnose",
     ),
     "inputs": (
         "read_log",

@@ -350,7 +350,7 @@ def _result(task: _Task, first: Hypothesis, search: _Search) -> Diagnosis:
         search.tried,
         tuple(dict.fromkeys(search.notes)),
         extended.model,
-        curves_of(first, last, plain, extended),
+        curves_of(first, last, plain, extended if search.causes else None),
     )
 
 

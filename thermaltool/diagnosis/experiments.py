@@ -20,7 +20,7 @@ from thermaltool.diagnosis.information import (
     normal_matrix,
 )
 from thermaltool.diagnosis.inputs import Experiment, library
-from thermaltool.diagnosis.simulation import Changes, Series, Simulation
+from thermaltool.diagnosis.simulation import Changes, Series, SimulatedLogs
 from thermaltool.effects.effect import Effect
 from thermaltool.signals.likelihood import ColouredNoise
 
@@ -209,7 +209,7 @@ def _recurs(effect: Effect) -> bool:
     return not effect.event and not (effect.log and not effect.channel)
 
 
-def _again(simulation: Simulation, effect: Effect, seen: Sequence[Changes]) -> list[Changes]:
+def _again(simulation: SimulatedLogs, effect: Effect, seen: Sequence[Changes]) -> list[Changes]:
     """The vectors that `seen` are of an effect, in other logs."""
     if not _recurs(effect):
         return [{} for _ in seen]

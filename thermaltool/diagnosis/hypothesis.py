@@ -14,7 +14,7 @@ import numpy as np
 from thermaltool.diagnosis.correction import uncorrected
 from thermaltool.diagnosis.evidence import Assumptions, OutputEvidence
 from thermaltool.diagnosis.nuisance import OutputNuisance
-from thermaltool.diagnosis.simulation import Mask, RowGroups, Series, Simulation
+from thermaltool.diagnosis.simulation import Mask, RowGroups, Series, SimulatedLogs
 from thermaltool.effects.effect import Float, Scene
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -43,7 +43,7 @@ class Hypothesis:
 
     Attributes
     ----------
-    simulation : Simulation
+    simulation : SimulatedLogs
         The model, effects included, on every log.
     calibrated : Model
         The model as its calibration knows it: the centre of the priors.
@@ -51,7 +51,7 @@ class Hypothesis:
         Groups of nuisance in use.
     """
 
-    simulation: Simulation
+    simulation: SimulatedLogs
     calibrated: Model
     assumptions: Assumptions
 
@@ -75,7 +75,7 @@ class Hypothesis:
         masked : mapping of (digest, output) to ndarray of bool, optional
             Rows that are left out (outliers).
         """
-        return Hypothesis(Simulation(model, tuple(logs), masked or {}), calibrated, assumptions)
+        return Hypothesis(SimulatedLogs(model, tuple(logs), masked or {}), calibrated, assumptions)
 
     @property
     def model(self) -> Model:

@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 
 from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.evidence import Assumptions
-from thermaltool.diagnosis.simulation import RowGroups, Series, Simulation
+from thermaltool.diagnosis.simulation import RowGroups, Series, SimulatedLogs
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.model import Model
@@ -88,7 +88,7 @@ class OutputNuisance:
 
     Attributes
     ----------
-    simulation : Simulation
+    simulation : SimulatedLogs
     calibrated : Model
         The model as its calibration knows it: the centre of the priors.
     assumptions : frozenset of str
@@ -96,7 +96,7 @@ class OutputNuisance:
     output : str
     """
 
-    simulation: Simulation
+    simulation: SimulatedLogs
     calibrated: Model
     assumptions: Assumptions
     output: str

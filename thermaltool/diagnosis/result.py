@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from thermaltool.diagnosis.residual import ResidualReport, residual_report
 from thermaltool.documents import DIAGNOSIS, jsonable
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
+from thermaltool.record import Record
 
 Float = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -176,18 +177,6 @@ class Tried:
 
 
 @dataclass(frozen=True)
-class Curves:
-    """One output in one log, for the figure; relative to rest."""
-
-    log: str
-    output: str
-    time: Float
-    measured: Float
-    simulated: Float
-    extended: Float
-
-
-@dataclass(frozen=True)
 class Diagnosis:
     """The whole answer.
 
@@ -204,7 +193,9 @@ class Diagnosis:
     notes : tuple of str
     model : Model
         With the accepted effects.
-    curves : tuple of Curves
+    curves : tuple of (output, Record)
+        Of every output in every log what was ``measured``, ``simulated`` and, where there are
+        causes, ``extended`` by them, relative to rest.
     """
 
     adequate: bool
@@ -215,7 +206,7 @@ class Diagnosis:
     tried: tuple[Tried, ...]
     notes: tuple[str, ...]
     model: Model
-    curves: tuple[Curves, ...] = field(default=(), compare=False)
+    curves: tuple[tuple[str, Record], ...] = field(default=(), compare=False)
 
     def document(self) -> dict[str, Any]:
         """As JSON: without the curves and the model, null for what is not finite."""
@@ -288,8 +279,8 @@ def reports_of(
 
 
 def curves_of(
-    first: Hypothesis, last: Hypothesis, plain: Hypothesis, extended: Hypothesis
-) -> tuple[Curves, ...]:
+    first: Hypothesis, last: Hypothesis, plain: Hypothesis, extended: Hypothesis | None
+) -> tuple[tuple[str, Record], ...]:
     """Measured, simulated and extended of every log and output, from the start that each fits.
 
     Parameters
@@ -297,19 +288,17 @@ def curves_of(
     first, last : Hypothesis
         Before any cause, and with all of them.
     plain, extended : Hypothesis
-        The models as a user simulates them.
+        The models as a user simulates them; None where there are no causes.
     """
-    starts = {o: (first.beginning(o), last.beginning(o)) for o in first.groups}
-    return tuple(
-        Curves(
-            log.digest,
-            output,
-            log.time,
-            first.simulation.measured[k][output],
-            plain.simulation.outputs[k][output] + before[k],
-            extended.simulation.outputs[k][output] + after[k],
-        )
-        for k, log in enumerate(first.logs)
-        for output, (before, after) in starts.items()
-        if output in first.simulation.measured[k]
-    )
+    found = []
+    for k, log in enumerate(first.logs):
+        for output, measured in first.simulation.measured[k].items():
+            if output not in first.groups:
+                continue
+            simulated = plain.simulation.outputs[k][output] + first.beginning(output)[k]
+            columns = {"measured": measured, "simulated": simulated}
+            if extended is not None:
+                own = extended.simulation.outputs[k][output]
+                columns["extended"] = own + last.beginning(output)[k]
+            found.append((output, replace(log, columns=columns)))
+    return tuple(found)

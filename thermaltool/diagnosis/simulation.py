@@ -130,7 +130,7 @@ class RowGroups:
 
 
 @dataclass(frozen=True, eq=False)
-class Simulation:
+class SimulatedLogs:
     """A model with its accepted causes, simulated on every log.
 
     Attributes
@@ -209,7 +209,7 @@ class Simulation:
         """
         result = []
         again = model is not None or any(e.side in ("drive", "state") for e in more)
-        other = Simulation(model or self.model, self.logs, self.masked)
+        other = SimulatedLogs(model or self.model, self.logs, self.masked)
         for k, log in enumerate(self.logs):
             effects = other._acting(log, *more)
             response = respond(other.model, effects, log) if again else self._responses[k]

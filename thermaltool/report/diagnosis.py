@@ -6,10 +6,14 @@ All of it is read off the JSON document of a diagnosis.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from thermaltool.documents import atomic_output
 from thermaltool.report.diagnosis_tables import (
+    DECISIVE_EVIDENCE,
     Document,
     band_name,
     called,
@@ -21,12 +25,16 @@ from thermaltool.report.diagnosis_tables import (
     with_unit,
 )
 from thermaltool.report.style import channel_unit, time_unit
+from thermaltool.report.text import aligned
 
-# Fall of BIC from which a cause is called decisive: odds of 150.
-DECISIVE = 10.0
-# A condition or a band is told where it holds so much more of the misfit than of the time, or
-# this share of the misfit.
-_TELLING, _MOST = 0.1, 0.5
+if TYPE_CHECKING:
+    from thermaltool.record import Record
+
+# A condition is told where it holds so much more of the misfit than of the time, a band where it
+# holds this share of the misfit.
+MIN_EXCESS, MIN_BAND_SHARE = 0.1, 0.5
+# Causes that are told one by one.
+MAX_CAUSES_TOLD = 3
 GLOSSARY = """\
 - *Noise* is the white noise of a reading, estimated on the same log. *Slow discrepancy* is what
   the model gets wrong without having a name: its size and how fast it changes.
@@ -59,9 +67,10 @@ def summary(document: Document) -> list[str]:
         lines += _where(document["residuals"][output], output)
     causes = document["causes"]
     if causes:
-        lines += [_cause(document, cause, len(causes)) for cause in causes[:3]]
-        if len(causes) > 3:
-            more = ", ".join(called(cause["name"], cause["channel"]) for cause in causes[3:])
+        lines += [_cause(document, cause, len(causes)) for cause in causes[:MAX_CAUSES_TOLD]]
+        if len(causes) > MAX_CAUSES_TOLD:
+            rest = causes[MAX_CAUSES_TOLD:]
+            more = ", ".join(called(cause["name"], cause["channel"]) for cause in rest)
             lines.append(f"Further causes: {more}.")
         lines += _worth(document)
     else:
@@ -100,17 +109,17 @@ def _where(report: Document, output: str) -> Iterator[str]:
         # What the machine does says more to a reader than the level of a channel.
         worst = max(
             report["conditions"],
-            key=lambda c: c["power"] - c["time"] + (_TELLING / 2 if c["channel"] is None else 0.0),
+            key=lambda c: c["power"] - c["time"] + (c["channel"] is None) * MIN_EXCESS / 2,
         )
-        if worst["power"] - worst["time"] > _TELLING:
+        if worst["power"] - worst["time"] > MIN_EXCESS:
             told = (
                 f"{percent(worst['power'])} of the misfit in {percent(worst['time'])} of the time"
             )
             line = f"It is wrong mostly while {condition_name(worst)} ({told})"
-    bands = [band for band in report["bands"] if band["power"] > _MOST]
+    bands = [band for band in report["bands"] if band["power"] > MIN_BAND_SHARE]
     if bands:
         line += f", {percent(bands[0]['power'])} of it {band_name(bands[0])}"
-    if stretch is not None and stretch["time"] < 1 - _TELLING:
+    if stretch is not None and stretch["time"] < 1 - MIN_EXCESS:
         unit, length = time_unit(stretch["stop"])
         start, stop = (f"{stretch[end] / length:.3g}" for end in ("start", "stop"))
         rms = f"{number(stretch['rms'])} {channel_unit(output)}"
@@ -131,7 +140,7 @@ def _cause(document: Document, cause: Document, count: int) -> str:
 
 
 def _weight(evidence: float) -> str:
-    return " (decisive)" if evidence >= DECISIVE else ""
+    return " (decisive)" if evidence >= DECISIVE_EVIDENCE else ""
 
 
 def _log_name(document: Document, digest: str) -> str:
@@ -194,7 +203,7 @@ def _no_cause(document: Document) -> Iterator[str]:
             best = tried[0]
             line += (
                 f"; the nearest is {called(best['name'], best['channel'])} "
-                f"(evidence {number(best['evidence'])}, {DECISIVE:g} is decisive"
+                f"(evidence {number(best['evidence'])}, {DECISIVE_EVIDENCE:g} is decisive"
             )
             held = best["verdict"] == "evidence"
             line += ", but it does not help on unseen rows)" if held else ")"
@@ -238,7 +247,48 @@ def _unknown(document: Document) -> Iterator[str]:
         yield f"Note: {note}."
 
 
+def short_form(document: Document) -> str:
+    """The first lines and the tables that belong to them, as plain text."""
+    parts = summary(document)
+    for section in sections(document):
+        if section.short:
+            parts += [f"\n{section.title}", aligned(section.rows)]
+    return "\n".join(parts)
+
+
 # ---------------------------------------------------------------- Markdown
+
+
+def write_report(
+    path: str,
+    document: Document,
+    curves: Sequence[tuple[str, Record]],
+    check: Callable[[str], None] = lambda target: None,
+) -> None:
+    """Write the report in Markdown, its figures beside it as PNG.
+
+    Parameters
+    ----------
+    path : str
+    document : mapping
+        The diagnosis as JSON.
+    curves : sequence of (output, Record)
+        See `thermaltool.report.diagnosis_figures.pictures`.
+    check : callable
+        Takes the file of each figure before it is written, and may refuse it.
+    """
+    from thermaltool.report.diagnosis_figures import pictures
+
+    # Figures first: the report appears when what it shows is there.
+    figures = []
+    for picture in pictures(curves, document):
+        target = f"{os.path.splitext(path)[0]}_{picture.name}.png"
+        check(target)
+        with atomic_output(target) as stream:
+            stream.write(picture.png)
+        figures.append((os.path.basename(target), picture.what))
+    with atomic_output(path) as stream:
+        stream.write(to_markdown(document, figures).encode())
 
 
 def to_markdown(document: Document, figures: Sequence[tuple[str, str]]) -> str:

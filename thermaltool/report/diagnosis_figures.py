@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thermaltool.report.diagnosis_tables import Document, called, number
+from thermaltool.record import Record
+from thermaltool.report.diagnosis_tables import DECISIVE_EVIDENCE, Document, called, number
 from thermaltool.report.style import (
     COMPUTED,
     ERROR,
@@ -33,30 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Figures of curves in a report, those of the largest residuals, and bars of the evidence chart.
-MOST_FIGURES, BARS = 6, 12
-
-
-@dataclass(frozen=True)
-class Traces:
-    """One output in one log, relative to rest; shape (n,) each.
-
-    Attributes
-    ----------
-    log : str
-        Its file.
-    segments : tuple of slice
-        Stretches between pauses.
-    extended : ndarray or None
-        By the model with the causes; None where there are none.
-    """
-
-    log: str
-    output: str
-    time: Array
-    measured: Array
-    simulated: Array
-    extended: Array | None
-    segments: tuple[slice, ...] = ()
+MAX_FIGURES, MAX_BARS = 6, 12
 
 
 @dataclass(frozen=True)
@@ -68,63 +46,85 @@ class Picture:
     png: bytes
 
 
-def pictures(traces: Sequence[Traces], document: Document, decisive: float) -> Iterator[Picture]:
+def pictures(curves: Sequence[tuple[str, Record]], document: Document) -> Iterator[Picture]:
     """The figures of a report, as many as a reader looks at.
 
     Parameters
     ----------
-    traces : sequence of Traces
-        Every output in every log.
-    decisive : float
-        Evidence from which a cause is accepted.
+    curves : sequence of (output, Record)
+        Of every output in every log what was ``measured``, ``simulated`` and, where there are
+        causes, ``extended`` by them.
+    document : mapping
+        The diagnosis as JSON.
     """
-    several = len({each.log for each in traces}) > 1
-    kept = sorted(range(len(traces)), key=lambda k: -_misfit(traces[k]))[:MOST_FIGURES]
+    several = len({record.name for _, record in curves}) > 1
+    kept = sorted(range(len(curves)), key=lambda k: -_misfit(curves[k][1]))[:MAX_FIGURES]
     for k in sorted(kept):
-        each = traces[k]
-        place = f"_{Path(each.log).stem}" if several else ""
-        what = f"{each.output} in {Path(each.log).name}: measured, computed, residual"
-        png = render(lambda each=each: draw_traces(each, document), "png")  # type: ignore[misc]
-        yield Picture(f"{each.output}{place}", what, png)
+        output, record = curves[k]
+        file = Path(record.name)
+        what = f"{output} in {file.name}: measured, computed, residual"
+        png = render(lambda k=k: draw_curves(*curves[k], document), "png")  # type: ignore[misc]
+        yield Picture(f"{output}_{file.stem}" if several else output, what, png)
     if document["tried"]:
-        png = render(lambda: draw_evidence(document, decisive), "png")
+        png = render(lambda: draw_evidence(document), "png")
         yield Picture("evidence", "Evidence of every cause that was tried", png)
 
 
-def _misfit(traces: Traces) -> float:
+def worst(curves: Sequence[tuple[str, Record]]) -> tuple[str, Record]:
+    """The output and record with the largest residual relative to what was measured.
+
+    Parameters
+    ----------
+    curves : sequence of (output, Record)
+        As in `pictures`.
+    """
+    return max(curves, key=lambda each: _misfit(each[1]))
+
+
+def _misfit(record: Record) -> float:
     """Residual relative to what was measured."""
-    return _rms(traces.measured - traces.simulated) / (_rms(traces.measured) or 1.0)
+    measured = record.column("measured")
+    return _rms(measured - record.column("simulated")) / (_rms(measured) or 1.0)
 
 
-def draw_traces(traces: Traces, document: Document) -> Figure:
+def draw_curves(output: str, record: Record, document: Document) -> Figure:
     """Measured, simulated and extended above; the residual before and after below.
 
     The zero of a log is free: each model is shifted by the median of its residual.
+
+    Parameters
+    ----------
+    output : str
+    record : Record
+        With the columns ``measured``, ``simulated`` and, where there are causes, ``extended``.
+    document : mapping
+        The diagnosis as JSON.
     """
-    unit, (label, per) = channel_unit(traces.output), time_unit(span_of(traces.time))
-    figure = new_figure(f"{traces.output} in {Path(traces.log).name}", 11.0, 6.5)
+    unit, (label, per) = channel_unit(output), time_unit(span_of(record.time))
+    measured = record.column("measured")
+    figure = new_figure(f"{output} in {Path(record.name).name}", 11.0, 6.5)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     top.set(title="Measured and computed, the zero fitted",
-            ylabel=quantity_label(parse_channel(traces.output).unit))  # fmt: skip
-    trace(top, traces.time, traces.measured, traces.segments, per=per, color=MEASURED, lw=3.0,
+            ylabel=quantity_label(parse_channel(output).unit))  # fmt: skip
+    trace(top, record.time, measured, record.segments, per=per, color=MEASURED, lw=3.0,
           label="measured")  # fmt: skip
-    models = [("before", "model as it is", traces.simulated, ERROR)]
-    if traces.extended is not None:
+    models = [("before", "model as it is", record.column("simulated"), ERROR)]
+    if "extended" in record.columns:
         names = "\n".join(dict.fromkeys(cause["name"] for cause in document["causes"]))
-        models.append(("after", f"model with\n{names}", traces.extended, COMPUTED))
+        models.append(("after", f"model with\n{names}", record.column("extended"), COMPUTED))
     told = []
     for when, name, values, color in models:
-        residual = traces.measured - values
+        residual = measured - values
         shift = float(np.nanmedian(residual))
         told.append(f"{when} {with_unit(float(np.nanstd(residual)), unit)}")
         for ax, curve, what, width in ((top, values + shift, name, 1.2),
                                        (bottom, residual - shift, when, 0.9)):  # fmt: skip
-            trace(ax, traces.time, curve, traces.segments, per=per, color=color, lw=width,
+            trace(ax, record.time, curve, record.segments, per=per, color=color, lw=width,
                   label=what)  # fmt: skip
     legend_beside(top)
     bottom.set(title=f"Residual, measured − computed.  RMS about the mean: {', '.join(told)}",
                ylabel=f"residual [{unit}]", xlabel=f"time [{label}]")  # fmt: skip
-    report = document["residuals"].get(traces.output)
+    report = document["residuals"].get(output)
     if report is not None:
         noise = 2 * report["noise"]["white"]
         bottom.axhspan(-noise, noise, color="0.8", lw=0, zorder=0,
@@ -139,9 +139,16 @@ def _rms(error: Array) -> float:
     return float(np.sqrt(np.mean(there**2))) if len(there) else float("nan")
 
 
-def draw_evidence(document: Document, decisive: float) -> Figure:
-    """Evidence of every cause that was tried, alone, the strongest on top."""
-    tried = document["tried"][:BARS]
+def draw_evidence(document: Document) -> Figure:
+    """Evidence of every cause that was tried, alone, the strongest on top.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    """
+    decisive = DECISIVE_EVIDENCE
+    tried = document["tried"][:MAX_BARS]
     accepted = {(cause["name"], cause["channel"]) for cause in document["causes"]}
     figure = new_figure("Evidence of each cause, tried alone", 9.0, 1.6 + 0.34 * len(tried))
     ax = figure.subplots()

@@ -12,8 +12,12 @@ from thermaltool.units import printed
 
 Document = Mapping[str, Any]
 
+# Fall of BIC from which a cause is called decisive: odds of 150.
+DECISIVE_EVIDENCE = 10.0
 # Causes listed as tried.
-LISTED = 12
+MAX_LISTED = 12
+# Below this p-value what noise and discrepancy leave is not white.
+MIN_P_WHITE = 0.01
 
 
 @dataclass(frozen=True)
@@ -22,13 +26,13 @@ class Section:
 
     Attributes
     ----------
-    brief : bool
+    short : bool
         Belongs into the short form.
     """
 
     title: str
     rows: list[list[str]]
-    brief: bool = True
+    short: bool = True
 
 
 def number(value: float | None) -> str:
@@ -103,7 +107,7 @@ def _outputs(document: Document) -> Section:
     rows = [["output", "unit", "residual RMS", "zero off by", "noise", "slow discrepancy",
              "above noise", "independent rows", "rest is white"]]  # fmt: skip
     for name, report in document["residuals"].items():
-        noise = report["noise"]
+        noise, p_white = report["noise"], report["white_p"]
         slow = number(noise["discrepancy"])
         if noise["time_constant"] is not None:
             slow += f" over {duration(noise['time_constant'])}"
@@ -117,7 +121,7 @@ def _outputs(document: Document) -> Section:
                 slow,
                 percent(report["above_noise"]),
                 f"{report['effective_rows']:.0f} of {report['rows']}",
-                f"{'yes' if report['white_p'] >= 0.01 else 'no'} (p {report['white_p']:.2g})",
+                f"{'yes' if p_white >= MIN_P_WHITE else 'no'} (p {p_white:.2g})",
             ]
         )
     return Section("What the model gets wrong", rows)
@@ -183,14 +187,14 @@ def _alternatives(document: Document) -> Section:
 
 def _tried(document: Document) -> Section:
     rows = [["cause", "channel", "evidence", "detectable", "verdict"]]
-    for each in document["tried"][:LISTED]:
+    for each in document["tried"][:MAX_LISTED]:
         detectable = number(each["detectable"])
         if each["output"] and each["detectable"] is not None:
             detectable += f" {channel_unit(each['output'])} of {each['output']}"
         rows.append(
             [each["name"], each["channel"], number(each["evidence"]), detectable, each["verdict"]]
         )
-    hidden = len(document["tried"]) - LISTED
+    hidden = len(document["tried"]) - MAX_LISTED
     more = f" ({hidden} weaker ones not shown)" if hidden > 0 else ""
     return Section(f"Causes tried, each alone{more}", rows)
 
@@ -203,14 +207,14 @@ def _conditions(document: Document) -> Section:
              percent(c["time"])]
             for c in report["conditions"]
         ]  # fmt: skip
-    return Section("In which condition", rows, brief=False)
+    return Section("In which condition", rows, short=False)
 
 
 def _bands(document: Document) -> Section:
     rows = [["output", "period", "of the misfit"]]
     for name, report in document["residuals"].items():
         rows += [[name, band_name(band), percent(band["power"])] for band in report["bands"]]
-    return Section("How slowly", rows, brief=False)
+    return Section("How slowly", rows, short=False)
 
 
 def _dependences(document: Document) -> Section:
@@ -228,4 +232,4 @@ def _dependences(document: Document) -> Section:
                     f"{d['p_value']:.2g}",
                 ]
             )
-    return Section("Does the residual follow an input or its past", rows, brief=False)
+    return Section("Does the residual follow an input or its past", rows, short=False)

@@ -1,0 +1,65 @@
+"""A diagnosis from Python: what it prints, draws, writes and hands on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import thermaltool as tt
+from thermaltool import api
+from thermaltool.errors import LogError
+
+TIME = np.arange(0.0, 1200.0, 10.0)
+
+
+def frame(seed: int, jump: float = 0.0) -> pd.DataFrame:
+    """A minute of rest, then 100 W: d_z follows with 200 s; it jumps after 800 s."""
+    read = 20 * -np.expm1(-np.maximum(TIME - 60, 0) / 200) + jump * (TIME > 800)
+    read = read + 0.05 * np.random.default_rng([20261122, seed]).standard_normal(len(TIME))
+    heat = np.where(TIME < 60, 0.0, 100.0)
+    return pd.DataFrame({"time_s": TIME, "Q_motor_W": heat, "d_z_um": read})
+
+
+@pytest.fixture(scope="module")
+def fit() -> api.Calibration:
+    return tt.calibrate(frame(1), ["Q_motor_W"], deflections=["d_z_um"])
+
+
+@pytest.fixture(scope="module")
+def found(fit: api.Calibration) -> api.DiagnosisReport:
+    return tt.diagnose(fit, frame(2, -1.0), warn=lambda message: None)
+
+
+def test_the_cause_is_a_row_of_the_frame(found: api.DiagnosisReport) -> None:
+    assert not found.adequate
+    assert found.exceeds(0.5)
+    row = found.frame.loc["geometry_step", "d_z_um", "step[d_z_um]"]
+    assert row["low"] < -1.0 < row["high"]
+    assert row["unit"] == "um"
+
+
+def test_it_prints_draws_and_writes_its_report(found: api.DiagnosisReport, tmp_path: Path) -> None:
+    assert str(found).startswith("The model is not adequate for <frame>")
+    assert len(found.plot().axes) == 2
+    asked: list[str] = []
+    found.write(str(tmp_path / "why.md"), asked.append)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "why.md", "why_d_z_um.png", "why_evidence.png",
+    ]  # fmt: skip
+    assert asked == [str(tmp_path / "why_d_z_um.png"), str(tmp_path / "why_evidence.png")]
+
+
+def test_the_extended_model_goes_on(found: api.DiagnosisReport, tmp_path: Path) -> None:
+    path = str(tmp_path / "extended.json")
+    tt.write_model(found, path)
+    (effect,) = tt.read_model(path).effects
+    assert effect.name == "geometry_step"
+    assert found.extended("a call").provenance["diagnosed"]["command"] == "a call"
+
+
+def test_one_log_twice_is_refused(fit: api.Calibration) -> None:
+    with pytest.raises(LogError, match="the same log as"):
+        tt.diagnose(fit, frame(1), validate=[frame(1)])

@@ -1,0 +1,234 @@
+"""What a model gets wrong on measured logs, and why."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Unpack
+
+from thermaltool.api.inputs import Reading, all_of, as_model, read_log, source_name, warn_pauses
+from thermaltool.api.result import Notice, Result, notice, silent
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+    from thermaltool.api.inputs import Data, ModelLike
+    from thermaltool.diagnosis.result import Diagnosis
+    from thermaltool.logs import Log
+    from thermaltool.model import Model
+
+
+@dataclass(frozen=True, repr=False)
+class DiagnosisReport(Result):
+    """A diagnosis, and the logs that it is of.
+
+    Attributes
+    ----------
+    diagnosis : Diagnosis
+        Causes, what they are worth, what is left open.
+    model_name : str
+        What the report calls the model.
+    logs, unseen : tuple of Log
+        Diagnosed, and validated on.
+    """
+
+    diagnosis: Diagnosis
+    model_name: str
+    logs: tuple[Log, ...]
+    unseen: tuple[Log, ...]
+
+    @property
+    def adequate(self) -> bool:
+        """Whether noise and the calibration's own error account for what is left."""
+        return self.diagnosis.adequate
+
+    @property
+    def model(self) -> Model:
+        """The model extended by the causes."""
+        return self.extended()
+
+    def extended(self, command: str | None = None) -> Model:
+        """The model extended by the causes, which says in its provenance where they come from.
+
+        Parameters
+        ----------
+        command : str, optional
+            How it was made.
+        """
+        model = self.diagnosis.model
+        made: dict[str, Any] = {"logs": _sources(self.logs)}
+        if command is not None:
+            made["command"] = command
+        return replace(model, provenance={**model.provenance, "diagnosed": made})
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """Parameters of the causes with their 95 % intervals, one row each; NaN where given."""
+        import pandas
+
+        rows = []
+        for cause in self.diagnosis.causes:
+            effect = cause.effect
+            for name, value in effect.parameters.items():
+                low, high = cause.intervals.get(name, (float("nan"), float("nan")))
+                place = effect.name, effect.channel, name
+                rows.append((*place, value, low, high, effect.unit(name), cause.evidence))
+        columns = ["cause", "channel", "parameter", "value", "low", "high", "unit", "evidence"]
+        return pandas.DataFrame(rows, columns=columns).set_index(columns[:3])
+
+    def exceeds(self, share: float) -> bool:
+        """Whether more than this share of an output's residual power is above noise."""
+        return 1 - self.diagnosis.noise_share > share
+
+    def document(self) -> dict[str, Any]:
+        """The diagnosis as JSON-ready data, with the model and the logs that it is of."""
+        return {
+            **self.diagnosis.document(),
+            "model": self.model_name,
+            "logs": _sources(self.logs),
+            "validated_on": _sources(self.unseen),
+        }
+
+    def table(self) -> str:
+        """The verdict, the causes and what is not known, in sentences and tables."""
+        from thermaltool.report.diagnosis import short_form
+
+        return short_form(self.document())
+
+    def draw(self) -> Figure:
+        """The output that is wrong most: measured, by the model, by the extended model."""
+        from thermaltool.report.diagnosis_figures import draw_curves, worst
+
+        return draw_curves(*worst(self.diagnosis.curves), self.document())
+
+    def write(self, path: str, check: Callable[[str], None] = silent) -> None:
+        """Write the whole report in Markdown, with its figures beside it as PNG.
+
+        Parameters
+        ----------
+        path : str
+        check : callable
+            Takes the file of each figure before it is written, and may refuse it.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written.
+        """
+        from thermaltool.report.diagnosis import write_report
+
+        write_report(path, self.document(), self.diagnosis.curves, check)
+
+
+def _sources(logs: Sequence[Log]) -> list[dict[str, str]]:
+    return [{"name": log.name, "sha256": log.digest} for log in logs]
+
+
+def diagnose(
+    model: ModelLike,
+    data: Data | Sequence[Data],
+    *,
+    validate: Sequence[Data] = (),
+    warn: Notice = notice,
+    progress: Notice = silent,
+    **reading: Unpack[Reading],
+) -> DiagnosisReport:
+    """Name what a model gets wrong on measured logs, why, and what knowing it is worth.
+
+    Compares the residual with the noise of the same log, tries every cause of the catalogue,
+    extends the model by those that have evidence and help on data that the fit has not seen, and
+    says what these logs cannot tell apart.
+
+    Parameters
+    ----------
+    model : Model, a result that holds one, str or path
+    data : str, path, pandas.DataFrame, Record, or a sequence of them
+    validate : sequence of str, path, pandas.DataFrame or Record
+        Logs that no fit sees, on which gains are measured. Default: stretches of `data`, held out
+        in turn.
+    warn, progress : callable
+        Take a sentence where the model extrapolates or a log pauses, and a word now and then.
+    **reading
+        See `read_log`.
+
+    Returns
+    -------
+    DiagnosisReport
+
+    Raises
+    ------
+    LogError
+        A log that cannot be read, lacks a drive or has no output of the model; the same log twice.
+    ModelError, FitError
+        Nothing to judge the model by.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd, thermaltool as tt
+    >>> time, noise = np.arange(0.0, 1200.0, 10.0), np.random.default_rng(1)
+    >>> def frame(jump):
+    ...     heat = np.where(time < 60, 0.0, 100.0)
+    ...     read = 20 * -np.expm1(-np.maximum(time - 60, 0) / 200) + jump * (time > 800)
+    ...     read = read + 0.05 * noise.standard_normal(len(time))
+    ...     return pd.DataFrame({"time_s": time, "Q_motor_W": heat, "d_z_um": read})
+    >>> fit = tt.calibrate(frame(0.0), ["Q_motor_W"], deflections=["d_z_um"])
+    >>> tt.diagnose(fit, frame(0.0)).adequate
+    True
+    >>> [cause.effect.name for cause in tt.diagnose(fit, frame(-1.0)).diagnosis.causes]
+    ['geometry_step']
+    """
+    from thermaltool.diagnosis.diagnose import diagnose as run
+    from thermaltool.model import excursions
+    from thermaltool.report.text import excursion_message
+
+    found = as_model(model)
+
+    def read(each: Data) -> Log:
+        log = read_log(each, **reading, need=found.needs())
+        _check(log, found)
+        for excursion in excursions(found, log.columns):
+            warn(excursion_message(log, excursion))
+        warn_pauses(log, warn)
+        return log
+
+    logs, unseen = (tuple(read(each) for each in several) for several in (all_of(data), validate))
+    _check_different([*logs, *unseen])
+    diagnosis = run(found, logs, unseen, progress)
+    progress("done\n")
+    given = isinstance(model, str | os.PathLike)
+    name = os.path.basename(source_name(os.fspath(model))) if given else "<model>"  # type: ignore[arg-type]
+    return DiagnosisReport(diagnosis, name, logs, unseen)
+
+
+def _check(log: Log, model: Model) -> None:
+    """Refuse a log by which the model cannot be judged."""
+    import numpy as np
+
+    from thermaltool.errors import LogError
+    from thermaltool.record import hint
+
+    outputs = [output.channel for output in model.outputs]
+    there = [name for name in outputs if name in log.columns]
+    if not there:
+        near = hint(outputs[0], log.columns) if len(outputs) == 1 else ""
+        raise LogError(
+            f"no output of the model is in the log: {', '.join(outputs)}{near}", log.name
+        )
+    if not len(log):
+        raise LogError("no rows: nothing to judge the model by", log.name)
+    for name in there:
+        if np.isnan(log.columns[name]).all():
+            raise LogError("no values: leave the column out (--columns)", log.name, None, name)
+
+
+def _check_different(logs: Sequence[Log]) -> None:
+    """Refuse a log that is given twice: it would be held out from itself."""
+    from thermaltool.errors import LogError
+
+    first: dict[str, Log] = {}
+    for log in logs:
+        other = first.setdefault(log.digest, log)
+        if other is not log:
+            raise LogError(f"the same log as {other.name}", log.name)
