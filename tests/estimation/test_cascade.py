@@ -7,7 +7,8 @@ import pytest
 from reference import fraser1997 as fraser
 
 from thermaltool.errors import ModelError
-from thermaltool.estimation.cascade import NEAR, lagged_modes
+from thermaltool.estimation.cascade import DOUBLE_POLE_TOLERANCE as NEAR
+from thermaltool.estimation.cascade import lagged_modes
 from thermaltool.estimation.estimator import load_estimator
 from thermaltool.estimation.known_inputs import Feedforward, KnownInput, KnownInputEstimator
 from thermaltool.responses.conduction import Conduction
@@ -34,7 +35,17 @@ def test_transfer_is_the_product(name):
 
 
 @pytest.mark.parametrize("name", ["simple", "double", "conduction"])
-@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-6, 0.9 * NEAR, 1.1 * NEAR, -0.5 * NEAR])
+@pytest.mark.parametrize(
+    "off",
+    [
+        0.0,
+        1e-12,
+        1e-6,
+        0.9 * NEAR,
+        1.1 * NEAR,
+        -0.5 * NEAR,
+    ],
+)
 def test_a_lag_beside_a_pole(name, off):
     modes = RESPONSES[name]
     for pole in modes.poles.real:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from thermaltool.effects.band import Band
+from thermaltool.effects.band import ScheduleBand
 from thermaltool.effects.curve import DriveCurve
 from thermaltool.errors import ModelError
 from thermaltool.estimation.rational import inverse_model
@@ -76,7 +76,9 @@ def test_ways_are_chosen_and_what_cannot_be_inverted_is_named(c_frame):
     with pytest.raises(ModelError, match="no such way"):
         inverse_model(both, 60.0, output="d_z_um")
     refused = {
-        "a schedule": replace(c_frame, terms=(replace(term, band=Band(HEATER, (0.0, 9.0), 0)),)),
+        "a schedule": replace(
+            c_frame, terms=(replace(term, band=ScheduleBand(HEATER, (0.0, 9.0), 0)),)
+        ),
         r"^Q_stab\S* → phi_x_urad: a schedule has no inverse": scheduled(
             [c_frame, replace(c_frame, terms=(replace(term, response=Rational1(3.0, 900.0)),))],
             HEATER,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.effects.band import Band, load_band
+from thermaltool.effects.band import ScheduleBand, load_band
 from thermaltool.effects.curve import DriveCurve, OutputCurve
 from thermaltool.errors import ModelError
 from thermaltool.model import Drive, Model, Output, Term, dumps, loads
@@ -170,17 +170,19 @@ def test_it_travels_in_the_model_file():
     model = scheduled(MEMBERS, HEAT)
     back = loads(dumps(model))
     assert dumps(back) == dumps(model)
-    assert [t.band for t in back.terms] == [Band(HEAT, (20.0, 40.0, 60.0), k) for k in range(3)]
+    assert [t.band for t in back.terms] == [
+        ScheduleBand(HEAT, (20.0, 40.0, 60.0), k) for k in range(3)
+    ]
     assert back.drives[0].range == (0.0, 60.0)
     assert back.parameters_digest() != MEMBERS[0].parameters_digest()
 
 
 def test_shares_add_up_to_one():
     values = np.linspace(-80, 80, 333)
-    shares = [Band(HEAT, (10.0, 20.0, 70.0), k).share(values) for k in range(3)]
+    shares = [ScheduleBand(HEAT, (10.0, 20.0, 70.0), k).share(values) for k in range(3)]
     np.testing.assert_allclose(np.sum(shares, axis=0), 1.0)
     np.testing.assert_allclose(shares[0], shares[0][::-1], atol=1e-12)
-    assert Band(HEAT, (10.0, 20.0), 1).share(np.array(20.0)) == 1.0
+    assert ScheduleBand(HEAT, (10.0, 20.0), 1).share(np.array(20.0)) == 1.0
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,11 @@ import numpy as np
 from thermaltool.effects.channels import air_channels, air_is_logged
 from thermaltool.effects.dynamics import elapsed
 from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene
-from thermaltool.effects.source import Source
+from thermaltool.effects.source import HeatSource
 from thermaltool.record import Record
 
 
-class AmbientDrift(Source):
+class AmbientDrift(HeatSource):
     """Outputs follow the air through a lag; where nobody logged it, one slow swing moves them.
 
     The swing has one course for all outputs, since there is one air, and a size for each. It is

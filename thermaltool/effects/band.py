@@ -20,7 +20,7 @@ from thermaltool.errors import ModelError
 
 
 @dataclass(frozen=True)
-class Band:
+class ScheduleBand:
     """The place of a term in its schedule.
 
     Attributes
@@ -55,7 +55,7 @@ class Band:
         return {"channel": self.channel, "levels": list(self.levels), "index": self.index}
 
 
-def load_band(document: Mapping[str, Any] | None) -> Band | None:
+def load_band(document: Mapping[str, Any] | None) -> ScheduleBand | None:
     """A band from a model file; None where the term has none.
 
     Raises
@@ -66,4 +66,4 @@ def load_band(document: Mapping[str, Any] | None) -> Band | None:
     if document is None:
         return None
     levels = tuple(float(level) for level in document["levels"])
-    return Band(str(document["channel"]), levels, int(document["index"]))
+    return ScheduleBand(str(document["channel"]), levels, int(document["index"]))

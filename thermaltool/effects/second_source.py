@@ -10,12 +10,12 @@ import numpy as np
 from thermaltool.effects.channels import source_channels
 from thermaltool.effects.dynamics import time_constants
 from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, reference_of
-from thermaltool.effects.source import Source
+from thermaltool.effects.source import HeatSource
 from thermaltool.record import Record
 from thermaltool.units import parse_channel
 
 
-class SecondSource(Source):
+class SecondSource(HeatSource):
     """A channel beside the drives warms the machine through a first-order lag.
 
     A latent source has no channel: it is switched on at `start` in one log, and every output

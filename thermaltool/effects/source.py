@@ -11,7 +11,7 @@ from thermaltool.effects.effect import Effect, Float, Memory, Scene, Side
 from thermaltool.record import Record
 
 
-class Source(Effect, ABC):
+class HeatSource(Effect, ABC):
     """A channel beside the drives moves outputs by `gain` through a first-order lag.
 
     A source that nobody logged has no channel; what it does is the subclass's.

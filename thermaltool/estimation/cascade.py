@@ -7,9 +7,9 @@ import numpy as np
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Modes
 
-# A pole nearer than this share to that of the lag makes one double pole with it: the weights of
-# two simple ones would cancel. The step response is off by the square of it.
-NEAR = 1e-3
+# A pole within this share of that of the lag makes one double pole with it: the weights of two
+# simple ones would cancel. The step response is off by the square of it.
+DOUBLE_POLE_TOLERANCE = 1e-3
 
 
 def lagged_modes(modes: Modes, time_constant: float) -> Modes:
@@ -31,11 +31,11 @@ def lagged_modes(modes: Modes, time_constant: float) -> Modes:
     poles, weights, double = list(modes.poles), list(modes.weights), list(modes.double)
     # A triple pole has no place in this form: the lag moves aside.
     for p in modes.poles[modes.double != 0].real:
-        if abs(p + a) < NEAR * a:
-            a = -p * (1 + NEAR)
+        if abs(p + a) < DOUBLE_POLE_TOLERANCE * a:
+            a = -p * (1 + DOUBLE_POLE_TOLERANCE)
     own = 0.0
     for k, (p, w, v) in enumerate(zip(modes.poles, modes.weights, modes.double, strict=True)):
-        if v == 0 and p.imag == 0 and abs(p.real + a) < NEAR * a:
+        if v == 0 and p.imag == 0 and abs(p.real + a) < DOUBLE_POLE_TOLERANCE * a:
             poles[k], weights[k], double[k] = (p.real - a) / 2, 0.0, w.real * a
             continue
         # w/(s−p)·a/(s+a) and v/(s−p)²·a/(s+a).

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from thermaltool.effects.band import Band, load_band
+from thermaltool.effects.band import ScheduleBand, load_band
 from thermaltool.errors import ModelError
 from thermaltool.responses.delay import load_modes
 from thermaltool.responses.modes import CLOCK_STEP, Float, Hold, Modes, Recursion
@@ -37,14 +37,14 @@ class KnownInput:
     role : "drive", "source" or "state"
         A drive of the model, relative to its reference; the channel of a source, relative to its
         first value; a state on which the loss of heat or a schedule depends, as it is.
-    band : Band or None
+    band : ScheduleBand or None
         Of a drive: only this level's share of it.
     """
 
     channel: str
     hold: Hold
     role: Role
-    band: Band | None = None
+    band: ScheduleBand | None = None
 
     def document(self) -> dict[str, Any]:
         """As JSON."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermaltool.effects.band import Band
+from thermaltool.effects.band import ScheduleBand
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import (
     Estimator,
@@ -42,14 +42,14 @@ class EstimatorInput:
     ----------
     column : int
         The input column from which it comes.
-    band : Band or None
+    band : ScheduleBand or None
         Only this level's share of it,
     chooser : int
         by what this input column reads.
     """
 
     column: int
-    band: Band | None = None
+    band: ScheduleBand | None = None
     chooser: int = 0
 
 

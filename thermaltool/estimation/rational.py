@@ -23,8 +23,9 @@ from thermaltool.units import hold_of
 
 # A leading coefficient below this share of what it is summed from is rounding.
 ROUNDING = 1e-9
-# Poles nearer than this share of their size count as one; a lag of the filter is moved away.
-NEAR, MOVED = 1e-3, 0.99
+# A lag of the filter within this share of a zero of the response would make a double pole: it is
+# shortened by this factor.
+DOUBLE_POLE_TOLERANCE, MOVED_LAG = 1e-3, 0.99
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,8 @@ def inverted(response: Rational, filter_time: float) -> RationalInverse:
     lags: list[float] = []
     for k in range(degree + 1):
         lag = filter_time / 2**k
-        while np.any(np.abs(zeros * lag + 1) < NEAR):
-            lag *= MOVED
+        while np.any(np.abs(zeros * lag + 1) < DOUBLE_POLE_TOLERANCE):
+            lag *= MOVED_LAG
         lags.append(lag)
     own = np.concatenate([zeros, -1 / np.array(lags)])
     over = [_product(p - poles, scale) / _product(p - np.delete(own, k), scale)

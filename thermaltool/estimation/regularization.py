@@ -20,10 +20,20 @@ from thermaltool.estimation.estimator import Estimator
 from thermaltool.estimation.kernel import Regularization
 from thermaltool.responses.modes import Float
 
-# Half-width of the noise band in standard deviations: 99.7 % of a normal error.
-SPREAD = 3.0
-# What the search sees where there is no usable inverse.
-OUTSIDE = 1e3
+# Half-width of the noise band [standard deviations]: 99.7 % of a normal error.
+NOISE_BAND = 3.0
+# Random-walk rates that are tried [share of the level per √s]: four a decade, then the neighbours
+# of the best once more.
+MIN_WALK_RATE, MAX_WALK_RATE, WALK_RATES, REFINED_WALK_RATES = 1e-4, 1.0, 17, 8
+# The kernel form is searched between these, of A·half/dc, B/(A c), c·half, cutoff·half and
+# delay/half, half being the time of half the step response [1].
+KERNEL_LOW, KERNEL_HIGH = (0.03, 0.05, 1.0, 2.0, 0.005), (2.0, 20.0, 20.0, 30.0, 0.25)
+# Points of a space-filling sample, from the best of which so many simplex searches start.
+KERNEL_SAMPLES, KERNEL_STARTS = 400, 3
+# The objective where there is no usable inverse: far above any band relative to the deflection.
+UNUSABLE = 1e3
+# Delays that are shown around the best [shares of it].
+SHOWN_DELAYS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
 
 
 @dataclass(frozen=True)
@@ -53,17 +63,17 @@ class Prediction:
     settling: float
 
 
-def predict(estimator: Estimator, machine: DesignModel) -> Prediction:
+def predict(estimator: Estimator, problem: DesignModel) -> Prediction:
     """Band, lag and noise of an estimator on its own model.
 
     A step of each drive in turn (the widest counts) gives the lag error; the response to an
     impulse on each sensor gives the noise.
     """
-    dt, heats = machine.dt, len(machine.drives)
+    dt, heats = problem.dt, len(problem.drives)
     recursion = estimator.recursion(dt)
     variance = np.zeros(len(estimator.estimates))
-    for k, noise in enumerate(machine.noise):
-        impulse = np.zeros((len(machine.clock), len(machine.sensors)))
+    for k, noise in enumerate(problem.noise):
+        impulse = np.zeros((len(problem.clock), len(problem.sensors)))
         impulse[1, k] = 1.0
         h = recursion.run(impulse)[0][1:]
         stays = np.exp(-dt / noise.drift_time)
@@ -71,17 +81,17 @@ def predict(estimator: Estimator, machine: DesignModel) -> Prediction:
         variance += noise.white**2 * np.sum(h**2, axis=0)
         variance += noise.drift**2 * (1 - stays**2) * np.sum(drifted**2, axis=0)
     sigma = np.sqrt(variance)
-    high = SPREAD * sigma[heats:]
+    high = NOISE_BAND * sigma[heats:]
     low, lag, settling = -high, 0.0, 0.0
-    worst = np.zeros(len(machine.outputs))
-    for drive, (readings, truth) in enumerate(machine.trials):
+    worst = np.zeros(len(problem.outputs))
+    for drive, (readings, truth) in enumerate(problem.trials):
         estimates = recursion.run(readings)[0]
         bias = estimates[:, heats:] - truth
         high, low = np.maximum(high, bias.max(axis=0)), np.minimum(low, bias.min(axis=0))
         worst = np.maximum(worst, np.abs(bias).max(axis=0))
-        below = estimates[:, drive] / machine.level[drive] < 0.5
+        below = estimates[:, drive] / problem.level[drive] < 0.5
         lag = max(lag, float(np.argmin(below)) * dt)
-        outside = np.flatnonzero(np.any(np.abs(bias) > SPREAD * sigma[heats:], axis=1))
+        outside = np.flatnonzero(np.any(np.abs(bias) > NOISE_BAND * sigma[heats:], axis=1))
         settling = max(settling, float(outside[-1]) * dt if len(outside) else 0.0)
     return Prediction(
         band=tuple((high - low).tolist()),
@@ -93,11 +103,11 @@ def predict(estimator: Estimator, machine: DesignModel) -> Prediction:
     )
 
 
-def relative_band(prediction: Prediction, machine: DesignModel) -> float:
+def relative_band(prediction: Prediction, problem: DesignModel) -> float:
     """Band as a share of the deflection that the reference step makes, the widest output."""
-    size = np.zeros(len(machine.outputs))
-    for output, drive, modes in machine.followed:
-        size[output] += abs(machine.level[drive] * modes.dc_gain())
+    size = np.zeros(len(problem.outputs))
+    for output, drive, modes in problem.followed:
+        size[output] += abs(problem.level[drive] * modes.dc_gain())
     return float(np.max(np.array(prediction.band) / np.maximum(size, 1e-300)))
 
 
@@ -112,7 +122,7 @@ class DesignChoice:
 
 
 def design_kalman(
-    machine: DesignModel,
+    problem: DesignModel,
     walk: float | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> list[DesignChoice]:
@@ -129,24 +139,24 @@ def design_kalman(
 
     def at(share: float) -> DesignChoice:
         progress(f"kalman form, walk {share:.2g}")
-        estimator = machine.kalman([share * abs(level) for level in machine.level])
-        prediction = predict(estimator, machine)
+        estimator = problem.kalman([share * abs(level) for level in problem.level])
+        prediction = predict(estimator, problem)
         return DesignChoice(
-            {"walk_per_sqrt_s": share}, estimator, prediction, relative_band(prediction, machine)
+            {"walk_per_sqrt_s": share}, estimator, prediction, relative_band(prediction, problem)
         )
 
     if walk is not None:
         return [at(walk)]
-    choices = [at(float(share)) for share in np.geomspace(1e-4, 1.0, 17)]
+    choices = [at(float(share)) for share in np.geomspace(MIN_WALK_RATE, MAX_WALK_RATE, WALK_RATES)]
     best = min(range(len(choices)), key=lambda k: choices[k].objective)
     low, high = max(best - 1, 0), min(best + 1, len(choices) - 1)
     first, last = (choices[k].settings["walk_per_sqrt_s"] for k in (low, high))
-    choices += [at(float(share)) for share in np.geomspace(first, last, 8)[1:-1]]
+    choices += [at(float(share)) for share in np.geomspace(first, last, REFINED_WALK_RATES)[1:-1]]
     return sorted(choices, key=lambda choice: choice.settings["walk_per_sqrt_s"])
 
 
 def design_kernel(
-    machine: DesignModel,
+    problem: DesignModel,
     pinned: Mapping[str, float] | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> list[DesignChoice]:
@@ -170,14 +180,14 @@ def design_kernel(
     from scipy.stats import qmc
 
     pinned = dict(pinned or {})
-    response = machine.single()
+    response = problem.single()
     if pinned.keys() >= {"A", "B", "c"}:
         # Says why, where the pinned shape has no usable inverse.
-        machine.kernel(
-            Regularization(pinned["A"], pinned["B"], pinned["c"]), 0.25 / machine.dt, 0.0
+        problem.kernel(
+            Regularization(pinned["A"], pinned["B"], pinned["c"]), 0.25 / problem.dt, 0.0
         )
     dc = response.dc_gain()
-    half = float(np.interp(0.5, response.step(machine.clock) / dc, machine.clock))
+    half = float(np.interp(0.5, response.step(problem.clock) / dc, problem.clock))
 
     def settings(theta: Float) -> dict[str, float]:
         """From logarithms of A·half/dc, B/(A c), c·half, cutoff·half and delay/half."""
@@ -186,34 +196,34 @@ def design_kernel(
             "A": A * dc / half,
             "B": B * (A * dc / half) * (c / half),
             "c": c / half,
-            "cutoff_Hz": min(cutoff / half, 0.25 / machine.dt),
+            "cutoff_Hz": min(cutoff / half, 0.25 / problem.dt),
             "delay_s": delay * half,
         }
         return {name: float(pinned.get(name, value)) for name, value in free.items()}
 
     def choice(values: dict[str, float]) -> DesignChoice:
         regularization = Regularization(values["A"], values["B"], values["c"])
-        estimator = machine.kernel(regularization, values["cutoff_Hz"], values["delay_s"])
-        prediction = predict(estimator, machine)
-        return DesignChoice(values, estimator, prediction, relative_band(prediction, machine))
+        estimator = problem.kernel(regularization, values["cutoff_Hz"], values["delay_s"])
+        prediction = predict(estimator, problem)
+        return DesignChoice(values, estimator, prediction, relative_band(prediction, problem))
 
     def objective(theta: Float) -> float:
         try:
             return choice(settings(theta)).objective
         except FitError:
-            return OUTSIDE
+            return UNUSABLE
 
     if len(pinned) == 5:
         return [choice(pinned)]
-    low = np.log([0.03, 0.05, 1.0, 2.0, 0.005])
-    high = np.log([2.0, 20.0, 20.0, 30.0, 0.25])
-    sample = low + (high - low) * qmc.Halton(5, scramble=False).random(400)[1:]
+    low = np.log(KERNEL_LOW)
+    high = np.log(KERNEL_HIGH)
+    sample = low + (high - low) * qmc.Halton(5, scramble=False).random(KERNEL_SAMPLES)[1:]
     sizes = np.array([objective(theta) for theta in sample])
-    if np.min(sizes) == OUTSIDE:
+    if np.min(sizes) == UNUSABLE:
         raise FitError("no stable regularization without ringing was found; use --form kalman")
-    best = (OUTSIDE, sample[0])
-    for number, k in enumerate(np.argsort(sizes)[:3]):
-        progress(f"kernel form, start {number + 1} of 3")
+    best = (UNUSABLE, sample[0])
+    for number, k in enumerate(np.argsort(sizes)[:KERNEL_STARTS]):
+        progress(f"kernel form, start {number + 1} of {KERNEL_STARTS}")
         found = minimize(
             objective,
             sample[k],
@@ -222,7 +232,7 @@ def design_kernel(
         )
         best = min(best, (float(found.fun), found.x), key=lambda each: each[0])
     values = settings(best[1])
-    shifts = (1.0,) if "delay_s" in pinned else (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
+    shifts = (1.0,) if "delay_s" in pinned else SHOWN_DELAYS
     return [choice({**values, "delay_s": values["delay_s"] * shift}) for shift in shifts]
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermaltool.effects.band import Band
+from thermaltool.effects.band import ScheduleBand
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 from thermaltool.model import Drive, Model, Output
@@ -116,7 +116,7 @@ def scheduled(
     order = sorted(range(len(at)), key=at.__getitem__)
     ladder = tuple(at[k] for k in order)
     terms = tuple(
-        replace(term, band=Band(by, ladder, place))
+        replace(term, band=ScheduleBand(by, ladder, place))
         for place, k in enumerate(order)
         for term in models[k].terms
     )

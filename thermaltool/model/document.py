@@ -20,7 +20,7 @@ import numpy as np
 from thermaltool import documents
 from thermaltool.documents import MODEL, Part
 from thermaltool.effects import load_effect
-from thermaltool.effects.band import Band, load_band
+from thermaltool.effects.band import ScheduleBand, load_band
 from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.errors import ModelError
 from thermaltool.model.simulate import simulate
@@ -90,7 +90,7 @@ class Term:
     covariance : ndarray, shape (n, n), or None
         Of the fitted parameters, in the order of `covariance_names`.
     covariance_names : tuple of str
-    band : Band or None
+    band : ScheduleBand or None
         Its place among terms that are scheduled by level.
     """
 
@@ -99,11 +99,27 @@ class Term:
     response: Response
     covariance: Float | None = None
     covariance_names: tuple[str, ...] = ()
-    band: Band | None = None
+    band: ScheduleBand | None = None
 
 
 @dataclass(frozen=True)
 class Model:
+    """Drives, terms, outputs and effects: a machine, as a calibration has found it.
+
+    Attributes
+    ----------
+    drives : tuple of Drive
+    outputs : tuple of Output
+    terms : tuple of Term
+    sample_period : float [s]
+        Of the logs of the calibration.
+    provenance : mapping
+        Where it comes from: hashes of the logs, the command.
+    design : mapping or None
+        The estimator that ``regularize`` made, as JSON.
+    effects : tuple of Effect
+    """
+
     drives: tuple[Drive, ...]
     outputs: tuple[Output, ...]
     terms: tuple[Term, ...]
@@ -114,10 +130,12 @@ class Model:
 
     @property
     def sensors(self) -> tuple[Output, ...]:
+        """Outputs from which unknown drives are estimated."""
         return tuple(o for o in self.outputs if o.role == "sensor")
 
     @property
     def deflections(self) -> tuple[Output, ...]:
+        """Outputs that are to be compensated."""
         return tuple(o for o in self.outputs if o.role == "deflection")
 
     def reference(self, channel: str) -> Reference:
@@ -342,7 +360,7 @@ def _load_effect(part: Part) -> Effect:
     return effect
 
 
-def _band(value: Any) -> Band | None:
+def _band(value: Any) -> ScheduleBand | None:
     Part(documents.mapping(value)).read("channel", documents.text)
     return load_band(value)
 
