@@ -5,10 +5,13 @@ from __future__ import annotations
 import doctest
 import importlib
 import inspect
+import json
+import math
 import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -16,10 +19,15 @@ import pytest
 
 import thermaltool as tt
 from thermaltool import api
-from thermaltool.errors import ThermalToolWarning
+from thermaltool.api.result import Result
+from thermaltool.errors import ModelError, ThermalToolWarning
+
+if TYPE_CHECKING:
+    from conftest import Files
 
 FUNCTIONS = [name for name in api.__all__ if inspect.isfunction(getattr(tt, name))]
-RESULTS = [name for name in api.__all__ if inspect.isclass(getattr(tt, name))]
+CLASSES = [name for name in api.__all__ if inspect.isclass(getattr(tt, name))]
+RESULTS = [name for name in CLASSES if issubclass(getattr(tt, name), Result)]
 
 
 def test_the_import_is_quick_and_loads_no_numpy() -> None:
@@ -68,9 +76,11 @@ def test_examples_run(module: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("name", RESULTS)
-def test_results_say_what_they_hold(name: str) -> None:
-    assert inspect.getdoc(getattr(tt, name))
-    assert callable(getattr(tt, name).table)
+def test_results_say_what_they_hold_and_print(name: str) -> None:
+    found = getattr(tt, name)
+    assert "Attributes\n---" in (inspect.getdoc(found) or "")
+    assert found.table is not Result.table
+    assert found.draw is not Result.draw
 
 
 def test_a_check_prints_and_draws() -> None:
@@ -159,3 +169,52 @@ def test_extrapolation_and_pauses_are_warned_of(fit: api.Calibration, frame: pd.
     assert [sentence.partition(": ")[2] for sentence in said] == [
         "a pause of 7210 s; the drive is taken as held over it"
     ]
+
+
+def test_a_design_prints_its_trade_off_and_estimates(files: Files) -> None:
+    design = tt.regularize(files.model, files.noise, form="kalman", walk=0.01, dt=10.0)
+    head, *rows, chosen = str(design).splitlines()
+    assert head.startswith("form")
+    assert len(rows) == 1
+    assert chosen == "chosen: kalman, walk_per_sqrt_s = 0.01"
+    assert len(design.plot().axes) == 1
+    result = tt.estimate(design, files.log)
+    assert list(result.frame) == ["Q_main_1", "d_x_um"]
+    assert result.agreements["d_x_um"].rmse < 3.0
+    assert str(result).splitlines()[0].split()[:2] == ["estimate", "band"]
+    assert len(result.plot().axes) == 4
+
+
+def test_a_design_asks_for_the_noise(files: Files) -> None:
+    with pytest.raises(ModelError, match="weighs the sensors' noise"):
+        tt.regularize(files.model)
+
+
+def test_the_compensator_cancels_what_is_estimated_row_by_row(files: Files) -> None:
+    estimates = tt.estimate(files.kalman, files.log).frame
+    compensator = tt.Compensator(files.kalman, step=0.0, slew=math.inf)
+    assert compensator.names == ("offset_x_um",)
+    setpoints = compensator.run(files.log)["offset_x_um"]
+    np.testing.assert_allclose(setpoints, -estimates["d_x_um"], atol=1e-6)
+    assert compensator.finish() == {"offset_x_um": 0.0}
+
+
+def test_a_compensator_goes_on_from_its_state(files: Files) -> None:
+    log = tt.read_log(files.log)
+    whole = tt.Compensator(files.kalman).run(log)
+    first = tt.Compensator(files.kalman)
+    head = first.run(log.rows(slice(0, 100)))
+    second = tt.Compensator(files.kalman)
+    second.resume(json.loads(json.dumps(first.state())))
+    pd.testing.assert_frame_equal(pd.concat([head, second.run(log.rows(slice(100, None)))]), whole)
+
+
+def test_a_lost_reading_is_warned_of_and_ends_in_the_safe_setpoint(files: Files) -> None:
+    said: list[str] = []
+    compensator = tt.Compensator(files.kalman, slew=math.inf, hold=20.0, warn=said.append)
+    log = tt.read_log(files.log).rows(slice(0, 60))
+    assert compensator.run(log)["offset_x_um"].iloc[-1] < 0
+    for k in range(5):
+        setpoint = compensator.step(600.0 + 10 * k, {})
+    assert setpoint == {"offset_x_um": 0.0}
+    assert any("dT_pair1_K" in sentence for sentence in said)

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from thermaltool.api.calibration import *  # noqa: F403
+    from thermaltool.api.compensator import *  # noqa: F403
     from thermaltool.api.diagnosis import *  # noqa: F403
+    from thermaltool.api.estimation import *  # noqa: F403
     from thermaltool.api.inputs import *  # noqa: F403
     from thermaltool.api.laplace_inversion import *  # noqa: F403
     from thermaltool.api.log_check import *  # noqa: F403
@@ -28,6 +30,8 @@ PUBLIC = {
         "DiagnosisReport",
         "diagnose",
     ),
+    "compensator": ("Compensator",),
+    "estimation": ("DesignReport", "LogEstimate", "estimate", "regularize"),
     "inputs": (
         "read_log",
         "read_model",

@@ -6,8 +6,7 @@ from typing import Any
 
 import click
 
-from thermaltool.api.inputs import read_model
-from thermaltool.cli.messages import warn, warn_excursion, warn_pauses, warn_row
+from thermaltool.cli.messages import warn
 from thermaltool.cli.options import (
     Source,
     initial_option,
@@ -39,10 +38,9 @@ def command(
     log: str,
     output: str,
     to_format: str | None,
-    initial: str,
     as_json: bool,
     quiet: int,
-    **reading: Any,
+    **options: Any,
 ) -> None:
     """Heat and deflection from measured temperatures.
 
@@ -51,33 +49,15 @@ def command(
     holds the true heat or deflection too, the error is judged on stderr: band is its largest minus
     its smallest value, steady its mean over the last tenth.
     """
-    from thermaltool.estimation.batch import estimate
-    from thermaltool.estimation.pipeline import EstimatorPipeline
-    from thermaltool.logs import read_log, write_table
-    from thermaltool.model import NOT_AT_REST
-    from thermaltool.report.simulation import estimate_table
+    from thermaltool import api
+    from thermaltool.logs import write_table
 
     one_stdin(model, log)
     keep_inputs(output, model, log)
-    document = read_model(model)
-    pipeline = EstimatorPipeline.of(document)
-    data = read_log(log, **reading, need=pipeline.columns)
-    found = estimate(document, pipeline, data, initial == "settled")
-    for column, value in found.not_at_rest.items():
-        warn_row(data, 0, f"{column}: {value:.4g} at the start {NOT_AT_REST}")
-    for excursion in found.excursions:
-        warn_excursion(data, excursion)
-    over = (
-        "the heat is taken to wander on"
-        if pipeline.estimates_drives
-        else "the drives are held or run on"
-    )
-    warn_pauses(data, f"{over} over it")
-    for excursion in found.extrapolated:
-        warn_excursion(data, excursion)
+    result = api.estimate(model, log, **options, warn=warn)
     if output != "-" or not as_json:
-        write_table(found.columns(), output, to_format)
+        write_table(result.columns, output, to_format)
     if as_json:
-        write_json({name: each.document() for name, each in found.agreement.items()}, "-")
-    elif not quiet and found.agreement:
-        warn(estimate_table(found.agreement))
+        write_json(result.document(), "-")
+    elif not quiet and result.agreements:
+        warn(result.table())

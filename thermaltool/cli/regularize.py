@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any
 
 import click
 
-from thermaltool.api.inputs import read_model, read_noise, write_model
 from thermaltool.cli.messages import terminal_progress, warn
 from thermaltool.cli.options import (
     NOT_NEGATIVE,
@@ -56,17 +55,12 @@ from thermaltool.documents import write_json
 def command(
     model: str,
     noise: str | None,
-    form: Literal["auto", "kalman", "kernel"],
     measured: tuple[str, ...],
     sensors: tuple[str, ...],
-    dt: float | None,
-    walk: float | None,
-    delay: float | None,
-    cutoff: float | None,
-    regularization: tuple[float, float, float] | None,
     output: str,
     as_json: bool,
     quiet: int,
+    **options: Any,
 ) -> None:
     """Design the estimator from the model and the measured noise.
 
@@ -78,38 +72,28 @@ def command(
     what a measured drive does. Where every drive is measured, nothing is left to estimate, and
     the deflections follow from the drives (form feedforward).
     """
-    from thermaltool.estimation.design import DesignPlan, design_estimator, needs_noise
-    from thermaltool.estimation.design_model import DesignModel
+    from thermaltool import api
+    from thermaltool.api.result import silent
+    from thermaltool.estimation.design import needs_noise
     from thermaltool.model import only_sensors
-    from thermaltool.report.estimators import design_document, design_summary, design_table
 
     if as_json and output == "-":
         raise click.UsageError("--json reports on stdout: give the model a file with -o")
     if noise is not None:
         one_stdin(model, noise)
         keep_inputs(output, noise)
-    document = read_model(model)
+    document = api.read_model(model)
     if sensors:
         document = only_sensors(document, sensors)
     if noise is None and needs_noise(document, measured):
         raise click.UsageError("Missing option '--noise': an estimate weighs it")
-    pinned = {"delay_s": delay, "cutoff_Hz": cutoff}
-    pinned |= dict(zip("ABc", regularization or (None,) * 3, strict=True))
-    held = {name: value for name, value in pinned.items() if value is not None}
-    known = {} if noise is None else read_noise(noise)
-    problem = DesignModel.of(document, known, dt or document.sample_period, measured)
-    for note in problem.all_notes if not quiet else ():
-        warn(note)
-    progress = terminal_progress("regularize")
-    design = design_estimator(document, problem, DesignPlan(form, walk, held), progress)
-    if design.choices:
-        progress("done\n")
-    if design.refused is not None:
-        warn(design.refused)
-    write_model(design.model, output)
+    result = api.regularize(document, noise, measured=measured, **options,
+                            warn=silent if quiet else warn,
+                            progress=terminal_progress("regularize"))  # fmt: skip
+    if quiet and result.design.refused is not None:
+        warn(result.design.refused)
+    api.write_model(result, output)
     if as_json:
-        write_json(design_document(design), "-")
+        write_json(result.document(), "-")
     elif not quiet:
-        if design.choices:
-            warn(design_table(design))
-        warn(design_summary(design))
+        warn(result.table())

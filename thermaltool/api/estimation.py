@@ -1,0 +1,272 @@
+"""From a model to its estimator, and from measured temperatures to heat and deflection."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, Unpack
+
+from thermaltool.api.inputs import Reading, as_model, read_log, read_noise, warn_pauses
+from thermaltool.api.result import Notice, Result, notice, silent, to_frame
+from thermaltool.errors import ModelError
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from thermaltool.api.inputs import Data, ModelLike
+    from thermaltool.estimation.batch import EstimatedRecord
+    from thermaltool.estimation.design import EstimatorDesign
+    from thermaltool.logs import Log
+    from thermaltool.model import Model
+    from thermaltool.signals.agreement import Agreement
+
+
+@dataclass(frozen=True, repr=False)
+class DesignReport(Result):
+    """A model with its estimator, and the trade-off that it was chosen from.
+
+    Attributes
+    ----------
+    design : EstimatorDesign
+    """
+
+    design: EstimatorDesign
+
+    @property
+    def model(self) -> Model:
+        """The model with its design."""
+        return self.design.model
+
+    def document(self) -> dict[str, Any]:
+        """The whole trade-off, JSON-ready."""
+        from thermaltool.report.estimators import design_document
+
+        return design_document(self.design)
+
+    def table(self) -> str:
+        """Every choice of every form, and the one that was taken."""
+        from thermaltool.report.estimators import design_summary, design_table
+
+        summary = design_summary(self.design)
+        return f"{design_table(self.design)}\n{summary}" if self.design.choices else summary
+
+    def draw(self) -> Figure:
+        """The predicted band of every choice, and what it is made of.
+
+        Raises
+        ------
+        ModelError
+            Every drive is measured: there was nothing to choose.
+        """
+        from thermaltool.report.models import draw_trade_off
+
+        if not self.design.choices:
+            raise ModelError("every drive is measured: there is no trade-off to draw")
+        return draw_trade_off(self.document(), "the design", self.model)
+
+
+@dataclass(frozen=True, repr=False)
+class LogEstimate(Result):
+    """Heat and deflection, estimated from the temperatures in a log.
+
+    Attributes
+    ----------
+    log : Log
+        The readings, and what was measured of the estimates.
+    found : EstimatedRecord
+    """
+
+    log: Log
+    found: EstimatedRecord
+
+    @property
+    def columns(self) -> Mapping[str, NDArray[Any]]:
+        """``time_s`` and the estimates, shape (n,)."""
+        return self.found.columns()
+
+    @property
+    def agreements(self) -> Mapping[str, Agreement]:
+        """How far the estimates are from what was measured of them."""
+        return self.found.agreement
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """Estimates against time [s]."""
+        return to_frame(self.columns)
+
+    def document(self) -> dict[str, Any]:
+        """The agreement of every measured channel, JSON-ready."""
+        return {name: each.document() for name, each in self.agreements.items()}
+
+    def table(self) -> str:
+        """Band and error of every estimate that was measured."""
+        from thermaltool.report.simulation import estimate_table
+
+        return estimate_table(self.agreements)
+
+    def draw(self) -> Figure:
+        """The estimates, against what was measured of them where it was."""
+        from thermaltool.report.pairs import draw_estimate
+        from thermaltool.report.records import draw_log
+
+        log = replace(self.log, columns=self.found.estimates)
+        return draw_estimate(log, self.log) if self.agreements else draw_log(log)
+
+
+def regularize(
+    model: ModelLike,
+    noise: str | os.PathLike[str] | Any | None = None,
+    *,
+    form: Literal["auto", "kalman", "kernel"] = "auto",
+    measured: Sequence[str] = (),
+    sensors: Sequence[str] = (),
+    dt: float | None = None,
+    walk: float | None = None,
+    delay: float | None = None,
+    cutoff: float | None = None,
+    regularization: tuple[float, float, float] | None = None,
+    warn: Notice = notice,
+    progress: Notice = silent,
+) -> DesignReport:
+    """Design the estimator from the model and the measured noise.
+
+    Both forms minimize the predicted band of the deflection error after a step of the calibrated
+    level: what is missing while the estimate catches up, and what the sensors' noise leaves.
+
+    Parameters
+    ----------
+    model : Model, a result that holds one, str or path
+    noise : what `noise` returned, or a file of it; optional
+        Not needed where every drive is measured.
+    form : {"auto", "kalman", "kernel"}
+        "auto" takes the one with the narrower predicted band.
+    measured : sequence of str
+        Drives that are read, not estimated. All, in a model without a sensor.
+    sensors : sequence of str
+        Only these.
+    dt : float, optional [s]
+        Sample period of the estimator. Default: that of the calibration.
+    walk : float, optional
+        Pins the random-walk rate of the Kalman form [share of the level per √s].
+    delay : float, optional [s]
+        Pins the artificial delay of the kernel form.
+    cutoff : float, optional [Hz]
+        Pins the filter of the kernel form.
+    regularization : (A, B, c), optional
+        Pins f_R = (At + Bt²)e^(−ct) of the kernel form [unit/s, unit/s², 1/s].
+    warn, progress : callable
+        Take a sentence about what the design reads or leaves out, and a word now and then.
+
+    Returns
+    -------
+    DesignReport
+
+    Raises
+    ------
+    ModelError
+        The noise is needed and not there, or does not fit the model.
+    FitError
+        No usable design.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd, thermaltool as tt
+    >>> time = np.arange(0.0, 1200.0, 10.0)
+    >>> frame = pd.DataFrame({"time_s": time, "Q_motor_W": np.where(time < 60, 0.0, 100.0)})
+    >>> frame["d_z_um"] = np.where(time < 60, 0.0, 20 * -np.expm1(-(time - 60) / 200))
+    >>> fit = tt.calibrate(frame, ["Q_motor_W"], deflections=["d_z_um"])
+    >>> print(tt.regularize(fit))
+    chosen: feedforward, from Q_motor_W
+    """
+    from thermaltool.estimation.design import DesignPlan, design_estimator, needs_noise
+    from thermaltool.estimation.design_model import DesignModel
+    from thermaltool.model import only_sensors
+
+    model = as_model(model)
+    if sensors:
+        model = only_sensors(model, sensors)
+    if noise is None and needs_noise(model, measured):
+        raise ModelError("an estimate weighs the sensors' noise: give what noise returned")
+    known = {} if noise is None else read_noise(noise)
+    problem = DesignModel.of(model, known, dt or model.sample_period, measured)
+    for sentence in problem.all_notes:
+        warn(sentence)
+    pinned = {"delay_s": delay, "cutoff_Hz": cutoff}
+    pinned |= dict(zip("ABc", regularization or (None,) * 3, strict=True))
+    plan = DesignPlan(form, walk, {name: v for name, v in pinned.items() if v is not None})
+    design = design_estimator(model, problem, plan, progress)
+    if design.choices:
+        progress("done\n")
+    if design.refused is not None:
+        warn(design.refused)
+    return DesignReport(design)
+
+
+def estimate(
+    model: ModelLike,
+    data: Data,
+    *,
+    initial: Literal["rest", "settled"] = "rest",
+    warn: Notice = notice,
+    **reading: Unpack[Reading],
+) -> LogEstimate:
+    """Heat and deflection from measured temperatures.
+
+    The numbers are those that `Compensator` gives row by row, the effects of the model included.
+
+    Parameters
+    ----------
+    model : Model with a design, a result that holds one, str or path
+        From `regularize`.
+    data : str, path, pandas.DataFrame or Record
+    initial : {"rest", "settled"}
+        The machine at the first row: cold, or settled at the first readings.
+    warn : callable
+        Takes a sentence where the first reading is not rest, the model extrapolates or the log
+        pauses. Default: a `ThermalToolWarning`.
+    **reading
+        See `read_log`.
+
+    Returns
+    -------
+    LogEstimate
+
+    Raises
+    ------
+    ModelError
+        No design, or one for other parameters.
+    LogError
+        A log that cannot be read, or that lacks a sensor.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd, thermaltool as tt
+    >>> time = np.arange(0.0, 1200.0, 10.0)
+    >>> frame = pd.DataFrame({"time_s": time, "Q_motor_W": np.where(time < 60, 0.0, 100.0)})
+    >>> frame["d_z_um"] = np.where(time < 60, 0.0, 20 * -np.expm1(-(time - 60) / 200))
+    >>> fit = tt.calibrate(frame, ["Q_motor_W"], deflections=["d_z_um"])
+    >>> tt.estimate(tt.regularize(fit), frame).agreements["d_z_um"].band < 0.1
+    True
+    """
+    from thermaltool.estimation.batch import estimate as estimate_record
+    from thermaltool.estimation.pipeline import EstimatorPipeline
+    from thermaltool.model import NOT_AT_REST
+    from thermaltool.report.text import excursion_message, row_message
+
+    model = as_model(model)
+    pipeline = EstimatorPipeline.of(model)
+    log = read_log(data, **reading, need=pipeline.columns)
+    found = estimate_record(model, pipeline, log, initial == "settled")
+    for column, value in found.not_at_rest.items():
+        warn(row_message(log, 0, f"{column}: {value:.4g} at the start {NOT_AT_REST}"))
+    for excursion in found.excursions:
+        warn(excursion_message(log, excursion))
+    known = "the drives are held or run on"
+    over = "the heat is taken to wander on" if pipeline.estimates_drives else known
+    warn_pauses(log, warn, f"{over} over it")
+    for excursion in found.extrapolated:
+        warn(excursion_message(log, excursion))
+    return LogEstimate(log, found)
