@@ -27,10 +27,10 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 from hidden_scoring import SEEN, Score, Trial, law_of, score
+from machines.faults import VARIANTS
+from machines.hidden import EFFECTS
 from scipy.stats import binom
 
-from thermaltool.plants.faults import VARIANTS
-from thermaltool.plants.hidden import EFFECTS
 from thermaltool.report.style import COMPUTED, CYCLE, MARK, new_figure, render
 
 if TYPE_CHECKING:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -20,10 +22,13 @@ from thermaltool.diagnosis.select import scan
 from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.model import Model, relative
-from thermaltool.plants.hidden import Hidden, HiddenLog, hide
-from thermaltool.plants.scenario import DEFLECTIONS, DRIVE, SENSORS, Table
 from thermaltool.record import Record
 from thermaltool.units import is_displacement
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+
+from machines.hidden import Hidden, HiddenLog, hide
+from machines.scenario import DEFLECTIONS, DRIVE, SENSORS, Table
 
 Float = NDArray[np.float64]
 
@@ -49,7 +54,7 @@ class Trial:
     variant : str or None
         Of the first effect.
     size : float
-        Wanted, over noise; see `thermaltool.plants.hidden.Hidden.size`.
+        Wanted, over noise; see `machines.hidden.Hidden.size`.
     machine_seed, seed : int
     held_out : bool
         Whether a second diagnosis, of the first part of the log, is judged on the rest of it.

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from machines.hidden import hide
 from reference.measured import MAPS, published
 
 from thermaltool.diagnosis.alternatives import (
@@ -23,7 +24,6 @@ from thermaltool.effects import effect_class
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.logs import read_log
 from thermaltool.model import Drive, Model, Output, Term
-from thermaltool.plants.hidden import hide
 from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from machines.hidden import hide
 
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.diagnose import WITHIN_CALIBRATION
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
-from thermaltool.plants.hidden import hide
 from thermaltool.record import Record
 
 HEAT = "Q_main_1"

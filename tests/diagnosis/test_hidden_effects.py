@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from machines.faults import VARIANTS
+from machines.hidden import EFFECTS, Hidden, hide
 
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis
 from thermaltool.effects import effect_class
 from thermaltool.effects.effect import reference_of
-from thermaltool.plants.faults import VARIANTS
-from thermaltool.plants.hidden import EFFECTS, Hidden, hide
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from zlib import crc32
 
 import numpy as np
+from machines.faults import FAULTS, VARIANTS
+from machines.network import BEARING, OUTPUTS, Network, machine
+from machines.scenario import DEFLECTIONS, Fault, Table, new_run, noise_of, sensors_of
 
-from thermaltool.plants.faults import FAULTS, VARIANTS
-from thermaltool.plants.network import BEARING, OUTPUTS, Network, machine
 from thermaltool.plants.noise import Sensor
-from thermaltool.plants.scenario import DEFLECTIONS, Fault, Table, new_run, noise_of, sensors_of
 
 EFFECTS = tuple(FAULTS)
 _SHORT = 0.5  # slowest time constants that a calibration covers when the record is too short
@@ -36,7 +36,7 @@ class Hidden:
     effect : str
         A key of the catalogue (`EFFECTS`).
     variant : str or None
-        Its form, see `thermaltool.plants.faults.VARIANTS`.
+        Its form, see `machines.faults.VARIANTS`.
     channel : str or None
         What a diagnosis should name: drive, sensor or another column; None where there is none.
     parameters : dict of str to float

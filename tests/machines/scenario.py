@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from machines.network import BEARING, NODES, OUTPUTS, REST, Network
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from thermaltool.plants.network import BEARING, NODES, OUTPUTS, REST, Network
 from thermaltool.plants.noise import Sensor, ornstein_uhlenbeck, read_sensors
 from thermaltool.units import parse_channel
 

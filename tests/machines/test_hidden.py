@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from machines.faults import FAULTS, VARIANTS
+from machines.hidden import EFFECTS, hide
+from machines.network import OUTPUTS, machine
+from machines.scenario import DEFLECTIONS, DRIVE, SENSORS, new_run
 
-from thermaltool.plants.faults import FAULTS, VARIANTS
-from thermaltool.plants.hidden import EFFECTS, hide
-from thermaltool.plants.network import OUTPUTS, machine
-from thermaltool.plants.scenario import DEFLECTIONS, DRIVE, SENSORS, new_run
 from thermaltool.units import parse_channel
 
 FORMS = [(effect, form) for effect in EFFECTS for form in (None, *VARIANTS.get(effect, ()))]

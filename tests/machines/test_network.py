@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-
-from thermaltool.plants.network import (
+from machines.network import (
     BEARING,
     KELVIN,
     NODES,
@@ -16,6 +14,7 @@ from thermaltool.plants.network import (
     WALL,
     machine,
 )
+from scipy.integrate import solve_ivp
 
 SEEDS = range(12)
 

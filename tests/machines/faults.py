@@ -1,7 +1,7 @@
 """What can go wrong with the lumped machine, each at the place where physics puts it.
 
 A fault of some strength changes a `Run` and says what it did: parameters in the units of the
-channels. Those of the sensors are in `thermaltool.plants.sensor_faults`.
+channels. Those of the sensors are in `machines.sensor_faults`.
 """
 
 from __future__ import annotations
@@ -10,10 +10,9 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-
-from thermaltool.plants import sensor_faults
-from thermaltool.plants.network import BEARING, KELVIN, OUTPUTS, REST, STEFAN_BOLTZMANN, WALL
-from thermaltool.plants.scenario import (
+from machines import sensor_faults
+from machines.network import BEARING, KELVIN, OUTPUTS, REST, STEFAN_BOLTZMANN, WALL
+from machines.scenario import (
     AIR,
     BEARING_HEAT,
     COOLANT,

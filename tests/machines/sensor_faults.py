@@ -6,10 +6,8 @@ Errors of a sensor act on the rise above rest, also for an absolute temperature.
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
-
-from thermaltool.plants.network import KELVIN, OUTPUTS, REST
-from thermaltool.plants.scenario import (
+from machines.network import KELVIN, OUTPUTS, REST
+from machines.scenario import (
     SENSORS,
     Array,
     Fault,
@@ -20,6 +18,7 @@ from thermaltool.plants.scenario import (
     either_sign,
     moment,
 )
+from scipy.signal import lfilter
 
 
 def sensor_lag(run: Run, generator: Generator, variant: str | None) -> Fault:
