@@ -26,6 +26,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
@@ -34,9 +35,13 @@ from thermaltool.control.fcc import ActuatorModel, ActuatorState, Forecaster, Fo
 from thermaltool.control.hysteresis import PrandtlIshlinskii
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.fitting.actuator import identify_actuator
-from thermaltool.plants.boring_bar import PARTS, SECTIONS, BarParameters, Part, build, roundness
+from thermaltool.plants.boring_bar import PARTS, SECTIONS, BarParameters, Part, build
 from thermaltool.timeseries.recursive.arma import RecursiveArma
 from thermaltool.timeseries.recursive.direct import DirectForecast
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+
+from machines.roundness import roundness
 
 PRINTED_ROUNDNESS, PRINTED_DEPTH = 0.39, 0.56
 SPEEDS = (500.0, 600.0, 700.0, 800.0)

@@ -30,6 +30,10 @@ from thermaltool.plants import build
 from thermaltool.plants.noise import Sensor, read_sensors
 from thermaltool.responses.modes import Modes, uniform_spans
 
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+
+from machines.reduction import reduce_frame
+
 # Fraser 1997, ch. 6: range of the estimation error, µm.
 PUBLISHED = {"step100": 6.0, "step050": 5.0, "step025": 3.5, "triangle": 4.0}
 INPUTS = ("step100", "step050", "step025", "triangle", "duty")
@@ -42,7 +46,7 @@ ORDER = 24
 
 def plant_modes() -> dict[str, Modes]:
     """Every output of the plant as modes of its reduced state space."""
-    reduced = build("frame").state_space(ORDER)
+    reduced = reduce_frame(build("frame"), ORDER)
     rates, vectors = np.linalg.eig(reduced.A)
     weights = (reduced.C @ vectors) * np.linalg.solve(vectors, reduced.B[:, 0])
     upper = rates.imag >= 0

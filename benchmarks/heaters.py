@@ -31,7 +31,7 @@ from thermaltool.fitting.transfer.machine import machine
 from thermaltool.model import Model
 from thermaltool.model.combine import scheduled, superposed
 from thermaltool.model.curves import Form
-from thermaltool.plants import build_heated
+from thermaltool.plants import build
 from thermaltool.plants.duties import HOUR, air, settings
 from thermaltool.plants.heated import OUTPUTS, POWERS, SENSORS, HeatedPlant
 from thermaltool.plants.noise import read_sensors
@@ -227,7 +227,7 @@ def calibration_fits(name: str, seeds: list[int]) -> None:
     ways = [(0, QC, ANGLE), (0, TC, ANGLE), (0, TC, LENGTH), (0, TC, "d_x1_um"),
             (1, QS, ANGLE), (1, TS, ANGLE), (1, TS, LENGTH), (1, TS, "d_x1_um")]  # fmt: skip
     print("| heater | from | to | second order | third order | asked | |\n" + "|---" * 7 + "|")
-    plant = build_heated(name)
+    plant = build(name)
     for heater, source, target in ways:
         fits: dict[int, list[float]] = {2: [], 3: []}
         for seed in seeds:
@@ -260,7 +260,7 @@ def improvements(name: str, seeds: list[int], labels: tuple[str, ...], swing: fl
     columns = [*SPECTRA, "length"]
     print("| procedure | calibration h | " + " | ".join(columns) + " | asked | |")
     print("|---|---|" + "---|" * (len(columns) + 2))
-    plant = build_heated(name)
+    plant = build(name)
     for label in labels:
         found: dict[str, list[float]] = {c: [] for c in columns}
         hours = 0.0

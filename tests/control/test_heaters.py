@@ -19,7 +19,7 @@ from thermaltool.fitting.transfer.machine import machine
 from thermaltool.model import Drive, Model, ModelRecursion, Output, Term
 from thermaltool.model.combine import scheduled, superposed
 from thermaltool.model.curves import Form
-from thermaltool.plants import build_heated
+from thermaltool.plants import build
 from thermaltool.plants.duties import HOUR, air, settings
 from thermaltool.record import Record
 from thermaltool.responses.modes import CLOCK_STEP
@@ -320,7 +320,7 @@ def angle(plant, read):
 
 def test_the_angle_of_the_c_frame_is_held_in_a_closed_loop():
     """Quick changes, 6 h: the least of ten repetitions of the study was 96.8 %."""
-    plant = build_heated("c-frame")
+    plant = build("c-frame")
     clock = DT * np.arange(round(6 * HOUR / DT) + 1)
     full = plant.regulators[0].full
     given = settings("quick", (True, False), full, clock - 1800.0, 7)

@@ -17,7 +17,7 @@ from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.machine import machine
 from thermaltool.model import Drive, Term, dumps, loads
 from thermaltool.model.combine import scheduled
-from thermaltool.plants import build_heated
+from thermaltool.plants import build
 from thermaltool.plants.duties import HOUR, air, settings
 from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
@@ -29,7 +29,7 @@ HEATER, ANGLE, DT = "Q_stabilization_W", "phi_x_urad", 60.0
 @pytest.fixture(scope="module")
 def c_frame():
     """γ2 of the C-frame, from a step of the stabilization heater as in the source."""
-    plant = build_heated("c-frame")
+    plant = build("c-frame")
     clock = DT * np.arange(round(12 * HOUR / DT) + 1)
     given = settings("step", (False, True), plant.regulators[1].full, clock - 1800.0, 2)
     read = plant.simulate(given, air(clock, 20.0, 0.0, 2), DT)

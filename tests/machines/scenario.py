@@ -10,6 +10,7 @@ from machines.network import BEARING, NODES, OUTPUTS, REST, Network
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from thermaltool.plants.excitation import held
 from thermaltool.plants.noise import Sensor, ornstein_uhlenbeck, read_sensors
 from thermaltool.units import parse_channel
 
@@ -194,9 +195,7 @@ def hall(time: Array, amplitude: float, generator: Generator) -> Array:
 
 def _levels(time: Array, lengths: list[float], levels: list[float]) -> Array:
     """Levels, each held for its length [s]; the last one to the end."""
-    edges = np.cumsum(lengths)[:-1]
-    held: Array = np.asarray(levels)[np.searchsorted(edges, time, side="right")]
-    return held
+    return held(time, zip(levels, [*lengths[:-1], np.inf], strict=True))
 
 
 def _staircase(time: Array, generator: Generator) -> Array:

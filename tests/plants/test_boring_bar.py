@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from machines.roundness import roundness
 
 from thermaltool.cli.plant import command
 from thermaltool.logs import read_log
@@ -16,7 +17,6 @@ from thermaltool.plants.boring_bar import (
     BarParameters,
     Part,
     build,
-    roundness,
 )
 
 BAR = build()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from machines.reduction import reduce_frame
 from scipy import linalg
 from scipy.sparse.linalg import spsolve
 
@@ -163,7 +164,7 @@ def test_outputs_are_linear_in_the_heat(plant):
 
 
 def test_reduced_plant_repeats_the_full_one(plant):
-    reduced = plant.state_space(20)
+    reduced = reduce_frame(plant, 20)
     dt, n = 0.5, 800
     block = np.zeros((21, 21))
     block[:20, :20], block[:20, 20:] = reduced.A, reduced.B
@@ -185,7 +186,7 @@ def test_stated_error_of_the_reduction_is_that_against_the_full_model(plant):
     full = np.column_stack([observe @ spsolve(conduction + p * capacity, plant.heat) for p in s])
     previous = np.full(len(observe), np.inf)
     for order in (6, 14, 26):
-        reduced = plant.state_space(order)
+        reduced = reduce_frame(plant, order)
         assert linalg.eigvals(reduced.A).real.max() < 0.0
         deviation = np.abs(reduced.transfer(s) - full).max(axis=1)
         assert np.all(deviation <= reduced.error + 1e-8)
@@ -196,4 +197,4 @@ def test_stated_error_of_the_reduction_is_that_against_the_full_model(plant):
 @pytest.mark.parametrize("order", [0, 1000])
 def test_an_order_that_cannot_be_is_refused(plant, order):
     with pytest.raises(ValueError, match=f"order {order} is not between 1 and"):
-        plant.state_space(order)
+        reduce_frame(plant, order)

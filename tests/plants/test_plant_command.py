@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from thermaltool.cli.plant import COMMON, SHAPES, TAKEN, command
+from thermaltool.cli.plant import command
 from thermaltool.logs import read_log
+from thermaltool.plants import COMMON, PLANTS
+from thermaltool.plants.boring_bar import PARTS
+from thermaltool.plants.duties import DUTIES
 from thermaltool.plants.excitation import INPUTS
 
 HEADER = (
@@ -18,7 +21,11 @@ def run(*arguments, **options):
 
 
 def test_help_lists_the_shapes_there_are():
-    assert set(SHAPES) == set(INPUTS)
+    assert set(PLANTS["frame"].inputs) == set(INPUTS)
+    assert PLANTS["quill"].inputs == PLANTS["c-frame"].inputs == tuple(DUTIES)
+    words = " ".join(run("--help").stdout.split())
+    for shapes in (INPUTS, PARTS):
+        assert "|".join(shapes) in words.replace(" ", "")
 
 
 def test_clean_log_rests_until_the_heat():
@@ -89,7 +96,8 @@ def test_bad_usage_is_named(arguments, message):
 def test_every_option_is_of_some_plant():
     """And one that is taken is not refused."""
     options = {p.name for p in command.params}
-    assert COMMON.union(*TAKEN.values()) == options
+    every = {"name", "to_format", "as_json", "output"}.union(COMMON)
+    assert every.union(*(offer.options for offer in PLANTS.values())) == options
     done = run("quill", "--duration", 120, "--heater", "both", "--power", 50, "--swing", 0,
                "--ambient", 25, "--start", 60, "--dt", 30, "--clean")  # fmt: skip
     assert done.exit_code == 0, done.output

@@ -13,11 +13,11 @@ column, the stabilization heater high on its back and the stronger one. 70 W end
 
 from __future__ import annotations
 
-from thermaltool.plants.heated import Film, HeatedPlant, Pad, Regulator, assemble
+from thermaltool.plants.heated import Film, HeatedPlant, Regulator, assemble, pad
 from thermaltool.plants.tubes import Chain, Metal, Tube
 
 FULL = 70.0  # [W]
-REGULATORS = Regulator(FULL, 1.1, 0.5), Regulator(FULL, 1.6, 0.5)
+CAUSAL, STABILIZATION = Regulator(FULL, 1.1, 0.5), Regulator(FULL, 1.6, 0.5)
 AROUND = 0.5
 
 
@@ -31,11 +31,8 @@ def build() -> HeatedPlant:
     ]
     chain = Chain(tubes, Metal(), foot=0.1)
 
-    def pad(number: int, first: int, sectors: tuple[int, int], probe: int) -> Pad:
-        covered = tuple(chain.at(1, first + k, s) for k in (0, 1) for s in sectors)
-        return Pad(covered, 150.0, 4.0, chain.at(1, probe, sectors[0]), REGULATORS[number])
-
     # Upwards, the left of the axis is the back.
-    causal, stabilization = pad(0, 2, (3, 4), 4), pad(1, 7, (0, 7), 9)
+    causal = pad(chain, 1, 2, (3, 4), 4, CAUSAL)
+    stabilization = pad(chain, 1, 7, (0, 7), 9, STABILIZATION)
     probes = ((0.4, 0.45), (0.4, 0.25))
     return assemble(chain, Film(natural=4.0, steady=5.0), (causal, stabilization), probes)

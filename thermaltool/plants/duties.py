@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.plants.excitation import Holds, held
+from thermaltool.plants.excitation import Holds, held, step
 from thermaltool.plants.noise import ornstein_uhlenbeck
 
 Array = NDArray[np.float64]
@@ -24,11 +24,6 @@ SETTLED = 8 * HOUR  # of each step of spectrum A
 _LEVELS = np.arange(1, 8) / 7  # 10 to 70 W on the C-frame
 _QUICK_SHARE = 0.1  # of spectrum B
 _AIR_TIME = 4 * HOUR
-
-
-def step(time: Array, rng: Generator) -> Array:
-    """The whole power from time zero on."""
-    return np.where(time >= 0, 1.0, 0.0)
 
 
 def spectrum_a(time: Array, rng: Generator) -> Array:

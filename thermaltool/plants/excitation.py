@@ -22,7 +22,7 @@ def idle(time: Array, seed: int) -> Array:
     return np.zeros_like(time)
 
 
-def step(time: Array, seed: int) -> Array:
+def step(time: Array, seed: object) -> Array:
     """Full heat from time zero on."""
     return np.where(time >= 0.0, 1.0, 0.0)
 

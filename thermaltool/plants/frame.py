@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshHex
 
-from thermaltool.plants.reduction import ReducedPlant, reduce_symmetric
 from thermaltool.plants.thermoelastic import (
     Array,
     Facets,
@@ -124,14 +123,6 @@ class FramePlant:
         columns = dict(zip(OUTPUTS, samples.T, strict=True))
         columns["T_column_degC"] = columns["T_column_degC"] + ambient[0]
         return columns
-
-    def state_space(self, order: int) -> ReducedPlant:
-        """Continuous state space of heat Q [1] to the pair differences [K] and d_x, d_y [µm]."""
-        names = (*PROBE_PAIRS, "d_x_um", "d_y_um")
-        observe = np.array([self.rows[name] for name in names])
-        return reduce_symmetric(
-            self.thermal.capacity, self.thermal.conduction, self.heat, observe, names, order
-        )
 
 
 def build(geometry: FrameGeometry | None = None) -> FramePlant:

@@ -210,6 +210,31 @@ class HeatedRun:
         self._rise = free - self._gain @ ((before + after) / 2)
 
 
+def pad(
+    chain: Chain,
+    tube: int,
+    first: int,
+    sectors: tuple[int, int],
+    probe: int,
+    regulator: Regulator,
+) -> Pad:
+    """A heater of 150 J/K with a contact of 4 W/K, chosen, on two segments of a tube.
+
+    Parameters
+    ----------
+    chain : Chain
+    tube, first : int
+        The tube, and the first of the two segments.
+    sectors : (int, int)
+        What of the girth it covers.
+    probe : int
+        The segment whose temperature is read, in the first of the sectors.
+    regulator : Regulator
+    """
+    covered = tuple(chain.at(tube, first + k, s) for k in (0, 1) for s in sectors)
+    return Pad(covered, 150.0, 4.0, chain.at(tube, probe, sectors[0]), regulator)
+
+
 def assemble(
     chain: Chain,
     film: Film,

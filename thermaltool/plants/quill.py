@@ -11,11 +11,11 @@ that 90 W end at the printed figures (91 µrad, 60 µm).
 
 from __future__ import annotations
 
-from thermaltool.plants.heated import Film, HeatedPlant, Pad, Regulator, assemble
+from thermaltool.plants.heated import Film, HeatedPlant, Regulator, assemble, pad
 from thermaltool.plants.tubes import Chain, Metal, Tube
 
 FULL = 90.0  # [W]
-REGULATORS = Regulator(FULL, 1.2, 0.3), Regulator(FULL, 1.5, 0.3)
+CAUSAL, STABILIZATION = Regulator(FULL, 1.2, 0.3), Regulator(FULL, 1.5, 0.3)
 
 
 def build() -> HeatedPlant:
@@ -23,10 +23,7 @@ def build() -> HeatedPlant:
     length, segments = 0.45, 12
     chain = Chain([Tube((0.0, 0.0), (0.0, -length), 0.2, 0.065, segments)], Metal(), foot=0.06)
 
-    def pad(number: int, first: int, sectors: tuple[int, int], probe: int) -> Pad:
-        covered = tuple(chain.at(0, first + k, s) for k in (0, 1) for s in sectors)
-        return Pad(covered, 150.0, 4.0, chain.at(0, probe, sectors[0]), REGULATORS[number])
-
-    causal, stabilization = pad(0, 3, (0, 7), 5), pad(1, 6, (3, 4), 8)
+    causal = pad(chain, 0, 3, (0, 7), 5, CAUSAL)
+    stabilization = pad(chain, 0, 6, (3, 4), 8, STABILIZATION)
     probes = ((0.0, -length - 0.05), (0.0, -length - 0.15))
     return assemble(chain, Film(natural=4.0, steady=6.0), (causal, stabilization), probes)

@@ -1,4 +1,4 @@
-"""Model reduction of a symmetric diffusive system to a few states, with its error measured.
+"""Reduction of the frame, a symmetric diffusive system, to a few states with its error measured.
 
 A rational Krylov space (Galerkin, so stability is kept) gives an intermediate model that agrees
 with the full one far below anything measurable; balanced truncation takes it to the order asked.
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
+from thermaltool.plants.frame import PROBE_PAIRS, FramePlant
 from thermaltool.plants.thermoelastic import symmetric_factor
 
 Array = NDArray[np.float64]
@@ -53,6 +54,14 @@ class ReducedPlant:
             :, :, 0
         ].T
         return response
+
+
+def reduce_frame(plant: FramePlant, order: int) -> ReducedPlant:
+    """Continuous state space of heat Q [1] to the pair differences [K] and d_x, d_y [µm]."""
+    names = (*PROBE_PAIRS, "d_x_um", "d_y_um")
+    observe = np.array([plant.rows[name] for name in names])
+    thermal = plant.thermal
+    return reduce_symmetric(thermal.capacity, thermal.conduction, plant.heat, observe, names, order)
 
 
 def reduce_symmetric(
