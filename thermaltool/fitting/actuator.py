@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar, nnls
 from scipy.signal import cont2discrete, lfilter
 
+from thermaltool.effects.dynamics import play
 from thermaltool.errors import FitError
 
 Array = NDArray[np.float64]
@@ -90,7 +91,8 @@ def identify_actuator(
     usual = min(int(len(command) * MAX_DELAY_SHARE), MAX_DELAY)
     most = usual if longest is None else round(longest / period)
     thresholds = THRESHOLD_SHARE * reach * np.arange(plays) / plays
-    acts = np.column_stack([_play(command, r) for r in thresholds])
+    # A threshold is half the distance of the flanks; all start from the first command.
+    acts = play(command, 2 * thresholds, {"play": np.full(plays, command[0])}).T
     b, a = _low_pass(natural, damping, period)
     answers = lfilter(b, a, acts - acts[0], axis=0)
 
@@ -117,14 +119,6 @@ def identify_actuator(
         explained,
         float(np.sqrt(loss / len(reading))),
     )
-
-
-def _play(x: Array, threshold: float) -> Array:
-    out, play = np.empty_like(x), float(x[0])
-    for k, value in enumerate(x.tolist()):
-        play = min(max(play, value - threshold), value + threshold)
-        out[k] = play
-    return out
 
 
 def _low_pass(natural: float, damping: float, period: float) -> tuple[Array, Array]:
