@@ -22,7 +22,7 @@ from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.network.choose import choose_modes, started
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.model import Network
-from thermaltool.fitting.network.problem import Problem
+from thermaltool.fitting.network.problem import NetworkProblem
 from thermaltool.fitting.network.search import refine, search
 from thermaltool.fitting.transfer.choose import first_that_fits
 from thermaltool.model.curves import Form, SearchedCurve
@@ -67,7 +67,7 @@ def speed(seed: int) -> None:
         begun = time.process_time()
         network = identify_network(records(u, y, False), 3, NO_DELAY)
         taken = time.process_time() - begun
-        error = 100 * np.max(np.abs(network.lags / LAGS - 1))
+        error = 100 * np.max(np.abs(network.time_constants / LAGS - 1))
         print(f"| {rows} | {taken:.2f} | {error:.3f} | {(u.nbytes + y.nbytes) / 2**20:.1f} |",
               flush=True)  # fmt: skip
 
@@ -88,8 +88,8 @@ def coverage(seed: int, repeats: int, rows: int = 1500) -> None:
                 y = clean + NOISE * clean.std(axis=1)[:, None] * lfilter(*colour, e, axis=1)
                 data = records(u, y, at_rest)
                 network = identify_network(data, 3, NO_DELAY)
-                found = [*network.shares[0].time_constants()]
-                found += [e for s in network.shares for e in (*s.weight(0), s.gain(0))]
+                found = [*network.outputs[0].time_constant_estimates()]
+                found += [e for s in network.outputs for e in (*s.weight_estimates(0), s.gain(0))]
                 value, low, high = np.array([(e.value, e.low, e.high) for e in found]).T
                 inside.append((low < truth) & (truth < high))
                 errors.append((value - truth) / ((high - low) / 2 / 1.96))
@@ -112,8 +112,8 @@ def _narrower(seed: int, repeat: int, u: Array, clean: Array) -> Array:
     found = [data, *(data.only(k) for k in range(2))]
     widths = []
     for each in found:
-        share = identify_network(each, 3, NO_DELAY[: len(each.outputs)]).shares[0]
-        widths.append([np.log(e.high / e.low) for e in share.time_constants()])
+        share = identify_network(each, 3, NO_DELAY[: len(each.outputs)]).outputs[0]
+        widths.append([np.log(e.high / e.low) for e in share.time_constant_estimates()])
     return np.asarray(widths[0] / np.min(widths[1:], axis=0))
 
 
@@ -138,7 +138,7 @@ def spindle(column: Mapping[str, Array], period: float) -> None:
         fits = [
             " / ".join(f"{a.fit_percent:.1f}" for a in network.fit(d)) for d in (training, rest)
         ]
-        print(f"| {', '.join(names)} | {len(network.lags)} | {begins} | {fits[0]} | {fits[1]} |",
+        print(f"| {', '.join(names)} | {len(network.time_constants)} | {begins} | {fits[0]} | {fits[1]} |",
               flush=True)  # fmt: skip
 
 
@@ -201,11 +201,11 @@ def _bent(fitted: Drive, data: TrainingData, modes: int) -> tuple[Curve, Network
 
 def _criterion(data: TrainingData, modes: int, delay: float) -> Callable[[Curve], float]:
     """Of a curve, the time constants searched from where the last curve had them."""
-    lags = [search(Problem(data, ((delay,),)), modes).lags]
+    lags = [search(NetworkProblem(data, ((delay,),)), modes).time_constants]
 
     def value(curve: Curve) -> float:
-        found = refine(Problem(_through(data, curve), ((delay,),)), lags[0])
-        lags[0] = found.lags
+        found = refine(NetworkProblem(_through(data, curve), ((delay,),)), lags[0])
+        lags[0] = found.time_constants
         return found.criterion
 
     return value

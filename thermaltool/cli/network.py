@@ -9,7 +9,7 @@ from typing import Any
 from thermaltool.cli.transfer import Findings, read_one
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData
-from thermaltool.fitting.network.run import Shared, SharedPlan, run_shared
+from thermaltool.fitting.network.run import IdentifiedNetwork, NetworkPlan, run_network
 from thermaltool.fitting.transfer.machine import in_use
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -30,17 +30,17 @@ def identify_shared(
     Raises
     ------
     FitError
-        As `run_shared`.
+        As `run_network`.
     LogError
         As `read_log`.
     """
     data, sources = _load(logs, inputs, outputs, options)
     fresh = None if validation is None else _load((validation,), inputs, outputs, options)[0]
-    plan = SharedPlan(options["modes"], options["delay"] or 0.0, options["initial"],
+    plan = NetworkPlan(options["modes"], options["delay"] or 0.0, options["initial"],
                       options["split"])  # fmt: skip
-    found = run_shared(data, plan, fresh)
-    parts = [(share, found.ways(k), found.training[k], found.data.measured(k))
-             for k, share in enumerate(found.network.shares)]  # fmt: skip
+    found = run_network(data, plan, fresh)
+    parts = [(output, found.continuous_terms(k), found.training[k], found.data.measured(k))
+             for k, output in enumerate(found.network.outputs)]  # fmt: skip
     return Findings(sources, parts, network_document(found), network_table(found),
                     network_warnings(found), lambda model: _lost(found, model))  # fmt: skip
 
@@ -66,7 +66,7 @@ def _load(
     return TrainingData(tuple(records), inputs, outputs, period, holds), sources
 
 
-def _lost(found: Shared, model: Model) -> list[str]:
+def _lost(found: IdentifiedNetwork, model: Model) -> list[str]:
     data = found.data
     return lost_from_rest([
         (target, found.training[k], in_use(model, data.measured(k)))

@@ -1,12 +1,12 @@
-"""Shared modes as a JSON document and as text."""
+"""IdentifiedNetwork modes as a JSON document and as text."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from thermaltool.fitting.network.choose import Candidate
-from thermaltool.fitting.network.model import Share
-from thermaltool.fitting.network.run import Shared
+from thermaltool.fitting.network.choose import NetworkCandidate
+from thermaltool.fitting.network.model import NetworkOutput
+from thermaltool.fitting.network.run import IdentifiedNetwork
 from thermaltool.fitting.transfer.search import SLOWEST
 from thermaltool.report.orders import aligned
 from thermaltool.report.transfer import (
@@ -25,14 +25,14 @@ from thermaltool.responses import parameter_names
 from thermaltool.units import printed
 
 
-def network_warnings(found: Shared) -> list[str]:
+def network_warnings(found: IdentifiedNetwork) -> list[str]:
     """What a user should know before using the model, each a sentence."""
     told, span = [], found.data.duration
     if not found.network.converged:
         told.append("the search for the time constants did not converge")
-    untold = found.network.untold()
-    for e in found.network.shares[0].time_constants():
-        if e in untold:
+    undetermined = found.network.undetermined()
+    for e in found.network.outputs[0].time_constant_estimates():
+        if e in undetermined:
             told.append(
                 f"the data do not tell the time constant of {e.value:.3g} s "
                 f"({interval_told(e)}): take fewer modes"
@@ -43,37 +43,37 @@ def network_warnings(found: Shared) -> list[str]:
     return told
 
 
-def network_document(found: Shared) -> dict[str, Any]:
-    """One model for each output, with the time constants that they share."""
-    return {"models": [_output(found, k) for k in range(len(found.network.shares))]}
+def network_document(found: IdentifiedNetwork) -> dict[str, Any]:
+    """One model for each output, with the time constants that they output."""
+    return {"models": [_output(found, k) for k in range(len(found.network.outputs))]}
 
 
-def _output(found: Shared, k: int) -> dict[str, Any]:
-    share = found.network.shares[k]
-    units = ["s"] * share.modes
-    units += [gain_unit(share.target, name) for name in share.names for _ in range(share.modes)]
+def _output(found: IdentifiedNetwork, k: int) -> dict[str, Any]:
+    output = found.network.outputs[k]
+    units = ["s"] * output.modes
+    units += [gain_unit(output.target, name) for name in output.names for _ in range(output.modes)]
     document: dict[str, Any] = {
-        "inputs": list(share.names),
-        "output": share.target,
-        "shared_with": [s.target for s in found.network.shares if s is not share],
+        "inputs": list(output.names),
+        "output": output.target,
+        "shared_with": [s.target for s in found.network.outputs if s is not output],
         "structure": "network",
-        "orders": {"modes": share.modes},
-        "sample_period_s": share.dt,
-        "delay_s": one_or_all([_delay(share, i) for i in range(len(share.names))]),
-        "dead_time_s": one_or_all(share.delays),
-        "time_constants_s": share.lags.tolist(),
+        "orders": {"modes": output.modes},
+        "sample_period_s": output.dt,
+        "delay_s": one_or_all([_delay(output, i) for i in range(len(output.names))]),
+        "dead_time_s": one_or_all(output.delays),
+        "time_constants_s": output.time_constants.tolist(),
         "fit_training_percent": finite(found.training[k].fit_percent),
         "fit_validation_percent": None,
         "improvement_validation_percent": None,
-        "parameters": {name: estimate_document(e) for name, e in share.named()},
-        "units": dict(zip((name for name, _ in share.named()), units, strict=True)),
-        "noise": {"variance": share.sigma2},
-        "offsets": list(share.offsets),
-        "method": share.method,
+        "parameters": {name: estimate_document(e) for name, e in output.named()},
+        "units": dict(zip((name for name, _ in output.named()), units, strict=True)),
+        "noise": {"variance": output.sigma2},
+        "offsets": list(output.offsets),
+        "method": output.method,
         "converged": found.network.converged,
-        "criteria": {"aic": share.criteria.aic, "bic": share.criteria.bic},
+        "criteria": {"aic": output.criteria.aic, "bic": output.criteria.bic},
         "residuals": residuals_document(found.tests[k]),
-        "terms": [_term(share, i) for i in range(len(share.names))],
+        "terms": [_term(output, i) for i in range(len(output.names))],
     }
     if found.validation is not None and found.improvement is not None:
         document["fit_validation_percent"] = finite(found.validation[k].fit_percent)
@@ -86,16 +86,16 @@ def _output(found: Shared, k: int) -> dict[str, Any]:
     return document
 
 
-def _term(share: Share, i: int) -> dict[str, Any]:
-    response, unit = share.response(i), gain_unit(share.target, share.names[i])
+def _term(output: NetworkOutput, i: int) -> dict[str, Any]:
+    response, unit = output.response(i), gain_unit(output.target, output.names[i])
     return {
-        "input": share.names[i],
-        "delay_s": _delay(share, i),
-        "dead_time_s": share.delays[i],
-        "gain": {**estimate_document(share.gain(i)), "unit": unit},
-        "time_constants_s": [estimate_document(e) for e in share.time_constants()],
+        "input": output.names[i],
+        "delay_s": _delay(output, i),
+        "dead_time_s": output.delays[i],
+        "gain": {**estimate_document(output.gain(i)), "unit": unit},
+        "time_constants_s": [estimate_document(e) for e in output.time_constant_estimates()],
         "oscillations": [],
-        "weights": [{**estimate_document(e), "unit": unit} for e in share.weight(i)],
+        "weights": [{**estimate_document(e), "unit": unit} for e in output.weight_estimates(i)],
         "continuous": {
             "kind": response.kind,
             "parameters": {n: getattr(response, n) for n in parameter_names(response.kind)},
@@ -104,37 +104,39 @@ def _term(share: Share, i: int) -> dict[str, Any]:
     }
 
 
-def _delay(share: Share, i: int) -> float:
+def _delay(output: NetworkOutput, i: int) -> float:
     """Dead time with what the sampling itself adds, as of the other structures [s]."""
-    return share.delays[i] + held_samples(share.names[i]) * share.dt
+    return output.delays[i] + held_samples(output.names[i]) * output.dt
 
 
-def network_table(found: Shared) -> str:
+def network_table(found: IdentifiedNetwork) -> str:
     """The shared time constants, the weights of every output, fits and what is left."""
     network = found.network
-    first, n = network.shares[0], len(network.lags)
-    rows = max(s.rows for s in network.shares)
+    first, n = network.outputs[0], len(network.time_constants)
+    rows = max(s.rows for s in network.outputs)
     head = (
-        f"{', '.join(s.target for s in network.shares)}: {n} shared mode{'s' * (n > 1)} by "
+        f"{', '.join(s.target for s in network.outputs)}: {n} shared mode{'s' * (n > 1)} by "
         f"{first.method}, {rows} rows at {first.dt:g} s"
     )
     names = [f"tau{j + 1}" for j in range(n)]
     modes = [["", "time constant s"]]
-    modes += [[f"tau{j + 1}", with_interval(e)] for j, e in enumerate(first.time_constants())]
+    modes += [
+        [f"tau{j + 1}", with_interval(e)] for j, e in enumerate(first.time_constant_estimates())
+    ]
     weights = [["output", "input", "dead time s", "gain", "unit", *(f"weight {t}" for t in names)]]
     fits = [["output", "fit %", *(["validation %", "improvement %"] if found.validation else []),
              "residuals"]]  # fmt: skip
-    for k, share in enumerate(network.shares):
-        for i, name in enumerate(share.names):
+    for k, output in enumerate(network.outputs):
+        for i, name in enumerate(output.names):
             weights.append([
-                share.target, name, f"{share.delays[i]:g}", with_interval(share.gain(i)),
-                printed(gain_unit(share.target, name)),
-                *(with_interval(e) for e in share.weight(i)),
+                output.target, name, f"{output.delays[i]:g}", with_interval(output.gain(i)),
+                printed(gain_unit(output.target, name)),
+                *(with_interval(e) for e in output.weight_estimates(i)),
             ])  # fmt: skip
         held = []
         if found.validation is not None and found.improvement is not None:
             held = [f"{found.validation[k].fit_percent:.2f}", f"{found.improvement[k]:.1f}"]
-        fits.append([share.target, f"{found.training[k].fit_percent:.2f}", *held,
+        fits.append([output.target, f"{found.training[k].fit_percent:.2f}", *held,
                      residuals_line(found.tests[k])])  # fmt: skip
     parts = [head, aligned(modes), aligned(weights), aligned(fits)]
     if found.candidates is not None:
@@ -142,7 +144,7 @@ def network_table(found: Shared) -> str:
     return "\n\n".join(parts)
 
 
-def _candidates(candidates: tuple[Candidate, ...]) -> str:
+def _candidates(candidates: tuple[NetworkCandidate, ...]) -> str:
     rows = [["modes", "held-out fit %", "BIC"]]
     for c in candidates:
         fits = " ".join(f"{fit:.2f}" for fit in c.fit_percent)

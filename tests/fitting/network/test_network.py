@@ -59,8 +59,8 @@ def records(u, y, at_rest=True, hold="zero", time=None):
 
 def estimates(network):
     """All values with their intervals, and what the plant has."""
-    found = [e for _, e in network.shares[0].named()][:3]
-    found += [e for share in network.shares for e in (*share.weight(0), share.gain(0))]
+    found = [e for _, e in network.outputs[0].named()][:3]
+    found += [e for share in network.outputs for e in (*share.weight_estimates(0), share.gain(0))]
     truth = [*LAGS, *WEIGHTS[0], WEIGHTS[0].sum(), *WEIGHTS[1], WEIGHTS[1].sum()]
     return found, np.array(truth)
 
@@ -84,7 +84,9 @@ def test_shared_poles_are_surer_than_those_of_each_output():
     data = records(u, noisy(np.random.default_rng(4), plant(u), 0.02))
 
     def widths(network):
-        return np.array([np.log(e.high / e.low) for e in network.shares[0].time_constants()])
+        return np.array(
+            [np.log(e.high / e.low) for e in network.outputs[0].time_constant_estimates()]
+        )
 
     together = widths(identify_network(data, 3, NONE))
     for k in (0, 1):
@@ -101,7 +103,10 @@ def test_a_correlated_second_output_teaches_less_than_an_independent_one():
     same = identify_network(records(u, clean + e[:1]), 3, NONE)
     apart = identify_network(records(u, clean + e), 3, NONE)
     alone = identify_network(records(u, clean + e[:1]).only(0), 3, NONE[:1])
-    width = [np.log(n.shares[0].time_constants()[0].high / n.lags[0]) for n in (same, apart, alone)]
+    width = [
+        np.log(n.outputs[0].time_constant_estimates()[0].high / n.time_constants[0])
+        for n in (same, apart, alone)
+    ]
     assert width[0] == pytest.approx(width[2], rel=0.02)
     assert width[1] == pytest.approx(width[2] / np.sqrt(2), rel=0.1)
 
@@ -114,9 +119,9 @@ def test_the_state_at_the_start_is_found_where_it_is_not_rest(hold):
     data = records(u, y, at_rest=False, hold=hold)
     assert not started(data).records[0].at_rest
     network = identify_network(data, 3, NONE)
-    np.testing.assert_allclose(network.lags, LAGS, rtol=0.1)
+    np.testing.assert_allclose(network.time_constants, LAGS, rtol=0.1)
     assert min(a.fit_percent for a in network.fit(data)) > 98.5
-    np.testing.assert_allclose([s.offsets[0] for s in network.shares], OFFSETS, atol=0.5)
+    np.testing.assert_allclose([s.offsets[0] for s in network.outputs], OFFSETS, atol=0.5)
 
 
 def test_an_idle_start_is_rest():
@@ -139,8 +144,8 @@ def test_any_clock_and_missing_readings():
     found, truth = estimates(network)
     error = [(e.value - t) / (e.high - e.low) * 2 * 1.96 for e, t in zip(found, truth, strict=True)]
     assert np.max(np.abs(error)) < 4
-    np.testing.assert_allclose(network.lags, LAGS, rtol=0.05)
-    assert network.shares[1].rows < network.shares[0].rows == len(kept)
+    np.testing.assert_allclose(network.time_constants, LAGS, rtol=0.05)
+    assert network.outputs[1].rows < network.outputs[0].rows == len(kept)
 
 
 def test_pauses_part_a_log_and_each_log_has_its_offset():
@@ -156,8 +161,8 @@ def test_pauses_part_a_log_and_each_log_has_its_offset():
     data = TrainingData(tuple(pieces), ("Q_0_W",), TARGETS, DT).from_rest()
     assert [r.at_rest for r in data.records] == [True, True, False]
     network = identify_network(data, 3, NONE)
-    np.testing.assert_allclose(network.lags, LAGS, rtol=0.03)
-    for share, offset in zip(network.shares, OFFSETS, strict=True):
+    np.testing.assert_allclose(network.time_constants, LAGS, rtol=0.03)
+    for share, offset in zip(network.outputs, OFFSETS, strict=True):
         np.testing.assert_allclose(share.offsets, [offset, offset + 7], atol=0.05)
 
 
@@ -171,8 +176,8 @@ def test_two_inputs_with_delays_of_their_own_are_found():
     delays = choose_delays(data)
     np.testing.assert_allclose(delays, [[20.0, 45.0]] * 2, atol=DT)
     network = identify_network(data, 3, ((20.0, 45.0),) * 2)
-    np.testing.assert_allclose(network.lags, LAGS, rtol=0.05)
-    found = np.array([[share.weights[k] for k in range(2)] for share in network.shares])
+    np.testing.assert_allclose(network.time_constants, LAGS, rtol=0.05)
+    found = np.array([[share.weights[k] for k in range(2)] for share in network.outputs])
     np.testing.assert_allclose(found, weights, atol=0.35)
 
 
@@ -184,7 +189,7 @@ def test_as_many_modes_as_there_are():
     network = first_that_fits(
         (c.modes for c in candidates), lambda n: identify_network(data, n, NONE)
     )
-    assert len(network.lags) == 3
+    assert len(network.time_constants) == 3
     for tests in network_tests(network, data):
         assert tests.white_p > 1e-3
         assert tests.independent_p["Q_0_W"] > 1e-3
@@ -195,18 +200,18 @@ def test_as_many_modes_as_there_are():
 def test_without_noise_the_plant_itself_comes_out():
     u = power(np.random.default_rng(13))
     network = identify_network(records(u, plant(u)), 3, NONE)
-    np.testing.assert_allclose(network.lags, LAGS, rtol=1e-4)
-    np.testing.assert_allclose([s.weights[0] for s in network.shares], WEIGHTS, rtol=1e-3)
+    np.testing.assert_allclose(network.time_constants, LAGS, rtol=1e-4)
+    np.testing.assert_allclose([s.weights[0] for s in network.outputs], WEIGHTS, rtol=1e-3)
 
 
 def test_the_response_and_its_covariance_are_those_of_the_network():
     rng = np.random.default_rng(14)
     u = power(rng)
-    share = identify_network(records(u, noisy(rng, plant(u))), 3, NONE).shares[0]
+    share = identify_network(records(u, noisy(rng, plant(u))), 3, NONE).outputs[0]
     response = share.response(0)
     covariance, names = share.response_covariance(0)
     assert response.dc_gain() == pytest.approx(share.gain(0).value)
-    assert [getattr(response, name) for name in names[:3]] == share.lags.tolist()
+    assert [getattr(response, name) for name in names[:3]] == share.time_constants.tolist()
     gains = covariance[3:, 3:].sum()
     assert 1.96 * np.sqrt(gains) == pytest.approx(
         share.gain(0).high - share.gain(0).value, rel=1e-4

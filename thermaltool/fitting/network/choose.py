@@ -8,10 +8,11 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.network.identify import MOST_MODES, identify_network, runs_of
+from thermaltool.fitting.network.covariance import runs_of
+from thermaltool.fitting.network.identify import MAX_MODES, identify_network
 from thermaltool.fitting.network.model import Network
-from thermaltool.fitting.network.problem import Delays, Problem
-from thermaltool.fitting.network.search import THINNED, Found, search
+from thermaltool.fitting.network.problem import Delays, NetworkProblem
+from thermaltool.fitting.network.search import MAX_START_ROWS, NetworkSearchResult, search
 from thermaltool.fitting.transfer.choose import (
     FITTED,
     LARGEST_DELAY,
@@ -23,11 +24,11 @@ from thermaltool.fitting.transfer.colour import effective_share
 from thermaltool.signals.agreement import Agreement
 
 # Delays and time constants are found in turn at most so often.
-ROUNDS = 5
+MAX_DELAY_ROUNDS = 5
 
 
 @dataclass(frozen=True)
-class Candidate:
+class NetworkCandidate:
     """One number of modes.
 
     Attributes
@@ -48,7 +49,7 @@ class Candidate:
     score: float
 
 
-def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate, ...]:
+def choose_modes(data: TrainingData, delays: Delays) -> tuple[NetworkCandidate, ...]:
     """Numbers of modes by what they predict of rows that were not fitted, the best first.
 
     Raises
@@ -60,7 +61,7 @@ def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate, ...]:
     fitted, held = data.split(FITTED)
     found: list[tuple[Network, tuple[Agreement, ...]]] = []
     problem: FitError | None = None
-    for modes in range(1, MOST_MODES + 1):
+    for modes in range(1, MAX_MODES + 1):
         try:
             network = identify_network(fitted, modes, delays)
         except FitError as error:
@@ -72,8 +73,8 @@ def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate, ...]:
     if not found:
         raise problem or FitError("no number of modes fits these data")
     best = min(found, key=lambda each: _error(each[1]))[0]
-    rows = max(_share(best, held) * held.rows, 2.0)
-    ranked = (_judged(network, agreements, fitted, rows) for network, agreements in found)
+    rows = max(_independent_share(best, held) * held.rows, 2.0)
+    ranked = (_candidate(network, agreements, fitted, rows) for network, agreements in found)
     return tuple(sorted(ranked, key=lambda c: c.score))
 
 
@@ -82,21 +83,21 @@ def _error(agreements: tuple[Agreement, ...]) -> float:
     return float(np.mean([2 * np.log(a.rmse) for a in agreements]))
 
 
-def _judged(
+def _candidate(
     network: Network, agreements: tuple[Agreement, ...], fitted: TrainingData, rows: float
-) -> Candidate:
-    p, modes = len(network.shares), len(network.lags)
-    parameters = (modes + sum(s.parameters - modes for s in network.shares)) / p
+) -> NetworkCandidate:
+    p, modes = len(network.outputs), len(network.time_constants)
+    parameters = (modes + sum(s.parameters - modes for s in network.outputs)) / p
     score = _error(agreements) + parameters * float(np.log(rows)) / rows
     bic = 2 * network.criterion + p * parameters * float(np.log(fitted.rows))
-    return Candidate(modes, tuple(a.fit_percent for a in agreements), bic, score)
+    return NetworkCandidate(modes, tuple(a.fit_percent for a in agreements), bic, score)
 
 
-def _share(network: Network, held: TrainingData) -> float:
-    """Share of the rows that count as independent, in the mean over the outputs."""
+def _independent_share(network: Network, held: TrainingData) -> float:
+    """NetworkOutput of the rows that count as independent, in the mean over the outputs."""
     computed = [network.simulate(record) for record in held.records]
     shares = []
-    for k in range(len(network.shares)):
+    for k in range(len(network.outputs)):
         errors = [y[k] - own[k] for y, own in zip(held.y, computed, strict=True)]
         runs = [run for error in errors for run in runs_of(error)]
         shares.append(effective_share(runs) if runs else 1.0)
@@ -110,36 +111,36 @@ def choose_delays(data: TrainingData) -> Delays:
     then all together by a period, with the time constants searched again.
     """
     data.check()
-    stride = max(1, data.rows // THINNED)
+    stride = max(1, data.rows // MAX_START_ROWS)
     tried = (data.period * np.arange(1 + min(LARGEST_DELAY, max(4, data.longest // 8)))).tolist()
     delays: Delays = tuple((0.0,) * len(data.inputs) for _ in data.outputs)
-    score, best = _leanest(Problem(data, delays, stride))
-    for _ in range(ROUNDS):
+    score, best = _least_bic(NetworkProblem(data, delays, stride))
+    for _ in range(MAX_DELAY_ROUNDS):
         before = delays
         delays = tuple(
-            _own_delays(Problem(data.only(k), (own,), stride), best.lags, tried)
+            _own_delays(NetworkProblem(data.only(k), (own,), stride), best.time_constants, tried)
             for k, own in enumerate(delays)
         )
         if delays != before:
-            score, best = _leanest(Problem(data, delays, stride))
+            score, best = _least_bic(NetworkProblem(data, delays, stride))
         moved = [_shifted(delays, step) for step in (-data.period, data.period)]
         for other in moved:
-            price, found = _leanest(Problem(data, other, stride))
-            if price < score:
-                delays, score, best = other, price, found
+            other_score, found = _least_bic(NetworkProblem(data, other, stride))
+            if other_score < score:
+                delays, score, best = other, other_score, found
         if delays == before:
             break
     return delays
 
 
-def _own_delays(problem: Problem, lags: Array, tried: list[float]) -> tuple[float, ...]:
+def _own_delays(problem: NetworkProblem, taus: Array, tried: list[float]) -> tuple[float, ...]:
     """Of one output, input by input."""
     own = list(problem.delays[0])
     for i in range(len(own)):
         losses = []
         for delay in tried:
             own[i] = delay
-            losses.append(replace(problem, delays=(tuple(own),)).mean_square(lags)[0])
+            losses.append(replace(problem, delays=(tuple(own),)).mean_square(taus)[0])
         own[i] = tried[int(np.argmin(losses))]
     return tuple(own)
 
@@ -148,7 +149,7 @@ def _shifted(delays: Delays, step: float) -> Delays:
     return tuple(tuple(max(delay + step, 0.0) for delay in own) for own in delays)
 
 
-def _leanest(problem: Problem) -> tuple[float, Found]:
+def _least_bic(problem: NetworkProblem) -> tuple[float, NetworkSearchResult]:
     """Of one to three modes those of least BIC: a delay stands for modes that are missing."""
     found = []
     outputs, inputs = len(problem.delays), len(problem.data.inputs)
@@ -177,13 +178,13 @@ def started(data: TrainingData) -> TrainingData:
     none: Delays = tuple((0.0,) * len(data.inputs) for _ in data.outputs)
     losses: list[list[float]] = []
     for each in (data.from_rest(), data):
-        problem = Problem(each, none)
+        problem = NetworkProblem(each, none)
         rows = min(problem.rows(k) for k in range(len(data.outputs)))
         if rows <= problem.linear_count(3) + 3:
             return data
-        found = _leanest(problem)[1]
+        found = _least_bic(problem)[1]
         losses.append([f.loss / f.rows for f in found.projected])
-    errors = list(problem.errors(found.lags, found.projected))
+    errors = list(problem.errors(found.time_constants, found.projected))
     for k, (rest, free) in enumerate(zip(*losses, strict=True)):
         if in_transient(rest, free, [run for o, _, e in errors if o == k for run in runs_of(e)]):
             return data

@@ -1,4 +1,4 @@
-"""Shared first-order modes: what they mean for every output, and how sure they are."""
+"""IdentifiedNetwork first-order modes: what they mean for every output, and how sure they are."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermaltool.fitting.data import Array, TrainingData, Zero
-from thermaltool.fitting.network.problem import Delays, driven, known
+from thermaltool.fitting.network.problem import Delays, known_rows, mode_responses
 from thermaltool.record import Record
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Hold
@@ -19,13 +19,13 @@ from thermaltool.signals.criteria import Criteria
 from thermaltool.signals.gauss_newton import solve
 from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
 
-# An interval from a to more than this times a says that the data do not tell the mode.
-UNTOLD = 10.0
+# Upper over lower end of an interval from which the data do not determine a time constant.
+MAX_INTERVAL_RATIO = 10.0
 
 
 @dataclass(frozen=True)
-class Share:
-    """One output of a network: its weights of the shared modes.
+class NetworkOutput:
+    """Weights with which one output follows the shared modes.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Share:
         Inputs.
     target : str
     dt : float [s]
-    lags : ndarray, shape (N,) [s], the slowest first
+    time_constants : ndarray, shape (N,) [s], the slowest first
     weights : ndarray, shape (m, N)
         Steady state of each mode per unit of each input.
     delays : tuple of float, one for each input [s]
@@ -52,7 +52,7 @@ class Share:
     names: tuple[str, ...]
     target: str
     dt: float
-    lags: Array
+    time_constants: Array
     weights: Array
     delays: tuple[float, ...]
     offsets: tuple[float, ...]
@@ -65,21 +65,23 @@ class Share:
 
     @property
     def modes(self) -> int:
-        return len(self.lags)
+        return len(self.time_constants)
 
     @property
     def criteria(self) -> Criteria:
         return Criteria.of_squares(self.loss, self.rows, self.parameters)
 
-    def time_constants(self) -> tuple[Estimate, ...]:
-        """With intervals that are symmetric in the logarithm [s]."""
+    def time_constant_estimates(self) -> tuple[Estimate, ...]:
+        """Time constants with intervals that are symmetric in the logarithm [s]."""
         found = []
-        for tau, variance in zip(self.lags.tolist(), np.diag(self.covariance), strict=False):
+        for tau, variance in zip(
+            self.time_constants.tolist(), np.diag(self.covariance), strict=False
+        ):
             found.append(log_normal_estimate(tau, math.sqrt(max(float(variance), 0.0))))
         return tuple(found)
 
-    def weight(self, k: int) -> tuple[Estimate, ...]:
-        """Of input k in every mode."""
+    def weight_estimates(self, k: int) -> tuple[Estimate, ...]:
+        """Weights of every mode in the response to input k [unit of the output per unit of it]."""
         at = self.modes * (1 + k)
         variances = np.diag(self.covariance)[at : at + self.modes]
         errors = np.sqrt(np.maximum(variances, 0.0))
@@ -96,36 +98,36 @@ class Share:
 
     def named(self) -> Iterator[tuple[str, Estimate]]:
         """Time constants and weights by the names of the model file, input by input."""
-        for j, e in enumerate(self.time_constants()):
+        for j, e in enumerate(self.time_constant_estimates()):
             yield f"tau{j + 1}", e
         for k, name in enumerate(self.names):
             own = f"[{name}]" if len(self.names) > 1 else ""
-            for j, e in enumerate(self.weight(k)):
+            for j, e in enumerate(self.weight_estimates(k)):
                 yield f"K{j + 1}{own}", e
 
     def response(self, k: int) -> Response:
-        """The way of input k, for a model document."""
-        values = {f"tau{j + 1}": float(tau) for j, tau in enumerate(self.lags)}
+        """Response to input k, for a model document."""
+        values = {f"tau{j + 1}": float(tau) for j, tau in enumerate(self.time_constants)}
         values |= {f"K{j + 1}": float(w) for j, w in enumerate(self.weights[k])}
         response: Response = KINDS[self.modes, 0](**values, delay=self.delays[k])
         return response
 
     def response_covariance(self, k: int) -> tuple[Array, tuple[str, ...]]:
-        """Of the parameters of `response`, and their names."""
+        """Covariance of the parameters of `response`, shape (2N, 2N), and their names."""
         n = self.modes
         place = np.r_[0:n, n * (1 + k) : n * (2 + k)]
-        scale = np.concatenate([self.lags, np.ones(n)])
+        scale = np.concatenate([self.time_constants, np.ones(n)])
         names = (*(f"tau{j + 1}" for j in range(n)), *(f"K{j + 1}" for j in range(n)))
         return self.covariance[np.ix_(place, place)] * np.outer(scale, scale), names
 
 
 @dataclass(frozen=True)
 class Network:
-    """All outputs, and what a free run needs.
+    """Network of modes behind all outputs, and what a free run needs.
 
     Attributes
     ----------
-    shares : tuple of Share, one for each output
+    outputs : tuple of NetworkOutput, one for each output
     holds : tuple of "zero" or "first"
         Of each input.
     levels : ndarray, shape (experiments, m)
@@ -137,7 +139,7 @@ class Network:
         ½ Σ n ln(loss/n) over the outputs.
     """
 
-    shares: tuple[Share, ...]
+    outputs: tuple[NetworkOutput, ...]
     holds: tuple[Hold, ...]
     levels: Array
     zeros: Array
@@ -145,17 +147,17 @@ class Network:
     criterion: float
 
     @property
-    def lags(self) -> Array:
-        return self.shares[0].lags
+    def time_constants(self) -> Array:
+        return self.outputs[0].time_constants
 
     @property
     def delays(self) -> Delays:
-        return tuple(s.delays for s in self.shares)
+        return tuple(s.delays for s in self.outputs)
 
-    def untold(self) -> tuple[Estimate, ...]:
-        """Time constants that the data leave open."""
-        each = self.shares[0].time_constants()
-        return tuple(e for e in each if e.high > UNTOLD * e.low)
+    def undetermined(self) -> tuple[Estimate, ...]:
+        """Time constants that the data leave undetermined."""
+        each = self.outputs[0].time_constant_estimates()
+        return tuple(e for e in each if e.high > MAX_INTERVAL_RATIO * e.low)
 
     def simulate(self, record: Record, zero: Zero = "fitted") -> Array:
         """Free run over a record; the state at its start is estimated from it.
@@ -171,35 +173,37 @@ class Network:
             NaN where a delayed input is not in the record.
         """
         at, elapsed = record.origin if zero == "fitted" else 0, record.elapsed
-        inputs = record.matrix(self.shares[0].names)
-        result = np.full((len(self.shares), len(record)), np.nan)
-        decays = np.exp(-elapsed / self.lags[:, None])
-        for k, share in enumerate(self.shares):
-            output = record.column(share.target)
-            modes = driven(elapsed, inputs, self.levels[at], self.lags, share.delays, self.holds)
-            y = share.weights.ravel() @ modes + self.zeros[k, at]
+        inputs = record.matrix(self.outputs[0].names)
+        result = np.full((len(self.outputs), len(record)), np.nan)
+        decays = np.exp(-elapsed / self.time_constants[:, None])
+        for k, output in enumerate(self.outputs):
+            measured = record.column(output.target)
+            modes = mode_responses(
+                elapsed, inputs, self.levels[at], self.time_constants, output.delays, self.holds
+            )
+            y = output.weights.ravel() @ modes + self.zeros[k, at]
             if zero == "mean":
-                y += np.mean(share.offsets) - share.offsets[at]
-            there = known(record, share.delays)
-            judged = there & np.isfinite(output)
+                y += np.mean(output.offsets) - output.offsets[at]
+            known = known_rows(record, output.delays)
+            counted = known & np.isfinite(measured)
             free = [] if record.at_rest else [decays]
             columns = np.vstack([*free, *([np.ones((1, len(y)))] if zero == "free" else [])] or
                                 [np.zeros((0, len(y)))])  # fmt: skip
-            if len(columns) and int(judged.sum()) > len(columns):
-                own = columns[:, judged]
-                left = output[judged] - y[judged]
+            if len(columns) and int(counted.sum()) > len(columns):
+                own = columns[:, counted]
+                left = measured[counted] - y[counted]
                 y = y + solve(own @ own.T, own @ left) @ columns
-            result[k] = np.where(there, y, np.nan)
+            result[k] = np.where(known, y, np.nan)
         return result
 
     def fit(self, data: TrainingData, zeros: Sequence[Zero] | None = None) -> list[Agreement]:
         """How far the free run of every output is from it over all records."""
         computed = self.run(data, zeros)
-        return [agreement(data.output(k), computed[k]) for k in range(len(self.shares))]
+        return [agreement(data.output(k), computed[k]) for k in range(len(self.outputs))]
 
     def run(self, data: TrainingData, zeros: Sequence[Zero] | None = None) -> Array:
         """Free runs over all records in a row, shape (p, n); a zero for each output."""
         fitted: list[Zero] = ["fitted"]
-        each = zeros or fitted * len(self.shares)
+        each = zeros or fitted * len(self.outputs)
         runs = {z: np.hstack([self.simulate(s, z) for s in data.records]) for z in set(each)}
         return np.array([runs[z][k] for k, z in enumerate(each)])

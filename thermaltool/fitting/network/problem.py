@@ -23,11 +23,11 @@ from thermaltool.signals.gauss_newton import solve
 Index = NDArray[np.intp]
 Delays = tuple[tuple[float, ...], ...]
 # A loss below this share of the signal is rounding.
-EXACT = 1e-13
+MIN_LOSS = 1e-13
 
 
-def driven(
-    time: Array, inputs: Array, levels: Array, lags: Array, delays: Sequence[float],
+def mode_responses(
+    time: Array, inputs: Array, levels: Array, taus: Array, delays: Sequence[float],
     holds: Sequence[Hold], slopes: bool = False, stride: int = 1,
 ) -> Array:  # fmt: skip
     """Every mode with a steady state of 1, driven by every input relative to `levels`.
@@ -41,7 +41,7 @@ def driven(
         From the first row on.
     inputs : ndarray, shape (m, n)
     levels : ndarray, shape (m,)
-    lags : ndarray, shape (N,) [s]
+    taus : ndarray, shape (N,) [s]
     delays : sequence of float, one for each input [s]
     holds : sequence of "zero" or "first"
     slopes : bool
@@ -56,7 +56,7 @@ def driven(
     rows = []
     for u, level, delay, hold in zip(inputs, levels, delays, holds, strict=True):
         moved, stood = u - u[0], 0.0 if slopes else u[0] - level
-        for tau in lags.tolist():
+        for tau in taus.tolist():
             pole = np.array([-1 / tau], complex)
             weight = np.array([(-1 if slopes else 1) / tau], complex)
             double = np.array([1 / tau**2 if slopes else 0.0])
@@ -66,7 +66,7 @@ def driven(
     return np.array(rows)
 
 
-def known(record: Record, delays: Sequence[float]) -> NDArray[np.bool_]:
+def known_rows(record: Record, delays: Sequence[float]) -> NDArray[np.bool_]:
     """Rows whose delayed inputs are in the record, or before it known to stand still."""
     return np.asarray((record.elapsed >= max(delays)) | record.at_rest)
 
@@ -92,7 +92,7 @@ class Sums:
 
 
 @dataclass(frozen=True)
-class Projected:
+class ProjectedOutput:
     """One output with its linear parameters projected out.
 
     Attributes
@@ -102,7 +102,7 @@ class Projected:
     loss : float
         Sum of its squared errors.
     rows : int
-    by_lags : ndarray, shape (L, N)
+    by_taus : ndarray, shape (L, N)
         How `linear` follows the logarithms of the time constants, with opposite sign.
     gram, reduced : ndarray, shape (L, L), (N, N)
         Of the linear columns; of what they leave of the slopes by ln τ.
@@ -113,14 +113,14 @@ class Projected:
     linear: Array
     loss: float
     rows: int
-    by_lags: Array
+    by_taus: Array
     gram: Array
     reduced: Array
     pull: Array
 
 
 @dataclass(frozen=True)
-class Problem:
+class NetworkProblem:
     """Records and delays.
 
     Attributes
@@ -146,13 +146,13 @@ class Problem:
 
     def rows(self, k: int) -> int:
         """Rows of output k that count."""
-        return sum(int(self.there(j)[k].sum()) for j in range(len(self.data.records)))
+        return sum(int(self.used(j)[k].sum()) for j in range(len(self.data.records)))
 
-    def there(self, j: int) -> NDArray[np.bool_]:
+    def used(self, j: int) -> NDArray[np.bool_]:
         """Which of every `stride` rows of record j count for each output, shape (p, rows)."""
         kept = np.isfinite(self.data.y[j])
         for k, delays in enumerate(self.delays):
-            kept[k] &= known(self.data.records[j], delays)
+            kept[k] &= known_rows(self.data.records[j], delays)
         return kept[:, :: self.stride]
 
     def centres(self) -> Array:
@@ -163,20 +163,20 @@ class Problem:
                    if r.origin == origin]  # fmt: skip
             values = np.hstack(own) if own else np.zeros((len(self.delays), 0))
             for k, y in enumerate(values):
-                there = np.isfinite(y)
-                found[k, origin] = float(np.mean(y[there])) if there.any() else 0.0
+                used = np.isfinite(y)
+                found[k, origin] = float(np.mean(y[used])) if used.any() else 0.0
         return found
 
-    def columns(self, j: int, lags: Array, delays: Sequence[float], slopes: bool) -> Array:
+    def columns(self, j: int, taus: Array, delays: Sequence[float], slopes: bool) -> Array:
         """Of every `stride` rows of record j: gains, offset, decays, the slopes where wanted."""
         record, elapsed = self.data.records[j], self.data.records[j].elapsed
         levels, time = self.data.levels[record.origin], elapsed[:: self.stride]
-        given = elapsed, self.data.u[j], levels, lags, delays, self.data.holds
-        parts = [driven(*given, stride=self.stride), np.ones((1, len(time)))]
-        passed = time / lags[:, None] if not record.at_rest else np.zeros((0, len(time)))
+        given = elapsed, self.data.u[j], levels, taus, delays, self.data.holds
+        parts = [mode_responses(*given, stride=self.stride), np.ones((1, len(time)))]
+        passed = time / taus[:, None] if not record.at_rest else np.zeros((0, len(time)))
         parts.append(np.exp(-passed))
         if slopes:
-            parts.append(driven(*given, slopes=True, stride=self.stride))
+            parts.append(mode_responses(*given, slopes=True, stride=self.stride))
             parts.append(passed * np.exp(-passed))
         return np.vstack(parts)
 
@@ -193,9 +193,9 @@ class Problem:
             found.append(np.concatenate(place).astype(np.intp))
         return found
 
-    def sums(self, lags: Array, slopes: bool = True) -> list[Sums]:
+    def sums(self, taus: Array, slopes: bool = True) -> list[Sums]:
         """Of every output; outputs with the same delays and rows share one matrix."""
-        n, p = len(lags), len(self.delays)
+        n, p = len(taus), len(self.delays)
         linear = self.linear_count(n)
         size = 2 * linear - self.data.experiments if slopes else linear
         grams: dict[tuple[bytes, ...], Array] = {}
@@ -203,16 +203,16 @@ class Problem:
         cross, power, rows = np.zeros((p, size)), np.zeros(p), np.zeros(p, int)
         centres, parts = self.centres(), []
         for j, place in enumerate(self.places(n, slopes)):
-            there, columns = self.there(j), {}
+            used, columns = self.used(j), {}
             products: dict[bytes, Array] = {}
             for k, delays in enumerate(self.delays):
                 if delays not in columns:
-                    columns[delays] = self.columns(j, lags, delays, slopes)
-                key = repr(delays).encode() + np.packbits(there[k]).tobytes()
-                kept = columns[delays] if there[k].all() else columns[delays][:, there[k]]
+                    columns[delays] = self.columns(j, taus, delays, slopes)
+                key = repr(delays).encode() + np.packbits(used[k]).tobytes()
+                kept = columns[delays] if used[k].all() else columns[delays][:, used[k]]
                 if key not in products:
                     products[key] = kept @ kept.T
-                y = self.data.y[j][k, :: self.stride][there[k]]
+                y = self.data.y[j][k, :: self.stride][used[k]]
                 y = y - centres[k, self.data.records[j].origin]
                 cross[k, place] += kept @ y
                 power[k] += float(y @ y)
@@ -228,19 +228,19 @@ class Problem:
         return [Sums(grams[tuple(keys[k])], cross[k], float(power[k]), int(rows[k]))
                 for k in range(p)]  # fmt: skip
 
-    def mean_square(self, lags: Array) -> list[float]:
+    def mean_square(self, taus: Array) -> list[float]:
         """Error of every output for given time constants [unit²]."""
-        sums = self.sums(lags, slopes=False)
+        sums = self.sums(taus, slopes=False)
         losses = [s.power - float(s.cross @ solve(s.gram, s.cross)) for s in sums]
         return [loss / max(s.rows, 1) for loss, s in zip(losses, sums, strict=True)]
 
-    def project(self, lags: Array) -> list[Projected]:
+    def project(self, taus: Array) -> list[ProjectedOutput]:
         """Every output for given time constants."""
-        n = len(lags)
+        n = len(taus)
         linear, gains = self.linear_count(n), n * len(self.data.inputs)
         inner, outer = slice(0, linear), slice(linear, None)
         found = []
-        for s in self.sums(lags):
+        for s in self.sums(taus):
             G, g = s.gram[inner, inner], s.cross[inner]
             # A slope by ln τ_j: those of its gains and decays, by their sizes.
             c = solve(G, g)
@@ -248,29 +248,50 @@ class Problem:
             turn = np.zeros((len(sizes), n))
             turn[np.arange(len(sizes)), np.arange(len(sizes)) % n] = sizes
             across = s.gram[inner, outer] @ turn
-            by_lags = solve(G, across)
-            reduced = turn.T @ s.gram[outer, outer] @ turn - across.T @ by_lags
+            by_taus = solve(G, across)
+            reduced = turn.T @ s.gram[outer, outer] @ turn - across.T @ by_taus
             pull = turn.T @ s.cross[outer] - across.T @ c
-            loss = max(s.power - float(g @ c), EXACT * s.power, 1e-300)
-            found.append(Projected(c, loss, s.rows, by_lags, G, reduced, pull))
+            loss = max(s.power - float(g @ c), MIN_LOSS * s.power, 1e-300)
+            found.append(ProjectedOutput(c, loss, s.rows, by_taus, G, reduced, pull))
         return found
 
-    def errors(self, lags: Array, found: Sequence[Projected]) -> Iterator[tuple[int, int, Array]]:
+    def sensitivities(
+        self, j: int, k: int, taus: Array, found: ProjectedOutput
+    ) -> tuple[Array, Array]:
+        """How the rows of record j of output k follow ln τ and the linear parameters.
+
+        Returns
+        -------
+        slopes : ndarray, shape (N, rows)
+            What the linear columns leave of the slopes by ln τ; zero where no row counts.
+        linear : ndarray, shape (l, rows)
+            The linear columns of the record (`places`); zero where no row counts.
+        """
+        n, place = len(taus), self.places(len(taus), False)[j]
+        rows = self.columns(j, taus, self.delays[k], slopes=True) * self.used(j)[k]
+        linear, slopes = rows[: len(place)], rows[len(place) :]
+        sizes = np.delete(found.linear[place], n * len(self.data.inputs))
+        whole = np.array([sizes[i::n] @ slopes[i::n] for i in range(n)])
+        return whole - found.by_taus[place].T @ linear, linear
+
+    def errors(
+        self, taus: Array, found: Sequence[ProjectedOutput]
+    ) -> Iterator[tuple[int, int, Array]]:
         """For each output and record: (output, record, its errors, NaN where no row counts)."""
         centres = self.centres()
         for j, (record, place) in enumerate(
-            zip(self.data.records, self.places(len(lags), False), strict=True)
+            zip(self.data.records, self.places(len(taus), False), strict=True)
         ):
-            there, seen = self.there(j), dict.fromkeys(self.delays)
-            columns = {delays: self.columns(j, lags, delays, slopes=False) for delays in seen}
+            used, seen = self.used(j), dict.fromkeys(self.delays)
+            columns = {delays: self.columns(j, taus, delays, slopes=False) for delays in seen}
             for k, delays in enumerate(self.delays):
                 computed = found[k].linear[place] @ columns[delays]
                 y = self.data.y[j][k, :: self.stride]
                 error = y - centres[k, record.origin] - computed
-                yield k, j, np.where(there[k], error, np.nan)
+                yield k, j, np.where(used[k], error, np.nan)
 
 
-def criterion(found: Sequence[Projected] | Sequence[tuple[float, int]]) -> float:
+def criterion(found: Sequence[ProjectedOutput] | Sequence[tuple[float, int]]) -> float:
     """½ Σ n ln(loss/n): the likelihood of outputs whose noise is not known."""
-    pairs = [(f.loss, f.rows) if isinstance(f, Projected) else f for f in found]
+    pairs = [(f.loss, f.rows) if isinstance(f, ProjectedOutput) else f for f in found]
     return float(sum(0.5 * n * np.log(loss / n) for loss, n in pairs if n))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.network.identify import runs_of
+from thermaltool.fitting.network.covariance import runs_of
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.transfer.residuals import ResidualTests, tested
 
@@ -20,7 +20,7 @@ def network_tests(network: Network, data: TrainingData) -> list[ResidualTests]:
         Training or validation data.
     """
     computed = [network.simulate(s) for s in data.records]
-    return [_tested(network, data, computed, k) for k in range(len(network.shares))]
+    return [_tested(network, data, computed, k) for k in range(len(network.outputs))]
 
 
 def _tested(network: Network, data: TrainingData, computed: list[Array], k: int) -> ResidualTests:
@@ -30,9 +30,9 @@ def _tested(network: Network, data: TrainingData, computed: list[Array], k: int)
         for run in runs_of(np.where(np.isfinite(error), np.arange(len(error)), np.nan)):
             place = run.astype(np.intp)
             runs.append((error[place], u[:, place]))
-    share = network.shares[k]
+    output = network.outputs[k]
     delays = {
         name: round(delay / data.period) + (hold == "zero")
-        for name, delay, hold in zip(data.inputs, share.delays, data.holds, strict=True)
+        for name, delay, hold in zip(data.inputs, output.delays, data.holds, strict=True)
     }
     return tested(runs, delays, 0)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.network.choose import (
-    Candidate,
+    NetworkCandidate,
     choose_delays,
     choose_modes,
     started,
@@ -24,7 +24,7 @@ from thermaltool.signals.agreement import Agreement
 
 
 @dataclass(frozen=True)
-class SharedPlan:
+class NetworkPlan:
     """What is wanted.
 
     Attributes
@@ -44,7 +44,7 @@ class SharedPlan:
 
 
 @dataclass(frozen=True)
-class Shared:
+class IdentifiedNetwork:
     """A network, identified and judged.
 
     Attributes
@@ -57,7 +57,7 @@ class Shared:
     improvement : tuple of float, or None
         As in `Identified`, of each output [%].
     tests : tuple of ResidualTests
-    candidates : tuple of Candidate, or None
+    candidates : tuple of NetworkCandidate, or None
         Where the number of modes was chosen.
     """
 
@@ -67,24 +67,26 @@ class Shared:
     validation: tuple[Agreement, ...] | None
     improvement: tuple[float, ...] | None
     tests: tuple[ResidualTests, ...]
-    candidates: tuple[Candidate, ...] | None
+    candidates: tuple[NetworkCandidate, ...] | None
 
-    def ways(self, k: int) -> tuple[Continued, ...]:
+    def continuous_terms(self, k: int) -> tuple[Continued, ...]:
         """Of output k, as a model document takes them: they are continuous as they are."""
-        share = self.network.shares[k]
+        output = self.network.outputs[k]
         return tuple(
-            Continued(share.response(i), 0.0, *share.response_covariance(i))
-            for i in range(len(share.names))
+            Continued(output.response(i), 0.0, *output.response_covariance(i))
+            for i in range(len(output.names))
         )
 
 
-def run_shared(data: TrainingData, plan: SharedPlan, fresh: TrainingData | None = None) -> Shared:
+def run_network(
+    data: TrainingData, plan: NetworkPlan, fresh: TrainingData | None = None
+) -> IdentifiedNetwork:
     """Fit and judge one network for all outputs.
 
     Parameters
     ----------
     data : TrainingData
-    plan : SharedPlan
+    plan : NetworkPlan
     fresh : TrainingData, optional
         Of another log, for validation.
 
@@ -102,11 +104,13 @@ def run_shared(data: TrainingData, plan: SharedPlan, fresh: TrainingData | None 
     validation = gained = None
     if held is not None:
         validation, gained = _validated(network, held, fresh is not None)
-    return Shared(network, data, tuple(network.fit(data)), validation, gained,
+    return IdentifiedNetwork(network, data, tuple(network.fit(data)), validation, gained,
                   tuple(network_tests(network, data)), candidates)  # fmt: skip
 
 
-def _fitted(data: TrainingData, plan: SharedPlan) -> tuple[Network, tuple[Candidate, ...] | None]:
+def _fitted(
+    data: TrainingData, plan: NetworkPlan
+) -> tuple[Network, tuple[NetworkCandidate, ...] | None]:
     data.check()
     if plan.delay == "auto":
         delays = choose_delays(data)
@@ -124,10 +128,10 @@ def _validated(
 ) -> tuple[tuple[Agreement, ...], tuple[float, ...]]:
     zeros = tuple(zero_of(target, other_log) for target in held.outputs)
     fits, gains = [], []
-    for k, (share, y) in enumerate(zip(network.shares, network.run(held, zeros), strict=True)):
-        outputs = [each[k] for each in held.y]
-        rest = rests(held.records, outputs, zeros[k], share.offsets)
-        fit, gain = judged(share.target, held.records, outputs, y, rest, share.modes)
+    for k, (output, y) in enumerate(zip(network.outputs, network.run(held, zeros), strict=True)):
+        measured = [each[k] for each in held.y]
+        rest = rests(held.records, measured, zeros[k], output.offsets)
+        fit, gain = judged(output.target, held.records, measured, y, rest, output.modes)
         fits.append(fit)
         gains.append(gain)
     return tuple(fits), tuple(gains)

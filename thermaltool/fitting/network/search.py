@@ -10,38 +10,39 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array
-from thermaltool.fitting.network.problem import Problem, Projected, Sums, criterion
+from thermaltool.fitting.network.problem import NetworkProblem, ProjectedOutput, Sums, criterion
 from thermaltool.fitting.transfer.search import SLOWEST
 from thermaltool.signals.gauss_newton import minimize, solve
 
 # Starts are found on so many rows; the modes are followed over all. Of many records, each with
 # decays of its own, the longest ones do.
-THINNED, RECORDS = 20000, 6
-# Time constants that a start chooses from, for each decade; the shortest one, in sample periods.
-PER_DECADE, FASTEST = 6, 0.2
-# The likelihood that counts as settled.
-SETTLED = 1e-5
+MAX_START_ROWS, MAX_START_RECORDS = 20000, 6
+# Time constants that a start chooses from, for each decade; the shortest of a search, in periods.
+STARTS_PER_DECADE, FASTEST_PERIODS = 6, 0.2
+# A step of the search that raises the logarithm of the likelihood by no more is the last one; the
+# largest step, in the logarithm of a time constant; linearizations.
+LIKELIHOOD_TOLERANCE, MAX_STEP, MAX_ITERATIONS = 1e-5, 1.0, 60
 # Neighbours nearer than the first ratio are one mode; a search that brings them nearer than the
 # second is given up.
-TWICE, MERGED = 1.1, 1.02
+MIN_RATIO, MERGED_RATIO = 1.1, 1.02
 # Rounds in which one choice of the start is exchanged.
-EXCHANGES = 4
+MAX_EXCHANGES = 4
 METHOD = "variable projection"
 
 
 @dataclass(frozen=True)
-class Found:
+class NetworkSearchResult:
     """Where a search ended.
 
     Attributes
     ----------
-    lags : ndarray, shape (N,) [s], the slowest first
-    projected : list of Projected, one for each output
+    time_constants : ndarray, shape (N,) [s], the slowest first
+    projected : list of ProjectedOutput, one for each output
     converged : bool
     """
 
-    lags: Array
-    projected: list[Projected]
+    time_constants: Array
+    projected: list[ProjectedOutput]
     converged: bool
 
     @property
@@ -49,7 +50,7 @@ class Found:
         return criterion(self.projected)
 
 
-def search(problem: Problem, modes: int) -> Found:
+def search(problem: NetworkProblem, modes: int) -> NetworkSearchResult:
     """The time constants of largest likelihood.
 
     Raises
@@ -57,14 +58,14 @@ def search(problem: Problem, modes: int) -> Found:
     FitError
         Two modes fall together: the data carry fewer.
     """
-    stride = max(1, problem.data.rows // THINNED)
+    stride = max(1, problem.data.rows // MAX_START_ROWS)
     thin = replace(problem, stride=problem.stride * stride)
     tries = [refine(thin, start) for start in starts(thin, modes)]
     best = min(tries, key=lambda found: found.criterion)
-    found = refine(problem, best.lags) if stride > 1 else best
-    ratio = found.lags[:-1] / found.lags[1:]
-    if np.any(ratio < TWICE):
-        twice = float(found.lags[1:][int(np.argmin(ratio))])
+    found = refine(problem, best.time_constants) if stride > 1 else best
+    ratio = found.time_constants[:-1] / found.time_constants[1:]
+    if np.any(ratio < MIN_RATIO):
+        twice = float(found.time_constants[1:][int(np.argmin(ratio))])
         raise FitError(
             f"two of {modes} modes fall together at a time constant of {twice:.4g} s: the data "
             "carry fewer"
@@ -72,63 +73,69 @@ def search(problem: Problem, modes: int) -> Found:
     return found
 
 
-def box(problem: Problem) -> tuple[float, float]:
+def box(problem: NetworkProblem) -> tuple[float, float]:
     """Shortest and longest time constant of the search [s]."""
-    return FASTEST * problem.data.period, SLOWEST * problem.data.duration
+    return FASTEST_PERIODS * problem.data.period, SLOWEST * problem.data.duration
 
 
-def refine(problem: Problem, lags: Array, most: int = 60) -> Found:
-    """Damped Gauss-Newton over the logarithms of the time constants.
+def refine(problem: NetworkProblem, taus: Array) -> NetworkSearchResult:
+    """Damped Gauss-Newton over the logarithms of the time constants from one start [s].
 
     Outputs are weighted by the inverse of their error variance, which the likelihood gives anew at
     every step.
     """
     low, high = np.log(box(problem))
 
-    def found(theta: Array) -> Found:
-        return Found(np.exp(theta), problem.project(np.exp(theta)), False)
+    def at(theta: Array) -> NetworkSearchResult:
+        bounded = np.exp(np.clip(theta, low, high))
+        return NetworkSearchResult(bounded, problem.project(bounded), False)
 
-    def normal_equations(here: Found) -> tuple[Array, Array]:
-        n = len(here.lags)
-        weights = [f.rows / f.loss for f in here.projected]
-        matrix = sum((w * f.reduced for w, f in zip(weights, here.projected, strict=True)),
-                     np.zeros((n, n)))  # fmt: skip
-        score = sum((w * f.pull for w, f in zip(weights, here.projected, strict=True)), np.zeros(n))
+    def normal_equations(here: NetworkSearchResult) -> tuple[Array, Array]:
+        matrix, score = np.zeros((len(taus), len(taus))), np.zeros(len(taus))
+        for f in here.projected:
+            matrix += f.rows / f.loss * f.reduced
+            score += f.rows / f.loss * f.pull
         return matrix, score
 
-    def moved(here: Found, step: Array) -> Found:
-        return found(np.clip(np.log(here.lags) + np.clip(step, -1.0, 1.0), low, high))
+    def moved(here: NetworkSearchResult, step: Array) -> NetworkSearchResult:
+        return at(np.log(here.time_constants) + np.clip(step, -MAX_STEP, MAX_STEP))
 
-    def merged(here: Found) -> bool:
-        return bool(np.any(-np.diff(np.sort(np.log(here.lags))[::-1]) < np.log(MERGED)))
+    def merged(here: NetworkSearchResult) -> bool:
+        ordered = np.sort(here.time_constants)
+        return bool(np.any(ordered[1:] < MERGED_RATIO * ordered[:-1]))
 
     end = minimize(
-        found(np.clip(np.log(np.sort(lags)[::-1]), low, high)), lambda here: 2 * here.criterion,
-        normal_equations, moved, lambda here: 2 * SETTLED, most, merged,
-    )  # fmt: skip
-    order = np.argsort(-end.point.lags)
+        at(np.log(np.sort(taus)[::-1])),
+        lambda here: 2 * here.criterion,
+        normal_equations,
+        moved,
+        lambda here: 2 * LIKELIHOOD_TOLERANCE,
+        MAX_ITERATIONS,
+        merged,
+    )
+    order = np.argsort(-end.point.time_constants)
     if np.all(np.diff(order) == 1):
         return replace(end.point, converged=end.converged)
-    lags = end.point.lags[order]
-    return Found(lags, problem.project(lags), end.converged)
+    ordered = end.point.time_constants[order]
+    return NetworkSearchResult(ordered, problem.project(ordered), end.converged)
 
 
-def starts(problem: Problem, modes: int) -> list[Array]:
+def starts(problem: NetworkProblem, modes: int) -> list[Array]:
     """Time constants on a logarithmic grid, chosen together for all outputs; and spread ones."""
     low, high = box(problem)
     low, high = 3 * low, high / 5
-    count = max(modes + 2, round(PER_DECADE * np.log10(high / low)))
+    count = max(modes + 2, round(STARTS_PER_DECADE * np.log10(high / low)))
     grid = np.geomspace(high, low, count)
-    few = replace(problem, data=problem.data.longest_records(RECORDS))
-    chosen = _chosen(_Bank(few, grid), modes)
+    few = replace(problem, data=problem.data.longest_records(MAX_START_RECORDS))
+    chosen = _chosen(_StartLosses(few, grid), modes)
     spread = np.geomspace(high / 10, max(low * 5, high / 1000), modes)
     return [grid[list(chosen)], spread]
 
 
-class _Bank:
+class _StartLosses:
     """Losses of any choice from a grid of time constants, from one pass over the rows."""
 
-    def __init__(self, problem: Problem, grid: Array) -> None:
+    def __init__(self, problem: NetworkProblem, grid: Array) -> None:
         self.count, self.inputs = len(grid), len(problem.data.inputs)
         self.origins = problem.data.experiments
         self.sums: list[Sums] = problem.sums(grid, slopes=False)
@@ -156,7 +163,7 @@ class _Bank:
         return value
 
 
-def _chosen(bank: _Bank, modes: int) -> tuple[int, ...]:
+def _chosen(bank: _StartLosses, modes: int) -> tuple[int, ...]:
     """The best pair, then one by one, then exchanges of one while they help."""
     each = range(bank.count)
     if modes == 1:
@@ -164,7 +171,7 @@ def _chosen(bank: _Bank, modes: int) -> tuple[int, ...]:
     best: tuple[int, ...] = min(itertools.combinations(each, 2), key=bank)
     for _ in range(modes - 2):
         best = min((tuple(sorted({*best, j})) for j in each if j not in best), key=bank)
-    for _ in range(EXCHANGES):
+    for _ in range(MAX_EXCHANGES):
         known = bank(best)
         others = [tuple(sorted({*best, j} - {out})) for out in best for j in each if j not in best]
         other = min(others, key=bank)
