@@ -138,7 +138,8 @@ def spindle(column: Mapping[str, Array], period: float) -> None:
         fits = [
             " / ".join(f"{a.fit_percent:.1f}" for a in network.fit(d)) for d in (training, rest)
         ]
-        print(f"| {', '.join(names)} | {len(network.time_constants)} | {begins} | {fits[0]} | {fits[1]} |",
+        modes = len(network.time_constants)
+        print(f"| {', '.join(names)} | {modes} | {begins} | {fits[0]} | {fits[1]} |",
               flush=True)  # fmt: skip
 
 

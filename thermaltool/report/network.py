@@ -1,4 +1,4 @@
-"""IdentifiedNetwork modes as a JSON document and as text."""
+"""Shared modes as a JSON document and as text."""
 
 from __future__ import annotations
 

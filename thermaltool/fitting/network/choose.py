@@ -94,7 +94,7 @@ def _candidate(
 
 
 def _independent_share(network: Network, held: TrainingData) -> float:
-    """NetworkOutput of the rows that count as independent, in the mean over the outputs."""
+    """Share of the rows that count as independent, in the mean over the outputs."""
     computed = [network.simulate(record) for record in held.records]
     shares = []
     for k in range(len(network.outputs)):

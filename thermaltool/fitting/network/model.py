@@ -1,4 +1,4 @@
-"""IdentifiedNetwork first-order modes: what they mean for every output, and how sure they are."""
+"""Shared first-order modes: what they mean for every output, and how sure they are."""
 
 from __future__ import annotations
 
