@@ -1,13 +1,20 @@
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from pyarrow import parquet
 from scipy.signal import lfilter
 
 from thermaltool.cli import fit
 from thermaltool.cli.forecast import command
 from thermaltool.errors import LogError
+from thermaltool.logs import read_log, write_table
+from thermaltool.logs.series import read_series
 from thermaltool.timeseries.criteria import Entry
 from thermaltool.timeseries.forecast import forecast
 from thermaltool.timeseries.model import ArmaModel
@@ -121,3 +128,73 @@ def test_an_outlier_near_the_end_counts_as_missing(tmp_path, size, place):
     assert ahead(spoiled.tolist()) == pytest.approx(clean, abs=3.0)
     if place == -1:
         assert ahead(spoiled.tolist(), "--outliers", "keep") > 0.7 * size
+
+
+@pytest.fixture
+def fitted(log, tmp_path):
+    model = tmp_path / "arma.json"
+    run(fit.command, log, "-C", "T_room_degC", "--order", "1,0", "-o", model)
+    return model
+
+
+TOOL = [sys.executable, "-c", "from thermaltool.cli import main; main()"]
+
+
+def streamed(*args, out=subprocess.PIPE):
+    line = [*TOOL, "forecast", *map(str, args), "--stream"]
+    return subprocess.run(line, stdout=out, stderr=subprocess.PIPE, timeout=60)
+
+
+def test_a_stream_to_parquet_is_a_readable_file(fitted, log, tmp_path):
+    path = tmp_path / "ahead.parquet"
+    with open(path, "wb") as out:
+        done = streamed(fitted, log, "--to", "parquet", out=out)
+    assert (done.returncode, done.stderr) == (0, b"")
+    table = parquet.read_table(path)
+    lines = streamed(fitted, log, "--to", "csv").stdout.decode().splitlines()
+    assert table.column_names == lines[0].split(",")
+    rows = [[float(cell) for cell in line.split(",")] for line in lines[1:]]
+    np.testing.assert_array_equal(np.column_stack([c.to_numpy() for c in table.columns]), rows)
+    assert read_series(str(path), "forecast_T_room_degC").values.size == 300
+
+
+def test_a_stream_to_parquet_that_is_ended_by_a_signal_is_whole(fitted, log, tmp_path):
+    path = tmp_path / "ahead.parquet"
+    text = log.read_bytes().splitlines(keepends=True)
+    with open(path, "wb") as out:
+        process = subprocess.Popen(
+            [*TOOL, "forecast", str(fitted), "--stream", "--to", "parquet", "--timeout", "1"],
+            stdin=subprocess.PIPE,
+            stdout=out,
+            stderr=subprocess.PIPE,
+            bufsize=0,
+        )
+        process.stdin.write(b"".join(text[:101]))
+        # Once it tells of the silence, it has read all lines.
+        assert b"no line for 1 s" in process.stderr.readline()
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=30)
+    assert process.returncode == 143
+    assert parquet.read_table(path).num_rows == 100
+
+
+def test_a_stream_reads_lines_only(fitted, log, tmp_path):
+    table = read_log(str(log))
+    columns = {"time_s": table.time, **table.columns}
+    for name, code, message in (
+        ("log.parquet", 2, "a stream reads lines, not parquet: there are csv, ndjson"),
+        ("log.ndjson", 0, ""),
+    ):
+        write_table(columns, str(tmp_path / name))
+        done = streamed(fitted, tmp_path / name)
+        assert done.returncode == code
+        assert message in done.stderr.decode()
+    # A file's format follows its suffix, as in a batch.
+    assert done.stdout == streamed(fitted, log).stdout
+
+
+def test_a_stream_writes_to_stdout_alone(fitted, log, tmp_path):
+    done = streamed(fitted, log, "-o", tmp_path / "ahead.parquet")
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert b"--stream writes to stdout" in done.stderr
+    assert not (tmp_path / "ahead.parquet").exists()

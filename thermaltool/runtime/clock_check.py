@@ -83,7 +83,8 @@ class ClockCheck:
     period: PeriodCheck | None = None
     on_set: Callable[[float], None] = lambda shift: None
     last: float | None = field(default=None, init=False)
-    _refused_from: float | None = field(default=None, init=False)
+    _refused: int = field(default=0, init=False)
+    _refused_from: float = field(default=math.inf, init=False)
 
     def take(self, time: float) -> float | None:
         """Seconds since the last accepted time, 0 for the first; None where it is refused.
@@ -99,27 +100,57 @@ class ClockCheck:
         if self.last is not None:
             step = time - self.last
             if not self.min_step < step < self.max_step:
+                self._refused += 1
                 step = self._doubted(time, step, self.last)
                 if step is None:
                     return None
             elif step > self.max_gap:
                 self.report("", f"a pause of {step:g} s")
-            self._refused_from = None
+            if self._refused:
+                self._refused, self._refused_from = 0, math.inf
         self.last = time
         return step
 
     def _doubted(self, time: float, step: float, last: float) -> float | None:
         """The same for a step that is too small or too large."""
-        if self._refused_from is None:
-            self.report("", f"time {time:.15g} s after {last:.15g} s: line ignored")
+        if time < self._refused_from:
             self._refused_from = time
-        self._refused_from = min(self._refused_from, time)
+            self._report_refusal(time, last)
         elapsed = time - self._refused_from
         if not self.hold < elapsed < DOUBTED_PAUSE:
             return None
         if self.min_step < step < LONGEST_PAUSE:
             self.report("", f"a pause of {step:g} s")
             return step
-        self.report("", f"the clock was set from {last:.15g} s to {time:.15g} s: followed")
-        self.on_set(self._refused_from - last)
+        self._follow(time, last, self._refused_from - last)
         return elapsed
+
+    def _report_refusal(self, time: float, last: float) -> None:
+        self.report("", f"time {time:.15g} s after {last:.15g} s: line ignored")
+
+    def _follow(self, time: float, last: float, shift: float) -> None:
+        self.report("", f"the clock was set from {last:.15g} s to {time:.15g} s: followed")
+        self.on_set(shift)
+
+
+@dataclass
+class SampleClockCheck(ClockCheck):
+    """The same for samples that count one by one, however long a pause is between them.
+
+    Attributes
+    ----------
+    max_refused : int
+        After more refused lines in a row the clock was set anew, and is followed.
+    """
+
+    max_step: float = math.inf
+    max_refused: int = 10
+
+    def _doubted(self, time: float, step: float, last: float) -> float | None:
+        """0 where the clock is followed: how long ago the last sample was, it does not say."""
+        if self._refused == 1:
+            self._report_refusal(time, last)
+        if self._refused <= self.max_refused:
+            return None
+        self._follow(time, last, step)
+        return 0.0

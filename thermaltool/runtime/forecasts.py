@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from thermaltool.runtime.clock_check import ClockCheck, PeriodCheck
+from thermaltool.runtime.clock_check import PeriodCheck, SampleClockCheck
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.process import Process, Reply
 from thermaltool.runtime.rows.row import Row
@@ -48,6 +48,8 @@ class Forecasts(Process):
         Level or steps out of range.
     """
 
+    clock: SampleClockCheck
+
     def __init__(
         self,
         channel: str,
@@ -70,11 +72,10 @@ class Forecasts(Process):
         self.columns = (channel,)
         # As in a batch.
         self.names = tuple(f"{column}_{channel}" for column in COLUMNS)
-        self.clock = ClockCheck(messages, min_step=0.0, max_step=math.inf, on_set=self._on_set)
-        self._hold = HOLD_SAMPLES
-        self._intervals: list[float] = []
+        self.clock = SampleClockCheck(messages, min_step=0.0, on_set=self._on_set)
+        self._hold = self.clock.max_refused = HOLD_SAMPLES
+        self._steps_seen: list[float] = []
         self._missed = 0
-        self._clock_was_set = False
         self.period = None
         if settings.period is not None:
             self._expect(settings.period)
@@ -84,9 +85,8 @@ class Forecasts(Process):
         """Take a sample period [s] for that of the rows."""
         self.period = period
         if self._settings.hold is not None:
-            self._hold = round(self._settings.hold / period)
+            self._hold = self.clock.max_refused = round(self._settings.hold / period)
         self.clock.min_step = HALF * period
-        self.clock.hold = (self._hold - HALF) * period
 
     def step(self, row: Row, seconds: float) -> Reply | None:
         """The forecast after a row; None where there is none yet."""
@@ -107,16 +107,13 @@ class Forecasts(Process):
     def _on_set(self, shift: float) -> None:
         """The clock was set: samples before are of another time."""
         self._model.forget_lags()
-        self._clock_was_set = True
 
     def _pass(self, seconds: float) -> None:
         """Bridge or forget where samples are lacking; learn the period where nobody says it."""
-        if self._clock_was_set:
-            self._clock_was_set = False
-        elif self.period is None:
-            self._intervals += [seconds] if seconds else []
-            if len(self._intervals) == PERIOD_STEPS:
-                self._expect(sorted(self._intervals)[PERIOD_STEPS // 2])
+        if self.period is None:
+            self._steps_seen += [seconds] if seconds else []
+            if len(self._steps_seen) == PERIOD_STEPS:
+                self._expect(sorted(self._steps_seen)[PERIOD_STEPS // 2])
         elif seconds > (1 + HALF) * self.period:
             self._pause(seconds, self.period)
 

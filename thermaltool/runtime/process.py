@@ -26,8 +26,8 @@ class Process:
         That are read.
     names : tuple of str
         That are written behind the time.
-    period : float [s]
-        Time between two rows of a ramp, where no line comes that asks for one.
+    period : float [s] or None
+        Sample period; also the time between two replies to silence. None where it is not known.
     clock : ClockCheck
     report : callable
         Gets (channel, message) once per change of state.

@@ -89,7 +89,7 @@ class Stream:
     _heard_at: float = field(default=0.0, init=False)
     _due: float = field(default=math.inf, init=False)
     _silent: bool = field(default=False, init=False)
-    _written_at: float | None = field(default=None, init=False)
+    _replied_at: float | None = field(default=None, init=False)
     _saved_at: float | None = field(default=None, init=False)
     _resumed: dict[str, Any] = field(default_factory=dict, init=False)
 
@@ -122,7 +122,7 @@ class Stream:
                     self._end()
                     return
                 accepted = self.process.accepted
-                self._write([reply for line in lines if (reply := self._reply(line)) is not None])
+                self.sink.write([reply for line in lines if (reply := self._reply(line))])
                 if self.process.accepted > accepted or not self.process.actuates:
                     self._heard()
                 if self.process.accepted > accepted:
@@ -141,7 +141,10 @@ class Stream:
             return None
         if self.rows.clock is None and not self._open(line):
             return None
-        return self.process.take(self.rows.row(line))
+        reply = self.process.take(self.rows.row(line))
+        if reply is not None:
+            self._replied_at = reply[0]
+        return reply
 
     def _open(self, line: bytes) -> bool:
         is_row = self.rows.open(line, self.messages.source, self.messages.line)
@@ -149,11 +152,6 @@ class Stream:
             with self._whole_checkpoint():
                 self.rows.clock.resume(self._resumed["clock"], self.process.time)
         return is_row
-
-    def _write(self, replies: list[Reply]) -> None:
-        if replies:
-            self._written_at = replies[-1][0]
-            self.sink.write(replies)
 
     def _heard(self) -> None:
         """A line that counts has come: the watchdog starts anew."""
@@ -170,7 +168,8 @@ class Stream:
             self.messages("", f"no {usable}line for {self.timeout:.3g} s{then}")
         reply = self.process.silence(elapsed)
         if reply is not None:
-            self._write([reply])
+            self._replied_at = reply[0]
+            self.sink.write([reply])
         self._due = math.inf if self.process.at_safe else self.now() + (self.process.period or 0.0)
 
     def _end(self) -> None:
@@ -184,10 +183,11 @@ class Stream:
             )
 
     def _finish(self) -> None:
-        values, last = self.process.finish(), self._written_at
+        values, last = self.process.finish(), self._replied_at
         if values is not None:
             # A row of its own moment, so that the output is a log with a clock that only goes on.
-            self._write([(None if last is None else last + (self.process.period or 0.0), values)])
+            after = None if last is None else last + (self.process.period or 0.0)
+            self.sink.write([(after, values)])
         self.sink.close()
         self.messages.close()
         if summary := self.process.summary():

@@ -1,0 +1,71 @@
+"""Times that are refused, and clocks that are followed."""
+
+import pytest
+
+from thermaltool.errors import LogError
+from thermaltool.runtime.clock_check import ClockCheck, PeriodCheck, SampleClockCheck
+
+
+def checked(check, times):
+    """Seconds, None where refused; what was reported; how far the clock was set."""
+    said, shifts = [], []
+    check.report = lambda channel, message: said.append(message)
+    check.on_set = shifts.append
+    return [check.take(time) for time in times], said, shifts
+
+
+def nobody(channel, message):
+    raise AssertionError
+
+
+def test_seconds_since_the_line_before():
+    assert checked(ClockCheck(nobody), [5.0, 5.5, 7.0])[0] == [0.0, 0.5, 1.5]
+
+
+def test_a_pause_is_reported_and_counts():
+    seconds, said, _ = checked(ClockCheck(nobody, max_gap=3.0), [0.0, 3.0, 6.5])
+    assert seconds == [0.0, 3.0, 3.5]
+    assert said == ["a pause of 3.5 s"]
+
+
+def test_a_clock_that_was_set_back_is_followed_after_the_hold():
+    times = [100.0, 101.0, 2.0, 1.0, 1.5, 3.0, 3.5, 4.0]
+    seconds, said, shifts = checked(ClockCheck(nobody, hold=2.0), times)
+    # From the earliest refused time on, 1 s: the hold is over at 3.5 s.
+    assert seconds == [0.0, 1.0, None, None, None, None, 2.5, 0.5]
+    assert said == [
+        "time 2 s after 101 s: line ignored",
+        "time 1 s after 101 s: line ignored",
+        "the clock was set from 101 s to 3.5 s: followed",
+    ]
+    assert shifts == [-100.0]
+
+
+def test_one_time_far_ahead_is_forgotten():
+    seconds, said, _ = checked(ClockCheck(nobody, hold=2.0), [0.0, 1e5, 1.0, 2.0])
+    assert seconds == [0.0, None, 1.0, 1.0]
+    assert len(said) == 1
+
+
+def test_samples_are_followed_by_their_number():
+    check = SampleClockCheck(nobody, min_step=0.5, max_refused=2)
+    seconds, said, shifts = checked(check, [10.0, 10.0, 9.0, 9.0, 10.0, 1e6])
+    assert seconds == [0.0, None, None, 0.0, 1.0, 1e6 - 10.0]
+    assert said == [
+        "time 10 s after 10 s: line ignored",
+        "the clock was set from 10 s to 9 s: followed",
+    ]
+    assert shifts == [-1.0]
+
+
+@pytest.mark.parametrize(("step", "refused"), [(0.92, False), (1.08, False), (0.5, True)])
+def test_the_period_is_that_of_the_lines(step, refused):
+    check = PeriodCheck(1.0, "log.csv")
+    times = [step * k for k in range(21)]
+    # Pauses do not move a median.
+    times = times[:5] + [time + 30.0 for time in times[5:]]
+    if refused:
+        with pytest.raises(LogError, match=r"log.csv: lines come each 0.5 s, the period is 1 s"):
+            [check.take(time) for time in times]
+    else:
+        [check.take(time) for time in times]
