@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import shutil
 import threading
 from contextlib import contextmanager
+from pathlib import Path
 
 from thermaltool.runtime import checkpoint
 from thermaltool.runtime.checkpoint import Checkpoint
+from thermaltool.runtime.rows.row import Row
 
 
 def test_a_slow_disk_ends_with_the_newest_state(tmp_path, monkeypatch):
@@ -28,3 +32,22 @@ def test_a_slow_disk_ends_with_the_newest_state(tmp_path, monkeypatch):
     kept._writer.join(20)
     assert kept.load() == {"k": 4}
     assert len(written) == 2
+
+
+def test_a_checkpoint_of_an_earlier_release_goes_on_without_a_step(compensator, tmp_path):
+    """Written by the first release, after 200 rows of one second in steps of 0.5 um."""
+
+    def setpoints(each, start, stop):
+        given = []
+        for k in range(start, stop):
+            each.take(Row(float(k), [round(5 * -math.expm1(-k / 30), 9)], ("",)))
+            given.append(each.values())
+        return given
+
+    kept = shutil.copy(Path(__file__).with_name("checkpoint_1.json"), tmp_path / "state.json")
+    whole, resumed = compensator(step=0.5), compensator(step=0.5)
+    expected = setpoints(whole, 0, 400)[200:]
+    resumed.resume(Checkpoint(str(kept), resumed.digest).load())
+    assert resumed.time == 199.0
+    assert setpoints(resumed, 200, 400) == expected
+    assert resumed.state()["sensors"] == whole.state()["sensors"]
