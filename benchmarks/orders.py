@@ -24,10 +24,10 @@ from scipy.signal import lfilter
 from thermaltool.timeseries.ar import burg
 from thermaltool.timeseries.criteria import CRITERIA, Entry
 from thermaltool.timeseries.hannan import gram_matrix
-from thermaltool.timeseries.likelihood import with_trend
+from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.maximum import climb, start
-from thermaltool.timeseries.order import detrended, select_order
-from thermaltool.timeseries.record import record_of
+from thermaltool.timeseries.order import select_order
+from thermaltool.timeseries.runs import even_record
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]
@@ -57,12 +57,12 @@ def simulated(process: tuple[list[float], list[float]], size: int, seed: list[in
 
 def full_grid(x: Array, max_p: int, max_q: int) -> list[Entry]:
     """Every order by exact maximum likelihood, each from its own regression."""
-    data = with_trend(record_of(x), 0)
-    gram = gram_matrix(detrended(record_of(x), data)[0], max_p, max_q)
+    likelihood = ArmaLikelihood(even_record(x), 0)
+    gram = gram_matrix(likelihood.detrended, max_p, max_q)
     entries = []
     for p in range(max_p + 1):
         for q in range(max_q + 1):
-            fit, _ = climb(data, start(data, *gram.solve(p, q)[:2]), 100, 1e-2)
+            fit, _ = climb(likelihood, start(likelihood, *gram.solve(p, q)[:2]), 100, 1e-2)
             entries.append(Entry(p, q, fit.deviance, fit.at.sigma2, x.size, 1, True))
     return entries
 
@@ -82,17 +82,17 @@ def speed(seed: int) -> None:
     print("| samples | 11 × 11 grid [s] | asked below | peak memory [MB] |\n|---|---|---|---|")
     for size, limit in LIMITS.items():
         x = simulated(PROCESSES[2, 1], size, [seed, size])
-        took = median_time(lambda x=x: select_order(record_of(x)))  # type: ignore[misc]
+        took = median_time(lambda x=x: select_order(even_record(x)))  # type: ignore[misc]
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
         print(f"| {size} | {took:.3f} | {limit:g} | {memory:.0f} |", flush=True)
     x = simulated(PROCESSES[2, 1], 100_000, [seed])
-    took = median_time(lambda: burg(record_of(x - x.mean()), 100))
+    took = median_time(lambda: burg(even_record(x - x.mean()), 100))
     print(f"\nAR orders 0 to 100 of 100 000 samples: {1e3 * took:.1f} ms (asked below 50)\n")
     print("| peer, stepwise to (10, 10) | samples | [s] | its AIC above ours |\n|---|---|---|---|")
     for name, peer in (("statsforecast", statsforecast), ("pmdarima", pmdarima)):
         for size, repeats in PEERS.items():
             x = simulated(PROCESSES[2, 1], size, [seed, size])
-            ours = select_order(record_of(x)).best("aic").criteria.aic
+            ours = select_order(even_record(x)).best("aic").criteria.aic
             found: list[float] = []
             try:
                 took = median_time(lambda p=peer, x=x, f=found: f.append(p(x)), repeats)  # type: ignore[misc]
@@ -128,7 +128,7 @@ def study(seed: int, replications: int, sizes: list[int]) -> None:
         ours = judged = worse = 0
         for k in range(replications):
             x = simulated(process, 400, [seed, k, *order])
-            best = select_order(record_of(x), 5, 5, criteria=("bic",)).best("bic")
+            best = select_order(even_record(x), 5, 5, criteria=("bic",)).best("bic")
             judge = min(full_grid(x, 5, 5), key=CRITERIA["bic"])
             ours += (best.p, best.q) == order
             judged += (judge.p, judge.q) == order
@@ -142,7 +142,7 @@ def study(seed: int, replications: int, sizes: list[int]) -> None:
         for order, process, k in cases:
             x = simulated(process, size, [seed, k, size, *order])
             judge = min(full_grid(x, 10, 10), key=CRITERIA["aic"])
-            best = select_order(record_of(x)).best("aic")
+            best = select_order(even_record(x)).best("aic")
             above = best.criteria.aic - judge.aic
             near += above <= 1.0
             print(f"| ARMA{order} | {k} | {judge.p},{judge.q} | {best.p},{best.q} | {above:.2f} |",

@@ -67,13 +67,13 @@ def test_order_is_chosen_by_bic(bar):
 def test_intervals_cover():
     """95 % intervals of ω_n hold the truth about as often as they say."""
     from thermaltool.timeseries.fit import fit_arma
-    from thermaltool.timeseries.record import record_of
+    from thermaltool.timeseries.runs import even_record
 
     hits = 0
     for seed in range(100):
         noise = np.random.default_rng(seed).standard_normal(700)
         x = lfilter([1.0, -THETA], [1.0, -PHI1, -PHI2], noise)[200:]
-        natural = modes(fit_arma(record_of(x), 2, 1, period_s=PERIOD))[0].natural
+        natural = modes(fit_arma(even_record(x), 2, 1, period_s=PERIOD))[0].natural
         hits += natural[1] < 2224.6 < natural[2]
     assert 88 <= hits <= 100
 

@@ -18,7 +18,7 @@ from thermaltool.logs.series import read_series
 from thermaltool.timeseries.criteria import Entry
 from thermaltool.timeseries.forecast import forecast
 from thermaltool.timeseries.model import ArmaModel
-from thermaltool.timeseries.record import record_of
+from thermaltool.timeseries.runs import even_record
 
 
 def run(what, *args):
@@ -71,7 +71,7 @@ def test_intervals_cover_what_comes(ar, ma, d):
         x = lfilter(np.r_[1.0, ma], np.r_[1.0, -np.array(ar)], rng.standard_normal(160))
         for _ in range(d):
             x = np.cumsum(x)
-        ahead = forecast(model, record_of(x[:150]), 10, 0.9)
+        ahead = forecast(model, even_record(x[:150]), 10, 0.9)
         inside.append((ahead.low < x[150:]) & (x[150:] < ahead.high))
     share = np.mean(inside, axis=0)
     # Three standard errors of 400 draws.
@@ -80,7 +80,7 @@ def test_intervals_cover_what_comes(ar, ma, d):
 
 def test_a_random_walk_stays_where_it_is():
     x = np.cumsum(np.random.default_rng(1).standard_normal(80))
-    ahead = forecast(arima([], [], 1), record_of(x), 5)
+    ahead = forecast(arima([], [], 1), even_record(x), 5)
     np.testing.assert_allclose(ahead.value, x[-1])
     np.testing.assert_allclose(ahead.error, np.sqrt(np.arange(1.0, 6.0)))
 

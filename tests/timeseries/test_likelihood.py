@@ -8,9 +8,9 @@ from scipy.signal import lfilter
 from statsmodels.tsa.statespace.sarimax import SARIMAX
 
 from thermaltool.errors import FitError
-from thermaltool.timeseries.likelihood import evaluate, slope, with_trend
+from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.maximum import climb, start
-from thermaltool.timeseries.record import NEW_START, record_of
+from thermaltool.timeseries.runs import NEW_START, difference, even_record, gaps, pieces, runs
 
 MODELS = [
     ([0.75, -0.68], [0.27]),
@@ -28,12 +28,12 @@ def simulated(ar, ma, size, seed=0, mean=3.0):
     return mean + lfilter(np.r_[1.0, ma], np.r_[1.0, -np.array(ar)], noise)[200:]
 
 
-def differences(data, ar, ma):
+def differences(likelihood, ar, ma):
     both, out = np.r_[ar, ma], []
     for k in range(both.size):
         step = 1e-5 * np.eye(both.size)[k]
         ends = [np.split(both + s, [len(ar)]) for s in (step, -step)]
-        out.append((evaluate(data, *ends[0]).deviance - evaluate(data, *ends[1]).deviance) / 2e-5)
+        out.append((likelihood.at(*ends[0]).deviance - likelihood.at(*ends[1]).deviance) / 2e-5)
     return np.array(out)
 
 
@@ -44,10 +44,10 @@ def test_agrees_with_a_kalman_filter_also_over_holes(ar, ma, missing):
     x = simulated(ar, ma, 80)
     if missing:
         x[[10, 11, 12, 20, 25, 27, 79]] = np.nan
-    data = with_trend(record_of(x), 0)
-    at = evaluate(data, ar, ma)
+    likelihood = ArmaLikelihood(even_record(x), 0)
+    at = likelihood.at(ar, ma)
     judge = SARIMAX(x, order=(ar.size, 0, ma.size), exog=np.ones(80))
-    parameters = np.r_[at.coefficients + data.offset, ar, ma, at.sigma2]
+    parameters = np.r_[at.coefficients + likelihood.offset, ar, ma, at.sigma2]
     assert -0.5 * at.deviance == pytest.approx(judge.loglike(parameters), abs=1e-8)
     # Mean and variance are at their best.
     for k, step in ((0, 1e-3), (-1, 1e-3)):
@@ -63,39 +63,41 @@ def test_gradient_is_that_of_the_likelihood(ar, ma, missing):
     x = simulated(ar, ma, 300)
     if missing:
         x[[50, 51, 200]] = np.nan
-    data = with_trend(record_of(x), 0)
-    expected = differences(data, ar, ma)
-    got = slope(data, ar, ma).gradient
+    likelihood = ArmaLikelihood(even_record(x), 0)
+    expected = differences(likelihood, ar, ma)
+    got = likelihood.slope(ar, ma).gradient
     np.testing.assert_allclose(got, expected, rtol=2e-4, atol=2e-3 if not missing else 2e-2)
 
 
 def test_segments_stand_for_themselves():
     x = simulated([0.8], [0.3], 200)
-    both = record_of(x, (slice(0, 120), slice(120, 200)))
-    assert both.gaps == (NEW_START, NEW_START)
+    both = even_record(x, (slice(0, 120), slice(120, 200)))
+    assert gaps(both, runs(both)) == [NEW_START, NEW_START]
     ar, ma = np.array([0.8]), np.array([0.3])
-    apart = [evaluate(with_trend(record_of(part), -1), ar, ma) for part in (x[:120], x[120:])]
-    together = evaluate(with_trend(both, -1), ar, ma)
+    apart = [ArmaLikelihood(even_record(part), -1).at(ar, ma) for part in (x[:120], x[120:])]
+    together = ArmaLikelihood(both, -1).at(ar, ma)
     assert together.square == pytest.approx(sum(each.square for each in apart), rel=1e-12)
     assert together.logdet == pytest.approx(sum(each.logdet for each in apart), rel=1e-12)
 
 
 def test_maximum_is_where_the_gradient_vanishes():
     ar, ma = np.array([1.2, -0.8, 0.3]), np.array([0.5, 0.4])
-    data = with_trend(record_of(simulated(ar, ma, 400)), 0)
-    best, _ = climb(data, start(data, np.zeros(3), np.zeros(2)))
+    likelihood = ArmaLikelihood(even_record(simulated(ar, ma, 400)), 0)
+    best, _ = climb(likelihood, start(likelihood, np.zeros(3), np.zeros(2)))
     assert best.converged
-    assert np.abs(differences(data, best.ar, best.ma)).max() < 0.05
-    assert best.deviance < evaluate(data, ar, ma).deviance
+    assert np.abs(differences(likelihood, best.ar, best.ma)).max() < 0.05
+    assert best.deviance < likelihood.at(ar, ma).deviance
 
 
 def test_difference_of_a_record_with_holes():
     x = np.arange(10.0) ** 2
     x[4] = np.nan
-    record = record_of(x).difference(1)
-    assert [run.tolist() for run in record.runs] == [[1.0, 3.0, 5.0], [11.0, 13.0, 15.0, 17.0]]
-    assert (record.starts, record.gaps) == ((1, 6), (NEW_START, 2))
+    record = difference(even_record(x), 1)
+    assert [run.tolist() for run in pieces(record)] == [[1.0, 3.0, 5.0], [11.0, 13.0, 15.0, 17.0]]
+    rows = runs(record)
+    assert [run.start for run in rows] == [1, 6]
+    assert gaps(record, rows) == [NEW_START, 2]
     with pytest.raises(FitError):
-        record_of([1.0, np.nan, 2.0]).difference(1)
+        difference(even_record([1.0, np.nan, 2.0]), 1)
     with pytest.raises(FitError):
-        record_of([np.nan, np.nan])
+        runs(even_record([np.nan, np.nan]))

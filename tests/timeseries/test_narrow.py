@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from thermaltool.timeseries.likelihood import residuals, with_trend
+from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.maximum import climb, start
 from thermaltool.timeseries.narrow import narrow_factors, with_line
-from thermaltool.timeseries.record import record_of
+from thermaltool.timeseries.runs import even_record
 from thermaltool.timeseries.starts import all_starts
 
 NONE = np.empty(0)
 
 
 def base_of(x, ar=NONE, ma=NONE):
-    data = with_trend(record_of(x), 0)
-    fit = climb(data, start(data, ar, ma), 60, 1e-4)[0]
-    return data, fit, residuals(data, fit.ar, fit.ma, fit.at.coefficients)
+    likelihood = ArmaLikelihood(even_record(x), 0)
+    fit = climb(likelihood, start(likelihood, ar, ma), 60, 1e-4)[0]
+    return likelihood, fit, likelihood.innovations(fit.ar, fit.ma, fit.at.coefficients)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -25,11 +25,11 @@ def base_of(x, ar=NONE, ma=NONE):
 def test_the_gain_of_a_line_is_that_of_the_exact_likelihood(seed, size, near):
     # But for how the two roots of a pair act on each other: less in long records.
     x = np.random.default_rng([seed, size]).standard_normal(size)
-    data, base, e = base_of(x)
+    likelihood, base, e = base_of(x)
     lines = [line for line in narrow_factors(e) if line.ar.size == 2][:4]
     assert len(lines) == 4
     for line in lines:
-        there = start(data, *with_line(base.ar, base.ma, line))
+        there = start(likelihood, *with_line(base.ar, base.ma, line))
         assert base.deviance - there.deviance == pytest.approx(line.gain, rel=near, abs=0.3)
 
 
@@ -63,7 +63,6 @@ def test_innovations_begin_from_the_most_likely_state():
 def test_starts_of_a_series_that_is_a_difference():
     # The MA root at 1, which a regression on lags leaves far away.
     e = np.random.default_rng(11).standard_normal(241)
-    data, best, _ = base_of(np.diff(e), ma=np.array([-0.98]))
-    nearest = min(all_starts(data, record_of(np.diff(e) - np.diff(e).mean()), 0, 1),
-                  key=lambda each: each.deviance)  # fmt: skip
+    likelihood, best, _ = base_of(np.diff(e), ma=np.array([-0.98]))
+    nearest = min(all_starts(likelihood, 0, 1), key=lambda each: each.deviance)
     assert nearest.deviance < best.deviance + 1.0

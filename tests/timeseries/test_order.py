@@ -8,10 +8,10 @@ from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
 from thermaltool.timeseries.hannan import gram_matrix
-from thermaltool.timeseries.likelihood import with_trend
+from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.maximum import climb, start
-from thermaltool.timeseries.order import detrended, select_order
-from thermaltool.timeseries.record import record_of
+from thermaltool.timeseries.order import select_order
+from thermaltool.timeseries.runs import even_record, without
 from thermaltool.timeseries.screening import (
     DICKEY_FULLER,
     find_outliers,
@@ -34,10 +34,10 @@ def simulated(order, size, seed):
 
 def full_grid(x, max_p, max_q):
     """Exact deviances of every order, each from its own regression."""
-    data = with_trend(record_of(x), 0)
-    gram = gram_matrix(detrended(record_of(x), data)[0], max_p, max_q)
+    likelihood = ArmaLikelihood(even_record(x), 0)
+    gram = gram_matrix(likelihood.detrended, max_p, max_q)
     return {
-        (p, q): climb(data, start(data, *gram.solve(p, q)[:2]), 100, 1e-2)[0].deviance
+        (p, q): climb(likelihood, start(likelihood, *gram.solve(p, q)[:2]), 100, 1e-2)[0].deviance
         for p in range(max_p + 1)
         for q in range(max_q + 1)
     }
@@ -50,7 +50,7 @@ def test_bic_finds_the_order_as_often_as_the_full_grid(order):
         x = simulated(order, 400, seed)
         grid = full_grid(x, 4, 4)
         judge = min(grid, key=lambda pair: grid[pair] + np.log(400) * sum(pair))
-        best = select_order(record_of(x), 4, 4, criteria=("bic",)).best("bic")
+        best = select_order(even_record(x), 4, 4, criteria=("bic",)).best("bic")
         least = grid[judge] + np.log(400) * (sum(judge) + 2)
         assert best.criteria.bic <= least + 0.1, (seed, judge, (best.p, best.q))
         found += (best.p, best.q) == order
@@ -65,7 +65,7 @@ def test_aic_of_the_best_is_within_one_of_the_full_grid(seed):
     x = simulated((2, 1), 1000, seed)
     grid = full_grid(x, 6, 6)
     least = min(deviance + 2 * (sum(pair) + 2) for pair, deviance in grid.items())
-    table = select_order(record_of(x), 6, 6, criteria=("aic",))
+    table = select_order(even_record(x), 6, 6, criteria=("aic",))
     assert table.best("aic").criteria.aic <= least + 1.0
     assert len(table.entries) == 49
 
@@ -73,7 +73,7 @@ def test_aic_of_the_best_is_within_one_of_the_full_grid(seed):
 def test_a_search_that_its_budget_ends_says_so():
     # Two sines in noise: large models that differ little.
     t, noise = np.arange(600), np.random.default_rng(11).standard_normal(600)
-    x = record_of(3.0 * np.sin(0.3 * t) + np.sin(0.9 * t) + 0.3 * noise)
+    x = even_record(3.0 * np.sin(0.3 * t) + np.sin(0.9 * t) + 0.3 * noise)
     short, long = select_order(x, budget=3), select_order(x, 2, 1, budget=2000)
     assert short.cut_short
     assert not long.cut_short
@@ -81,7 +81,7 @@ def test_a_search_that_its_budget_ends_says_so():
 
 
 def test_what_is_exact_is_said():
-    table = select_order(record_of(simulated((2, 1), 400, 1)))
+    table = select_order(even_record(simulated((2, 1), 400, 1)))
     assert all(table.best(name).exact for name in ("aic", "aicc", "bic"))
     assert {e.exact for e in table.entries} == {True, False}
     best = table.best("bic")
@@ -96,37 +96,37 @@ def test_what_is_exact_is_said():
 def test_constant_and_short_series_are_refused():
     for values in (np.full(200, 3.7), np.full(50, 1e6)):
         with pytest.raises(FitError, match="constant"):
-            select_order(record_of(values))
+            select_order(even_record(values))
     with pytest.raises(FitError, match="straight line"):
-        select_order(record_of(3.0 + 0.1 * np.arange(300)), degree=1)
+        select_order(even_record(3.0 + 0.1 * np.arange(300)), degree=1)
     with pytest.raises(FitError, match="too few"):
-        select_order(record_of([1.0, 2.0, 1.5, 0.3]))
+        select_order(even_record([1.0, 2.0, 1.5, 0.3]))
 
 
 def test_a_short_series_keeps_to_orders_that_it_can_tell():
-    table = select_order(record_of(simulated((3, 0), 40, 2)))
+    table = select_order(even_record(simulated((3, 0), 40, 2)))
     assert max(e.p + e.q for e in table.entries) <= 40 // 3
     assert table.best("bic").exact
 
 
 def test_gaps_leave_the_order():
     x = simulated((2, 1), 1000, 4)
-    whole = select_order(record_of(x), 4, 4).best("bic")
+    whole = select_order(even_record(x), 4, 4).best("bic")
     x[np.random.default_rng(0).choice(1000, 20, replace=False)] = np.nan
     x[500:560] = np.nan
-    holed = select_order(record_of(x), 4, 4, criteria=("bic",)).best("bic")
+    holed = select_order(even_record(x), 4, 4, criteria=("bic",)).best("bic")
     assert (whole.p, whole.q) == (holed.p, holed.q) == (2, 1)
     assert holed.size == np.isfinite(x).sum()
 
 
 def test_one_enormous_outlier_is_found_and_leaves_the_order():
     x = simulated((2, 1), 600, 7)
-    before = select_order(record_of(x), 5, 5, criteria=("bic",)).best("bic")
+    before = select_order(even_record(x), 5, 5, criteria=("bic",)).best("bic")
     x[300] += 1e6
-    record = record_of(x)
+    record = even_record(x)
     rows = find_outliers(record)
     assert rows.tolist() == [300]
-    after = select_order(record.without(rows), 5, 5, criteria=("bic",)).best("bic")
+    after = select_order(without(record, rows), 5, 5, criteria=("bic",)).best("bic")
     assert (before.p, before.q) == (after.p, after.q)
     spoiled = select_order(record, 5, 5, criteria=("bic",)).best("bic")
     assert (spoiled.p, spoiled.q) != (before.p, before.q)
@@ -136,20 +136,20 @@ def test_one_enormous_outlier_is_found_and_leaves_the_order():
 def test_an_outlier_at_the_ends_is_found(row):
     x = simulated((2, 1), 600, 7)
     x[row] -= 1e5
-    assert find_outliers(record_of(x)).tolist() == [row]
+    assert find_outliers(even_record(x)).tolist() == [row]
 
 
 def test_one_sample_off_a_constant_is_an_outlier():
     x = np.full(300, 2.0)
     x[40] = 1e9
-    record = record_of(x)
+    record = even_record(x)
     with pytest.raises(FitError, match="constant"):
-        select_order(record.without(find_outliers(record)))
+        select_order(without(record, find_outliers(record)))
 
 
 def test_a_large_mean_changes_nothing():
     x = simulated((2, 1), 800, 3)
-    near, far = (select_order(record_of(x + mean), 4, 4).best("bic") for mean in (0.0, 1e9))
+    near, far = (select_order(even_record(x + mean), 4, 4).best("bic") for mean in (0.0, 1e9))
     assert (near.p, near.q) == (far.p, far.q)
     assert near.deviance == pytest.approx(far.deviance, abs=1e-3)
 
@@ -157,17 +157,19 @@ def test_a_large_mean_changes_nothing():
 def test_smooth_and_exact_signals_do_not_break_the_search():
     t = np.arange(500)
     for x in (np.sin(0.3 * t), np.exp(0.01 * t), 1e12 + np.cumsum(np.cumsum(np.cos(t * t)))):
-        assert np.isfinite(select_order(record_of(x)).best("bic").criteria.bic)
+        assert np.isfinite(select_order(even_record(x)).best("bic").criteria.bic)
 
 
 def test_clean_series_have_no_outliers():
-    alarms = sum(find_outliers(record_of(simulated((2, 1), 500, seed))).size for seed in range(40))
+    alarms = sum(
+        find_outliers(even_record(simulated((2, 1), 500, seed))).size for seed in range(40)
+    )
     assert alarms <= 2
 
 
 def test_random_walks_are_told():
     limit = DICKEY_FULLER[0]
     walks = [np.cumsum(np.random.default_rng(s).standard_normal(500)) for s in range(20)]
-    assert sum(unit_root_statistic(record_of(x)) > limit for x in walks) >= 17
+    assert sum(unit_root_statistic(even_record(x)) > limit for x in walks) >= 17
     steady = [simulated((2, 1), 500, seed) for seed in range(20)]
-    assert sum(unit_root_statistic(record_of(x)) < limit for x in steady) == 20
+    assert sum(unit_root_statistic(even_record(x)) < limit for x in steady) == 20

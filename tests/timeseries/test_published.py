@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 from reference.measured import published
 
+from thermaltool.record import Record
 from thermaltool.timeseries.ar import ArOrders, burg, least_squares, yule_walker
 from thermaltool.timeseries.criteria import Entry
 from thermaltool.timeseries.fit import fit_arma
 from thermaltool.timeseries.forecast import forecast
 from thermaltool.timeseries.hannan import hannan_rissanen
 from thermaltool.timeseries.innovations import innovations
-from thermaltool.timeseries.likelihood import evaluate, with_trend
+from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.model import ArmaModel
-from thermaltool.timeseries.record import Record, record_of
+from thermaltool.timeseries.runs import even_record
 
 # P. J. Diggle, Time Series: A Biostatistical Introduction (1990), table A.1: luteinizing hormone.
 LH = np.fromstring(
@@ -85,7 +86,7 @@ def test_exact_maximum_likelihood_agrees_with_r(
     title: str, name: str, p: int, q: int, d: int, degree: int
 ) -> None:
     x = series("sunspot.year.csv")[70:170] if name == "sunspots 1770" else DATA[name]()
-    model = fit_arma(record_of(x), p, q, degree=degree, difference=d)
+    model = fit_arma(even_record(x), p, q, degree=degree, difference=d)
     text = block(title)
     sigma2, loglik, aic, bic = (
         float(re.search(rf"{key} (\S+)", text).group(1))  # type: ignore[union-attr]
@@ -107,15 +108,15 @@ def test_exact_maximum_likelihood_agrees_with_r(
 
 
 def test_likelihood_at_the_coefficients_of_r_agrees_in_nine_digits() -> None:
-    data = with_trend(record_of(DATA["LakeHuron"]()), 0)
-    at = evaluate(data, np.array([0.7448993197]), np.array([0.3205890685]))
+    likelihood = ArmaLikelihood(even_record(DATA["LakeHuron"]()), 0)
+    at = likelihood.at(np.array([0.7448993197]), np.array([0.3205890685]))
     assert -0.5 * at.deviance == pytest.approx(-103.2452606, abs=1e-7)
     assert at.sigma2 == pytest.approx(0.4749398386, abs=2e-9)
-    assert at.coefficients[0] + data.offset == pytest.approx(579.0554555560, abs=1e-5)
+    assert at.coefficients[0] + likelihood.offset == pytest.approx(579.0554555560, abs=1e-5)
 
 
 def centred(x: np.ndarray) -> Record:
-    return record_of(x - x.mean())
+    return even_record(x - x.mean())
 
 
 @pytest.mark.parametrize(
@@ -160,12 +161,12 @@ def test_forecasts_agree_with_r(title: str, name: str, order: int, steps: int) -
     entry = Entry(order, 0, 0.0, sigma2, x.size, 1, True)
     model = ArmaModel("x", 1.0, 0, np.array(ar), np.empty(0), (mean,), np.zeros((1, 1)),
                       sigma2, None, entry, "ml")  # fmt: skip
-    ahead = forecast(model, record_of(x), steps)
+    ahead = forecast(model, even_record(x), steps)
     predicted, errors = block(title).split("$se")
     np.testing.assert_allclose(ahead.value, numbers(predicted)[-steps:], atol=2e-7)
     np.testing.assert_allclose(ahead.error, numbers(errors)[:steps], atol=2e-9)
     # The model fitted here differs from that of R by where the two searches stop.
-    own = forecast(fit_arma(record_of(x), order, 0), record_of(x), steps)
+    own = forecast(fit_arma(even_record(x), order, 0), even_record(x), steps)
     np.testing.assert_allclose(own.value, numbers(predicted)[-steps:], atol=3e-4)
 
 
@@ -176,7 +177,7 @@ def test_hannan_rissanen_of_the_lake() -> None:
     fit = hannan_rissanen(x, 1, 1, 22, correct=False)
     assert fit.ar[0] == pytest.approx(0.69607715, abs=1e-8)
     assert fit.ma[0] == pytest.approx(0.3787969217, abs=1e-9)
-    at = evaluate(with_trend(x, -1), fit.ar, fit.ma)
+    at = ArmaLikelihood(x, -1).at(fit.ar, fit.ma)
     assert at.sigma2 == pytest.approx(0.4773580109, abs=1e-9)
     # The third regression leads to the maximum of the likelihood, 0.7449, 0.3206.
     corrected = hannan_rissanen(x, 1, 1, 22)
@@ -201,12 +202,12 @@ def test_burg_of_brockwell_and_davis() -> None:
 
 
 def test_maximum_likelihood_of_brockwell_and_davis_and_box_and_jenkins() -> None:
-    lake = fit_arma(record_of(series("BD2002_lake.csv")), 1, 1)
+    lake = fit_arma(even_record(series("BD2002_lake.csv")), 1, 1)
     assert lake.ar[0] == pytest.approx(0.7446, abs=5e-4)
     assert lake.ma[0] == pytest.approx(0.3213, abs=1e-3)
     assert lake.sigma2 == pytest.approx(0.4750, abs=1e-4)
     # Box and Jenkins (1976) p. 239 print theta = -ma, to two digits.
-    A = fit_arma(record_of(DATA["A"]()), 1, 1)
+    A = fit_arma(even_record(DATA["A"]()), 1, 1)
     assert A.ar[0] == pytest.approx(0.92, abs=0.02)
     assert -A.ma[0] == pytest.approx(0.58, abs=0.01)
     assert A.sigma2 == pytest.approx(0.097, abs=1e-3)

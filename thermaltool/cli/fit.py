@@ -73,23 +73,24 @@ def command(log: str, order: tuple[int, int] | None, method: str, long_order: in
     one_thread()
     from thermaltool.cli.messages import warn
     from thermaltool.cli.options import keep_inputs
-    from thermaltool.cli.series import load_record, load_series
+    from thermaltool.cli.series import load_series, place_of, screened_series
     from thermaltool.documents import atomic_output, write_json
     from thermaltool.errors import FitError
     from thermaltool.report.orders import fit_table, fit_warnings
     from thermaltool.timeseries.fit import fit_arma
     from thermaltool.timeseries.model import dumps, to_document
     from thermaltool.timeseries.order import select_order
+    from thermaltool.timeseries.runs import difference
 
     if output is not None:
         keep_inputs(output, log)
-    series = load_series(log, options)
-    record, degree, difference = load_record(series, options)
-    place, begin = f"{series.name}: {series.channel}", None
+    series, period = load_series(log, options)
+    record, degree, differences = screened_series(series, options)
+    place, changed, begin = place_of(record), difference(record, differences), None
     try:
         if order is None:
             largest = 0 if method in METHODS[1:4] else 10
-            table = select_order(record.difference(difference), 10, largest, degree, ("bic",))
+            table = select_order(changed, 10, largest, degree, ("bic",))
             best = table.best("bic")
             order, begin = (best.p, best.q), table.fits[best.p, best.q]
             warn(f"{place}: order {best.p},{best.q} chosen by BIC")
@@ -98,20 +99,19 @@ def command(log: str, order: tuple[int, int] | None, method: str, long_order: in
             *order,
             method=method,
             degree=degree,
-            difference=difference,
-            channel=series.channel,
-            period_s=series.period,
+            difference=differences,
+            period_s=period,
             long_order=long_order,
             correct=regressions == "3",
             begin=begin,
             provenance={
-                "logs": [{"name": series.name, "sha256": series.digest}],
+                "logs": [{"name": record.name, "sha256": record.digest}],
                 "command": "thermaltool " + " ".join(sys.argv[1:]),
             },
         )
     except FitError as error:
         raise FitError(f"{place}: {error}") from error
-    for message in fit_warnings(model, record.difference(difference), degree):
+    for message in fit_warnings(model, changed, degree):
         warn(f"{place}: {message}")
     if output is not None:
         with atomic_output(output) as stream:

@@ -77,30 +77,31 @@ def _batch(model: ArmaModel, log: str, output: str, options: dict[str, Any]) -> 
     import numpy as np
 
     from thermaltool.cli.messages import warn
-    from thermaltool.cli.series import load_series, without_outliers
+    from thermaltool.cli.series import load_series, place_of, warn_outliers
     from thermaltool.errors import LogError
     from thermaltool.logs import write_table
     from thermaltool.timeseries.forecast import forecast
-    from thermaltool.timeseries.record import record_of
+    from thermaltool.timeseries.runs import runs, without
+    from thermaltool.timeseries.screening import find_outliers
 
-    series = load_series(log, options)
-    if abs(series.period / model.period_s - 1.0) > SAME_PERIOD:
+    record, period = load_series(log, options)
+    if abs(period / model.period_s - 1.0) > SAME_PERIOD:
         raise LogError(
-            f"the model has a period of {model.period_s:g} s, the log {series.period:g} s",
-            series.name,
+            f"the model has a period of {model.period_s:g} s, the log {period:g} s", record.name
         )
-    record = record_of(series.values, series.segments, series.places)
     if options["outliers"] == "omit":
-        record = without_outliers(record, series)
-    behind = int(series.places[-1]) + 1 - record.end
+        outliers = find_outliers(record)
+        warn_outliers(record, outliers)
+        record = without(record, outliers)
+    behind = len(record) - runs(record)[-1].stop
     if behind:
-        warn(f"{series.name}: {series.channel}: the last {behind} samples are missing: forecast")
-    steps = options["steps"]
+        warn(f"{place_of(record)}: the last {behind} samples are missing: forecast")
+    (channel,), steps = record.columns, options["steps"]
     ahead = forecast(model, record, behind + steps, options["level"])
-    time = np.round(series.time[-1] + series.period * np.arange(1, steps + 1), 9)
-    columns = {"time_s": time, f"forecast_{series.channel}": ahead.value[behind:],
-               f"low_{series.channel}": ahead.low[behind:],
-               f"high_{series.channel}": ahead.high[behind:]}  # fmt: skip
+    time = np.round(record.time[-1] + period * np.arange(1, steps + 1), 9)
+    columns = {"time_s": time, f"forecast_{channel}": ahead.value[behind:],
+               f"low_{channel}": ahead.low[behind:],
+               f"high_{channel}": ahead.high[behind:]}  # fmt: skip
     write_table(columns, output, options["to_format"])
 
 

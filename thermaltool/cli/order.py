@@ -45,13 +45,14 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
     one_thread()
     from thermaltool.cli.messages import warn
     from thermaltool.cli.options import keep_inputs
-    from thermaltool.cli.series import load_record, load_series
+    from thermaltool.cli.series import load_series, place_of, screened_series
     from thermaltool.documents import atomic_output, write_json
     from thermaltool.errors import FitError
     from thermaltool.report.orders import draw_orders, order_document, order_table, order_warnings
     from thermaltool.report.style import figure_format, render
     from thermaltool.timeseries.criteria import criteria_named
     from thermaltool.timeseries.order import BUDGET, select_order
+    from thermaltool.timeseries.runs import difference
 
     try:
         names = criteria_named(criterion.split(","))
@@ -60,20 +61,18 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
     kind = figure_format(figure) if figure is not None else None
     if figure is not None:
         keep_inputs(figure, log)
-    series = load_series(log, options)
-    record, degree, difference = load_record(series, options)
-    changed = record.difference(difference)
-    place = f"{series.name}: {series.channel}"
+    series, _ = load_series(log, options)
+    record, degree, order = screened_series(series, options)
+    changed, place = difference(record, order), place_of(record)
     try:
         table = select_order(changed, max_p, max_q, degree, names, max(round(effort * BUDGET), 1))
     except FitError as error:
         raise FitError(f"{place}: {error}") from error
-    for message in order_warnings(table, names, changed, degree, difference):
+    for message in order_warnings(table, names, changed, degree, order):
         warn(f"{place}: {message}")
     if figure is not None and kind is not None:
-        picture = render(
-            lambda: draw_orders(f"{series.channel}, {series.name}", table, names), kind
-        )
+        title = f"{', '.join(record.columns)}, {record.name}"
+        picture = render(lambda: draw_orders(title, table, names), kind)
         with atomic_output(figure) as stream:
             stream.write(picture)
     if as_json:

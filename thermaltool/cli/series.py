@@ -12,10 +12,17 @@ from thermaltool.cli.messages import warn
 from thermaltool.cli.options import NUMBER, POSITIVE, columns_option, from_option, gap_option
 
 if TYPE_CHECKING:
-    from thermaltool.logs.series import Series
-    from thermaltool.timeseries.record import Record
+    import numpy as np
+    from numpy.typing import NDArray
 
+    from thermaltool.record import Record
+
+    Index = NDArray[np.intp]
+
+# Degree of the polynomial that is estimated along.
 DEGREES = {"mean": 0, "linear": 1, "none": -1}
+# Outliers that are named one by one.
+MAX_OUTLIER_LINES = 5
 
 column_option = click.option(
     "-C", "--column", metavar="NAME", help="The column; any name will do without --columns."
@@ -73,8 +80,8 @@ def one_thread() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
-def load_series(log: str, options: dict[str, Any]) -> Series:
-    """The series that the common options name (taken out of `options`)."""
+def load_series(log: str, options: dict[str, Any]) -> tuple[Record, float]:
+    """The even record that the common options name (taken out of `options`), and its period [s]."""
     from thermaltool.logs.series import read_series
 
     names = ("columns", "from_format", "period", "max_gap", "start", "stop")
@@ -82,54 +89,47 @@ def load_series(log: str, options: dict[str, Any]) -> Series:
     if column is None:
         raise click.UsageError("name the column with --column")
     given = {name: options.pop(name) for name in names}
-    series = read_series(log, column, **given)
-    if series.counted and given["period"] is None:
+    record, counted = read_series(log, column, **given)
+    if counted and given["period"] is None:
         warn(
-            f"{series.name}: no clock (a column time_s or time_min, or ISO 8601 times in time): "
+            f"{record.name}: no clock (a column time_s or time_min, or ISO 8601 times in time): "
             "samples are counted, 1 s each (--period)"
         )
-    return series
+    return record, given["period"] or record.period
 
 
-def without_outliers(record: Record, series: Series) -> Record:
-    """The record without samples that stand alone; they are told."""
-    from thermaltool.timeseries.screening import find_outliers
+def place_of(record: Record) -> str:
+    """File and column, for messages."""
+    return f"{record.name}: {', '.join(record.columns)}"
 
-    place, rows = f"{series.name}: {series.channel}", find_outliers(record)
-    for row in rows[:5].tolist():
-        at = series.time[0] + record.places[row] * series.period
+
+def warn_outliers(record: Record, rows: Index) -> None:
+    """Say which samples stand alone."""
+    (values,), place = record.columns.values(), place_of(record)
+    for row in rows[:MAX_OUTLIER_LINES].tolist():
         warn(
-            f"{place}: {record.values[row]:.6g} at {at:.10g} s stands alone: "
+            f"{place}: {values[row]:.6g} at {record.time[row]:.10g} s stands alone: "
             "left out as missing (--outliers keep takes it)"
         )
-    if rows.size > 5:
-        warn(f"{place}: {rows.size - 5} more like this")
-    return record.without(rows) if rows.size else record
+    if rows.size > MAX_OUTLIER_LINES:
+        warn(f"{place}: {rows.size - MAX_OUTLIER_LINES} more like this")
 
 
-def load_record(series: Series, options: dict[str, Any]) -> tuple[Record, int, int]:
-    """The record without outliers, the degree of its trend, the difference (all told)."""
+def screened_series(record: Record, options: dict[str, Any]) -> tuple[Record, int, int]:
+    """The record without outliers, the degree of its trend, and the difference to be taken."""
     from thermaltool.errors import FitError
-    from thermaltool.timeseries.record import record_of
-    from thermaltool.timeseries.screening import check_size, is_computed
+    from thermaltool.timeseries.runs import runs
+    from thermaltool.timeseries.screening import screened
 
-    difference = options.pop("difference") or 0
-    detrend = options.pop("detrend") or ("none" if difference else "mean")
-    place = f"{series.name}: {series.channel}"
+    order = options.pop("difference") or 0
+    detrend = options.pop("detrend") or ("none" if order else "mean")
+    place = place_of(record)
     try:
-        record = record_of(series.values, series.segments, series.places)
-        check_size(record)
-        if is_computed(record):
-            raise FitError(
-                "each sample follows from those before it to rounding (a line, a sine, a period): "
-                "there is no noise to model"
-            )
-        if options.pop("outliers") == "omit":
-            record = without_outliers(record, series)
-        record.difference(difference)
+        good, outliers = screened(record, options.pop("outliers") == "omit", order)
     except FitError as error:
         raise FitError(f"{place}: {error}") from error
-    holes = len(record.runs) - 1
+    warn_outliers(record, outliers)
+    holes = len(runs(good)) - 1
     if holes:
         warn(f"{place}: {holes} gaps; what is missing is integrated out of the likelihood")
-    return record, DEGREES[detrend], difference
+    return good, DEGREES[detrend], order

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -14,44 +14,12 @@ from thermaltool.logs.columns import ColumnMap
 from thermaltool.logs.formats import format_of, load_format
 from thermaltool.logs.reader import read_log
 from thermaltool.logs.table import Kind, read_source
-from thermaltool.record import Array, hint
+from thermaltool.record import Array, Record, hint
 from thermaltool.units import UNITS, clock_unit
 
-# Share of the period by which a step may differ from a whole number of periods.
-UNEVEN = 0.25
-
-
-@dataclass(frozen=True)
-class Series:
-    """A column on an even clock.
-
-    Attributes
-    ----------
-    name, channel, digest : str
-        File, column, SHA-256 of the input bytes.
-    time : ndarray (n,)
-        [s].
-    values : ndarray (n,)
-        NaN where missing [unit].
-    places : ndarray (n,) of int
-        Samples since the first row.
-    segments : tuple of slice
-        Stretches between pauses.
-    period : float
-        [s].
-    counted : bool
-        Whether there is no clock, so that samples are counted.
-    """
-
-    name: str
-    channel: str
-    digest: str
-    time: Array
-    values: Array
-    places: NDArray[np.intp]
-    segments: tuple[slice, ...]
-    period: float
-    counted: bool
+# Share of the period by which a step may differ from a whole number of periods: jitter, and the
+# rounding of printed times.
+MAX_UNEVENNESS = 0.25
 
 
 def read_series(
@@ -64,8 +32,8 @@ def read_series(
     max_gap: float | None = None,
     start: float | None = None,
     stop: float | None = None,
-) -> Series:
-    """Read one column of a log.
+) -> tuple[Record, bool]:
+    """One column of a log on an even clock: a row for every period of a segment.
 
     Without a map any name will do, and a log without a clock (``time_s``, another time unit, ISO
     8601 ``time``) is counted.
@@ -79,6 +47,14 @@ def read_series(
         Sample period [s]; the median step, or 1 where there is no clock.
     start, stop : float, optional
         First and last time taken [s].
+
+    Returns
+    -------
+    record : Record
+        Of one channel, NaN where a sample is missing. Its clock is that of the log, and where a
+        period is given the even one that ends with it.
+    counted : bool
+        Whether there is no clock, so that samples are counted.
 
     Raises
     ------
@@ -103,22 +79,47 @@ def read_series(
     for k in np.flatnonzero(~(steps > 0.0))[:1]:
         message = f"the clock does not increase: {time[k + 1]:.15g} s"
         raise LogError(message, name, int(lines[k + 1]))
-    if period is None:
-        period = 1.0 if counted or not steps.size else float(np.median(steps))
-    whole = np.rint(steps / period)
-    uneven = (np.abs(steps / period - whole) > UNEVEN) | (whole < 1.0)
+    step = period
+    if step is None:
+        step = 1.0 if counted or not steps.size else float(np.median(steps))
+    whole = np.rint(steps / step)
+    uneven = (np.abs(steps / step - whole) > MAX_UNEVENNESS) | (whole < 1.0)
     parts = segments(time, max_gap)
     # A pause that parts the record may have any length.
     uneven[[part.start - 1 for part in parts[1:]]] = False
     for k in np.flatnonzero(uneven)[:1]:
         raise LogError(
-            f"a step of {steps[k]:.6g} s is no whole number of periods of {period:.6g} s: an even "
+            f"a step of {steps[k]:.6g} s is no whole number of periods of {step:.6g} s: an even "
             "clock is needed (--period)",
             name,
             int(lines[k + 1]),
         )
-    places = np.concatenate(([0], np.cumsum(np.maximum(whole, 1.0)))).astype(np.intp)
-    return Series(name, column, digest, time, values, places, parts, period, counted)
+    places = np.concatenate(([0.0], np.cumsum(np.maximum(whole, 1.0))))
+    if period is not None:
+        time = time[-1] - step * (places[-1] - places)
+    return _filled(name, column, digest, time, values, places, parts), counted
+
+
+def _filled(
+    name: str,
+    column: str,
+    digest: str,
+    time: Array,
+    values: Array,
+    places: Array,
+    parts: tuple[slice, ...],
+) -> Record:
+    """The record with a row for every place [periods] inside a segment."""
+    clocks, filled = [], []
+    for part in parts:
+        row = (places[part] - places[part.start]).astype(np.intp)
+        every = np.arange(row[-1] + 1)
+        clocks.append(np.interp(every, row, time[part]))
+        filled.append(np.full(every.size, np.nan))
+        filled[-1][row] = values[part]
+    edges = np.cumsum([0, *(len(clock) for clock in clocks)]).tolist()
+    cut = tuple(slice(a, b) for a, b in pairwise(edges))
+    return Record(np.concatenate(clocks), {column: np.concatenate(filled)}, cut, digest, name)
 
 
 def _lenient(

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from thermaltool.record import Record
 from thermaltool.report.style import CYCLE, MARK, new_figure, plain
 from thermaltool.report.text import aligned
 from thermaltool.timeseries.cancellation import NeedlessPair, needless_pairs
 from thermaltool.timeseries.criteria import CRITERIA, Entry
-from thermaltool.timeseries.likelihood import with_trend
+from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.model import ArmaModel
 from thermaltool.timeseries.order import OrderTable
-from thermaltool.timeseries.record import Record
 from thermaltool.timeseries.roots import Mode, modes, near_unit
 from thermaltool.timeseries.screening import DICKEY_FULLER, unit_root_statistic
 
@@ -68,7 +68,7 @@ def order_warnings(
 ) -> list[str]:
     """What a user must know before believing the best orders."""
     messages = []
-    data = with_trend(record, degree)
+    likelihood = ArmaLikelihood(record, degree)
     told: set[tuple[int, int]] = set()
     for name in names:
         best = table.best(name)
@@ -81,7 +81,7 @@ def order_warnings(
         if (best.p, best.q) not in told:
             told.add((best.p, best.q))
             of = f"the model {best.p},{best.q} (best by {name}): "
-            pairs = needless_pairs(data, fit.ar, fit.ma, best.deviance)
+            pairs = needless_pairs(likelihood, fit.ar, fit.ma, best.deviance)
             messages += [of + _needless(pair) for pair in pairs]
     messages += _stationarity(record, degree, difference)
     return messages
@@ -114,15 +114,15 @@ def _root(root: complex) -> str:
 def fit_warnings(model: ArmaModel, record: Record, degree: int) -> list[str]:
     """What is not as it should be in a fit."""
     messages = []
-    if near_unit(model.ar, record.size, degree):
+    likelihood = ArmaLikelihood(record, degree)
+    if near_unit(model.ar, likelihood.size, degree):
         messages.append(
             "an AR root is as good as 1: not told from a random walk; try --difference "
             f"{model.difference + 1}"
         )
     else:
         messages += _stationarity(record, degree, model.difference)
-    data = with_trend(record, degree)
-    messages += map(_needless, needless_pairs(data, model.ar, model.ma, model.entry.deviance))
+    messages += map(_needless, needless_pairs(likelihood, model.ar, model.ma, model.entry.deviance))
     if model.covariance is None:
         messages.append("the likelihood is flat: no standard errors; a smaller order may do")
     return messages

@@ -4,6 +4,12 @@ Each pass gives the coefficients of every order and its innovation variance. The
 tables is that of R's `ar`: N ln(variance) + 2 (order + 1), the innovation variance without the
 correction for degrees of freedom.
 
+Own recursions, because one pass has to serve every order and any number of runs:
+`statsmodels.tsa.stattools.pacf_burg` takes one series without a hole, and 118 ms for orders up to
+30 of 10⁵ samples where this takes 14; its `acovf` takes 25 ms where this takes 0.8. Its
+`levinson_durbin` is as fast as the recursion here, but the import adds 0.6 s and 78 MB to an
+`order` that computes for 0.1 s. The tests hold all of them together.
+
 Sources: J. P. Burg (1967) by way of S. L. Marple, Digital Spectral Analysis (1987), 8.5;
 P. J. Brockwell, R. A. Davis, Introduction to Time Series and Forecasting (2002), 5.1.
 """
@@ -16,10 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
+from thermaltool.record import Record
 from thermaltool.timeseries.lagged import inner, lagged_products, lagged_sums
-from thermaltool.timeseries.record import Record
+from thermaltool.timeseries.runs import pieces, places, runs, samples
 
 Array = NDArray[np.float64]
+
+# Periods per sample above which a series is so sparse that pairs across its holes are too few.
+MAX_PERIODS_PER_SAMPLE = 4
 
 
 @dataclass(frozen=True)
@@ -64,15 +74,23 @@ def burg(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
     Parameters
     ----------
     record : Record
-        Without mean; runs shorter than an order do not count for it.
+        Even, of one channel without mean; runs shorter than an order do not count for it.
     max_order : int
         At least 0, below the length of the longest run.
+    parameters : int
+        Besides the coefficients.
+
+    Raises
+    ------
+    FitError
+        No run is longer than `max_order`.
     """
-    _check(record, max_order)
-    forward = [run.copy() for run in record.runs]
-    backward = [run.copy() for run in record.runs]
+    all_runs = _long_enough(record, max_order)
+    forward = [run.copy() for run in all_runs]
+    backward = [run.copy() for run in all_runs]
     phi = np.empty(0)
-    coefficients, variance = [phi], [_power(record)]
+    size = sum(run.size for run in all_runs)
+    coefficients, variance = [phi], [sum(inner(run, run) for run in all_runs) / size]
     errors = variance.copy()
     for _ in range(max_order):
         forward = [f[1:] for f in forward if f.size > 1]
@@ -89,12 +107,27 @@ def burg(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
         phi = np.append(phi - r * phi[::-1], r)
         coefficients.append(phi)
         variance.append(variance[-1] * (1.0 - r * r))
-    return replace(_orders(coefficients, variance, record, parameters), errors=np.array(errors))
+    return replace(_orders(coefficients, variance, size, parameters), errors=np.array(errors))
 
 
 def yule_walker(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
-    """Levinson-Durbin recursion on the autocovariances (sums over pairs, divided by N)."""
-    _check(record, max_order)
+    """Levinson-Durbin recursion on the autocovariances (sums over pairs, divided by N).
+
+    Parameters
+    ----------
+    record : Record
+        Even, of one channel without mean.
+    max_order : int
+        At least 0, below the length of the longest run.
+    parameters : int
+        Besides the coefficients.
+
+    Raises
+    ------
+    FitError
+        No run is longer than `max_order`.
+    """
+    size = sum(run.size for run in _long_enough(record, max_order))
     covariance = autocovariance(record, max_order)
     phi = np.empty(0)
     coefficients, variance = [phi], [float(covariance[0])]
@@ -103,7 +136,7 @@ def yule_walker(record: Record, max_order: int, parameters: int = 1) -> ArOrders
         phi = np.append(phi - r * phi[::-1], r)
         coefficients.append(phi)
         variance.append(variance[-1] * (1.0 - r * r))
-    return _orders(coefficients, variance, record, parameters)
+    return _orders(coefficients, variance, size, parameters)
 
 
 def least_squares(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
@@ -111,11 +144,26 @@ def least_squares(record: Record, max_order: int, parameters: int = 1) -> ArOrde
 
     As R's `ar.ols`, order k uses the samples after the first k of each run, and its criterion
     counts all N. All Gram matrices come from one of the largest order by taking the ends in.
+
+    Parameters
+    ----------
+    record : Record
+        Even, of one channel.
+    max_order : int
+        At least 0, below the length of the longest run.
+    parameters : int
+        Besides the coefficients.
+
+    Raises
+    ------
+    FitError
+        No run is longer than `max_order`; a regression has no unique answer.
     """
-    _check(record, max_order)
-    runs = [run for run in record.runs if run.size > max_order]
+    all_runs = _long_enough(record, max_order)
     gram = np.zeros((max_order + 2, max_order + 2))
-    for run in runs:
+    for run in all_runs:
+        if run.size <= max_order:
+            continue
         gram[1:, 1:] += lagged_products(run, run, max_order, max_order, max_order)
         gram[0, 1:] += lagged_sums(run, max_order, max_order)
         gram[0, 0] += run.size - max_order
@@ -125,7 +173,7 @@ def least_squares(record: Record, max_order: int, parameters: int = 1) -> ArOrde
         if k < max_order:
             # Lower orders see one more sample of each run.
             gram = gram[:-1, :-1]
-            rows = [np.concatenate(([1.0], run[k::-1])) for run in record.runs if run.size > k]
+            rows = [np.concatenate(([1.0], run[k::-1])) for run in all_runs if run.size > k]
             gram = gram + sum(np.outer(row, row) for row in rows)
         index = np.r_[0, 2 : k + 2]
         try:
@@ -134,51 +182,53 @@ def least_squares(record: Record, max_order: int, parameters: int = 1) -> ArOrde
             raise FitError(f"least squares of order {k} has no unique answer") from error
         coefficients.append(beta[1:])
         variance.append(float(gram[1, 1] - beta @ gram[index, 1]) / gram[0, 0])
-    return _orders(coefficients[::-1], variance[::-1], record, parameters)
+    size = sum(run.size for run in all_runs)
+    return _orders(coefficients[::-1], variance[::-1], size, parameters)
 
 
 def autocovariance(record: Record, lags: int) -> Array:
     """Autocovariances of a record without mean, divided by N, ndarray (lags + 1,) [unit²].
 
-    Pairs across a hole count; where samples are missing each lag is weighted by its pairs, so
-    that the estimate is not drawn to zero.
+    Pairs across a hole count, those across segments do not; where samples are missing each lag is
+    weighted by its pairs, so that the estimate is not drawn to zero.
+
+    Parameters
+    ----------
+    record : Record
+        Even, of one channel without mean.
+    lags : int
     """
-    span = record.starts[-1] + record.runs[-1].size - record.starts[0]
-    if len(record.runs) == 1 or span > 4 * record.size:
-        sums = [sum(_lagged(run, k) for run in record.runs) for k in range(lags + 1)]
-        return np.array(sums) / record.size
-    full, there = np.zeros(span), np.zeros(span)
-    for run, start in zip(record.runs, record.starts, strict=True):
-        at = slice(start - record.starts[0], start - record.starts[0] + run.size)
-        full[at], there[at] = run, 1.0
-    sums = [_lagged(full, k) for k in range(lags + 1)]
-    pairs = [max(_lagged(there, k), 1.0) for k in range(lags + 1)]
-    whole = span - np.arange(lags + 1.0)
-    return np.array(sums) / np.array(pairs) * whole / span
+    values, rows = samples(record), runs(record)
+    size, lag = sum(run.stop - run.start for run in rows), range(lags + 1)
+    clock = places(record)
+    span = float(clock[rows[-1].stop - 1] - clock[rows[0].start]) + 1.0
+    if len(rows) == 1 or span > MAX_PERIODS_PER_SAMPLE * size:
+        return np.array([sum(_lagged(values[run], k) for run in rows) for k in lag]) / size
+    parts = [values[part] for part in record.segments]
+    known = [np.isfinite(part).astype(float) for part in parts]
+    filled = [np.nan_to_num(part) for part in parts]
+    sums = np.array([sum(_lagged(part, k) for part in filled) for k in lag])
+    pairs = np.array([max(sum(_lagged(part, k) for part in known), 1.0) for k in lag])
+    return np.asarray(sums / pairs * (span - np.arange(lags + 1.0)) / span)
 
 
 def _lagged(x: Array, lag: int) -> float:
     return inner(x[lag:], x[: x.size - lag]) if lag < x.size else 0.0
 
 
-def _power(record: Record) -> float:
-    return sum(inner(run, run) for run in record.runs) / record.size
-
-
 def _orders(
-    coefficients: list[Array], variance: list[float], record: Record, parameters: int
+    coefficients: list[Array], variance: list[float], size: int, parameters: int
 ) -> ArOrders:
-    return ArOrders(
-        tuple(coefficients),
-        np.maximum(variance, np.finfo(float).tiny),
-        record.size,
-        parameters,
-    )
+    least = np.finfo(float).tiny
+    return ArOrders(tuple(coefficients), np.maximum(variance, least), size, parameters)
 
 
-def _check(record: Record, max_order: int) -> None:
-    longest = max(run.size for run in record.runs)
+def _long_enough(record: Record, max_order: int) -> list[Array]:
+    """All runs, of which at least one has to be longer than `max_order`."""
+    all_runs = pieces(record)
+    longest = max(run.size for run in all_runs)
     if max_order >= longest:
         raise FitError(
             f"order {max_order} needs more than {max_order} samples in a row; there are {longest}"
         )
+    return all_runs

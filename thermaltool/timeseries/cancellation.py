@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from thermaltool.timeseries.likelihood import Data
+from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.maximum import climb, start
 from thermaltool.timeseries.polynomials import cancelling, without_root
 
@@ -42,22 +42,24 @@ class NeedlessPair:
     usual: float
 
 
-def needless_pairs(data: Data, ar: Array, ma: Array, deviance: float) -> list[NeedlessPair]:
+def needless_pairs(
+    likelihood: ArmaLikelihood, ar: Array, ma: Array, deviance: float
+) -> list[NeedlessPair]:
     """The nearly cancelling roots of a model that explain no more than noise would.
 
     Parameters
     ----------
-    data : Data
+    likelihood : ArmaLikelihood
     ar, ma : ndarray
         At their maximum likelihood.
     deviance : float
     """
     found = []
     for root, other in cancelling(ar, ma):
-        smaller = start(data, without_root(ar, root), -without_root(-ma, other))
-        rise = climb(data, smaller, _STEPS, _TOLERANCE)[0].deviance - deviance
+        smaller = start(likelihood, without_root(ar, root), -without_root(-ma, other))
+        rise = climb(likelihood, smaller, _STEPS, _TOLERANCE)[0].deviance - deviance
         coefficients = 2 if root.imag == 0.0 else 4
-        lines = 1.0 if root.imag == 0.0 else max(0.5 * data.size, 1.0)
+        lines = 1.0 if root.imag == 0.0 else max(0.5 * likelihood.size, 1.0)
         usual = float(chdtri(coefficients, _LEVEL / lines))
         if rise < usual:
             found.append(NeedlessPair(root, other, float(rise), usual))

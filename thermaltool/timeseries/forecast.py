@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from thermaltool.errors import FitError
-from thermaltool.timeseries.likelihood import Data, final_state, transition
+from thermaltool.record import Record
+from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.model import ArmaModel
 from thermaltool.timeseries.polynomials import impulse_response
-from thermaltool.timeseries.record import Record
+from thermaltool.timeseries.runs import difference, places, runs, samples, with_samples
+from thermaltool.timeseries.state import transition
 
 Array = NDArray[np.float64]
 
@@ -48,7 +50,9 @@ def forecast(model: ArmaModel, record: Record, steps: int, level: float = 0.95) 
     ----------
     model : ArmaModel
     record : Record
-        Not differenced; its clock counts from the sample at which the model's trend counts.
+        Even, of one channel, not differenced; its clock counts from the row at which the model's
+        trend counts.
+    steps : int
     level : float
         Probability inside the interval.
 
@@ -57,21 +61,21 @@ def forecast(model: ArmaModel, record: Record, steps: int, level: float = 0.95) 
     FitError
         The last run is too short for the model's difference.
     """
-    d = model.difference
-    last = record.runs[-1]
+    d, values = model.difference, samples(record)
+    last = values[runs(record)[-1]]
     if last.size <= d:
         raise FitError(f"the last {last.size} samples in a row are too few for difference {d}")
-    changed = record.difference(d)
-    trend = _trend(model, changed.places)
-    state, covariance = final_state(_plain(changed.with_values(changed.values - trend)),
-                                    model.ar, model.ma)  # fmt: skip
+    clock = places(record)
+    centred = samples(difference(record, d)) - _trend(model, clock)
+    likelihood = ArmaLikelihood(with_samples(record, centred), -1)
+    state, covariance = likelihood.final_state(model.ar, model.ma)
     T = transition(model.ar, model.ma)
     value, extra = np.empty(steps), np.empty((steps, state.size))
     row = np.eye(state.size)[0]
     for k in range(steps):
         value[k], extra[k] = row @ state, row
         row = row @ T
-    ahead = changed.places[-1] + 1.0 + np.arange(steps)
+    ahead = clock[runs(record)[-1].stop - 1] + 1.0 + np.arange(steps)
     value += _trend(model, ahead)
     psi = impulse_response(model.ar, model.ma, steps)
     for k in range(d, 0, -1):  # sums take the differences back, from the highest on
@@ -85,7 +89,3 @@ def forecast(model: ArmaModel, record: Record, steps: int, level: float = 0.95) 
 
 def _trend(model: ArmaModel, places: Array) -> Array:
     return sum((c * places**k for k, c in enumerate(model.trend)), np.zeros(places.size))
-
-
-def _plain(record: Record) -> Data:
-    return Data(record, tuple(run[None] for run in record.runs))

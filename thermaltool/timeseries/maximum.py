@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.timeseries.likelihood import Data, Likelihood, Slope, slope
+from thermaltool.timeseries.likelihood import ArmaLikelihood, Likelihood, Slope
 from thermaltool.timeseries.polynomials import free_jacobian, from_free, to_free
 
 Array = NDArray[np.float64]
@@ -45,20 +45,20 @@ class Maximum:
         return self.at.deviance
 
 
-def start(data: Data, ar: Array, ma: Array) -> Maximum:
+def start(likelihood: ArmaLikelihood, ar: Array, ma: Array) -> Maximum:
     """The likelihood at a start value, made stationary and invertible."""
     free, free_ma = to_free(ar), to_free(-ma)
     while True:
         ar, ma = from_free(free), -from_free(free_ma)
         try:
-            here = slope(data, ar, ma)
+            here = likelihood.slope(ar, ma)
             return Maximum(ar, ma, here.at, ar.size + ma.size == 0, here=here)
         except np.linalg.LinAlgError:  # drawn in until the state's variance can be told
             free = 0.5 * free
 
 
 def climb(
-    data: Data, begin: Maximum, steps: int = 100, tolerance: float = _TOLERANCE
+    likelihood: ArmaLikelihood, begin: Maximum, steps: int = 100, tolerance: float = _TOLERANCE
 ) -> tuple[Maximum, int]:
     """At most `steps` steps of Levenberg and Marquardt from `begin`.
 
@@ -75,7 +75,7 @@ def climb(
     if begin.converged:
         return begin, 0
     p, damping = begin.ar.size, _DAMPING
-    free, here = _free(begin), begin.here or slope(data, begin.ar, begin.ma)
+    free, here = _free(begin), begin.here or likelihood.slope(begin.ar, begin.ma)
     best = replace(begin, at=here.at, here=here)
     curvature, gradient = _turned(here, free, p)
     for taken in range(1, steps + 2):
@@ -89,7 +89,7 @@ def climb(
         trial = np.clip(free + step, -_FARTHEST, _FARTHEST)
         ar, ma = from_free(trial[:p]), -from_free(trial[p:])
         try:  # most steps are good, so the slope is taken along at once
-            there = slope(data, ar, ma)
+            there = likelihood.slope(ar, ma)
             won = best.deviance - there.at.deviance
         except np.linalg.LinAlgError:  # too near to the circle to be told from it
             won = -np.inf
@@ -114,7 +114,7 @@ def _free(point: Maximum) -> Array:
     return np.concatenate((to_free(point.ar), to_free(-point.ma)))
 
 
-def information(data: Data, point: Maximum) -> Array:
+def information(likelihood: ArmaLikelihood, point: Maximum) -> Array:
     """Half the second derivatives of the deviance in (ar, ma), by differences of the gradient.
 
     Returns
@@ -127,6 +127,6 @@ def information(data: Data, point: Maximum) -> Array:
     hessian = np.empty((size, size))
     for k in range(size):
         step = 1e-4 * np.eye(size)[k]
-        ends = [slope(data, (both + s)[:p], (both + s)[p:]).gradient for s in (step, -step)]
+        ends = [likelihood.slope((both + s)[:p], (both + s)[p:]).gradient for s in (step, -step)]
         hessian[k] = (ends[0] - ends[1]) / 2e-4
     return 0.25 * (hessian + hessian.T)

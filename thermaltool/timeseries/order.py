@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
+from thermaltool.record import Record
 from thermaltool.timeseries.ar import burg
 from thermaltool.timeseries.criteria import CRITERIA, Entry
 from thermaltool.timeseries.hannan import corrected, gram_matrix
-from thermaltool.timeseries.lagged import inner, products_of
-from thermaltool.timeseries.likelihood import Data, residuals, slope, with_trend, without
+from thermaltool.timeseries.lagged import inner
+from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.maximum import Maximum, climb, start
 from thermaltool.timeseries.narrow import narrow_factors, with_line
 from thermaltool.timeseries.polynomials import (
@@ -31,7 +32,7 @@ from thermaltool.timeseries.polynomials import (
     is_stationary,
     without_root,
 )
-from thermaltool.timeseries.record import Record
+from thermaltool.timeseries.runs import pieces
 from thermaltool.timeseries.starts import all_starts, as_difference, summed
 
 Array = NDArray[np.float64]
@@ -139,10 +140,10 @@ class _Search:
     def __init__(
         self, record: Record, max_p: int, max_q: int, degree: int, criteria: Sequence[str]
     ) -> None:
-        self.data, self.criteria = with_trend(record, degree), tuple(criteria)
-        centred, power = detrended(record, self.data)
-        size = record.size
-        largest = size // _PER_PARAMETER - self.data.regressors - 1
+        self.likelihood, self.criteria = ArmaLikelihood(record, degree), tuple(criteria)
+        self.centred = self.likelihood.detrended
+        size = self.likelihood.size
+        largest = size // _PER_PARAMETER - self.likelihood.regressors - 1
         if largest < 1:
             raise FitError(f"{size} samples are too few to choose an order")
         self.max_p, self.max_q = min(max_p, largest), min(max_q, largest)
@@ -153,13 +154,13 @@ class _Search:
         self.seen: set[Pair] = set()
         self.finished: set[Pair] = set()
         self.best = dict.fromkeys(self.criteria, np.inf)
-        self.centred = centred
-        self._regressions(power)
+        self._regressions()
         self._differences()
 
-    def _regressions(self, power: float) -> None:
+    def _regressions(self) -> None:
         """Every pair from the Gram matrix; the promising ones are proposed."""
-        centred = self.centred
+        centred, all_runs = self.centred, pieces(self.centred)
+        power = sum(inner(run, run) for run in all_runs) / self.likelihood.size
         gram = gram_matrix(centred, self.max_p, self.max_q)
         starts: dict[Pair, tuple[Array, Array]] = {}
         for p in range(self.max_p + 1):
@@ -172,7 +173,7 @@ class _Search:
         autoregressions = burg(centred, self.max_p)
         for p in range(1, self.max_p + 1):
             starts[p, 0] = autoregressions.coefficients[p], np.empty(0)
-        few = len(centred.runs) <= _FEW_RUNS
+        few = len(all_runs) <= _FEW_RUNS
         chosen = {pair for pair in starts if sum(pair) <= (_SMALL if few else _TINY)}
         for name in self.criteria:
             value = CRITERIA[name]
@@ -187,14 +188,14 @@ class _Search:
             ]:  # the third regression comes much nearer where roots are close to the circle
                 better = corrected(centred, ar, ma)
                 ar, ma = better.ar, better.ma
-            at, _ = climb(self.data, start(self.data, ar, ma), _FIRST_STEPS, _TOLERANCE)
+            at, _ = climb(self.likelihood, start(self.likelihood, ar, ma), _FIRST_STEPS, _TOLERANCE)
             self._keep(pair, at)
             hope = at.deviance - max(_HOPE, 1.5 * at.promise)
             self._propose(pair, at.ar, at.ma, hope, at)
 
     def _differences(self) -> None:
         """Where the series wanders, models with an MA root at 1 from the orders of its sum."""
-        x = self.centred.values
+        x = np.concatenate(pieces(self.centred))
         if self.max_q == 0 or inner(x[1:], x[:-1]) < _WANDERS * inner(x, x):
             return
         sums = summed(self.centred)
@@ -212,12 +213,12 @@ class _Search:
             chosen |= set(sorted(found, key=lambda pair: CRITERIA[name](found[pair][2]))[:2])
         for pair in sorted(chosen):
             better = corrected(sums, *found[pair][:2])
-            at = start(self.data, better.ar, as_difference(better.ma))
+            at = start(self.likelihood, better.ar, as_difference(better.ma))
             self._propose(pair, at.ar, at.ma, at.deviance - _HOPE)
 
     def _entry(self, pair: Pair, deviance: float, sigma2: float, exact: bool) -> Entry:
-        return Entry(*pair, float(deviance), float(sigma2), self.data.size, self.data.regressors,
-                     exact)  # fmt: skip
+        size, regressors = self.likelihood.size, self.likelihood.regressors
+        return Entry(*pair, float(deviance), float(sigma2), size, regressors, exact)
 
     def _keep(self, pair: Pair, fit: Maximum) -> bool:
         """Keep a fit that is better than what is known of its pair."""
@@ -245,11 +246,11 @@ class _Search:
 
     def _deviance(self, sigma2: float) -> float:
         """Deviance of white noise with this variance."""
-        return self.data.size * (float(np.log(2.0 * np.pi * sigma2)) + 1.0)
+        return self.likelihood.size * (float(np.log(2.0 * np.pi * sigma2)) + 1.0)
 
     def _sigma2(self, deviance: float) -> float:
         """Variance of white noise with this deviance."""
-        return float(np.exp(min(deviance / self.data.size, 600.0) - 1.0) / (2.0 * np.pi))
+        return float(np.exp(min(deviance / self.likelihood.size, 600.0) - 1.0) / (2.0 * np.pi))
 
     def run(self, budget: int) -> bool:
         """Fit what promises most until nothing is left that could win; criteria take turns.
@@ -263,7 +264,7 @@ class _Search:
 
     def _finish(self, value: Callable[[Entry], float]) -> None:
         """Climb on until the best model is at its maximum; the best few of a short record anew."""
-        count = _LEADING if self.data.size <= _SHORT else 1
+        count = _LEADING if self.likelihood.size <= _SHORT else 1
         while True:
             leading = sorted(self.fits, key=lambda each: value(self.entries[each]))[:count]
             left = [pair for pair in leading if pair not in self.finished]
@@ -273,13 +274,13 @@ class _Search:
 
     def _complete(self, pair: Pair) -> None:
         fit = replace(self.fits.pop(pair), converged=sum(pair) == 0)
-        few = len(self.data.columns) <= _FEW_RUNS
-        if few and self.data.size <= _SHORT and sum(pair) <= _SMALL:
-            others = [climb(self.data, each, _STEPS, _TOLERANCE)[0]
-                      for each in all_starts(self.data, self.centred, *pair)]  # fmt: skip
+        few = self.likelihood.runs <= _FEW_RUNS
+        if few and self.likelihood.size <= _SHORT and sum(pair) <= _SMALL:
+            others = [climb(self.likelihood, each, _STEPS, _TOLERANCE)[0]
+                      for each in all_starts(self.likelihood, *pair)]  # fmt: skip
             fit = min(fit, *others, key=lambda each: each.deviance)
             fit = replace(fit, converged=sum(pair) == 0)
-        fit, _ = climb(self.data, fit, _LAST_STEPS, _LAST_TOLERANCE)
+        fit, _ = climb(self.likelihood, fit, _LAST_STEPS, _LAST_TOLERANCE)
         # A maximum on the unit circle is approached for ever: this near will do.
         self._keep(pair, replace(fit, converged=True))
         self.finished.add(pair)
@@ -300,9 +301,9 @@ class _Search:
     def _visit(self, proposal: _Proposal) -> int:
         """Fit one proposal and let it propose others; the slopes that it took."""
         pair = proposal.pair
-        begin = proposal.known or start(self.data, proposal.ar, proposal.ma)
+        begin = proposal.known or start(self.likelihood, proposal.ar, proposal.ma)
         false = begin.deviance > proposal.hope + _FALSE
-        fit, slopes = climb(self.data, begin, _FALSE_STEPS if false else _STEPS, _TOLERANCE)
+        fit, slopes = climb(self.likelihood, begin, _FALSE_STEPS if false else _STEPS, _TOLERANCE)
         known = self.fits.get(pair)
         fresh = known is None or known.deviance > fit.deviance + _TOLERANCE or pair not in self.seen
         self.seen.add(pair)
@@ -315,7 +316,7 @@ class _Search:
         if fresh and excess < _CLOSE:
             self._neighbours(pair, fit)
             slopes += 1
-        return slopes * (1 + len(self.data.columns) // _FEW_RUNS)
+        return slopes * (1 + self.likelihood.runs // _FEW_RUNS)
 
     def _neighbours(self, pair: Pair, fit: Maximum) -> None:
         """Models with one coefficient more or less, and with one narrow line more."""
@@ -326,11 +327,11 @@ class _Search:
             fewer = 1 + (root.imag != 0.0)
             if (p - fewer, q - fewer) in self.seen:
                 continue
-            less = start(self.data, without_root(fit.ar, root), -without_root(-fit.ma, other))
+            less = start(self.likelihood, without_root(fit.ar, root), -without_root(-fit.ma, other))
             pair_less = less.ar.size, less.ma.size
             self._propose(pair_less, less.ar, less.ma, less.deviance - _HOPE)
         # One slope at the model with a zero coefficient more on both sides serves all.
-        wide = slope(self.data, np.append(fit.ar, 0.0), np.append(fit.ma, 0.0))
+        wide = self.likelihood.slope(np.append(fit.ar, 0.0), np.append(fit.ma, 0.0))
         own = [*range(p), *range(p + 1, p + 1 + q)]
         both = np.concatenate((fit.ar, [0.0], fit.ma, [0.0]))
         for pair_more, extra in (((p + 1, q), p), ((p, q + 1), p + q + 1)):
@@ -348,12 +349,12 @@ class _Search:
 
     def _lines(self, fit: Maximum) -> None:
         """Models with one narrow line more, and with the first few lines at once."""
-        e = residuals(self.data, fit.ar, fit.ma, fit.at.coefficients)
+        e = self.likelihood.innovations(fit.ar, fit.ma, fit.at.coefficients)
         several, hope, angles = (fit.ar, fit.ma), fit.deviance - _LINE_HOPE, np.empty(0)
         for line in narrow_factors(e):
             ar, ma = with_line(fit.ar, fit.ma, line)
             self._propose((ar.size, ma.size), ar, ma, fit.deviance - line.gain - _LINE_HOPE)
-            if np.any(np.abs(angles - line.angle) < _INTERACT / self.data.size):
+            if np.any(np.abs(angles - line.angle) < _INTERACT / self.likelihood.size):
                 continue
             angles = np.append(angles, line.angle)
             several, hope = with_line(*several, line), hope - line.gain
@@ -376,23 +377,3 @@ def _ridged(curvature: Array, index: NDArray[np.intp]) -> Array:
     """A block of the curvature; a ridge in place of what cancelling roots leave undetermined."""
     block = curvature[np.ix_(index, index)]
     return np.asarray(block + 1e-9 * np.trace(block) / index.size * np.eye(index.size))
-
-
-def detrended(record: Record, data: Data) -> tuple[Record, float]:
-    """The record without its regressors (least squares), and its mean square [unit²].
-
-    Raises
-    ------
-    FitError
-        Nothing is left: constant, or an exact line.
-    """
-    columns = np.concatenate(data.columns, axis=1)
-    scale = float(np.abs(record.values).max())
-    products = products_of(columns)
-    best = np.asarray(np.linalg.solve(products[1:, 1:], products[1:, 0]), float)
-    x = without(columns, best)
-    power = inner(x, x) / x.size
-    if np.sqrt(power) <= 1e-13 * scale:
-        shape = "constant" if data.regressors < 2 else "a straight line"
-        raise FitError(f"the series is {shape}: it has no order")
-    return record.with_values(x), power

@@ -9,7 +9,7 @@ from scipy.signal import freqz
 
 from thermaltool.fitting.data import Array
 from thermaltool.timeseries.ar import burg
-from thermaltool.timeseries.record import NEW_START, Record
+from thermaltool.timeseries.runs import joined
 
 # Longest AR description of errors.
 LONGEST = 15
@@ -23,12 +23,6 @@ def long_runs(runs: Sequence[Array]) -> list[int]:
     """Which of the runs are long enough: those of `SHORTEST_RUN`, or of the longest there is."""
     least = min(SHORTEST_RUN, max((len(run) for run in runs), default=0))
     return [k for k, run in enumerate(runs) if least and len(run) >= least]
-
-
-def error_record(runs: Sequence[Array]) -> Record:
-    """Runs as one record that is interrupted between them."""
-    starts = np.cumsum([0, *(len(e) + 1 for e in runs)])[:-1].tolist()
-    return Record(tuple(runs), tuple(starts), (0, *(NEW_START,) * (len(runs) - 1)))
 
 
 def effective_share(runs: Sequence[Array]) -> float:
@@ -50,7 +44,7 @@ def error_colour(runs: Sequence[Array]) -> tuple[Array, float] | None:
     most = min([LONGEST, *(len(e) // 10 for e in long)]) if long else 0
     if most < 1:
         return None
-    table = burg(error_record(long), most)
+    table = burg(joined(long), most)
     bic = table.samples * np.log(table.variance) + np.log(table.samples) * np.arange(most + 1.0)
     best = int(np.argmin(bic))
     if not best:

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.transfer.colour import error_colour, error_record
+from thermaltool.fitting.transfer.colour import error_colour
 from thermaltool.fitting.transfer.equation_error import Regression, armax, arx
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.output_error import Orders, Problem
@@ -19,6 +19,7 @@ from thermaltool.fitting.transfer.polynomials import difference_basis
 from thermaltool.fitting.transfer.search import Found, overdamped, refine, search
 from thermaltool.signals.gauss_newton import inverse_of, solve
 from thermaltool.timeseries.fit import fit_arma
+from thermaltool.timeseries.runs import joined
 
 Structure = Literal["oe", "bj", "arx", "armax"]
 STRUCTURES: tuple[Structure, ...] = ("oe", "bj", "arx", "armax")
@@ -199,7 +200,7 @@ def _box_jenkins(
     for _ in range(ALTERNATIONS):
         plain = replace(problem, whitening=None)
         errors = [e for e, _ in plain.errors(plain.project(found.F))]
-        record = error_record(errors)
+        record = joined(errors)
         noise = min((fit_arma(record, p, q, degree=-1) for p, q in ((nd, nc), (0, 0))),
                     key=lambda model: model.entry.criteria.bic)  # fmt: skip
         C = np.concatenate([[1.0], noise.ma])

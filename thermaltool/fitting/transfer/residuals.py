@@ -13,10 +13,11 @@ import numpy as np
 from scipy.signal import lfilter
 
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.transfer.colour import LONGEST, error_record, long_runs
+from thermaltool.fitting.transfer.colour import LONGEST, long_runs
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.signals.whiteness import cross_correlation, ljung_box
 from thermaltool.timeseries.ar import burg
+from thermaltool.timeseries.runs import joined
 
 LAGS = 25
 
@@ -89,6 +90,6 @@ def _whitened(series: list[Array]) -> list[Array]:
     most = min(LONGEST, min(len(x) for x in series) // 5)
     if most < 1 or not any(np.any(x) for x in series):
         return series
-    table = burg(error_record(series), most)
+    table = burg(joined(series), most)
     polynomial = np.concatenate([[1.0], -table.coefficients[table.best]])
     return [np.asarray(lfilter(polynomial, [1.0], x)) for x in series]
