@@ -23,10 +23,10 @@ from thermaltool.record import Record
 from thermaltool.signals.likelihood import RestrictedLikelihood, least_on_grid
 from thermaltool.signals.whiteness import ljung_box
 
-# A test below this rejects.
-LEVEL = 0.01
+# A p-value below this rejects.
+SIGNIFICANCE = 0.01
 # Lags of the innovations that are tested together.
-_LAGS = 20
+MAX_LAGS = 20
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class ColouredTests:
     def white_p(self) -> float:
         """Ljung-Box on the innovations of the fitted description."""
         innovations = self._innovations()
-        lags = min(_LAGS, len(innovations) // 4)
+        lags = min(MAX_LAGS, len(innovations) // 4)
         return ljung_box([innovations], lags, 2 if self.ratio else 0).p_value
 
     def _innovations(self) -> Float:
@@ -180,7 +180,7 @@ class ColouredTests:
             channel,
             (first * group, (end - 1) * group),
             float(z[best]) / root,
-            float(ndtri(0.5 + 0.5 * (1.0 - LEVEL) ** (1.0 / tried))) / root,
+            float(ndtri(0.5 + 0.5 * (1.0 - SIGNIFICANCE) ** (1.0 / tried))) / root,
             float(-np.expm1(tried * np.log1p(-one))) if one < 1.0 else 1.0,
         )
 

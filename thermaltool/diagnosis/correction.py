@@ -36,16 +36,36 @@ class LagBank:
     fixed: ClassVar[dict[str, float]] = {}
 
     def modes(self, dt: float) -> Modes:
+        """Modes of the bank.
+
+        Parameters
+        ----------
+        dt : float [s]
+            Sample period; the modes do not depend on it.
+        """
         rates = 1 / np.array(self.time_constants)
         return Modes((-rates).astype(complex), (np.array(self.weights) * rates).astype(complex))
 
     def transfer(self, s: Complex) -> Complex:
+        """Transfer function H(s).
+
+        Parameters
+        ----------
+        s : ndarray of complex [1/s]
+        """
         return self.modes(0.0).transfer(s)
 
     def step(self, t: Float) -> Float:
+        """Step response.
+
+        Parameters
+        ----------
+        t : ndarray [s]
+        """
         return self.modes(0.0).step(t)
 
     def dc_gain(self) -> float:
+        """Steady gain."""
         return float(sum(self.weights))
 
     def slowest(self) -> float:
@@ -54,22 +74,45 @@ class LagBank:
 
     @classmethod
     def search_box(cls, period: float, duration: float, **fixed: float) -> dict[str, Range]:
+        """Bounds of a search: nothing is searched.
+
+        Parameters
+        ----------
+        period, duration : float [s]
+        """
         return {}
 
     @classmethod
     def starts(cls, period: float, duration: float, **fixed: float) -> list[tuple[float, ...]]:
+        """Starts of a search: nothing is searched.
+
+        Parameters
+        ----------
+        period, duration : float [s]
+        """
         return [()]
 
 
 def known_discrepancy(model: Model, output: str) -> Mapping[str, Any]:
-    """What the calibration knows of an output beyond its kind of response; may be empty."""
+    """What the calibration knows of an output beyond its kind of response; may be empty.
+
+    Parameters
+    ----------
+    model : Model
+    output : str
+    """
     found = next(o for o in model.outputs if o.channel == output)
     kept: Mapping[str, Any] = found.fit.get("discrepancy") or {}
     return kept
 
 
 def corrected(model: Model) -> Model:
-    """The model moved to the mean of what its calibration knows, lags added."""
+    """The model moved to the mean of what its calibration knows, lags added.
+
+    Parameters
+    ----------
+    model : Model
+    """
     terms = list(model.terms)
     for output in model.outputs:
         known = known_discrepancy(model, output.channel)
@@ -117,7 +160,16 @@ def _moved(term: Term, moves: Mapping[tuple[str, str], float]) -> Any:
 
 
 def uncorrected(model: Model, calibrated: Model, moved: bool) -> Model:
-    """The model without lags; its parameters as calibrated unless these logs have `moved` them."""
+    """The model without lags; its parameters as calibrated unless these logs have `moved` them.
+
+    Parameters
+    ----------
+    model : Model
+    calibrated : Model
+        As the calibration left it.
+    moved : bool
+        Whether these logs have moved the parameters.
+    """
     if not moved:
         return replace(model, terms=calibrated.terms)
     terms = tuple(t for t in model.terms if t.response.kind != LagBank.kind)

@@ -19,7 +19,7 @@ from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.evidence import STRONG_EVIDENCE, Assumptions
 from thermaltool.diagnosis.fit import CauseCandidate, fit_candidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.no_signature import Outliers, find_outliers, too_short
+from thermaltool.diagnosis.no_signature import find_outliers, too_short
 from thermaltool.diagnosis.result import (
     Alternative,
     Cause,
@@ -95,7 +95,7 @@ def diagnose(
     outliers = find_outliers(first)
     # They are left out from here on; whether they are a cause is told at the end.
     start = first if outliers is None else first.with_masked(outliers.masked)
-    search = _second_look(task, _forward(task, _Search(start, start, unseen)))
+    search = _second_look(task, _forward(task, _SearchState(start, start, unseen)))
     search = _backward(search)
     if outliers is not None:
         search = _with_outliers(search)
@@ -152,7 +152,7 @@ class _Task:
 
 
 @dataclass(frozen=True)
-class _Search:
+class _SearchState:
     """How far the search for causes is.
 
     Attributes
@@ -187,10 +187,10 @@ class _Search:
     suspects: tuple[CauseCandidate, ...] = ()
     exhausted: bool = False
 
-    def noted(self, note: str) -> _Search:
+    def noted(self, note: str) -> _SearchState:
         return replace(self, notes=(*self.notes, note))
 
-    def accepting(self, cause: Cause, after: Hypothesis, *verdict: Verdict) -> _Search:
+    def accepting(self, cause: Cause, after: Hypothesis, *verdict: Verdict) -> _SearchState:
         return replace(
             self,
             hypothesis=after,
@@ -208,14 +208,14 @@ class _Search:
 # ---------------------------------------------------------------- forward
 
 
-def _forward(task: _Task, search: _Search) -> _Search:
+def _forward(task: _Task, search: _SearchState) -> _SearchState:
     """Causes one after another, until none is left or they are enough."""
     while not search.exhausted and len(search.causes) < MAX_CAUSES:
         search = _step(task, search)
     return search
 
 
-def _step(task: _Task, search: _Search) -> _Search:
+def _step(task: _Task, search: _SearchState) -> _SearchState:
     """One more cause, or the end of the search."""
     hypothesis = search.hypothesis
     blind = {p for each in search.unseen for p in zip(each.names, each.channels, strict=True)}
@@ -263,7 +263,7 @@ def _is_freed(before: Hypothesis, after: Hypothesis) -> bool:
     return "tight" in before.assumptions and "released" in after.assumptions
 
 
-def _second_look(task: _Task, search: _Search) -> _Search:
+def _second_look(task: _Task, search: _SearchState) -> _SearchState:
     """Slow causes on the calibration's own log, where a slow discrepancy explains as much.
 
     Without a clean calibration nothing says how large a discrepancy may be. What is left over
@@ -290,7 +290,7 @@ def _misfit(hypothesis: Hypothesis) -> float:
 # ---------------------------------------------------------------- backward, and the answer
 
 
-def _backward(search: _Search) -> _Search:
+def _backward(search: _SearchState) -> _SearchState:
     """The search without the causes that later ones made idle."""
     for cause in search.causes:
         effects = search.hypothesis.model.effects
@@ -306,10 +306,10 @@ def _backward(search: _Search) -> _Search:
     return search
 
 
-def _with_outliers(search: _Search) -> _Search:
+def _with_outliers(search: _SearchState) -> _SearchState:
     """Outliers of what is left in the end: a cause where leaving them out is of use."""
     opened = search.open().with_masked({})
-    outliers: Outliers | None = find_outliers(opened)
+    outliers = find_outliers(opened)
     if outliers is None:
         return search
     search = replace(search, hypothesis=opened.with_masked(outliers.masked))
@@ -321,7 +321,7 @@ def _with_outliers(search: _Search) -> _Search:
     return replace(search, causes=causes)
 
 
-def _result(task: _Task, first: Hypothesis, search: _Search) -> Diagnosis:
+def _result(task: _Task, first: Hypothesis, search: _SearchState) -> Diagnosis:
     """What is told of a finished search."""
     last = search.hypothesis
     plain = first.with_model(task.model)

@@ -43,7 +43,12 @@ WHITE_ALONE = (0.0, 1.0)
 
 
 def released(assumptions: Assumptions) -> Assumptions:
-    """The assumptions with the model's own parameters free."""
+    """The assumptions with the model's own parameters free.
+
+    Parameters
+    ----------
+    assumptions : frozenset of str
+    """
     return (assumptions - {"tight"}) | {"released"}
 
 
@@ -212,7 +217,12 @@ class OutputEvidence:
         return {}
 
     def at(self, points: Sequence[tuple[float, float]]) -> OutputEvidence:
-        """The same under white noise alone and under each (ratio, time constant [s])."""
+        """The same under white noise alone and under each (ratio, time constant [s]).
+
+        Parameters
+        ----------
+        points : sequence of (float, float [s])
+        """
         return replace(self, levels=tuple(self._level(*p) for p in (WHITE_ALONE, *points)))
 
     def _level(self, ratio: float, tau: float) -> NoiseLevel:
@@ -225,7 +235,12 @@ class OutputEvidence:
         return NoiseLevel(ratio, tau, odds, factor, solved, self.columns.T @ solved)
 
     def null(self, assumptions: Assumptions) -> NullFit:
-        """The output explained by the nuisance of some assumptions alone."""
+        """The output explained by the nuisance of some assumptions alone.
+
+        Parameters
+        ----------
+        assumptions : frozenset of str
+        """
         if assumptions not in self._null_fits:
             self._null_fits[assumptions] = self._null_fit(assumptions)
         return self._null_fits[assumptions]
@@ -283,7 +298,13 @@ class OutputEvidence:
         return half, spread
 
     def fitted(self, assumptions: Assumptions, group: str) -> Float:
-        """Best nuisance of one group at the best level, shape (columns of the group,)."""
+        """Best nuisance of one group at the best level, shape (columns of the group,).
+
+        Parameters
+        ----------
+        assumptions : frozenset of str
+        group : str
+        """
         null = self.null(assumptions)
         return null.fitted[null.level][np.array(self.names)[null.active] == group]
 
@@ -320,7 +341,13 @@ class OutputEvidence:
         )
 
     def projected(self, assumptions: Assumptions, products: SignatureProducts) -> ProjectedProducts:
-        """The same products with the nuisance of some assumptions projected out."""
+        """The same products with the nuisance of some assumptions projected out.
+
+        Parameters
+        ----------
+        assumptions : frozenset of str
+        products : SignatureProducts
+        """
         null = self.null(assumptions)
         left = np.array([i for i, _ in products.pairs], int)
         right = np.array([j for _, j in products.pairs], int)

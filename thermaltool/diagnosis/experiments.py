@@ -109,7 +109,7 @@ class SimulatedExperiments:
 
 
 @dataclass(frozen=True)
-class Separation:
+class Discrimination:
     """What something more to measure tells of two causes.
 
     Attributes
@@ -126,19 +126,19 @@ class Separation:
     @staticmethod
     def by(
         information: InformationMatrix, logs: LogInformation, more: LogInformation, count: int
-    ) -> Separation:
+    ) -> Discrimination:
         """What `more` tells of the first of `count` signatures and the others beyond `logs`."""
         before, after = information.joint([logs], count), information.joint([logs, more], count)
         evidence = max(float(eliminated(after, 1)[0, 0] - eliminated(before, 1)[0, 0]), 0.0)
         size = float(after[0, 0] - before[0, 0])
         # What one cause does and the other does not is as different as can be.
         share = evidence / size if size > evidence else float(evidence > 0)
-        return Separation(evidence, float(np.degrees(np.arcsin(np.sqrt(share)))))
+        return Discrimination(evidence, float(np.degrees(np.arcsin(np.sqrt(share)))))
 
     @staticmethod
-    def least(several: Sequence[Separation]) -> Separation:
+    def least(several: Sequence[Discrimination]) -> Discrimination:
         """The smallest evidence, and the smallest angle, of several."""
-        return Separation(min(s.evidence for s in several), min(s.angle for s in several))
+        return Discrimination(min(s.evidence for s in several), min(s.angle for s in several))
 
 
 def separating_experiment(
@@ -163,7 +163,7 @@ def separating_experiment(
     caused = simulation.displacement(chosen)
     groups = [[caused, *simulation.span(rival)] for rival in rivals]
     logged = [information.of_logs(group) for group in groups]
-    separations: list[Separation] = []
+    separations: list[Discrimination] = []
     experiments: Sequence[Experiment] = ()
     if any(_recurs(effect) for effect in (chosen, *rivals)):
         reached = {o for group in groups for changes in group for o in changes}
@@ -176,9 +176,9 @@ def separating_experiment(
             for rival, group in zip(rivals, groups, strict=True)
         ]
         separations = [
-            Separation.least(
+            Discrimination.least(
                 [
-                    Separation.by(information, log, each[k], len(group))
+                    Discrimination.by(information, log, each[k], len(group))
                     for log, each, group in zip(logged, shown, groups, strict=True)
                 ]
             )
@@ -222,18 +222,18 @@ def _second_sensor(
     chosen: Effect,
     rivals: Sequence[Effect],
     logged: Sequence[LogInformation],
-) -> tuple[str, Separation]:
+) -> tuple[str, Discrimination]:
     """Where one more sensor would tell, and what the same logs with it would open."""
     channel = next((e.channel for e in (chosen, *rivals) if e.side in SENSOR_SIDES), "")
     if channel not in information.hypothesis.groups:
-        return "", Separation(0.0, 0.0)
+        return "", Discrimination(0.0, 0.0)
     separations = []
     for rival, log in zip(rivals, logged, strict=True):
         count = len(log[channel].whole)
         sides = [chosen.side, *[rival.side] * (count - 1)]
         second = log[channel].only(np.array([side not in SENSOR_SIDES for side in sides]))
-        separations.append(Separation.by(information, log, {channel: second}, count))
-    return channel, Separation.least(separations)
+        separations.append(Discrimination.by(information, log, {channel: second}, count))
+    return channel, Discrimination.least(separations)
 
 
 def _words(chosen: Effect, rivals: Sequence[Effect]) -> str:

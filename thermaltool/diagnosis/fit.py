@@ -225,7 +225,13 @@ def score(
 
 
 def signatures_of(hypothesis: Hypothesis, trial: Effect) -> dict[str, Changes]:
-    """Signatures by amplitude and output; none where the effect is too strong to be followed."""
+    """Signatures by amplitude and output; none where the effect is too strong to be followed.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+    trial : Effect
+    """
     try:
         found = hypothesis.simulation.signatures(trial)
     except ModelError:

@@ -122,7 +122,13 @@ class Hypothesis:
         return replace(self, assumptions=assumptions)
 
     def written(self, calibrated: Model) -> Hypothesis:
-        """The same with the model as a user gets it."""
+        """The same with the model as a user gets it.
+
+        Parameters
+        ----------
+        calibrated : Model
+            As the calibration left it.
+        """
         free = "released" in self.assumptions
         return self.with_model(uncorrected(self.model, calibrated, free))
 
@@ -167,7 +173,12 @@ class Hypothesis:
         )
 
     def unexplained(self, output: str) -> Series:
-        """Residual without what the nuisance fits: moves of parameters, lags, starts, offsets."""
+        """Residual without what the nuisance fits: moves of parameters, lags, starts, offsets.
+
+        Parameters
+        ----------
+        output : str
+        """
         nuisance, evidence = self.nuisance[output], self.evidence[output]
         moves = nuisance.prior.root @ evidence.fitted(self.assumptions, nuisance.group)
         fitted = evidence.fitted(self.assumptions, "offset").tolist()
@@ -183,7 +194,12 @@ class Hypothesis:
         return result
 
     def beginning(self, output: str) -> Series:
-        """What is left of an unknown state at the first row; zero where logs begin at rest."""
+        """What is left of an unknown state at the first row; zero where logs begin at rest.
+
+        Parameters
+        ----------
+        output : str
+        """
         if "initial" not in self.assumptions:
             return [np.zeros(len(log.time)) for log in self.logs]
         weights = self.evidence[output].fitted(frozenset({"offset", "initial"}), "initial")
@@ -199,11 +215,23 @@ class Hypothesis:
         return self.simulation.scene({o: self.white(o) for o in self.groups})
 
     def white(self, output: str, assumptions: Assumptions | None = None) -> float:
-        """White noise of a reading of an output as the assumptions explain it."""
+        """White noise of a reading of an output as the assumptions explain it.
+
+        Parameters
+        ----------
+        output : str
+        assumptions : frozenset of str, optional
+            The present ones by default.
+        """
         return self.evidence[output].null(assumptions or self.assumptions).white
 
     def evidence_of(self, assumptions: Assumptions) -> float:
-        """Evidence for letting the model say what other assumptions allow."""
+        """Evidence for letting the model say what other assumptions allow.
+
+        Parameters
+        ----------
+        assumptions : frozenset of str
+        """
         return 2 * sum(
             e.independence * (e.null(self.assumptions).best - e.null(assumptions).best)
             for e in self.evidence.values()

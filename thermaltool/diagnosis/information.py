@@ -39,7 +39,7 @@ FIRST_BELOW, STEP_UP, PRECISION = 3.0, 2.0, 1e-3
 
 
 @dataclass(frozen=True)
-class OutputNoise:
+class ReadingNoise:
     """Noise of an output: its level, and the white variance of an independent reading."""
 
     level: NoiseLevel
@@ -70,7 +70,7 @@ class NormalMatrix:
 LogInformation = dict[str, NormalMatrix]  # of one log, by output
 
 
-def noise_before(hypothesis: Hypothesis, assumptions: Assumptions) -> dict[str, OutputNoise]:
+def noise_before(hypothesis: Hypothesis, assumptions: Assumptions) -> dict[str, ReadingNoise]:
     """Noise of every output with no further cause.
 
     Parameters
@@ -82,13 +82,13 @@ def noise_before(hypothesis: Hypothesis, assumptions: Assumptions) -> dict[str, 
     for output, evidence in hypothesis.evidence.items():
         null = evidence.null(assumptions)
         variance = null.white**2 / evidence.independence
-        found[output] = OutputNoise(evidence.levels[null.level], variance)
+        found[output] = ReadingNoise(evidence.levels[null.level], variance)
     return found
 
 
 def noise_after(
     hypothesis: Hypothesis, assumptions: Assumptions, caused: Changes
-) -> dict[str, OutputNoise]:
+) -> dict[str, ReadingNoise]:
     """Noise of every output once a cause has taken its part away.
 
     Parameters
@@ -107,7 +107,7 @@ def noise_after(
         square = float(each.null.square[g] - 2 * each.b[g].sum() + each.C[g].sum())
         evidence = hypothesis.evidence[output]
         variance = max(square, each.null.least) / each.null.dof / evidence.independence
-        found[output] = OutputNoise(evidence.levels[g], variance)
+        found[output] = ReadingNoise(evidence.levels[g], variance)
     return found
 
 
@@ -119,7 +119,7 @@ class InformationMatrix:
     hypothesis : Hypothesis
     assumptions : frozenset of str
         Nuisance in use. Where the model's own parameters are released they are quite free.
-    noise : mapping of output to OutputNoise, optional
+    noise : mapping of output to ReadingNoise, optional
         That with no further cause by default.
     """
 
@@ -127,7 +127,7 @@ class InformationMatrix:
         self,
         hypothesis: Hypothesis,
         assumptions: Assumptions,
-        noise: Mapping[str, OutputNoise] | None = None,
+        noise: Mapping[str, ReadingNoise] | None = None,
     ) -> None:
         self.hypothesis, self.assumptions = hypothesis, assumptions
         self.noise = noise or noise_before(hypothesis, assumptions)
@@ -181,7 +181,13 @@ class InformationMatrix:
         return result
 
     def of_signatures(self, logs: Sequence[LogInformation], count: int) -> dict[str, Float]:
-        """Information matrix of the first `count` signatures in each output, (count, count)."""
+        """Information matrix of the first `count` signatures in each output, (count, count).
+
+        Parameters
+        ----------
+        logs : sequence of mapping of output to NormalMatrix
+        count : int
+        """
         result = {}
         for output, prior in self._prior.items():
             total = np.sum([log[output].matrix for log in logs if output in log], axis=0)
@@ -216,7 +222,12 @@ class InformationMatrix:
         return _arcsine(left / whole) if whole else 0.0
 
     def shows(self, changes: Changes) -> bool:
-        """Whether the model's own parameters leave anything of a signature."""
+        """Whether the model's own parameters leave anything of a signature.
+
+        Parameters
+        ----------
+        changes : mapping of output to list of ndarray
+        """
         if not changes:
             return False
         present = self.of_logs([changes])

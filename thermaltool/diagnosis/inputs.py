@@ -15,13 +15,15 @@ from thermaltool.units import hold_of
 
 # Rows of an experiment that are simulated at most (where it would have more, they are further
 # apart), and means of rows that count.
-ROWS, MEANS = 5000, 600
+MAX_ROWS, MAX_MEANS = 5000, 600
 # A level at which a log spends less than this share of its rows is not among its levels.
-_DWELL = 0.03
+MIN_SHARE_OF_ROWS = 0.03
 # An experiment lasts so long at most [s].
-_LONGEST = 3 * 86400.0
+MAX_DURATION = 3 * 86400.0
 # A fast experiment reads so many times as often.
-FASTER = 5
+FAST_READINGS = 5
+# Drives that are moved at most.
+MAX_DRIVES = 2
 
 
 @dataclass(frozen=True)
@@ -43,22 +45,27 @@ class Experiment:
     readings: float
 
     def means(self, series: Float) -> Float:
-        """Means of rows, ndarray (n,) or (n, c)."""
+        """Means of rows, shape (m,) or (m, c).
+
+        Parameters
+        ----------
+        series : ndarray, shape (n,) or (n, c)
+        """
         return np.asarray(np.add.reduceat(series, self._first, axis=0).T / self.counts).T
 
     @property
     def counts(self) -> Float:
-        """Rows of each mean, ndarray (m,)."""
+        """Rows of each mean, shape (m,)."""
         return np.diff(np.append(self._first, len(self.record.time))).astype(float)
 
     @property
     def _first(self) -> NDArray[np.int64]:
         rows = len(self.record.time)
-        return np.arange(0, rows, -(-rows // MEANS))
+        return np.arange(0, rows, -(-rows // MAX_MEANS))
 
 
 @dataclass(frozen=True)
-class Levels:
+class ChannelLevels:
     """What a commanded channel may be, as logged.
 
     Attributes
@@ -84,15 +91,23 @@ class Levels:
 
     @property
     def nearest(self) -> float:
+        """The extreme that lies nearer to the start."""
         return min(self.low, self.high, key=lambda v: abs(v - self.start))
 
     def say(self, value: float) -> str:
+        """A value with the unit of the channel."""
         unit = self.channel.rpartition("_")[2]
         return f"{value:.3g}" + ("" if unit == "1" else f" {unit}")
 
 
-def levels_of(hypothesis: Hypothesis, channel: str) -> Levels:
-    """Start, range and an unused level of a drive or a channel beside the drives."""
+def levels_of(hypothesis: Hypothesis, channel: str) -> ChannelLevels:
+    """Start, range and an unused level of a drive or a channel beside the drives.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+    channel : str
+    """
     columns = [log.columns[channel] for log in hypothesis.logs]
     seen = np.concatenate([c[np.isfinite(c)] for c in columns])
     low, high = float(seen.min()), float(seen.max())
@@ -104,15 +119,22 @@ def levels_of(hypothesis: Hypothesis, channel: str) -> Levels:
             if not hypothesis.simulation.away_from_rest():
                 start = rest
     values, counts = np.unique(np.round((seen - low) / (high - low or 1.0), 3), return_counts=True)
-    taken = np.append(values[counts > _DWELL * len(seen)], (start - low) / (high - low or 1.0))
+    taken = np.append(
+        values[counts > MIN_SHARE_OF_ROWS * len(seen)], (start - low) / (high - low or 1.0)
+    )
     shares = np.array([0.5, 0.6, 0.4, 0.7, 0.3, 0.8, 0.2])
     distance = np.min(np.abs(shares[:, None] - taken[None, :]), axis=1)
     third = low + float(shares[int(np.argmax(np.round(distance, 2)))]) * (high - low)
-    return Levels(channel, start, low, high, float(f"{third:.2g}"))
+    return ChannelLevels(channel, start, low, high, float(f"{third:.2g}"))
 
 
 def duration_text(seconds: float) -> str:
-    """A time as a user would set it: two figures, in a handy unit."""
+    """A time as a user would set it: two figures, in a handy unit.
+
+    Parameters
+    ----------
+    seconds : float [s]
+    """
     for unit, size, least in (("h", 3600.0, 3.0), ("min", 60.0, 3.0), ("s", 1.0, 0.0)):
         if seconds >= least * size:
             return f"{float(f'{seconds / size:.2g}'):g} {unit}"
@@ -157,11 +179,11 @@ def _relevant(hypothesis: Hypothesis, causes: Sequence[Effect]) -> list[str]:
             size = abs(term.response.dc_gain()) * level / hypothesis.evidence[term.output].white
             reach[term.drive] = max(reach.get(term.drive, 0.0), size)
     acting = [e.channel for e in causes if e.channel in reach]
-    return list(dict.fromkeys([*acting, max(reach, key=lambda c: reach[c])]))[:2]
+    return list(dict.fromkeys([*acting, max(reach, key=lambda c: reach[c])]))[:MAX_DRIVES]
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _Course:
     """A course for some channels: knots between which `course` runs."""
 
     sentence: str
@@ -182,14 +204,14 @@ def _held(start: float, pieces: Iterable[tuple[float, float]]) -> Callable[[Floa
     return course
 
 
-def _plans(u: Levels, slow: float, period: float) -> Iterator[_Plan]:
+def _plans(u: ChannelLevels, slow: float, period: float) -> Iterator[_Course]:
     """Courses of one drive, the others at rest."""
     a, b, c, name = u.start, u.furthest, u.third, u.channel
-    hold, long = min(1.5 * slow, _LONGEST / 6), min(4 * slow, _LONGEST / 2)
+    hold, long = min(1.5 * slow, MAX_DURATION / 6), min(4 * slow, MAX_DURATION / 2)
 
-    def plan(sentence: str, pieces: Sequence[tuple[float, float]], step: float = period) -> _Plan:
+    def plan(sentence: str, pieces: Sequence[tuple[float, float]], step: float = period) -> _Course:
         total = sum(span for span, _ in pieces)
-        return _Plan(sentence, total, step, {name: _held(a, pieces)})
+        return _Course(sentence, total, step, {name: _held(a, pieces)})
 
     yield plan(
         f"bring {name} from {u.say(a)} to {u.say(b)} and hold it for {duration_text(long)}",
@@ -217,14 +239,14 @@ def _plans(u: Levels, slow: float, period: float) -> Iterator[_Plan]:
             f"{duration_text(hold)} each, at least twice",
             [(hold, u.high), (hold, u.low)] * 2,
         )
-    pause = min(6 * hold, _LONGEST / 4)
+    pause = min(6 * hold, MAX_DURATION / 4)
     yield plan(
         f"bring {name} to {u.say(b)} for {duration_text(hold)} and the same again after "
         f"{duration_text(pause)} at {u.say(a)}, in one log",
         [(hold, b), (pause, a), (hold, b)],
     )
-    ramp = min(3 * slow, _LONGEST / 4)
-    yield _Plan(
+    ramp = min(3 * slow, MAX_DURATION / 4)
+    yield _Course(
         f"ramp {name} slowly from {u.say(u.low)} to {u.say(u.high)} in {duration_text(ramp)} and "
         "back, twice",
         4 * ramp,
@@ -240,8 +262,8 @@ def _plans(u: Levels, slow: float, period: float) -> Iterator[_Plan]:
     if hold_of(name) == "first":
         return  # a temperature of the machine is not switched
     half = max(4 * period, float(f"{np.sqrt(4 * period * hold):.2g}"))
-    for span, step in ((half, period), (4 * period, period), (2 * period, period / FASTER)):
-        count = max(4, min(int(2 * slow / span), int(MEANS * step / span)))
+    for span, step in ((half, period), (4 * period, period), (2 * period, period / FAST_READINGS)):
+        count = max(4, min(int(2 * slow / span), int(MAX_MEANS * step / span)))
         often = f", reading every {duration_text(step)}" if step < period else ""
         yield plan(
             f"switch {name} between {u.say(a)} and {u.say(b)} every {duration_text(span)}, for "
@@ -257,9 +279,9 @@ def _plans(u: Levels, slow: float, period: float) -> Iterator[_Plan]:
     )
 
 
-def _beside(u: Levels, x: Levels, slow: float, period: float) -> Iterator[_Plan]:
+def _beside(u: ChannelLevels, x: ChannelLevels, slow: float, period: float) -> Iterator[_Course]:
     """Courses of a channel beside the drives, and of both against each other."""
-    hold = min(2 * slow, _LONGEST / 6)
+    hold = min(2 * slow, MAX_DURATION / 6)
     span = duration_text(hold)
     driven = hold_of(x.channel) == "zero"
     if driven:
@@ -272,13 +294,13 @@ def _beside(u: Levels, x: Levels, slow: float, period: float) -> Iterator[_Plan]
         def alone(time: Float) -> Float:
             return x.start + size * np.sin(np.pi * time / (2 * hold)) ** 2
 
-    yield _Plan(
+    yield _Course(
         f"{said} with {u.channel} at {u.say(u.start)}, {span} each way",
         2 * hold,
         period,
         {x.channel: alone},
     )
-    yield _Plan(
+    yield _Course(
         f"{said}, {span} each way, and {u.channel} to {u.say(u.furthest)} and back at other times",
         4 * hold,
         period,
@@ -292,9 +314,9 @@ def _beside(u: Levels, x: Levels, slow: float, period: float) -> Iterator[_Plan]
     )  # fmt: skip
 
 
-def _experiment(hypothesis: Hypothesis, plan: _Plan, number: int) -> Experiment:
+def _experiment(hypothesis: Hypothesis, plan: _Course, number: int) -> Experiment:
     """A plan as a log: every other channel stays at its first value."""
-    readings = max(1.0, plan.duration / plan.period / ROWS)
+    readings = max(1.0, plan.duration / plan.period / MAX_ROWS)
     step = plan.period * readings
     time: Float = step * np.arange(int(plan.duration / step) + 2, dtype=np.float64)
     first = hypothesis.logs[0]
@@ -308,5 +330,5 @@ def _experiment(hypothesis: Hypothesis, plan: _Plan, number: int) -> Experiment:
             values = first.columns[name]
             there = values[np.isfinite(values)]
             columns[name] = np.full(len(time), there[0] if len(there) else 0.0)
-    signals = Record(time, columns, digest=f"experiment {number}")
-    return Experiment(plan.sentence, signals, readings)
+    record = Record(time, columns, digest=f"experiment {number}")
+    return Experiment(plan.sentence, record, readings)

@@ -35,7 +35,7 @@ MAX_RMS_LEFT = 0.8
 
 
 @dataclass(frozen=True)
-class Outliers:
+class OutlierMask:
     """Outliers of all logs, and the cause that they are."""
 
     masked: Mask
@@ -47,7 +47,7 @@ class Outliers:
         return any(g.useful for g in self.cause.gain.values())
 
 
-def find_outliers(hypothesis: Hypothesis) -> Outliers | None:
+def find_outliers(hypothesis: Hypothesis) -> OutlierMask | None:
     """Readings that stand out of their neighbours, where heavy tails are decisive.
 
     Evidence is that of a Gaussian with a wider one mixed in against a Gaussian alone, for the
@@ -91,7 +91,7 @@ def find_outliers(hypothesis: Hypothesis) -> Outliers | None:
     few = sum(int(mask.sum()) for mask in masked.values()) < MIN_OUTLIERS_DRAWN
     if not any(g.claimed or (few and g.useful) for g in gains.values()):
         return None
-    return Outliers(masked, Cause(effect, total, {}, gains, 0.0))
+    return OutlierMask(masked, Cause(effect, total, {}, gains, 0.0))
 
 
 def _masked_gains(hypothesis: Hypothesis, masked: Mask) -> dict[str, Gain]:

@@ -17,19 +17,19 @@ from thermaltool.effects.effect import Float
 from thermaltool.errors import FitError
 
 # Fewer rows say nothing.
-FEWEST = 16
-# Bins of a record among which the worst stretch is looked for.
-_BINS = 40
-# A channel of at most so many levels is told by level, else by thirds.
-_LEVELS = 4
+MIN_ROWS = 16
+# Bins of a record among which the worst interval is looked for.
+MAX_BINS = 40
+# A channel of at most so many levels is described by level, else by thirds.
+MAX_LEVELS = 4
 # Periods at which bands may meet [s].
-_EDGES = np.array(
+BAND_EDGES = np.array(
     [1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 18000, 36000, 86400, 604800]
 )
 
 
 @dataclass(frozen=True)
-class Noise:
+class ResidualNoise:
     """White noise of a reading, and the slow discrepancy on top of it.
 
     Attributes
@@ -46,7 +46,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class WorstInterval:
     """The stretch that holds most of the residual for its length.
 
     Attributes
@@ -68,7 +68,7 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class Band:
+class PeriodBand:
     """A band of periods.
 
     Attributes
@@ -124,15 +124,15 @@ class ResidualReport:
     above_noise, above_floor : float
         Share of the power, about the mean of each record, that white noise does not account for,
         and that white noise with the calibration's own error does not.
-    noise : Noise
+    noise : ResidualNoise
     floor : float [unit of the channel]
         Error of the model on its own calibration data.
     effective_rows : float
         Independent rows that tell as much about a mean.
     white_p : float
         p-value of the innovations being white (Ljung-Box).
-    worst : Stretch or None
-    bands : tuple of Band, the slowest first
+    worst : WorstInterval or None
+    bands : tuple of PeriodBand, the slowest first
     conditions : tuple of Condition
         As `worst`, of the residual about the median of its record: the zero of a log is arbitrary,
         and where a model is wrong for a while it is right for the rest.
@@ -145,12 +145,12 @@ class ResidualReport:
     spread: float
     above_noise: float
     above_floor: float
-    noise: Noise
+    noise: ResidualNoise
     floor: float
     effective_rows: float
     white_p: float
-    worst: Stretch | None
-    bands: tuple[Band, ...]
+    worst: WorstInterval | None
+    bands: tuple[PeriodBand, ...]
     conditions: tuple[Condition, ...]
     dependences: tuple[Dependence, ...]
 
@@ -193,7 +193,7 @@ def residual_report(
         Fewer than 16 rows with both.
     """
     use = np.isfinite(residual) & np.isfinite(measured)
-    if use.sum() < FEWEST:
+    if use.sum() < MIN_ROWS:
         raise FitError(f"{use.sum()} rows of a residual say nothing")
     channels = {name: _held(values)[use] for name, values in {**drives, **others}.items()}
     time, residual, measured = time[use], residual[use], measured[use]
@@ -204,6 +204,7 @@ def residual_report(
     power = float(np.mean(about**2))
     tests = ColouredTests(time, about, records)
     dependences = [tests.dependence(name, values) for name, values in channels.items()]
+    time_constant = tests.tau if tests.discrepancy else None
     return ResidualReport(
         rows=len(time),
         rms=float(np.sqrt(np.mean(residual**2))),
@@ -211,7 +212,7 @@ def residual_report(
         spread=float(np.sqrt(power)),
         above_noise=_above(power, white_sigma**2),
         above_floor=_above(power, white_sigma**2 + floor**2),
-        noise=Noise(white_sigma, tests.discrepancy, tests.tau if tests.discrepancy else None),
+        noise=ResidualNoise(white_sigma, tests.discrepancy, time_constant),
         floor=floor,
         effective_rows=tests.effective_rows(),
         white_p=tests.white_p(),
@@ -237,14 +238,14 @@ def _held(values: Float) -> Float:
     return values[there[np.maximum(np.searchsorted(there, np.arange(len(values)), "right") - 1, 0)]]
 
 
-def _worst(time: Float, residual: Float, records: Sequence[slice]) -> Stretch | None:
+def _worst(time: Float, residual: Float, records: Sequence[slice]) -> WorstInterval | None:
     """The stretch whose power exceeds the average by most (largest sum over bins of a record)."""
     power = residual**2
     mean = float(np.mean(power))
     best, found = 0.0, None
     for k, record in enumerate(records):
         rows = np.arange(record.start, record.stop)
-        edges = np.unique(np.linspace(0, len(rows), min(_BINS, len(rows)) + 1).astype(int))
+        edges = np.unique(np.linspace(0, len(rows), min(MAX_BINS, len(rows)) + 1).astype(int))
         excess = np.add.reduceat(power[rows] - mean, edges[:-1])
         total, begin = 0.0, 0
         for end, value in enumerate(excess.tolist()):
@@ -256,7 +257,7 @@ def _worst(time: Float, residual: Float, records: Sequence[slice]) -> Stretch | 
     if found is None:
         return None
     k, rows = found
-    return Stretch(
+    return WorstInterval(
         k,
         float(time[rows[0]]),
         float(time[rows[-1]]),
@@ -266,7 +267,9 @@ def _worst(time: Float, residual: Float, records: Sequence[slice]) -> Stretch | 
     )
 
 
-def _bands(time: Float, about: Float, records: Sequence[slice], white: float) -> tuple[Band, ...]:
+def _bands(
+    time: Float, about: Float, records: Sequence[slice], white: float
+) -> tuple[PeriodBand, ...]:
     """Shares of the power above white noise by period, of the cosine transform of each record.
 
     The cosine transform continues a record by its mirror image, so that a difference between its
@@ -275,7 +278,7 @@ def _bands(time: Float, about: Float, records: Sequence[slice], white: float) ->
     steps = np.concatenate([np.diff(time[r]) for r in records])
     shortest = 4.0 * float(np.median(steps))
     longest = max(float(time[r][-1] - time[r][0]) for r in records) / 3.0
-    between = _EDGES[(1.5 * shortest < _EDGES) & (longest > _EDGES)]
+    between = BAND_EDGES[(1.5 * shortest < BAND_EDGES) & (longest > BAND_EDGES)]
     if len(between) > 3:
         wanted = np.geomspace(shortest, longest, 5)[1:-1]
         between = np.unique([between[np.argmin(abs(np.log(between / w)))] for w in wanted])
@@ -294,7 +297,7 @@ def _bands(time: Float, about: Float, records: Sequence[slice], white: float) ->
     power = np.maximum(power, 0.0)
     shares = power / power.sum() if power.sum() > 0 else power
     return tuple(
-        Band(low or None, high if np.isfinite(high) else None, share)
+        PeriodBand(low or None, high if np.isfinite(high) else None, share)
         for high, low, share in zip(edges[:-1], edges[1:], shares.tolist(), strict=True)
     )
 
@@ -329,7 +332,7 @@ def _by_value(channel: str, values: Float, residual: Float) -> list[Condition]:
     levels = np.unique(values)
     if len(levels) < 2:
         return []
-    if len(levels) <= _LEVELS:
+    if len(levels) <= MAX_LEVELS:
         return [
             _condition(channel, f"at {level:.4g}", values == level, residual, level, level)
             for level in levels.tolist()

@@ -73,7 +73,12 @@ class Ranking:
         return best if self.alone[best] > max(DECISIVE_EVIDENCE, strongest) else None
 
     def strong(self, least: float) -> list[CauseCandidate]:
-        """Those with more evidence, the strongest first."""
+        """Those with more evidence, the strongest first.
+
+        Parameters
+        ----------
+        least : float
+        """
         return [c for c in self.fitted if self.beyond(c) > least]
 
 

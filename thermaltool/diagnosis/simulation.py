@@ -206,6 +206,11 @@ class SimulatedLogs:
         """Outputs of every log with more effects, or with another model.
 
         What acts behind the responses alone takes those that are there.
+
+        Parameters
+        ----------
+        *more : Effect
+        model : Model, optional
         """
         result = []
         again = model is not None or any(e.side in ("drive", "state") for e in more)
@@ -217,7 +222,12 @@ class SimulatedLogs:
         return result
 
     def change(self, changed: Sequence[Mapping[str, Float]]) -> dict[str, Series]:
-        """What changed outputs differ by from those of the model; unchanged ones are left out."""
+        """What changed outputs differ by from those of the model; unchanged ones are left out.
+
+        Parameters
+        ----------
+        changed : sequence of mapping of output to ndarray, one for each log
+        """
         result = {}
         for output in self.groups:
             series = [
@@ -228,7 +238,12 @@ class SimulatedLogs:
         return result
 
     def displacement(self, effect: Effect) -> dict[str, Series]:
-        """Change of every output by a cause as it stands."""
+        """Change of every output by a cause as it stands.
+
+        Parameters
+        ----------
+        effect : Effect
+        """
         return self.change(self.with_effects(effect))
 
     def signatures(self, effect: Effect) -> dict[str, dict[str, Series]]:
@@ -262,7 +277,12 @@ class SimulatedLogs:
         return result
 
     def span(self, effect: Effect) -> list[dict[str, Series]]:
-        """Changes by each amplitude of a cause, and by a small move of what is not linear in it."""
+        """Changes by each amplitude of a cause, and by a small move of what is not linear in it.
+
+        Parameters
+        ----------
+        effect : Effect
+        """
         found = list(self.signatures(effect).values())
         # An instant that was found by scanning has no slope.
         searched = () if effect.event else effect.searched()

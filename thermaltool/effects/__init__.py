@@ -52,6 +52,11 @@ CORRECTIONS: dict[str, tuple[str, str]] = {
 def effect_class(name: str) -> type[Effect]:
     """The class of a cause or a correction by name.
 
+    Parameters
+    ----------
+    name : str
+        Of the catalogue, or of the corrections.
+
     Raises
     ------
     ModelError
@@ -72,6 +77,10 @@ def effect_class(name: str) -> type[Effect]:
 
 def load_effect(document: Mapping[str, Any]) -> Effect:
     """An effect from a model file.
+
+    Parameters
+    ----------
+    document : mapping
 
     Raises
     ------

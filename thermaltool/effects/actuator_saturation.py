@@ -32,13 +32,19 @@ class ActuatorSaturation(Effect):
     }
 
     def parameter(self, name: str) -> Parameter:
+        """What is known of a parameter, its unit and bounds.
+
+        Parameters
+        ----------
+        name : str
+        """
         known = super().parameter(name)
         if name != "limit":
             return known
         # At the largest level, a limit is none.
         return replace(known, neutral=self.parameters["level"], high=self.parameters["level"])
 
-    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
+    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
         return np.clip(u, -self.parameters["limit"], self.parameters["limit"])
 
     @classmethod

@@ -38,12 +38,12 @@ class AmbientDrift(HeatSource):
         "phase": Parameter("rad"),
     }
 
-    def unlogged(self, name: str, signals: Record, memory: Memory | None = None) -> Float | float:
+    def unlogged(self, name: str, record: Record, memory: Memory | None = None) -> Float | float:
         swing = self.parameters.get(f"swing[{name}]")
         if swing is None:
             return 0.0
         phase = self.parameters["phase"]
-        since = elapsed(signals.time, memory) / self.parameters["period"]
+        since = elapsed(record.time, memory) / self.parameters["period"]
         return swing * (np.sin(2 * np.pi * since + phase) - np.sin(phase))
 
     @classmethod

@@ -5,7 +5,7 @@ from __future__ import annotations
 from thermaltool.effects.effect import Scene
 from thermaltool.units import is_displacement, parse_channel
 
-_AIR = {
+AIR_WORDS = {
     "air",
     "amb",
     "ambient",
@@ -18,7 +18,7 @@ _AIR = {
     "shop",
     "workshop",
 }
-_PART = {"part", "work", "workpiece"}
+PART_WORDS = {"part", "work", "workpiece"}
 
 
 def _speaks_of(channel: str, words: set[str]) -> bool:
@@ -29,28 +29,54 @@ def _speaks_of(channel: str, words: set[str]) -> bool:
 
 
 def is_air(channel: str) -> bool:
-    """Whether it is the temperature of the air around the machine."""
-    return _speaks_of(channel, _AIR)
+    """Whether a channel is the temperature of the air around the machine, by its name.
+
+    Parameters
+    ----------
+    channel : str
+    """
+    return _speaks_of(channel, AIR_WORDS)
 
 
 def is_part(channel: str) -> bool:
-    """Whether it is the temperature of the workpiece."""
-    return _speaks_of(channel, _PART)
+    """Whether a channel is the temperature of the workpiece, by its name.
+
+    Parameters
+    ----------
+    channel : str
+    """
+    return _speaks_of(channel, PART_WORDS)
 
 
 def air_channels(scene: Scene) -> list[str]:
+    """Channels beside the model that are the air.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     return [c for c in scene.extra if is_air(c)]
 
 
 def part_channels(scene: Scene) -> list[str]:
+    """Channels beside the model that are the workpiece.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     return [c for c in scene.extra if is_part(c)]
 
 
 def source_channels(scene: Scene) -> list[str]:
-    """Every other channel with which heat may go.
+    """Channels beside the model, neither air nor workpiece, with which heat may go.
 
     A displacement is no source, nor is a difference of two temperatures of the structure: both
     answer the heat that the model knows, and would explain a delay or a gain of it.
+
+    Parameters
+    ----------
+    scene : Scene
     """
     return [
         c
@@ -61,5 +87,10 @@ def source_channels(scene: Scene) -> list[str]:
 
 
 def air_is_logged(scene: Scene) -> bool:
-    """Whether any log holds the air, be it steady or already in the model."""
+    """Whether any log holds the air, be it steady or already in the model.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     return any(is_air(channel) for log in scene.logs for channel in log.columns)

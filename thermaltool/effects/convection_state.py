@@ -39,9 +39,9 @@ class ConvectionState(Effect):
         return (self.channel,)
 
     def loss(
-        self, signals: Record, outputs: Mapping[str, Float], memory: Memory | None = None
+        self, record: Record, outputs: Mapping[str, Float], memory: Memory | None = None
     ) -> Float | None:
-        share = np.abs(np.nan_to_num(needed(signals, self.channel))) / self.parameters["level"]
+        share = np.abs(np.nan_to_num(needed(record, self.channel))) / self.parameters["level"]
         if self.parameters["idle"]:
             share = (share < 0.02).astype(float)
         return self.parameters["rate"] * np.minimum(share, 1.0)

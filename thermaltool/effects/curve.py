@@ -17,11 +17,12 @@ from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 
-# Halvings with which a curve is inverted: to rounding.
-_HALVINGS = 60
+# Bisections by which a curve is inverted: to rounding.
+BISECTIONS = 60
 # A curve is inverted within this many of its own widths.
-_REACH = 4.0
-MOST_DEGREE, MOST_KNOTS = 5, 24
+INVERSION_WIDTHS = 4.0
+# Of a polynomial, and of a curve by points.
+MAX_DEGREE, MAX_KNOTS = 5, 24
 
 
 def slopes(x: Float, y: Float) -> Float:
@@ -69,6 +70,12 @@ class Polynomial:
             raise ModelError("a polynomial needs a level above 0 and a coefficient")
 
     def at(self, u: Float) -> Float:
+        """Values of the polynomial.
+
+        Parameters
+        ----------
+        u : ndarray
+        """
         share, value = u / self.level, np.zeros_like(u)
         for c in self.c[::-1]:
             value = (value + c) * share
@@ -78,8 +85,9 @@ class Polynomial:
         """Between which values around rest there is no turning point."""
         turns = np.roots((self.c * np.arange(1, len(self.c) + 1))[::-1])
         real = turns.real[np.abs(turns.imag) < 1e-9]
-        low = max(real[real <= 0], default=-_REACH)
-        return self.level * max(low, -_REACH), self.level * min(real[real > 0], default=_REACH)
+        low = max(real[real <= 0], default=-INVERSION_WIDTHS)
+        high = min(real[real > 0], default=INVERSION_WIDTHS)
+        return self.level * max(low, -INVERSION_WIDTHS), self.level * high
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +103,12 @@ class Spline:
         object.__setattr__(self, "_slopes", slopes(self.x, self.y))
 
     def at(self, u: Float) -> Float:
+        """Values of the spline.
+
+        Parameters
+        ----------
+        u : ndarray
+        """
         x, y, m = self.x, self.y, self._slopes  # type: ignore[attr-defined]
         k = np.clip(np.searchsorted(x, u, side="right") - 1, 0, len(x) - 2)
         h = x[k + 1] - x[k]
@@ -108,7 +122,7 @@ class Spline:
 
     def rising(self) -> tuple[float, float]:
         """A few of its widths."""
-        width = _REACH * float(np.max(np.abs(self.x)))
+        width = INVERSION_WIDTHS * float(np.max(np.abs(self.x)))
         return -width, width
 
 
@@ -123,9 +137,9 @@ class Curve(Effect):
     memoryless: ClassVar[bool] = True
     known: ClassVar = {
         "level": Parameter("{channel}", fixed=True),
-        **{f"c{k}": Parameter("1", linear=True) for k in range(1, MOST_DEGREE + 1)},
-        **{f"x{k}": Parameter("{channel}", fixed=True) for k in range(MOST_KNOTS)},
-        **{f"y{k}": Parameter("{channel}") for k in range(MOST_KNOTS)},
+        **{f"c{k}": Parameter("1", linear=True) for k in range(1, MAX_DEGREE + 1)},
+        **{f"x{k}": Parameter("{channel}", fixed=True) for k in range(MAX_KNOTS)},
+        **{f"y{k}": Parameter("{channel}") for k in range(MAX_KNOTS)},
     }
 
     def __post_init__(self) -> None:
@@ -144,7 +158,7 @@ class Curve(Effect):
         values, span = np.asarray(values, float), np.array(self._form.rising())
         ends = self.bent(span)
         low, high = np.full(values.shape, span[0]), np.full(values.shape, span[1])
-        for _ in range(_HALVINGS):
+        for _ in range(BISECTIONS):
             middle = (low + high) / 2
             above = self.bent(middle) > values
             low, high = np.where(above, low, middle), np.where(above, middle, high)
@@ -176,7 +190,7 @@ class DriveCurve(Curve):
     signature: ClassVar[str] = "steady outputs are a bent function of the drive's level"
     source: ClassVar[str] = "Hammerstein; Mareš et al., section 3.1 (correction polynomial)"
 
-    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
+    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
         return self.bent(u)
 
 
@@ -193,7 +207,7 @@ class OutputCurve(Curve):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         return self.bent(outputs[name]) if name == self.channel else outputs[name]

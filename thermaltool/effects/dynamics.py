@@ -12,11 +12,11 @@ from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.units import Hold, hold_of
 
 HOUR = 3600.0
-# A lag of so many records is a trend.
-SLOWEST = 3.0
+# A lag of more records than this is a trend.
+MAX_LAG_RECORDS = 3.0
 # A jump is looked for between the means of so many readings before and after it, and at so many
 # places for each.
-_SIDES, _PLACES = (2, 8, 32), 3
+JUMP_READINGS, JUMP_PLACES = (2, 8, 32), 3
 
 
 def lagged(
@@ -27,12 +27,15 @@ def lagged(
     start: float = 0.0,
     memory: Memory | None = None,
 ) -> Float:
-    """``τ y' + y = u`` from `start` at the first sample.
+    """First-order lag ``τ y' + y = u`` from `start` at the first sample, shape (n,).
 
     Parameters
     ----------
     time, u : ndarray, shape (n,)
     time_constant : float [s]
+    hold : {"zero", "first"}
+        Between samples: constant, or a straight line.
+    start : float
     memory : dict, optional
         Keeps the last sample, from which the next call goes on.
     """
@@ -66,12 +69,22 @@ def lagged(
     return y
 
 
-def from_rest(signals: Record, channel: str, memory: Memory | None = None) -> Float:
-    """A channel relative to its first value; a missing reading keeps the one before.
+def from_rest(record: Record, channel: str, memory: Memory | None = None) -> Float:
+    """A channel relative to its first value, shape (n,); a missing reading keeps the one before.
 
-    The first value and the last are kept in `memory`.
+    Parameters
+    ----------
+    record : Record
+    channel : str
+    memory : dict, optional
+        Keeps the first value and the last.
+
+    Raises
+    ------
+    ModelError
+        It is not in the record.
     """
-    values = needed(signals, channel)
+    values = needed(record, channel)
     known = values[np.isfinite(values)]
     memory = {} if memory is None else memory
     if "reading" not in memory:
@@ -86,21 +99,37 @@ def from_rest(signals: Record, channel: str, memory: Memory | None = None) -> Fl
 
 
 def elapsed(time: Float, memory: Memory | None = None) -> Float:
-    """Time since the first row [s], shape (n,), which `memory` keeps."""
+    """Time since the first row [s], shape (n,).
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,) [s]
+    memory : dict, optional
+        Keeps the first row's.
+    """
     first = float(time[0]) if memory is None else memory.setdefault("begin", float(time[0]))
     return time - first
 
 
 def warmed(
-    signals: Record, channel: str, time_constant: float, memory: Memory | None = None
+    record: Record, channel: str, time_constant: float, memory: Memory | None = None
 ) -> Float:
-    """A channel relative to its first value, through a structure that follows it with a lag."""
-    rise = from_rest(signals, channel, memory)
-    return lagged(signals.time, rise, time_constant, hold_of(channel), memory=memory)
+    """A channel relative to its first value through a first-order lag, shape (n,).
+
+    Parameters
+    ----------
+    record : Record
+    channel : str
+    time_constant : float [s]
+    memory : dict, optional
+        Keeps the last sample.
+    """
+    rise = from_rest(record, channel, memory)
+    return lagged(record.time, rise, time_constant, hold_of(channel), memory=memory)
 
 
 def play(u: Float, widths: Float, memory: Memory | None = None) -> Float:
-    """What follows `u` with so much play, from the middle of the play at rest.
+    """Play operator: what follows `u` between two flanks, from the middle at rest.
 
     Parameters
     ----------
@@ -135,7 +164,14 @@ def play(u: Float, widths: Float, memory: Memory | None = None) -> Float:
 
 
 def time_constants(period: float, duration: float, count: int = 7) -> list[float]:
-    """Lags worth a trial, from a sample to a third of the record [s]."""
+    """Time constants worth a trial, from a sample to a third of the record [s].
+
+    Parameters
+    ----------
+    period, duration : float [s]
+        Of the samples and of the record.
+    count : int
+    """
     return np.geomspace(period, max(duration / 3, 2 * period), count).tolist()
 
 
@@ -144,17 +180,25 @@ def jump_times(scene: Scene, k: int, outputs: Sequence[str]) -> list[float]:
 
     Under a slow discrepancy a jump is only seen where it is: a trial one sample beside it explains
     nothing. Each time is that of the first reading after the jump.
+
+    Parameters
+    ----------
+    scene : Scene
+    k : int
+        Which of its logs.
+    outputs : sequence of str
+        Whose residuals are looked at.
     """
     log = scene.logs[k]
     times = scene.instants(log, 24)
     for output in outputs:
         there = np.flatnonzero(np.isfinite(scene.residual[k][output]))
         total = np.append(0.0, np.cumsum(scene.residual[k][output][there]))
-        for side in _SIDES:
+        for side in JUMP_READINGS:
             # Means of `side` readings from each reading on; those before it lie `side` earlier.
             means = (total[side:] - total[:-side]) / side
             contrast = np.abs(means[side:] - means[:-side])
-            for _ in range(_PLACES if len(contrast) else 0):
+            for _ in range(JUMP_PLACES if len(contrast) else 0):
                 at = int(np.argmax(contrast))
                 times.append(float(log.time[there[at + side]]))
                 contrast[max(at - side, 0) : at + side + 1] = 0.0

@@ -25,7 +25,7 @@ Float = NDArray[np.float64]
 Memory = dict[str, Any]
 Side = Literal["drive", "state", "source", "structure", "sensor", "wiring"]
 
-# In place of signals, for effects that look at the value of the moment alone.
+# In place of a record, for effects that look at the value of the moment alone.
 STILL = Record(np.zeros(1), {})
 # The order in which outputs pass: physics first, then what reads it, then who it is called.
 SIDES: tuple[Side, ...] = ("drive", "state", "source", "structure", "sensor", "wiring")
@@ -91,10 +91,12 @@ class Scene:
 
     @property
     def period(self) -> float:
+        """Shortest sample period of the logs [s]."""
         return min(log.period for log in self.logs)
 
     @property
     def duration(self) -> float:
+        """Longest duration of the logs [s]."""
         return max(log.duration for log in self.logs)
 
     def sensors(self) -> tuple[str, ...]:
@@ -102,6 +104,7 @@ class Scene:
         return tuple(o for o in self.outputs if not is_displacement(o))
 
     def displacements(self) -> tuple[str, ...]:
+        """Outputs that are a displacement."""
         return tuple(o for o in self.outputs if is_displacement(o))
 
     def level(self, drive: str) -> float:
@@ -125,6 +128,11 @@ class Scene:
 def needed(record: Record, channel: str) -> Float:
     """Samples of a channel that an effect reads, shape (n,).
 
+    Parameters
+    ----------
+    record : Record
+    channel : str
+
     Raises
     ------
     ModelError
@@ -136,7 +144,12 @@ def needed(record: Record, channel: str) -> Float:
 
 
 def reference_of(name: str) -> tuple[str, str | None]:
-    """``gain[d_x_um]`` is the parameter ``gain`` of the output ``d_x_um``."""
+    """``gain[d_x_um]`` is the parameter ``gain`` of the output ``d_x_um``.
+
+    Parameters
+    ----------
+    name : str
+    """
     base, bracket, rest = name.partition("[")
     return base, rest.removesuffix("]") if bracket else None
 
@@ -181,12 +194,12 @@ class Effect:
     # from each to the next, what they give for the whole record. What is not is refused by name.
     causal: ClassVar[bool] = False
 
-    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
+    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
         """What acts in place of the drive `u`, both relative to its reference.
 
         Parameters
         ----------
-        signals : Record
+        record : Record
             The whole record or, with a memory, the rows that follow the last call.
         u : ndarray, shape (n,)
         memory : dict, optional
@@ -195,11 +208,19 @@ class Effect:
         return u
 
     def loss(
-        self, signals: Record, outputs: Mapping[str, Float], memory: Memory | None = None
+        self, record: Record, outputs: Mapping[str, Float], memory: Memory | None = None
     ) -> Float | None:
         """By how much every rate of decay rises at each sample [1/s]; None for not at all.
 
-        `signals` and `memory` as for `drive`.
+        `record` and `memory` as for `drive`.
+
+        Parameters
+        ----------
+        record : Record
+        outputs : mapping of channel to ndarray, shape (n,)
+            Relative to rest.
+        memory : dict, optional
+            As in `drive`.
         """
         return None
 
@@ -207,12 +228,20 @@ class Effect:
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         """What is read in place of ``outputs[name]``, relative to rest.
 
-        `signals` and `memory` as for `drive`; every output has a memory of its own.
+        `record` and `memory` as for `drive`; every output has a memory of its own.
+
+        Parameters
+        ----------
+        name : str
+        outputs : mapping of channel to ndarray, shape (n,)
+        record : Record
+        memory : dict, optional
+            As in `drive`.
         """
         return outputs[name]
 
@@ -222,6 +251,10 @@ class Effect:
         """The drive behind what acts, or the truth behind a reading; NaN where there is none.
 
         None for a cause that no function of the moment takes back.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
         """
         return None
 
@@ -263,6 +296,13 @@ class Effect:
         return ()
 
     def parameter(self, name: str) -> Parameter:
+        """What is known of a parameter: unit, bounds, how it enters.
+
+        Parameters
+        ----------
+        name : str
+            With or without its output in brackets.
+        """
         return self.known[reference_of(name)[0]]
 
     def linear(self) -> tuple[str, ...]:
@@ -282,13 +322,22 @@ class Effect:
         return self.known[base].unit.format(channel=own, output=other)
 
     def changed(self, values: Mapping[str, float]) -> Effect:
-        """The same effect with other values of some parameters."""
+        """The same effect with other values of some parameters.
+
+        Parameters
+        ----------
+        values : mapping of name to float
+        """
         return replace(self, parameters={**self.parameters, **values}, covariance=None)
 
     def without(self, names: tuple[str, ...]) -> Effect:
         """The effect with fewer parameters (of outputs that it does not reach).
 
         Where it was told by such an output, it is told by one that stays.
+
+        Parameters
+        ----------
+        names : tuple of str
         """
         kept = {k: v for k, v in self.parameters.items() if k not in names}
         stay = [output for k in kept if (output := reference_of(k)[1])]

@@ -30,13 +30,13 @@ class GeometryStep(Effect):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         step = self.parameters.get(f"step[{name}]")
         if step is None:
             return outputs[name]
-        return outputs[name] + step * (signals.time >= self.parameters["time"])
+        return outputs[name] + step * (record.time >= self.parameters["time"])
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

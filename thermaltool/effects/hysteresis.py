@@ -12,9 +12,9 @@ from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, 
 from thermaltool.record import Record
 
 # The loop is made of plays of these parts of its width.
-_PARTS = np.array([1 / 3, 2 / 3, 1.0])
+PLAY_PARTS = np.array([1 / 3, 2 / 3, 1.0])
 # The widest loop, over the largest value of the drive.
-_WIDEST = 1.5
+MAX_RELATIVE_WIDTH = 1.5
 
 
 class Hysteresis(Effect):
@@ -41,18 +41,18 @@ class Hysteresis(Effect):
         "share": Parameter("1", linear=True),
     }
 
-    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
-        loop = play(u, self.parameters["width"] * _PARTS, memory).mean(axis=0)
+    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
+        loop = play(u, self.parameters["width"] * PLAY_PARTS, memory).mean(axis=0)
         return u + self.parameters.get("share", 1.0) * (loop - u)
 
     def plausible(self, scene: Scene) -> bool:
         # A loop lags; one wider than all that the drive goes through never closes.
         share, width = self.parameters.get("share", 1.0), self.parameters["width"]
-        return share > 0 and width <= _WIDEST * scene.level(self.channel)
+        return share > 0 and width <= MAX_RELATIVE_WIDTH * scene.level(self.channel)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         for drive in scene.drives:
             if level := scene.level(drive):
-                for part in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0, _WIDEST):
+                for part in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0, MAX_RELATIVE_WIDTH):
                     yield cls(drive, {"width": part * level, "share": 1.0})

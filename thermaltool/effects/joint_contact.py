@@ -11,7 +11,7 @@ from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, 
 from thermaltool.record import Record
 
 # A displacement that goes less far the other way shows nothing of the other sign.
-_OTHER_WAY = 0.1
+MIN_RELATIVE_REVERSE = 0.1
 
 
 class JointContact(Effect):
@@ -44,7 +44,7 @@ class JointContact(Effect):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         y = outputs[name]
@@ -61,6 +61,6 @@ class JointContact(Effect):
             lowest = min(float(np.min(each[output])) for each in scene.simulated)
             highest = max(float(np.max(each[output])) for each in scene.simulated)
             # Of one sign alone, asymmetry would be another gain.
-            if min(-lowest, highest) > _OTHER_WAY * max(-lowest, highest):
+            if min(-lowest, highest) > MIN_RELATIVE_REVERSE * max(-lowest, highest):
                 yield cls(output, {"asymmetry": 0.5})
                 yield cls(output, {"curvature": 1.0, "asymmetry": 0.5})

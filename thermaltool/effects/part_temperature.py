@@ -34,13 +34,13 @@ class PartTemperature(Effect):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         coefficient = self.parameters.get(f"coefficient[{name}]")
         if coefficient is None:
             return outputs[name]
-        return outputs[name] + coefficient * from_rest(signals, self.channel, memory)
+        return outputs[name] + coefficient * from_rest(record, self.channel, memory)
 
     def path(self, output: str) -> tuple[float, float] | None:
         coefficient = self.parameters.get(f"coefficient[{output}]")

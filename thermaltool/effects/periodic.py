@@ -13,13 +13,13 @@ from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, 
 from thermaltool.record import Record
 
 # Clocks of buildings and control cabinets [s].
-_CLOCKS = (24 * HOUR, 12 * HOUR, HOUR, HOUR / 2)
+CLOCK_PERIODS = (24 * HOUR, 12 * HOUR, HOUR, HOUR / 2)
 # Strongest lines of an output that are worth a trial, and how far they stand out at least.
-_LINES, _STANDS_OUT = 3, 4.0
+MAX_LINES, MIN_CONTRAST = 3, 4.0
 # Slow periods whose lines are as wide as their surroundings: so many of them in a record.
-_SLOW = np.arange(2.0, 8.1, 0.5)
+SLOW_PERIODS_PER_RECORD = np.arange(2.0, 8.1, 0.5)
 # Points of a spectrum's time axis at most; a log with long pauses would need more.
-_MOST_POINTS = 50_000
+MAX_POINTS = 50_000
 
 
 class Periodic(Effect):
@@ -47,14 +47,14 @@ class Periodic(Effect):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         sine = self.parameters.get(f"sine[{name}]")
         cosine = self.parameters.get(f"cosine[{name}]")
         if sine is None or cosine is None:
             return outputs[name]
-        angle = 2 * np.pi * signals.time / self.parameters["period"]
+        angle = 2 * np.pi * record.time / self.parameters["period"]
         return outputs[name] + sine * np.sin(angle) + cosine * np.cos(angle)
 
     def plausible(self, scene: Scene) -> bool:
@@ -79,12 +79,12 @@ def _places(log: Record, frequency: Float, spectra: Mapping[str, Float]) -> list
         above = power / _usual(frequency, power)
         inner = above[1:-1]
         tops = 1 + np.flatnonzero((inner > above[:-2]) & (inner >= above[2:]))
-        tops = tops[above[tops] > _STANDS_OUT]
-        best = tops[np.argsort(-above[tops])][:_LINES]
+        tops = tops[above[tops] > MIN_CONTRAST]
+        best = tops[np.argsort(-above[tops])][:MAX_LINES]
         lines += [(-float(above[i]), 1 / float(frequency[i]), output) for i in best]
     wanted = [(period, output) for _, period, output in sorted(lines)]
-    slow = (log.duration / _SLOW).tolist()
-    for period in (*slow, *_CLOCKS):
+    slow = (log.duration / SLOW_PERIODS_PER_RECORD).tolist()
+    for period in (*slow, *CLOCK_PERIODS):
         if 8 * log.period < period <= log.duration / 2:
             at = int(np.argmin(np.abs(frequency - 1 / period)))
             wanted.append(
@@ -108,7 +108,7 @@ def _spectra(scene: Scene, k: int) -> tuple[Float, dict[str, Float]]:
     spectra : dict of output to ndarray, shape (n,)
     """
     log = scene.logs[k]
-    step = max(log.period, log.duration / _MOST_POINTS)
+    step = max(log.period, log.duration / MAX_POINTS)
     grid = np.arange(log.time[0], log.time[-1], step)
     padded = 4 * 2 ** int(np.ceil(np.log2(max(len(grid), 2))))
     every = np.asarray(np.fft.rfftfreq(padded, step), np.float64)

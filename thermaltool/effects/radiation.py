@@ -14,9 +14,10 @@ from thermaltool.errors import ModelError
 from thermaltool.record import Record
 from thermaltool.units import parse_channel
 
+# 0 degC [K].
 KELVIN = 273.15
 # Taken for rest where no absolute temperature is known [degC].
-_ROOM = 20.0
+ROOM_DEGC = 20.0
 
 
 class Radiation(Effect):
@@ -49,21 +50,21 @@ class Radiation(Effect):
         return () if "rest" in self.parameters else (self.channel,)
 
     def loss(
-        self, signals: Record, outputs: Mapping[str, Float], memory: Memory | None = None
+        self, record: Record, outputs: Mapping[str, Float], memory: Memory | None = None
     ) -> Float | None:
-        cold, rise = self._temperature(signals, outputs, {} if memory is None else memory)
+        cold, rise = self._temperature(record, outputs, {} if memory is None else memory)
         hot = np.maximum(cold + rise, 0.0)
         steeper = (hot**2 + cold**2) * (hot + cold) / (4 * cold**3) - 1
         return self.parameters["rate"] * steeper
 
     def _temperature(
-        self, signals: Record, outputs: Mapping[str, Float], memory: Memory
+        self, record: Record, outputs: Mapping[str, Float], memory: Memory
     ) -> tuple[float, Float]:
         """Temperature at rest [K], and the rise above it."""
         rest = self.parameters.get("rest")
         if rest is None:
-            rise = from_rest(signals, self.channel, memory)
-            first, _ = memory.get("reading", (_ROOM, _ROOM))
+            rise = from_rest(record, self.channel, memory)
+            first, _ = memory.get("reading", (ROOM_DEGC, ROOM_DEGC))
             return first + KELVIN, rise
         if self.channel not in outputs:
             raise ModelError(f"{self.name}: needs the output {self.channel}, which is not there")
@@ -92,7 +93,7 @@ def _hottest(scene: Scene) -> tuple[str, dict[str, float]] | None:
     if machine := [c for c in logged if not is_air(c) and not is_part(c)]:
         return max(machine, key=lambda c: _span(scene, c)), {}
     if pairs := of(scene.outputs, "temperature difference"):
-        return max(pairs, key=scene.reach), {"rest": _ROOM}
+        return max(pairs, key=scene.reach), {"rest": ROOM_DEGC}
     return None
 
 
@@ -103,7 +104,7 @@ def _rest(scene: Scene, output: str) -> float:
         if there.any():
             measured = log.columns[output] - residual[output] - simulated[output]
             return float(np.median(measured[there]))
-    return _ROOM
+    return ROOM_DEGC
 
 
 def _span(scene: Scene, channel: str) -> float:

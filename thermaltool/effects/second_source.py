@@ -39,14 +39,20 @@ class SecondSource(HeatSource):
     }
 
     def unit(self, name: str) -> str:
+        """Unit of a parameter; a source that nobody logged has none of its own.
+
+        Parameters
+        ----------
+        name : str
+        """
         base, output = reference_of(name)
         if base == "gain" and output and not self.channel:
             return parse_channel(output).unit
         return super().unit(name)
 
-    def unlogged(self, name: str, signals: Record, memory: Memory | None = None) -> Float | float:
+    def unlogged(self, name: str, record: Record, memory: Memory | None = None) -> Float | float:
         gain = self.parameters.get(f"gain[{name}]", 0.0)
-        since = np.maximum(signals.time - self.parameters["start"], 0.0)
+        since = np.maximum(record.time - self.parameters["start"], 0.0)
         return -gain * np.expm1(-since / self.parameters["time_constant"])
 
     def plausible(self, scene: Scene) -> bool:

@@ -39,7 +39,7 @@ class SensorConversion(Effect):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         y = outputs[name]

@@ -27,12 +27,12 @@ class SensorDrift(Effect):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         if name != self.channel:
             return outputs[name]
-        hours = elapsed(signals.time, memory) / HOUR
+        hours = elapsed(record.time, memory) / HOUR
         return outputs[name] + self.parameters["rate"] * hours
 
     def plausible(self, scene: Scene) -> bool:

@@ -12,12 +12,12 @@ from thermaltool.record import Record
 
 # Fewer equal readings in a row than this, or than this many times what is usual in the log, are
 # chance or coarse steps.
-_LEAST, _UNUSUAL = 10, 3.0
+MIN_EQUAL, MIN_TIMES_USUAL = 10, 3.0
 # The machine has to move meanwhile by so many standard deviations of noise and so many of the
 # smallest steps of the reading.
-_MOVED, _STEPS = 5.0, 2.0
+MIN_SIGMAS_MOVED, MIN_STEPS_MOVED = 5.0, 2.0
 # The longest stretches of a channel are enough.
-_MOST = 5
+MAX_STRETCHES = 5
 
 
 class SensorFrozen(Effect):
@@ -43,10 +43,10 @@ class SensorFrozen(Effect):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
-        y, time = outputs[name], signals.time
+        y, time = outputs[name], record.time
         first = int(np.searchsorted(time, self.parameters["start"]))
         if name != self.channel or first == len(time):
             return y
@@ -65,9 +65,9 @@ class SensorFrozen(Effect):
                 values = log.columns[output][there]
                 changes = np.abs(np.diff(values))
                 smallest = float(np.min(changes[changes > 0], initial=np.inf))
-                enough = _MOVED * scene.noise[output]
-                enough += _STEPS * smallest if np.isfinite(smallest) else 0.0
-                for first, last in _repeats(values)[:_MOST]:
+                enough = MIN_SIGMAS_MOVED * scene.noise[output]
+                enough += MIN_STEPS_MOVED * smallest if np.isfinite(smallest) else 0.0
+                for first, last in _repeats(values)[:MAX_STRETCHES]:
                     during = scene.simulated[k][output][there[first] : there[last] + 1]
                     if np.ptp(during) > enough:
                         parameters = {"start": float(log.time[there[first]])}
@@ -86,7 +86,7 @@ def _repeats(values: Float) -> list[tuple[int, int]]:
     for k in np.argsort(-lengths, kind="stable").tolist():
         others = np.delete(lengths, k)
         usual = float(np.quantile(others, 0.99)) if len(others) else 1.0
-        if lengths[k] < max(_LEAST, _UNUSUAL * usual):
+        if lengths[k] < max(MIN_EQUAL, MIN_TIMES_USUAL * usual):
             break
         found.append((int(first[k]), int(first[k] + lengths[k] - 1)))
     return found

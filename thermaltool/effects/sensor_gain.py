@@ -28,7 +28,7 @@ class SensorGain(Effect):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         y = outputs[name]

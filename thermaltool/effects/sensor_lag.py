@@ -11,7 +11,7 @@ from thermaltool.record import Record
 
 # On clean logs of simulated machines the error of a response's shape had up to this much evidence
 # as a lag (development seeds; no other cause had any): odds of e^-12.
-SHAPE = 6e-6
+ODDS_BESIDE_SHAPE_ERROR = 6e-6
 
 
 class SensorLag(Effect):
@@ -32,18 +32,18 @@ class SensorLag(Effect):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         y, tau = outputs[name], self.parameters["time_constant"]
         if name != self.channel or tau <= 0:
             return y
-        return lagged(signals.time, y, tau, "first", float(y[0]), memory)
+        return lagged(record.time, y, tau, "first", float(y[0]), memory)
 
     @property
     def odds(self) -> float:
         """What a kind of response leaves out of its shape looks like a lag of its sensor."""
-        return SHAPE * super().odds
+        return ODDS_BESIDE_SHAPE_ERROR * super().odds
 
     @property
     def lag(self) -> float:

@@ -34,12 +34,12 @@ class SensorOffsetStep(Effect):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         if name != self.channel:
             return outputs[name]
-        return outputs[name] + self.parameters["step"] * (signals.time >= self.parameters["time"])
+        return outputs[name] + self.parameters["step"] * (record.time >= self.parameters["time"])
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

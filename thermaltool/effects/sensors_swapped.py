@@ -27,7 +27,7 @@ class SensorsSwapped(Effect):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         if name not in (self.channel, self.partner):

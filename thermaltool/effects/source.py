@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
-from thermaltool.effects.dynamics import SLOWEST, time_constants, warmed
+from thermaltool.effects.dynamics import MAX_LAG_RECORDS, time_constants, warmed
 from thermaltool.effects.effect import Effect, Float, Memory, Scene, Side
 from thermaltool.record import Record
 
@@ -31,19 +31,27 @@ class HeatSource(Effect, ABC):
         self,
         name: str,
         outputs: Mapping[str, Float],
-        signals: Record,
+        record: Record,
         memory: Memory | None = None,
     ) -> Float:
         if not self.channel:
-            return outputs[name] + self.unlogged(name, signals, memory)
+            return outputs[name] + self.unlogged(name, record, memory)
         if (followed := self.path(name)) is None:
             return outputs[name]
         gain, tau = followed
-        return outputs[name] + gain * warmed(signals, self.channel, tau, memory)
+        return outputs[name] + gain * warmed(record, self.channel, tau, memory)
 
     @abstractmethod
-    def unlogged(self, name: str, signals: Record, memory: Memory | None = None) -> Float | float:
-        """What a source without a channel adds to an output."""
+    def unlogged(self, name: str, record: Record, memory: Memory | None = None) -> Float | float:
+        """What a source without a channel adds to an output.
+
+        Parameters
+        ----------
+        name : str
+        record : Record
+        memory : dict, optional
+            As in `drive`.
+        """
 
     def path(self, output: str) -> tuple[float, float] | None:
         gain = self.parameters.get(f"gain[{output}]")
@@ -53,12 +61,18 @@ class HeatSource(Effect, ABC):
 
     def plausible(self, scene: Scene) -> bool:
         # What is felt only long after the record would be a trend.
-        slow = self.channel and self.parameters["time_constant"] > SLOWEST * scene.duration
+        slow = self.channel and self.parameters["time_constant"] > MAX_LAG_RECORDS * scene.duration
         return super().plausible(scene) and not slow
 
     @classmethod
     def logged(cls, scene: Scene, channels: Sequence[str]) -> Iterator[Effect]:
-        """Every one of `channels` with every lag that is worth a trial."""
+        """Every one of `channels` with every lag that is worth a trial.
+
+        Parameters
+        ----------
+        scene : Scene
+        channels : sequence of str
+        """
         gains = {f"gain[{output}]": 1.0 for output in scene.outputs}
         for channel in channels:
             for tau in time_constants(scene.period, scene.duration):

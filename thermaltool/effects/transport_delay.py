@@ -24,9 +24,9 @@ class TransportDelay(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {"delay": Parameter("s", low=0.0)}
 
-    def drive(self, signals: Record, u: Float, memory: Memory | None = None) -> Float:
+    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
         # Of a held drive, the straight line between samples is the exact mean over a sample.
-        time, delay = signals.time, self.parameters["delay"]
+        time, delay = record.time, self.parameters["delay"]
         if memory is None:
             return np.interp(time - delay, time, u, left=0.0)
         known = np.append(memory.get("time", []), time)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from thermaltool.effects.curve import MOST_DEGREE, MOST_KNOTS, Curve, DriveCurve, OutputCurve
+from thermaltool.effects.curve import MAX_DEGREE, MAX_KNOTS, Curve, DriveCurve, OutputCurve
 from thermaltool.effects.effect import Float
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model, driven
@@ -49,7 +49,7 @@ class Form:
         return Form(kind, USUAL_SIZES[kind] if size is None else size)
 
     def __post_init__(self) -> None:
-        least, most = (1, MOST_DEGREE) if self.kind == "polynomial" else (2, MOST_KNOTS - 2)
+        least, most = (1, MAX_DEGREE) if self.kind == "polynomial" else (2, MAX_KNOTS - 2)
         if not least <= self.size <= most:
             raise FitError(f"a {self.kind} of {self.size}: it takes {least} to {most}")
 

@@ -51,7 +51,13 @@ GLOSSARY = """\
 
 
 def main_output(document: Document) -> str | None:
-    """The output with most of its residual above noise and the calibration's own error."""
+    """The output with most of its residual above noise and the calibration's own error.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    """
     residuals = document["residuals"]
     return max(residuals, key=lambda name: residuals[name]["above_floor"], default=None)
 
@@ -60,7 +66,13 @@ def main_output(document: Document) -> str | None:
 
 
 def summary(document: Document) -> list[str]:
-    """At most six sentences that need no explanation, the verdict first."""
+    """At most six sentences that need no explanation, the verdict first.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    """
     lines = [_verdict(document)]
     output = main_output(document)
     if output is not None and not document["adequate"]:
@@ -248,7 +260,13 @@ def _unknown(document: Document) -> Iterator[str]:
 
 
 def short_form(document: Document) -> str:
-    """The first lines and the tables that belong to them, as plain text."""
+    """The first lines and the tables that belong to them, as plain text.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    """
     parts = summary(document)
     for section in sections(document):
         if section.short:

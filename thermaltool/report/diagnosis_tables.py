@@ -36,14 +36,24 @@ class Section:
 
 
 def number(value: float | None) -> str:
-    """Three digits, all before the point; a dash for what is not there."""
+    """Three digits, all before the point; a dash for what is not there.
+
+    Parameters
+    ----------
+    value : float or None
+    """
     if value is None:
         return "–"
     return f"{value:.0f}" if 1000 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
 def duration(seconds: float) -> str:
-    """A time in the unit that suits it: ``30 min``."""
+    """A time in the unit that suits it: ``30 min``.
+
+    Parameters
+    ----------
+    seconds : float [s]
+    """
     for unit, length in (("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * length:
             return f"{seconds / length:.3g} {unit}"
@@ -51,26 +61,46 @@ def duration(seconds: float) -> str:
 
 
 def percent(share: float) -> str:
-    """A share; never "100 %" or "0 %" for what is not whole or nothing."""
+    """A share; never "100 %" or "0 %" for what is not whole or nothing.
+
+    Parameters
+    ----------
+    share : float
+    """
     if 0.0 < share < 0.01:
         return "< 1 %"
     return "> 99 %" if 0.99 < share < 1.0 else f"{100 * share:.0f} %"
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A text and its printed unit, if it has one."""
+    """A text and its printed unit, if it has one.
+
+    Parameters
+    ----------
+    text, unit : str
+    """
     return f"{text} {printed(unit)}".rstrip()
 
 
 def condition_name(condition: Document) -> str:
-    """``heating``, or ``U_V is at 9``."""
+    """``heating``, or ``U_V is at 9``.
+
+    Parameters
+    ----------
+    condition : mapping
+    """
     if condition["channel"] is None:
         return str(condition["name"])
     return f"{condition['channel']} is {condition['name']}"
 
 
 def band_name(band: Document) -> str:
-    """``slower than 30 min``."""
+    """``slower than 30 min``.
+
+    Parameters
+    ----------
+    band : mapping
+    """
     low, high = band["shortest"], band["longest"]
     if high is None:
         return f"slower than {duration(low)}" if low else "of any period"
@@ -78,18 +108,35 @@ def band_name(band: Document) -> str:
 
 
 def called(name: str, channel: str) -> str:
-    """A cause and where it acts."""
+    """A cause and where it acts.
+
+    Parameters
+    ----------
+    name, channel : str
+    """
     return f"{name} ({channel})" if channel else name
 
 
 def held_out(document: Document) -> str:
-    """On what the gains were measured."""
+    """On what the gains were measured.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    """
     names = [Path(log["name"]).name for log in document["validated_on"]]
     return " and ".join(names) if names else "stretches that were held out"
 
 
 def sections(document: Document) -> list[Section]:
-    """Every table that has rows."""
+    """Every table that has rows.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    """
     found = [
         _outputs(document),
         _causes(document),
