@@ -1,10 +1,14 @@
-"""The pages of the commands say what --help says."""
+"""The pages of the commands say what --help says; the pages for Python show what Python shows."""
 
 from __future__ import annotations
 
+import doctest
+import re
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 from thermaltool.cli import COMMANDS
 
@@ -23,3 +27,39 @@ def test_every_page_has_an_example_and_the_short_help_option() -> None:
         text = (DOCS / "commands" / f"{name}.md").read_text(encoding="utf-8")
         assert "Example: " in text
         assert "-h, --help" in text
+
+
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+# Another BLAS may change the last digits that are printed, and an estimated error by more.
+TOLERANCE = 0.03
+
+
+class Outputs(doctest.OutputChecker):
+    """Text has to agree, numbers in it nearly."""
+
+    def check_output(self, want: str, got: str, optionflags: int) -> bool:
+        if super().check_output(want, got, optionflags):
+            return True
+        texts = [NUMBER.sub("#", text) for text in (want, got)]
+        if not super().check_output(*texts, optionflags):
+            return False
+        if "..." in want:
+            return True
+        pairs = zip(map(float, NUMBER.findall(want)), map(float, NUMBER.findall(got)), strict=True)
+        return all(b == pytest.approx(a, rel=TOLERANCE, abs=1e-9) for a, b in pairs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["python.md"])
+def test_pages_for_python_show_what_python_shows(
+    page: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(DOCS.parent)
+    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    text = (DOCS / page).read_text(encoding="utf-8").replace("```", "")
+    parsed = doctest.DocTestParser().get_doctest(text, {}, page, str(DOCS / page), 0)
+    runner = doctest.DocTestRunner(Outputs(), optionflags=options)
+    shown: list[str] = []
+    runner.run(parsed, out=shown.append)
+    assert runner.tries > 10
+    assert not runner.failures, "".join(shown)
