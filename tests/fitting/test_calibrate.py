@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from reference import fraser1997 as fraser
@@ -10,8 +12,10 @@ from reference.two_poles import TwoPoles
 from scipy.integrate import solve_ivp
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.fitting.covariance import block_covariance
 from thermaltool.fitting.output_fit import fit_output
+from thermaltool.fitting.projection import linear_least_squares
 from thermaltool.model import Drive, simulate_response
 from thermaltool.record import Record
 from thermaltool.responses import KINDS
@@ -267,6 +271,37 @@ def test_a_long_record_is_settled():
     u = ((time >= 100) & (time < 6000)).astype(float)
     got = fit([record_of(time, (u,), noisy(rational(time, u), 1, 0.01))])
     assert not any("steady state" in sentence for sentence in got.unidentified)
+
+
+def test_the_model_knows_its_channels_and_its_logs():
+    u = pulses(UNIFORM)
+    record = record_of(UNIFORM, (u,), noisy(rational(UNIFORM, u), 1))
+    named = replace(record, name="run.csv", digest="ab12")
+    plan = CalibrationPlan(DRIVES[:1], deflections=(OUTPUT,), loss="linear", starts=1)
+    model = calibrate([named, record], plan)
+    assert [d.channel for d in model.drives] == [DRIVES[0]]
+    assert model.drives[0].range == (0.0, 1.0)
+    assert model.provenance == {"logs": [{"name": "run.csv", "sha256": "ab12"}]}
+    assert model.outputs[0].fit["rows"] == 2 * len(UNIFORM)
+    fitted = fit([named, record], loss="linear", starts=1)
+    assert model.terms[0].response == fitted.responses[0]
+    covariance, names = fitted.response_covariance(0)
+    assert names == ("a", "b", "d", "A", "B", "D")
+    np.testing.assert_array_equal(model.terms[0].covariance, covariance)
+
+
+def test_the_size_of_a_column_does_not_decide():
+    """Two columns of which one is in other units, and one that is zero."""
+    rng = np.random.default_rng(5)
+    columns, wanted = rng.standard_normal((30, 3)), rng.standard_normal(30)
+    columns[:, 2] = 0.0
+    size = np.array([1.0, 1e-14, 1.0])
+    plain, scaled = (linear_least_squares(c, wanted, 1e-12) for c in (columns, columns * size))
+    np.testing.assert_allclose(scaled * size, plain, rtol=1e-10)
+    np.testing.assert_allclose(
+        plain[:2], np.linalg.lstsq(columns[:, :2], wanted, rcond=None)[0], rtol=1e-10
+    )
+    assert plain[2] == 0.0
 
 
 # ---------------------------------------------------------------- refusals

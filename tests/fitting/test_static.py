@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from thermaltool.effects.curve import DriveCurve, OutputCurve
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting import static
+from thermaltool.fitting.output_noise import OutputNoise
 from thermaltool.fitting.static import agreements, correct
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.model.combine import scheduled
@@ -165,6 +166,34 @@ def test_ranges_and_fit_are_told():
     assert found.model.drives[0].range == (0.0, 70.0)
     assert found.model.outputs[0].range[1] > 50
     assert found.model.outputs[0].fit["rmse"] == found.after[ANGLE].rmse
+
+
+def test_the_noise_of_an_output_is_told_apart():
+    """White noise of 0.3 with a drift of 1.5 (600 s) in two records, each with its own zero."""
+    output = Output(ANGLE, "deflection", "first", (0.0, 1.0))
+    rng, errors, runs = np.random.default_rng(9), [], []
+    for zero in (0.0, 40.0):
+        stays = np.exp(-60 / 600)
+        steps = 1.5 * np.sqrt(1 - stays**2) * rng.standard_normal(4000)
+        errors.append(zero + 0.3 * rng.standard_normal(4000) + lfilter([1], [1, -stays], steps))
+        runs.append(Record(60.0 * np.arange(4000), {ANGLE: errors[-1]}))
+    noise = OutputNoise.of_errors(output, runs, errors)
+    assert noise.white == pytest.approx(0.3, rel=0.25)
+    rows = [noise.whitened(k, error[:, None])[:, 0] for k, error in enumerate(errors)]
+    # Whitened errors have a mean square of one for each reading, and no zero of their own.
+    assert sum(float(r @ r) for r in rows) == pytest.approx(8000, rel=0.1)
+    np.testing.assert_allclose(noise.whitened(0, np.ones((4000, 1))), 0.0, atol=1e-9)
+    white = OutputNoise.white_noise(output, runs)
+    assert all(factor.drift is None for factor in white.factors)
+
+
+def test_the_logs_of_the_fit_are_told():
+    before = replace(model(), provenance={"logs": [{"name": "step.csv", "sha256": "1"}]})
+    found = correct(before, [log(model(*CURVES))], (FIRST,), Form("polynomial", 2))
+    assert found.model.provenance["logs"] == [
+        {"name": "step.csv", "sha256": "1"},
+        {"name": "<record>", "sha256": "0"},
+    ]
 
 
 def test_missing_readings_are_left_out():

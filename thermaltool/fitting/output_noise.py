@@ -48,7 +48,13 @@ class OutputNoise:
 
     @staticmethod
     def white_noise(output: Output, records: Sequence[Record]) -> OutputNoise:
-        """White noise alone, from second differences of the readings."""
+        """White noise alone, from second differences of the readings.
+
+        Parameters
+        ----------
+        output : Output
+        records : sequence of Record
+        """
         return OutputNoise._of(output, records, _second_differences(output, records), 0.0, 1.0)
 
     @staticmethod
@@ -59,6 +65,8 @@ class OutputNoise:
 
         Parameters
         ----------
+        output : Output
+        records : sequence of Record
         errors : sequence of ndarray
             Where there are readings, record by record [unit of the output].
         """
@@ -83,7 +91,14 @@ class OutputNoise:
         return OutputNoise(white, tuple(factors), output.offset == "first")
 
     def whitened(self, k: int, columns: Float) -> Float:
-        """Rows of record k whose squares count: whitened, a free zero projected out."""
+        """Rows of record k whose squares count: whitened, a free zero projected out.
+
+        Parameters
+        ----------
+        k : int
+        columns : ndarray, shape (n, c)
+            Where there are readings [unit of the output].
+        """
         rows = self.factors[k].whitened(columns) / self.white
         if self.offset:
             one = self.factors[k].whitened(np.ones((len(columns), 1)))

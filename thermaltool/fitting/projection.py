@@ -73,7 +73,13 @@ class Parametrization:
         return sum(len(cls.gains) for cls in self.classes)
 
     def limits(self, period: float, duration: float) -> tuple[Float, Float]:
-        """Least and largest logarithms, each shape (searched,)."""
+        """Least and largest logarithms, each shape (searched,).
+
+        Parameters
+        ----------
+        period, duration : float [s]
+            Shortest sample period and longest duration of the records.
+        """
         boxes = [
             cls.search_box(period, duration, **fixed)[name]
             for cls, fixed in zip(self.classes, self.fixed, strict=True)
@@ -83,7 +89,10 @@ class Parametrization:
         return low, high
 
     def starts(self, period: float, duration: float) -> list[Float]:
-        """Starts of every response side by side; several drives share their place in the grid."""
+        """Logarithms to start from, of every response side by side; parameters as `limits`.
+
+        Several drives share their place in the grid.
+        """
         lists = [
             cls.starts(period, duration, **fixed)
             for cls, fixed in zip(self.classes, self.fixed, strict=True)
@@ -177,6 +186,14 @@ class CalibrationProblem:
     ) -> CalibrationProblem:
         """Drive the grid with every record's inputs and stack the rows that are measured.
 
+        Parameters
+        ----------
+        records : sequence of Record
+        drives : sequence of Drive
+        output : str
+        free_start : bool
+            Whether a decay of every rate is among the columns of each record.
+
         Raises
         ------
         FitError
@@ -243,6 +260,12 @@ class CalibrationProblem:
     def project(self, unit: Float, triangle: Triangle) -> tuple[Float, Float]:
         """Best linear part for given rates.
 
+        Parameters
+        ----------
+        unit : ndarray, shape (drives · n, gains)
+            `Parametrization.unit_weights`.
+        triangle : Triangle
+
         Returns
         -------
         residual : ndarray
@@ -259,7 +282,19 @@ class CalibrationProblem:
         return np.asarray(self.measured - self.design @ (self.combine(unit) @ linear))
 
     def jacobian(self, parametrization: Parametrization, theta: Float, linear: Float) -> Float:
-        """Sensitivity of every row to the logarithms (central differences), then to `linear`."""
+        """Sensitivity of every row to the logarithms (central differences), then to `linear`.
+
+        Parameters
+        ----------
+        parametrization : Parametrization
+        theta : ndarray, shape (searched,)
+        linear : ndarray
+            Gains, decays, offsets.
+
+        Returns
+        -------
+        ndarray, shape (rows, searched + len(linear))
+        """
         columns = []
         for k in range(len(theta)):
             step = np.zeros(len(theta))

@@ -227,7 +227,15 @@ class _CurveProblem:
 def agreements(
     model: Model, records: Sequence[Record], outputs: Sequence[Output] | None = None
 ) -> dict[str, Agreement]:
-    """Agreement of every output over all records, an arbitrary zero estimated in each."""
+    """Agreement of every output over all records, an arbitrary zero estimated in each.
+
+    Parameters
+    ----------
+    model : Model
+    records : sequence of Record
+    outputs : sequence of Output, optional
+        Default: all of the model.
+    """
     readings: dict[str, list[Float]] = {}
     computed: dict[str, list[Float]] = {}
     every = model.outputs if outputs is None else outputs

@@ -56,7 +56,7 @@ class Form:
 
 @dataclass(frozen=True)
 class SearchedCurve:
-    """One curve of a search.
+    """Static curve whose numbers are searched.
 
     Attributes
     ----------
@@ -78,10 +78,12 @@ class SearchedCurve:
 
     @property
     def level(self) -> float:
+        """Largest distance from rest [unit of the channel]."""
         return max(-self.low, self.high)
 
     @property
     def size(self) -> int:
+        """How many numbers are searched."""
         return self.form.size - self.pinned
 
     def start(self) -> Float:
@@ -92,9 +94,12 @@ class SearchedCurve:
         return first
 
     def curve(self, p: Float) -> Curve:
-        """The curve of `p`: coefficients, or logarithms of a spline's slopes, which are positive.
+        """The curve of a vector; pinned, it has one number less.
 
-        Pinned, one number less.
+        Parameters
+        ----------
+        p : ndarray, shape (size,)
+            Coefficients, or logarithms of a spline's slopes, which are positive.
         """
         if self.form.kind == "polynomial":
             c = np.concatenate([[1 - np.sum(p)], p]) if self.pinned else p
@@ -134,6 +139,15 @@ def searched_curve(
     model: Model, records: Sequence[Record], channel: str, form: Form, refit: bool
 ) -> SearchedCurve:
     """A curve for a search: in front of a drive, or behind an output.
+
+    Parameters
+    ----------
+    model : Model
+    records : sequence of Record
+    channel : str
+    form : Form
+    refit : bool
+        The dynamics are searched too: the curve is pinned, and only in front of a drive.
 
     Raises
     ------

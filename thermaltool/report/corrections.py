@@ -29,7 +29,16 @@ def correction_warnings(model: Model, record: Record) -> list[str]:
 
 
 def correction_table(found: Corrected, model: Model, fresh: Record | None) -> list[list[str]]:
-    """Rows of a table: each output, then each curve at its knots."""
+    """Rows of a table: each output, then each curve at its knots.
+
+    Parameters
+    ----------
+    found : Corrected
+    model : Model
+        Before the correction.
+    fresh : Record or None
+        For validation.
+    """
     rows = [["output", "log", "fit before %", "after %", "rmse before", "after"]]
     for name, before in found.before.items():
         after = found.after[name]

@@ -44,7 +44,7 @@ def network_warnings(found: IdentifiedNetwork) -> list[str]:
 
 
 def network_document(found: IdentifiedNetwork) -> dict[str, Any]:
-    """One model for each output, with the time constants that they output."""
+    """One model for each output, with the time constants that they share."""
     return {"models": [_output(found, k) for k in range(len(found.network.outputs))]}
 
 

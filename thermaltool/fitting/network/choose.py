@@ -52,6 +52,11 @@ class NetworkCandidate:
 def choose_modes(data: TrainingData, delays: Delays) -> tuple[NetworkCandidate, ...]:
     """Numbers of modes by what they predict of rows that were not fitted, the best first.
 
+    Parameters
+    ----------
+    data : TrainingData
+    delays : tuple of tuple of float, for each output one for each input [s]
+
     Raises
     ------
     FitError
@@ -109,6 +114,19 @@ def choose_delays(data: TrainingData) -> Delays:
 
     By the loss of modes whose time constants stand, the other delays held, until none changes;
     then all together by a period, with the time constants searched again.
+
+    Parameters
+    ----------
+    data : TrainingData
+
+    Returns
+    -------
+    tuple of tuple of float, for each output one for each input [s]
+
+    Raises
+    ------
+    FitError
+        No mode fits.
     """
     data.check()
     stride = max(1, data.rows // MAX_START_ROWS)
@@ -169,6 +187,15 @@ def started(data: TrainingData) -> TrainingData:
     """The records from rest, unless a free state at the start describes some output clearly better.
 
     The rule is that of transfer functions (`transfer.choose.started`), with shared modes.
+
+    Parameters
+    ----------
+    data : TrainingData
+
+    Raises
+    ------
+    FitError
+        As `TrainingData.check`; no mode fits.
     """
     data.check()
     if brief(data):

@@ -94,7 +94,13 @@ def _colours(problem: NetworkProblem, found: NetworkSearchResult) -> tuple[list[
 
 
 def runs_of(errors: Array) -> list[Array]:
-    """Runs without a hole, in order."""
+    """Runs of errors without a hole, in order.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (n,)
+        NaN where there is none.
+    """
     there = np.flatnonzero(np.isfinite(errors))
     if not len(there):
         return []

@@ -65,10 +65,12 @@ class NetworkOutput:
 
     @property
     def modes(self) -> int:
+        """Number of time constants, N."""
         return len(self.time_constants)
 
     @property
     def criteria(self) -> Criteria:
+        """Information criteria of this output's fit."""
         return Criteria.of_squares(self.loss, self.rows, self.parameters)
 
     def time_constant_estimates(self) -> tuple[Estimate, ...]:
@@ -148,10 +150,12 @@ class Network:
 
     @property
     def time_constants(self) -> Array:
+        """Time constants, shape (N,), the slowest first [s]."""
         return self.outputs[0].time_constants
 
     @property
     def delays(self) -> Delays:
+        """Dead times, for each output one for each input [s]."""
         return tuple(s.delays for s in self.outputs)
 
     def undetermined(self) -> tuple[Estimate, ...]:
@@ -197,12 +201,19 @@ class Network:
         return result
 
     def fit(self, data: TrainingData, zeros: Sequence[Zero] | None = None) -> list[Agreement]:
-        """How far the free run of every output is from it over all records."""
+        """Agreement of the free run of every output with it, over all records.
+
+        Parameters
+        ----------
+        data : TrainingData
+        zeros : sequence of Zero, one for each output, optional
+            Default: those of the fit.
+        """
         computed = self.run(data, zeros)
         return [agreement(data.output(k), computed[k]) for k in range(len(self.outputs))]
 
     def run(self, data: TrainingData, zeros: Sequence[Zero] | None = None) -> Array:
-        """Free runs over all records in a row, shape (p, n); a zero for each output."""
+        """Free runs over all records in a row, shape (p, n); parameters as `fit`."""
         fitted: list[Zero] = ["fitted"]
         each = zeros or fitted * len(self.outputs)
         runs = {z: np.hstack([self.simulate(s, z) for s in data.records]) for z in set(each)}

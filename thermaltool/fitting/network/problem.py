@@ -67,7 +67,13 @@ def mode_responses(
 
 
 def known_rows(record: Record, delays: Sequence[float]) -> NDArray[np.bool_]:
-    """Rows whose delayed inputs are in the record, or before it known to stand still."""
+    """Rows whose delayed inputs are in the record, or before it known to stand still, shape (n,).
+
+    Parameters
+    ----------
+    record : Record
+    delays : sequence of float, one for each input [s]
+    """
     return np.asarray((record.elapsed >= max(delays)) | record.at_rest)
 
 
@@ -121,7 +127,7 @@ class ProjectedOutput:
 
 @dataclass(frozen=True)
 class NetworkProblem:
-    """Records and delays.
+    """Least squares of all outputs for given time constants.
 
     Attributes
     ----------
@@ -136,16 +142,17 @@ class NetworkProblem:
     stride: int = 1
 
     def free(self) -> list[int]:
-        """Which record has which decays: its place among those in an unknown state, or −1."""
+        """Place of each record among those that begin in an unknown state; −1 at rest."""
         counts = np.cumsum([not r.at_rest for r in self.data.records]) - 1
         return [-1 if r.at_rest else int(k) for r, k in zip(self.data.records, counts, strict=True)]
 
     def linear_count(self, modes: int) -> int:
+        """Number of linear parameters of one output, L: gains, offsets, decays."""
         unknown = sum(not record.at_rest for record in self.data.records)
         return modes * (len(self.data.inputs) + unknown) + self.data.experiments
 
     def rows(self, k: int) -> int:
-        """Rows of output k that count."""
+        """Number of rows of output k that count."""
         return sum(int(self.used(j)[k].sum()) for j in range(len(self.data.records)))
 
     def used(self, j: int) -> NDArray[np.bool_]:
@@ -168,7 +175,16 @@ class NetworkProblem:
         return found
 
     def columns(self, j: int, taus: Array, delays: Sequence[float], slopes: bool) -> Array:
-        """Of every `stride` rows of record j: gains, offset, decays, the slopes where wanted."""
+        """Columns of every `stride` rows of record j, each a row, shape (columns, rows).
+
+        Parameters
+        ----------
+        j : int
+        taus : ndarray, shape (N,) [s]
+        delays : sequence of float, one for each input [s]
+        slopes : bool
+            Behind those of gains, offset and decays also the slopes of gains and decays by ln τ.
+        """
         record, elapsed = self.data.records[j], self.data.records[j].elapsed
         levels, time = self.data.levels[record.origin], elapsed[:: self.stride]
         given = elapsed, self.data.u[j], levels, taus, delays, self.data.holds
@@ -181,7 +197,7 @@ class NetworkProblem:
         return np.vstack(parts)
 
     def places(self, modes: int, slopes: bool) -> list[Index]:
-        """Where the columns of each record stand among all."""
+        """Places of the columns of each record among those of all records."""
         gains, origins = modes * len(self.data.inputs), self.data.experiments
         linear, found = self.linear_count(modes), []
         for record, free in zip(self.data.records, self.free(), strict=True):
@@ -194,7 +210,14 @@ class NetworkProblem:
         return found
 
     def sums(self, taus: Array, slopes: bool = True) -> list[Sums]:
-        """Of every output; outputs with the same delays and rows share one matrix."""
+        """Sums over the rows of every output; those with the same delays and rows share one matrix.
+
+        Parameters
+        ----------
+        taus : ndarray, shape (N,) [s]
+        slopes : bool
+            Whether the slopes by ln τ are among the columns.
+        """
         n, p = len(taus), len(self.delays)
         linear = self.linear_count(n)
         size = 2 * linear - self.data.experiments if slopes else linear
@@ -229,13 +252,18 @@ class NetworkProblem:
                 for k in range(p)]  # fmt: skip
 
     def mean_square(self, taus: Array) -> list[float]:
-        """Error of every output for given time constants [unit²]."""
+        """Mean square error of every output for time constants `taus`, shape (N,) [s]."""
         sums = self.sums(taus, slopes=False)
         losses = [s.power - float(s.cross @ solve(s.gram, s.cross)) for s in sums]
         return [loss / max(s.rows, 1) for loss, s in zip(losses, sums, strict=True)]
 
     def project(self, taus: Array) -> list[ProjectedOutput]:
-        """Every output for given time constants."""
+        """Every output for given time constants, its linear parameters projected out.
+
+        Parameters
+        ----------
+        taus : ndarray, shape (N,) [s]
+        """
         n = len(taus)
         linear, gains = self.linear_count(n), n * len(self.data.inputs)
         inner, outer = slice(0, linear), slice(linear, None)
@@ -260,6 +288,13 @@ class NetworkProblem:
     ) -> tuple[Array, Array]:
         """How the rows of record j of output k follow ln τ and the linear parameters.
 
+        Parameters
+        ----------
+        j, k : int
+        taus : ndarray, shape (N,) [s]
+        found : ProjectedOutput
+            Output k at these time constants.
+
         Returns
         -------
         slopes : ndarray, shape (N, rows)
@@ -277,7 +312,13 @@ class NetworkProblem:
     def errors(
         self, taus: Array, found: Sequence[ProjectedOutput]
     ) -> Iterator[tuple[int, int, Array]]:
-        """For each output and record: (output, record, its errors, NaN where no row counts)."""
+        """For each output and record: (output, record, its errors, NaN where no row counts).
+
+        Parameters
+        ----------
+        taus : ndarray, shape (N,) [s]
+        found : sequence of ProjectedOutput
+        """
         centres = self.centres()
         for j, (record, place) in enumerate(
             zip(self.data.records, self.places(len(taus), False), strict=True)
@@ -292,6 +333,11 @@ class NetworkProblem:
 
 
 def criterion(found: Sequence[ProjectedOutput] | Sequence[tuple[float, int]]) -> float:
-    """½ Σ n ln(loss/n): the likelihood of outputs whose noise is not known."""
+    """Negative logarithm of the likelihood of outputs whose noise is not known: ½ Σ n ln(loss/n).
+
+    Parameters
+    ----------
+    found : sequence of ProjectedOutput, or of (loss, rows)
+    """
     pairs = [(f.loss, f.rows) if isinstance(f, ProjectedOutput) else f for f in found]
     return float(sum(0.5 * n * np.log(loss / n) for loss, n in pairs if n))

@@ -70,7 +70,7 @@ class IdentifiedNetwork:
     candidates: tuple[NetworkCandidate, ...] | None
 
     def continuous_terms(self, k: int) -> tuple[Continued, ...]:
-        """Of output k, as a model document takes them: they are continuous as they are."""
+        """Responses of output k to every input, as a model document takes them."""
         output = self.network.outputs[k]
         return tuple(
             Continued(output.response(i), 0.0, *output.response_covariance(i))

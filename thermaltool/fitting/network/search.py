@@ -47,11 +47,18 @@ class NetworkSearchResult:
 
     @property
     def criterion(self) -> float:
+        """½ Σ n ln(loss/n) over the outputs."""
         return criterion(self.projected)
 
 
 def search(problem: NetworkProblem, modes: int) -> NetworkSearchResult:
     """The time constants of largest likelihood.
+
+    Parameters
+    ----------
+    problem : NetworkProblem
+    modes : int
+        Number of time constants.
 
     Raises
     ------
@@ -79,10 +86,15 @@ def box(problem: NetworkProblem) -> tuple[float, float]:
 
 
 def refine(problem: NetworkProblem, taus: Array) -> NetworkSearchResult:
-    """Damped Gauss-Newton over the logarithms of the time constants from one start [s].
+    """Damped Gauss-Newton over the logarithms of the time constants from one start.
 
     Outputs are weighted by the inverse of their error variance, which the likelihood gives anew at
     every step.
+
+    Parameters
+    ----------
+    problem : NetworkProblem
+    taus : ndarray, shape (N,) [s]
     """
     low, high = np.log(box(problem))
 
@@ -121,7 +133,17 @@ def refine(problem: NetworkProblem, taus: Array) -> NetworkSearchResult:
 
 
 def starts(problem: NetworkProblem, modes: int) -> list[Array]:
-    """Time constants on a logarithmic grid, chosen together for all outputs; and spread ones."""
+    """Time constants to start from: chosen from a grid for all outputs together, and spread ones.
+
+    Parameters
+    ----------
+    problem : NetworkProblem
+    modes : int
+
+    Returns
+    -------
+    list of ndarray, shape (N,) [s]
+    """
     low, high = box(problem)
     low, high = 3 * low, high / 5
     count = max(modes + 2, round(STARTS_PER_DECADE * np.log10(high / low)))
