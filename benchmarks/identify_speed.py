@@ -18,7 +18,7 @@ from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.transfer.choose import started
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.output_error import Problem
-from thermaltool.fitting.transfer.search import Found, gauss_newton, search
+from thermaltool.fitting.transfer.search import at, gauss_newton, search
 
 # Processor time and memory that one fit may take, and how much longer it may wait.
 LIMIT_S, LONG_S, LIMIT_BYTES = 30, 300, 12 << 30
@@ -184,8 +184,7 @@ def missed(seed: int, rows: int, inputs: int, systems: int) -> None:
         given = case(seed, k, rows, inputs)
         orders = orders_of("oe", (2,) * inputs, 2, given.nk)
         problem = Problem(logged(given.u, given.y).about_levels(orders.first), orders)
-        truth = Found(given.F, problem.project(given.F), "the true system", False, 0)
-        least = gauss_newton(problem, truth).loss
+        least = gauss_newton(problem, at(problem, given.F)).loss
         above.append((search(problem).loss / least - 1) * problem.rows)
     far = np.array(above) > 1
     print(

@@ -7,7 +7,7 @@ from typing import Any
 from thermaltool.fitting.network.choose import NetworkCandidate
 from thermaltool.fitting.network.model import NetworkOutput
 from thermaltool.fitting.network.run import IdentifiedNetwork
-from thermaltool.fitting.transfer.search import SLOWEST
+from thermaltool.fitting.network.search import LONGEST_IN_RECORDS
 from thermaltool.report.orders import aligned
 from thermaltool.report.transfer import (
     estimate_document,
@@ -38,7 +38,7 @@ def network_warnings(found: IdentifiedNetwork) -> list[str]:
                 f"({interval_told(e)}): take fewer modes"
             )
         elif e.value > span:
-            endless = e.value > 0.99 * SLOWEST * span
+            endless = e.value > 0.99 * LONGEST_IN_RECORDS * span
             told.append(longer_than_record(e.value, span, endless))
     return told
 

@@ -17,7 +17,7 @@ from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.search import (
     GAUSS_NEWTON,
     REFINED,
-    Found,
+    at,
     gauss_newton,
     refine,
 )
@@ -96,8 +96,7 @@ def test_both_searches_end_at_the_same_minimum():
     problem = Problem(data(known.u, known.y), orders_of("oe", (2,), 2, (1,)))
     start = (np.poly([0.9, 0.6]),)
     refined = refine(problem, start)
-    projected = Found(start, problem.project(start), "start", False, 0)
-    newton = gauss_newton(problem, projected)
+    newton = gauss_newton(problem, at(problem, start, "start"))
     assert refined.method == REFINED
     assert newton.method.startswith(GAUSS_NEWTON)
     assert refined.converged
@@ -140,7 +139,7 @@ def test_real_poles_where_the_free_fit_has_a_pair():
 
 def test_where_refined_instruments_do_not_settle_gauss_newton_does_and_says_so(monkeypatch):
     known = case(1, 4000)
-    monkeypatch.setattr(search, "refine", partial(refine, most=1))
+    monkeypatch.setattr(search, "refine", partial(refine, steps=1))
     model = identify(data(known.u, known.y), "oe", orders_of("oe", (2,), 2, (known.nk,)))
     assert model.method.startswith(GAUSS_NEWTON)
     assert model.converged

@@ -21,7 +21,7 @@ from thermaltool.fitting.transfer.polynomials import (
 )
 from thermaltool.fitting.transfer.search import (
     SEPARATE,
-    Found,
+    at,
     beside,
     gauss_newton,
     refine,
@@ -105,20 +105,20 @@ def test_an_input_that_explains_little_is_looked_at_again():
     orders = orders_of("oe", (2, 2), 2, (1, 1))
     problem = Problem(training((u, y)).about_levels(orders.first), orders)
     caught = (strong, np.poly(np.exp(-1 / np.array([800.0, 20000.0]))))
-    there = Found(caught, problem.project(caught), SEPARATE, False, 0)
+    there = at(problem, caught, SEPARATE)
     better = beside(problem, there)
     assert better is not None
     assert problem.project(better).loss < 0.99 * there.loss
     true = (strong, weak)
     assert problem.project(better).loss < 1.01 * problem.project(true).loss
-    start = Found(true, problem.project(true), SEPARATE, False, 0)
+    start = at(problem, true, SEPARATE)
     assert beside(problem, gauss_newton(problem, start)) is None
 
 
 @pytest.mark.parametrize("steps", [20, 1])
 def test_several_inputs_say_how_they_were_found(monkeypatch, steps):
     """With one step the first input does not settle: all are searched again with more effort."""
-    monkeypatch.setattr(search, "refine", partial(refine, most=steps))
+    monkeypatch.setattr(search, "refine", partial(refine, steps=steps))
     again = []
     monkeypatch.setattr(search, "thorough", lambda p: again.append(p) or thorough(p))
     parts = [case(k, 3000) for k in (0, 2)]

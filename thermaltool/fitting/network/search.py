@@ -11,12 +11,13 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array
 from thermaltool.fitting.network.problem import NetworkProblem, ProjectedOutput, Sums, criterion
-from thermaltool.fitting.transfer.search import SLOWEST
 from thermaltool.signals.gauss_newton import minimize, solve
 
 # Starts are found on so many rows; the modes are followed over all. Of many records, each with
 # decays of its own, the longest ones do.
 MAX_START_ROWS, MAX_START_RECORDS = 20000, 6
+# Longest time constant of the search, in lengths of the record.
+LONGEST_IN_RECORDS = 10
 # Time constants that a start chooses from, for each decade; the shortest of a search, in periods.
 STARTS_PER_DECADE, FASTEST_PERIODS = 6, 0.2
 # A step of the search that raises the logarithm of the likelihood by no more is the last one; the
@@ -82,7 +83,7 @@ def search(problem: NetworkProblem, modes: int) -> NetworkSearchResult:
 
 def box(problem: NetworkProblem) -> tuple[float, float]:
     """Shortest and longest time constant of the search [s]."""
-    return FASTEST_PERIODS * problem.data.period, SLOWEST * problem.data.duration
+    return FASTEST_PERIODS * problem.data.period, LONGEST_IN_RECORDS * problem.data.duration
 
 
 def refine(problem: NetworkProblem, taus: Array) -> NetworkSearchResult:

@@ -20,14 +20,15 @@ from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.transfer.identify import check_orders, coloured_gram
 from thermaltool.fitting.transfer.model import TransferModel, decay
 from thermaltool.fitting.transfer.output_error import Orders, Problem
+from thermaltool.fitting.transfer.overdamped import overdamped
 from thermaltool.fitting.transfer.polynomials import partial_fractions
-from thermaltool.fitting.transfer.search import overdamped, search
+from thermaltool.fitting.transfer.search import search
 from thermaltool.responses.modes import Hold
 from thermaltool.signals.gauss_newton import inverse_of
 from thermaltool.signals.intervals import Estimate, normal_estimate, standard_error
 
 # A constant coefficient of A(s) below this is that of a pole at zero, s in 1/samples.
-SLOWEST = 1e-30
+MIN_CONSTANT_COEFFICIENT = 1e-30
 
 
 @dataclass(frozen=True)
@@ -197,7 +198,7 @@ def identify_continuous(data: TrainingData, orders: Orders, real: bool = False) 
     found = search(problem)
     if real:
         found = overdamped(problem, found)
-    here = found.projection if found.projection.rows else problem.project(found.F)
+    here = found.projection
     slopes = problem.slopes(found.F, here, mixed=False)
     sigma2 = slopes.loss / max(problem.rows - slopes.searched - problem.linear_count, 1)
     own = orders.parameters
@@ -208,7 +209,7 @@ def identify_continuous(data: TrainingData, orders: Orders, real: bool = False) 
     F, B = _discrete(theta, orders, data.holds)
     edge = sum(orders.nb)
     for f in found.F:
-        if not f[-1] > SLOWEST:
+        if not f[-1] > MIN_CONSTANT_COEFFICIENT:
             raise FitError("the fit has a pole at 0, it integrates: take a lower order")
     starts = sum(orders.nf) + np.cumsum([0, *orders.nb[:-1]])
     gains = theta[starts] / np.array([f[-1] for f in found.F])

@@ -15,8 +15,9 @@ from thermaltool.fitting.transfer.colour import error_colour
 from thermaltool.fitting.transfer.equation_error import Regression, armax, arx
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.output_error import Orders, Problem
+from thermaltool.fitting.transfer.overdamped import overdamped
 from thermaltool.fitting.transfer.polynomials import difference_basis
-from thermaltool.fitting.transfer.search import Found, overdamped, refine, search
+from thermaltool.fitting.transfer.search import SearchResult, refine, search
 from thermaltool.signals.gauss_newton import inverse_of, solve
 from thermaltool.timeseries.fit import fit_arma
 from thermaltool.timeseries.runs import joined
@@ -125,10 +126,10 @@ def _numerators(problem: Problem, linear: Array) -> tuple[Array, ...]:
 
 
 def _output_model(
-    problem: Problem, found: Found, structure: Structure, data: TrainingData,
+    problem: Problem, found: SearchResult, structure: Structure, data: TrainingData,
     C: Array | None = None, D: Array | None = None,
 ) -> TransferModel:  # fmt: skip
-    here, orders = problem.project(found.F), problem.orders
+    here, orders = found.projection, problem.orders
     slopes = problem.slopes(found.F, here, mixed=False)
     count = slopes.searched + problem.linear_count
     sigma2 = slopes.loss / max(problem.rows - count, 1)
@@ -167,13 +168,13 @@ def _output_model(
     )
 
 
-def coloured_gram(problem: Problem, found: Found, gram: Array, sigma2: float) -> Array:
+def coloured_gram(problem: Problem, found: SearchResult, gram: Array, sigma2: float) -> Array:
     """Covariance of the score: Z Zᵀ σ² for white errors; else through an AR model of them.
 
     With e = H·white, E[Z e eᵀ Zᵀ] is the Gram matrix of Z filtered by H backwards in time
     (Ljung 1999, 9.4). The AR order is the best by BIC; zero leaves the plain form.
     """
-    here = problem.project(found.F)
+    here = found.projection
     colour = error_colour([e for e, _ in problem.errors(here)]) if sigma2 > 0 else None
     if colour is None:
         return gram * sigma2
@@ -188,7 +189,7 @@ def coloured_gram(problem: Problem, found: Found, gram: Array, sigma2: float) ->
 
 
 def _box_jenkins(
-    problem: Problem, found: Found, data: TrainingData, nc: int, nd: int
+    problem: Problem, found: SearchResult, data: TrainingData, nc: int, nd: int
 ) -> TransferModel:
     """Refined instrumental variables with a noise model (RIV; Young 2011, chapter 7).
 
