@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -14,7 +15,9 @@ from thermaltool.cli import fit
 from thermaltool.cli.forecast import command
 from thermaltool.errors import LogError
 from thermaltool.logs import read_log, write_table
+from thermaltool.logs.formats import FORMATS
 from thermaltool.logs.series import read_series
+from thermaltool.runtime.sinks import SINKS
 from thermaltool.timeseries.criteria import Entry
 from thermaltool.timeseries.forecast import forecast
 from thermaltool.timeseries.model import ArmaModel
@@ -198,3 +201,12 @@ def test_a_stream_writes_to_stdout_alone(fitted, log, tmp_path):
     assert (done.returncode, done.stdout) == (2, b"")
     assert b"--stream writes to stdout" in done.stderr
     assert not (tmp_path / "ahead.parquet").exists()
+
+
+def test_a_sink_goes_with_a_stream(fitted, log, monkeypatch):
+    to = next(option for option in command.params if option.name == "to_format")
+    assert set(to.type.choices) == {*FORMATS, *SINKS}
+    monkeypatch.setattr(to, "type", click.Choice(["udp"]))
+    done = CliRunner().invoke(command, [str(fitted), str(log), "--to", "udp"])
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "--to udp goes with --stream" in done.stderr

@@ -1,9 +1,12 @@
 """Sinks by the table: one that a newcomer adds, lines of text, and Parquet."""
 
+import ast
 import importlib
 import io
-import json
 import os
+import re
+import socket
+from pathlib import Path
 
 import numpy as np
 import pyarrow
@@ -90,6 +93,28 @@ def test_a_sink_is_one_file_and_one_line(stream_into, tmp_path, monkeypatch):
     assert toy.REPLIES[-1] == (1.5, [0.0, 0.0])
 
 
+def test_the_sink_of_the_documentation_as_it_stands(stream_into, tmp_path, monkeypatch):
+    page = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    (code,) = (block for block in blocks if "class UdpSink" in block)
+    (line,) = (block for block in blocks if "udp_sink:UdpSink" in block)
+    (tmp_path / "udp_sink.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    ((name, place),) = ast.literal_eval("{" + line + "}").items()
+    assert place == "thermaltool.runtime.sinks.udp_sink:UdpSink"
+    monkeypatch.setitem(SINKS, name, "udp_sink:UdpSink")
+    with pytest.raises(OutputError, match="takes its address from UDP_SINK=HOST:PORT"):
+        stream_into("udp")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as controller:
+        controller.bind(("127.0.0.1", 0))
+        controller.settimeout(10)
+        monkeypatch.setenv("UDP_SINK", f"127.0.0.1:{controller.getsockname()[1]}")
+        assert stream_into("udp") == b""
+        heard = [controller.recv(200).decode() for _ in range(4)]
+    assert heard[0] == "time_s=0.0 offset_x_um=0.0 offset_y_um=0.0"
+    assert heard[-1] == "time_s=1.5 offset_x_um=0.0 offset_y_um=0.0"
+
+
 def test_a_sink_is_closed_after_an_error(stream_into, tmp_path, monkeypatch):
     (tmp_path / "closed_sink.py").write_text(TOY)
     monkeypatch.syspath_prepend(tmp_path)
@@ -126,13 +151,21 @@ def test_a_name_with_a_percent_sign_in_both_texts():
         assert output.data.decode().splitlines()[-1] == last
 
 
-def test_minus_zero_and_a_missing_time():
-    output = Output()
-    sink = open_sink("ndjson", output)
-    sink.open(("time_s", "offset_x_um"))
-    sink.write([(None, [-0.0])])
-    assert json.loads(output.data) == {"time_s": None, "offset_x_um": 0.0}
-    assert b"-0" not in output.data
+def test_a_missing_time():
+    for form, last in (("csv", ",0.5"), ("ndjson", '{"time_s": null, "x_um": 0.5}')):
+        output = Output()
+        sink = open_sink(form, output)
+        sink.open(("time_s", "x_um"))
+        sink.write([(None, [0.5])])
+        assert output.data.decode().splitlines()[-1] == last
+
+
+def test_no_sink_gets_a_minus_zero(stream_into):
+    """The setpoint is -1 times a deflection that is 0 at first."""
+    lines = stream_into("csv", estimates=True).decode().split()
+    assert "-0.0" not in {cell for line in lines for cell in line.split(",")}
+    columns = table_of(stream_into("parquet", estimates=True)).values()
+    assert "-0.0" not in {repr(value) for column in columns for value in column}
 
 
 def table_of(data):

@@ -13,9 +13,9 @@ from thermaltool.cli.options import (
     model_argument,
     output_option,
     quiet_option,
-    to_option,
 )
 from thermaltool.cli.series import one_thread, outliers_option, series_options
+from thermaltool.logs.formats import FORMATS
 
 if TYPE_CHECKING:
     from thermaltool.runtime.messages import Messages
@@ -42,7 +42,7 @@ SAME_PERIOD = 0.05
 )  # fmt: skip
 @click.option("--timeout", type=POSITIVE, metavar="S",
               help="With --stream: a longer silence is told [s].")  # fmt: skip
-@to_option
+@streaming.to_option
 @output_option
 @quiet_option
 def command(model: str, log: str, stream: bool, output: str, quiet: int, **options: Any) -> None:
@@ -69,6 +69,8 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
         if options["start"] is not None or options["stop"] is not None:
             raise click.UsageError("--start and --stop are for logs, not for --stream")
         _stream(fitted, log, quiet, options)
+    elif options["to_format"] not in (None, *FORMATS):
+        raise click.UsageError(f"--to {options['to_format']} goes with --stream")
     else:
         _batch(fitted, log, output, options)
 

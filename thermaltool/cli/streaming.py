@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from thermaltool.cli.options import POSITIVE, columns_option
+from thermaltool.logs.formats import FORMATS
 from thermaltool.runtime.rows import ROW_FORMATS
 from thermaltool.runtime.sinks import SINKS
 
@@ -78,6 +79,15 @@ def line_options(function: Callable[..., Any]) -> Callable[..., Any]:
     ):  # fmt: skip
         function = option(function)
     return function
+
+
+# Of a command that also runs in batch: what either can write.
+to_option = click.option(
+    "--to",
+    "to_format",
+    type=click.Choice(list(dict.fromkeys([*FORMATS, *SINKS]))),
+    help="Format of stdout (a file's format follows its suffix).  [default: csv]",
+)
 
 
 def checkpoint_options(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -164,7 +164,8 @@ class SetpointProcess(Process):
 
     def _written(self) -> list[float]:
         values = self.values()
-        return values + self.estimates if self._estimates_too else values
+        # Adding zero turns -0.0 into 0.0.
+        return [x + 0.0 for x in (values + self.estimates if self._estimates_too else values)]
 
     def silence(self, elapsed: float) -> Reply:
         """Move towards the safe setpoint, `elapsed` [s] after the last row."""

@@ -95,7 +95,8 @@ class Forecasts(Process):
         if not (self._model.ready and self.period):
             return None
         mean, variance = self._model.forecast(self._steps)
-        centre, half = mean[-1], self._width * math.sqrt(variance[-1])
+        # Adding zero turns -0.0 into 0.0.
+        centre, half = mean[-1] + 0.0, self._width * math.sqrt(variance[-1])
         if not math.isfinite(centre) or not math.isfinite(half):
             self._model.forget_lags()
             self.report(self._channel, "the forecast is not finite: lags forgotten")

@@ -10,7 +10,8 @@ from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.messages import Report
 from thermaltool.runtime.rows.row import Row
 
-# What is written for a row: a time [s] (None where none is known) and one number per name.
+# What is written for a row: a time [s] (None where none is known) and one finite number per name,
+# never -0.0.
 Reply = tuple[float | None, Sequence[float]]
 
 

@@ -105,11 +105,12 @@ class Stream:
         # Estimates that overflow are caught by the process.
         with self.pipe, np.errstate(all="ignore"):
             self._resume()
-            try:
+            with contextlib.closing(self.sink):
                 self.sink.open(("time_s", *self.process.names))
-                self._loop()
-            finally:
-                self._finish()
+                try:
+                    self._loop()
+                finally:
+                    self._finish()
         return self.pipe.signal
 
     def _loop(self) -> None:
@@ -188,7 +189,6 @@ class Stream:
             # A row of its own moment, so that the output is a log with a clock that only goes on.
             after = None if last is None else last + (self.process.period or 0.0)
             self.sink.write([(after, values)])
-        self.sink.close()
         self.messages.close()
         if summary := self.process.summary():
             self.messages.emit(summary)

@@ -27,7 +27,7 @@ class Output(Protocol):
 class Sink(Protocol):
     """What takes replies. It is made with the `Output` of the stream, which it need not use.
 
-    `open` comes first; `close` comes last and always, also after an error of `open` or `write`.
+    `open` comes first, and nothing is written where it fails; `close` comes last and always.
     Each may raise OutputError, which ends the stream.
     """
 

@@ -30,8 +30,7 @@ class LineSink:
 
     def _text(self, time: float | None, values: Sequence[float]) -> str:
         stamp = self._no_time if time is None else repr(time)
-        # Adding zero turns -0.0 into 0.0.
-        return self._line % (stamp, *[value + 0.0 for value in values])
+        return self._line % (stamp, *values)
 
     def close(self) -> None:
         """Every line is out already."""
