@@ -44,7 +44,7 @@ class ActuatorSaturation(Effect):
         # At the largest level, a limit is none.
         return replace(known, neutral=self.parameters["level"], high=self.parameters["level"])
 
-    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
+    def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
         return np.clip(u, -self.parameters["limit"], self.parameters["limit"])
 
     @classmethod

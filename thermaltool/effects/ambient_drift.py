@@ -38,7 +38,7 @@ class AmbientDrift(HeatSource):
         "phase": Parameter("rad"),
     }
 
-    def unlogged(self, name: str, record: Record, memory: Memory | None = None) -> Float | float:
+    def unlogged(self, name: str, record: Record, memory: Memory = None) -> Float | float:
         swing = self.parameters.get(f"swing[{name}]")
         if swing is None:
             return 0.0

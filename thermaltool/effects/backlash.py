@@ -28,7 +28,7 @@ class Backlash(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {"width": Parameter("{channel}", low=0.0)}
 
-    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
+    def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
         return play(u, np.array([self.parameters["width"]]), memory)[0]
 
     @classmethod

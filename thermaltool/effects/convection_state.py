@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side, needed
+from thermaltool.effects.effect import (
+    Effect,
+    Float,
+    Memory,
+    Outputs,
+    Parameter,
+    Scene,
+    Side,
+    needed,
+)
 from thermaltool.record import Record
 
 
@@ -38,9 +47,7 @@ class ConvectionState(Effect):
     def needs(self) -> tuple[str, ...]:
         return (self.channel,)
 
-    def loss(
-        self, record: Record, outputs: Mapping[str, Float], memory: Memory | None = None
-    ) -> Float | None:
+    def loss(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:
         share = np.abs(np.nan_to_num(needed(record, self.channel))) / self.parameters["level"]
         if self.parameters["idle"]:
             share = (share < 0.02).astype(float)

@@ -6,14 +6,13 @@ They describe what was measured and name no cause; the diagnosis does not look f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 
@@ -190,7 +189,7 @@ class DriveCurve(Curve):
     signature: ClassVar[str] = "steady outputs are a bent function of the drive's level"
     source: ClassVar[str] = "Hammerstein; Mareš et al., section 3.1 (correction polynomial)"
 
-    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
+    def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
         return self.bent(u)
 
 
@@ -203,11 +202,5 @@ class OutputCurve(Curve):
     signature: ClassVar[str] = "residuals are a bent function of the output, at every rate alike"
     source: ClassVar[str] = "Wiener (static nonlinearity behind a linear block)"
 
-    def output(
-        self,
-        name: str,
-        outputs: Mapping[str, Float],
-        record: Record,
-        memory: Memory | None = None,
-    ) -> Float:
+    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         return self.bent(outputs[name]) if name == self.channel else outputs[name]

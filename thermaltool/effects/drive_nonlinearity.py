@@ -38,7 +38,7 @@ class DriveNonlinearity(Effect):
         "level": Parameter("{channel}", fixed=True),
     }
 
-    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
+    def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
         level = self.parameters["level"]
         if "curvature" in self.parameters:
             return u + self.parameters["curvature"] * u * np.abs(u) / level

@@ -25,7 +25,7 @@ def lagged(
     time_constant: float,
     hold: Hold,
     start: float = 0.0,
-    memory: Memory | None = None,
+    memory: Memory = None,
 ) -> Float:
     """First-order lag ``τ y' + y = u`` from `start` at the first sample, shape (n,).
 
@@ -69,7 +69,7 @@ def lagged(
     return y
 
 
-def from_rest(record: Record, channel: str, memory: Memory | None = None) -> Float:
+def from_rest(record: Record, channel: str, memory: Memory = None) -> Float:
     """A channel relative to its first value, shape (n,); a missing reading keeps the one before.
 
     Parameters
@@ -98,7 +98,7 @@ def from_rest(record: Record, channel: str, memory: Memory | None = None) -> Flo
     return values[rows[1:]] - first
 
 
-def elapsed(time: Float, memory: Memory | None = None) -> Float:
+def elapsed(time: Float, memory: Memory = None) -> Float:
     """Time since the first row [s], shape (n,).
 
     Parameters
@@ -111,9 +111,7 @@ def elapsed(time: Float, memory: Memory | None = None) -> Float:
     return time - first
 
 
-def warmed(
-    record: Record, channel: str, time_constant: float, memory: Memory | None = None
-) -> Float:
+def warmed(record: Record, channel: str, time_constant: float, memory: Memory = None) -> Float:
     """A channel relative to its first value through a first-order lag, shape (n,).
 
     Parameters
@@ -128,7 +126,7 @@ def warmed(
     return lagged(record.time, rise, time_constant, hold_of(channel), memory=memory)
 
 
-def play(u: Float, widths: Float, memory: Memory | None = None) -> Float:
+def play(u: Float, widths: Float, memory: Memory = None) -> Float:
     """Play operator: what follows `u` between two flanks, from the middle at rest.
 
     Parameters

@@ -21,8 +21,11 @@ from thermaltool.record import Record
 from thermaltool.units import is_displacement, parse_channel
 
 Float = NDArray[np.float64]
-# What an effect keeps of the rows that have passed: lists and numbers by name.
-Memory = dict[str, Any]
+# Outputs by channel, relative to rest, each of shape (n,).
+Outputs = Mapping[str, Float]
+# What an effect keeps of the rows that have passed, lists and numbers by name; None where it gets
+# the whole record.
+Memory = dict[str, Any] | None
 Side = Literal["drive", "state", "source", "structure", "sensor", "wiring"]
 
 # In place of a record, for effects that look at the value of the moment alone.
@@ -194,7 +197,7 @@ class Effect:
     # from each to the next, what they give for the whole record. What is not is refused by name.
     causal: ClassVar[bool] = False
 
-    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
+    def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
         """What acts in place of the drive `u`, both relative to its reference.
 
         Parameters
@@ -207,9 +210,7 @@ class Effect:
         """
         return u
 
-    def loss(
-        self, record: Record, outputs: Mapping[str, Float], memory: Memory | None = None
-    ) -> Float | None:
+    def loss(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:
         """By how much every rate of decay rises at each sample [1/s]; None for not at all.
 
         `record` and `memory` as for `drive`.
@@ -224,13 +225,7 @@ class Effect:
         """
         return None
 
-    def output(
-        self,
-        name: str,
-        outputs: Mapping[str, Float],
-        record: Record,
-        memory: Memory | None = None,
-    ) -> Float:
+    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         """What is read in place of ``outputs[name]``, relative to rest.
 
         `record` and `memory` as for `drive`; every output has a memory of its own.

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -26,13 +26,7 @@ class GeometryStep(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {"step": Parameter("{output}", linear=True), "time": Parameter("s")}
 
-    def output(
-        self,
-        name: str,
-        outputs: Mapping[str, Float],
-        record: Record,
-        memory: Memory | None = None,
-    ) -> Float:
+    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         step = self.parameters.get(f"step[{name}]")
         if step is None:
             return outputs[name]

@@ -41,7 +41,7 @@ class Hysteresis(Effect):
         "share": Parameter("1", linear=True),
     }
 
-    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
+    def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
         loop = play(u, self.parameters["width"] * PLAY_PARTS, memory).mean(axis=0)
         return u + self.parameters.get("share", 1.0) * (loop - u)
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.record import Record
 
 # A displacement that goes less far the other way shows nothing of the other sign.
@@ -40,13 +40,7 @@ class JointContact(Effect):
         "asymmetry": Parameter("1", low=-0.95, high=0.95, linear=True),
     }
 
-    def output(
-        self,
-        name: str,
-        outputs: Mapping[str, Float],
-        record: Record,
-        memory: Memory | None = None,
-    ) -> Float:
+    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         y = outputs[name]
         if name != self.channel:
             return y

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import ClassVar
 
 from thermaltool.effects.channels import part_channels
 from thermaltool.effects.dynamics import from_rest
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -30,13 +30,7 @@ class PartTemperature(Effect):
     def needs(self) -> tuple[str, ...]:
         return (self.channel,)
 
-    def output(
-        self,
-        name: str,
-        outputs: Mapping[str, Float],
-        record: Record,
-        memory: Memory | None = None,
-    ) -> Float:
+    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         coefficient = self.parameters.get(f"coefficient[{name}]")
         if coefficient is None:
             return outputs[name]

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.dynamics import HOUR
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.record import Record
 
 # Clocks of buildings and control cabinets [s].
@@ -43,13 +43,7 @@ class Periodic(Effect):
         "period": Parameter("s", low=0.0, log=True),
     }
 
-    def output(
-        self,
-        name: str,
-        outputs: Mapping[str, Float],
-        record: Record,
-        memory: Memory | None = None,
-    ) -> Float:
+    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         sine = self.parameters.get(f"sine[{name}]")
         cosine = self.parameters.get(f"cosine[{name}]")
         if sine is None or cosine is None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import ClassVar
+from collections.abc import Iterator
+from typing import Any, ClassVar
 
 import numpy as np
 
 from thermaltool.effects.channels import is_air, is_part
 from thermaltool.effects.dynamics import from_rest
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 from thermaltool.units import parse_channel
@@ -49,16 +49,14 @@ class Radiation(Effect):
     def needs(self) -> tuple[str, ...]:
         return () if "rest" in self.parameters else (self.channel,)
 
-    def loss(
-        self, record: Record, outputs: Mapping[str, Float], memory: Memory | None = None
-    ) -> Float | None:
+    def loss(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:
         cold, rise = self._temperature(record, outputs, {} if memory is None else memory)
         hot = np.maximum(cold + rise, 0.0)
         steeper = (hot**2 + cold**2) * (hot + cold) / (4 * cold**3) - 1
         return self.parameters["rate"] * steeper
 
     def _temperature(
-        self, record: Record, outputs: Mapping[str, Float], memory: Memory
+        self, record: Record, outputs: Outputs, memory: dict[str, Any]
     ) -> tuple[float, Float]:
         """Temperature at rest [K], and the rise above it."""
         rest = self.parameters.get("rest")

@@ -50,7 +50,7 @@ class SecondSource(HeatSource):
             return parse_channel(output).unit
         return super().unit(name)
 
-    def unlogged(self, name: str, record: Record, memory: Memory | None = None) -> Float | float:
+    def unlogged(self, name: str, record: Record, memory: Memory = None) -> Float | float:
         gain = self.parameters.get(f"gain[{name}]", 0.0)
         since = np.maximum(record.time - self.parameters["start"], 0.0)
         return -gain * np.expm1(-since / self.parameters["time_constant"])

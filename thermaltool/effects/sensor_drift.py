@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import HOUR, elapsed
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -23,13 +23,7 @@ class SensorDrift(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {"rate": Parameter("{channel}/h", linear=True)}
 
-    def output(
-        self,
-        name: str,
-        outputs: Mapping[str, Float],
-        record: Record,
-        memory: Memory | None = None,
-    ) -> Float:
+    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         if name != self.channel:
             return outputs[name]
         hours = elapsed(record.time, memory) / HOUR

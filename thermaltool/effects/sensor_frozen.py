@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.record import Record
 
 # Fewer equal readings in a row than this, or than this many times what is usual in the log, are
@@ -39,13 +39,7 @@ class SensorFrozen(Effect):
         "stop": Parameter("s", fixed=True),
     }
 
-    def output(
-        self,
-        name: str,
-        outputs: Mapping[str, Float],
-        record: Record,
-        memory: Memory | None = None,
-    ) -> Float:
+    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         y, time = outputs[name], record.time
         first = int(np.searchsorted(time, self.parameters["start"]))
         if name != self.channel or first == len(time):

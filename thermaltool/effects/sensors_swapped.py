@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import ClassVar
 
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 from thermaltool.units import parse_channel
@@ -23,13 +23,7 @@ class SensorsSwapped(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar[Mapping[str, Parameter]] = {}
 
-    def output(
-        self,
-        name: str,
-        outputs: Mapping[str, Float],
-        record: Record,
-        memory: Memory | None = None,
-    ) -> Float:
+    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         if name not in (self.channel, self.partner):
             return outputs[name]
         other = self.partner if name == self.channel else self.channel

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import MAX_LAG_RECORDS, time_constants, warmed
-from thermaltool.effects.effect import Effect, Float, Memory, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Scene, Side
 from thermaltool.record import Record
 
 
@@ -27,13 +27,7 @@ class HeatSource(Effect, ABC):
     def needs(self) -> tuple[str, ...]:
         return (self.channel,) if self.channel else ()
 
-    def output(
-        self,
-        name: str,
-        outputs: Mapping[str, Float],
-        record: Record,
-        memory: Memory | None = None,
-    ) -> Float:
+    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         if not self.channel:
             return outputs[name] + self.unlogged(name, record, memory)
         if (followed := self.path(name)) is None:
@@ -42,7 +36,7 @@ class HeatSource(Effect, ABC):
         return outputs[name] + gain * warmed(record, self.channel, tau, memory)
 
     @abstractmethod
-    def unlogged(self, name: str, record: Record, memory: Memory | None = None) -> Float | float:
+    def unlogged(self, name: str, record: Record, memory: Memory = None) -> Float | float:
         """What a source without a channel adds to an output.
 
         Parameters

@@ -24,7 +24,7 @@ class TransportDelay(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {"delay": Parameter("s", low=0.0)}
 
-    def drive(self, record: Record, u: Float, memory: Memory | None = None) -> Float:
+    def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
         # Of a held drive, the straight line between samples is the exact mean over a sample.
         time, delay = record.time, self.parameters["delay"]
         if memory is None:

@@ -16,8 +16,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from thermaltool.errors import FitError, ModelError
+from thermaltool.estimation.cached_recursion import CachedRecursion
 from thermaltool.estimation.known_inputs import Feedforward, load_known_inputs
-from thermaltool.responses.modes import CLOCK_STEP, Float, Hold, Modes, Recursion, uniform_spans
+from thermaltool.responses.modes import Float, Hold, Modes, Recursion, uniform_spans
 from thermaltool.responses.parallel import parallel
 
 # The Kalman gain varies slowly with the sample length: it is solved for on this relative grid.
@@ -60,7 +61,7 @@ class SensorNoise:
 
 
 @dataclass(frozen=True, eq=False)
-class KalmanEstimator:
+class KalmanEstimator(CachedRecursion):
     """Heat as a random walk, responses as exact state space.
 
     Attributes
@@ -88,17 +89,11 @@ class KalmanEstimator:
         return self.drives + self.outputs
 
     def __post_init__(self) -> None:
-        # A cache of the instance: it goes when the estimator goes.
-        object.__setattr__(self, "_recursion", lru_cache(maxsize=64)(self._build))
+        super().__post_init__()
         object.__setattr__(self, "_gain", lru_cache(MAX_CACHED_GAINS)(self._solve_gain))
 
-    def recursion(self, dt: float) -> Recursion:
+    def _build(self, dt: float) -> Recursion:
         """x ← (I − L Cs) F x + L y, for a sample of `dt` [s]."""
-        recursion: Recursion = self._recursion(round(dt / CLOCK_STEP))  # type: ignore[attr-defined]
-        return recursion
-
-    def _build(self, ticks: int) -> Recursion:
-        dt = ticks * CLOCK_STEP
         F, Cs, Cd = self._matrices(dt)
         gain = self._gain(round(np.log(dt) / GAIN_GRID))  # type: ignore[attr-defined]
         kept = np.eye(len(F)) - gain @ Cs
@@ -213,7 +208,7 @@ def predicted_covariance(F: Float, H: Float, Q: Float, R: Float) -> Float:
 
 
 @dataclass(frozen=True, eq=False)
-class KernelEstimator:
+class KernelEstimator(CachedRecursion):
     """Regularized inverse, artificial delay, then the deflection responses.
 
     Q̂ = (filter · 1/H_R) ΔT with H_R = H + As/(s+c)² + 2Bs/(s+c)³, (5.55), (5.59). The estimate
@@ -246,16 +241,8 @@ class KernelEstimator:
     def estimates(self) -> tuple[str, ...]:
         return (self.drive, *self.outputs)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_recursion", lru_cache(maxsize=64)(self._build))
-
-    def recursion(self, dt: float) -> Recursion:
+    def _build(self, dt: float) -> Recursion:
         """For a sample of `dt` [s]; the temperature is a straight line between samples."""
-        recursion: Recursion = self._recursion(round(dt / CLOCK_STEP))  # type: ignore[attr-defined]
-        return recursion
-
-    def _build(self, ticks: int) -> Recursion:
-        dt = ticks * CLOCK_STEP
         first = self.inverse.discretize(dt, "first")
         m = len(first.F)
         n = m + sum(modes.states for _, _, modes in self.followed)

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from thermaltool.effects.band import ScheduleBand, load_band
 from thermaltool.errors import ModelError
+from thermaltool.estimation.cached_recursion import CachedRecursion
 from thermaltool.responses.delay import load_modes
-from thermaltool.responses.modes import CLOCK_STEP, Float, Hold, Modes, Recursion
+from thermaltool.responses.modes import Float, Hold, Modes, Recursion
 from thermaltool.responses.parallel import InputPath, parallel
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class Feedforward:
 
 
 @dataclass(frozen=True, eq=False)
-class KnownInputEstimator:
+class KnownInputEstimator(CachedRecursion):
     """An estimator that reads known inputs too.
 
     Attributes
@@ -102,16 +102,8 @@ class KnownInputEstimator:
     def estimates(self) -> tuple[str, ...]:
         return self.inner.estimates
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_recursion", lru_cache(maxsize=64)(self._build))
-
-    def recursion(self, dt: float) -> Recursion:
-        recursion: Recursion = self._recursion(round(dt / CLOCK_STEP))  # type: ignore[attr-defined]
-        return recursion
-
-    def _build(self, ticks: int) -> Recursion:
+    def _build(self, dt: float) -> Recursion:
         """x ← F x + G0 (r − S ξ) + G1 (r⁺ − S ξ⁺), y = C x + D ξ, ξ the states of the paths."""
-        dt = ticks * CLOCK_STEP
         inner = self.inner.recursion(dt)
         paths, S, D = self._paths(dt)
         F, below = inner.F, np.zeros((len(paths.F), inner.G0.shape[1]))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thermaltool.effects.effect import SIDES, STILL, Memory
+from thermaltool.effects.effect import SIDES, STILL, Effect
 from thermaltool.errors import ModelError
 from thermaltool.model.simulate import acting_effects
 from thermaltool.record import Record
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from thermaltool.model.document import Model
 
 Row = Mapping[str, float]
+# An effect, and what it keeps of the rows before.
+Remembering = tuple[Effect, dict[str, Any]]
 
 # Where the integral of a varying loss [1] passes this, all that is stored is scaled anew: e^Γ
 # would overflow at 700.
@@ -80,13 +82,12 @@ class ModelRecursion:
         choosers = [t.band.channel for t in self.terms if t.band is not None]
         drives = [d.channel for d in model.drives]
         self._references = {c: model.reference(c) for c in dict.fromkeys([*drives, *choosers])}
-        self._drives = [
-            (c, [(e, Memory()) for e in effects if (e.side, e.channel) == ("drive", c)])
-            for c in drives
+        self._drives: list[tuple[str, list[Remembering]]] = [
+            (c, [(e, {}) for e in effects if (e.side, e.channel) == ("drive", c)]) for c in drives
         ]
-        self._losses = [(e, Memory()) for e in effects if e.side == "state"]
-        self._readings = [
-            (e, {name: Memory() for name in wanted})
+        self._losses: list[Remembering] = [(e, {}) for e in effects if e.side == "state"]
+        self._readings: list[tuple[Effect, dict[str, dict[str, Any]]]] = [
+            (e, {name: {} for name in wanted})
             for e in sorted(effects, key=lambda e: SIDES.index(e.side))
             if e.side not in ("drive", "state")
         ]
@@ -123,11 +124,11 @@ class ModelRecursion:
         for memory in self._memories():
             memory.clear()
         self._rests = {c: None if r == "first" else r for c, r in self._references.items()}
-        signals = self._signals(time, row)
-        self._inputs = [float(u) for u in self._acting(row, signals)]
+        record = self._record_of(time, row)
+        self._inputs = [float(u) for u in self._acting(row, record)]
         for response, u in zip(self.responses, self._inputs, strict=True):
             response.start(u if settled else 0.0)
-        return self._read(signals)
+        return self._read(record)
 
     def step(self, time: float, row: Row) -> dict[str, float]:
         """Outputs at the next row; see `start`.
@@ -140,15 +141,15 @@ class ModelRecursion:
         ticks = round((time - self._time) / CLOCK_STEP)
         if ticks <= 0:
             raise ModelError(f"time {time:.15g} s does not come after {self._time:.15g} s")
-        signals = self._signals(time, row)
-        inputs = [float(u) for u in self._acting(row, signals)]
+        record = self._record_of(time, row)
+        inputs = [float(u) for u in self._acting(row, record)]
         if self._losses:
             self._advance_cooled(ticks, inputs, self._rate * (time - self._time))
         else:
             for response, start, end in zip(self.responses, self._inputs, inputs, strict=True):
                 response.advance(ticks, start, end)
         self._time, self._inputs = time, inputs
-        return self._read(signals)
+        return self._read(record)
 
     def _advance_cooled(self, ticks: int, inputs: list[float], rise: float) -> None:
         """As `simulate_response`: modes of e^Γ u, times e^(−Γ)."""
@@ -208,7 +209,7 @@ class ModelRecursion:
             sums[term.output] = sums[term.output] + response.ahead(np.asarray(u))
         return sums
 
-    def _signals(self, time: float, row: Row) -> Record:
+    def _record_of(self, time: float, row: Row) -> Record:
         """The row as the effects read it."""
         if not self._whole_row:
             return STILL
@@ -226,10 +227,10 @@ class ModelRecursion:
             rest = self._rests[channel] = float(value)
         return value - rest
 
-    def _acting(self, row: Mapping[str, Any], signals: Record | None) -> list[Any]:
+    def _acting(self, row: Mapping[str, Any], record: Record | None) -> list[Any]:
         """What every term takes of a row, of one value or several a channel.
 
-        Without `signals` the row is one that may come, and no effect remembers it.
+        Without `record` the row is one that may come, and no effect remembers it.
         """
         drives = {}
         for channel, effects in self._drives:
@@ -237,10 +238,10 @@ class ModelRecursion:
             for effect, memory in effects:
                 if effect.memoryless:
                     u = effect.drive(STILL, np.asarray(u, float))
-                elif signals is None:
+                elif record is None:
                     raise ModelError(f"nothing is foretold with the effect {effect.name}")
                 else:
-                    u = effect.drive(signals, np.array([u], float), memory)[0]
+                    u = effect.drive(record, np.array([u], float), memory)[0]
             drives[channel] = u
         return self._taken(drives, row)
 
@@ -253,21 +254,21 @@ class ModelRecursion:
             for t in self.terms
         ]
 
-    def _read(self, signals: Record) -> dict[str, float]:
+    def _read(self, record: Record) -> dict[str, float]:
         """The outputs of the moment; the loss of heat until the next row follows from them."""
         sums = self.now()
         if not self._losses and not self._readings:
             return sums
         outputs = {name: np.array([value]) for name, value in sums.items()}
-        rates = [effect.loss(signals, outputs, memory) for effect, memory in self._losses]
+        rates = [effect.loss(record, outputs, memory) for effect, memory in self._losses]
         self._rate = float(sum(rate[0] for rate in rates if rate is not None))
         for effect, memories in self._readings:
             outputs = {
-                name: effect.output(name, outputs, signals, memories[name]) for name in outputs
+                name: effect.output(name, outputs, record, memories[name]) for name in outputs
             }
         return {name: float(values[0]) for name, values in outputs.items()}
 
-    def _memories(self) -> list[Memory]:
+    def _memories(self) -> list[dict[str, Any]]:
         """Of all effects, in one order."""
         drives = [memory for _, effects in self._drives for _, memory in effects]
         readings = [m for _, memories in self._readings for m in memories.values()]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import make_dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -149,164 +149,30 @@ class Rational:
         return [(*turn, *place) for turn, place in itertools.product(turns, chosen)]
 
 
-@dataclass(frozen=True)
-class Rational1(Rational):
-    """One lag."""
-
-    K1: float
-    tau1: float
-    delay: float = 0.0
-
-    kind: ClassVar[str] = "rational1"
-    searched: ClassVar[tuple[str, ...]] = ("tau1",)
-    gains: ClassVar[tuple[str, ...]] = ("K1",)
-
-
-@dataclass(frozen=True)
-class Rational2(Rational):
-    """Two lags."""
-
-    K1: float
-    tau1: float
-    K2: float
-    tau2: float
-    delay: float = 0.0
-
-    kind: ClassVar[str] = "rational2"
-    searched: ClassVar[tuple[str, ...]] = ("tau1", "tau2")
-    gains: ClassVar[tuple[str, ...]] = ("K1", "K2")
+def _kind(lags: int, oscillation: bool = False) -> Any:
+    """The class of so many lags, with a damped oscillation or without."""
+    gains, places = (("K", "D"), ("omega", "zeta")) if oscillation else ((), ())
+    lag_gains, taus = ([f"{name}{k}" for k in range(1, lags + 1)] for name in ("K", "tau"))
+    name = f"Oscillation{lags or ''}" if oscillation else f"Rational{lags}"
+    parts = [*gains, *places, *itertools.chain(*zip(lag_gains, taus, strict=True))]
+    oscillating = "one damped oscillation and " if oscillation else ""
+    return make_dataclass(
+        name,
+        [*((part, float) for part in parts), ("delay", float, 0.0)],
+        bases=(Rational,),
+        frozen=True,
+        namespace={
+            "__doc__": f"A response of {oscillating}{lags} lags; see `Rational`.",
+            "__module__": __name__,
+            "kind": name.lower(),
+            "searched": (*places, *taus),
+            "gains": (*gains, *lag_gains),
+        },
+    )
 
 
-@dataclass(frozen=True)
-class Rational3(Rational):
-    """Three lags."""
-
-    K1: float
-    tau1: float
-    K2: float
-    tau2: float
-    K3: float
-    tau3: float
-    delay: float = 0.0
-
-    kind: ClassVar[str] = "rational3"
-    searched: ClassVar[tuple[str, ...]] = ("tau1", "tau2", "tau3")
-    gains: ClassVar[tuple[str, ...]] = ("K1", "K2", "K3")
-
-
-@dataclass(frozen=True)
-class Rational4(Rational):
-    """Four lags."""
-
-    K1: float
-    tau1: float
-    K2: float
-    tau2: float
-    K3: float
-    tau3: float
-    K4: float
-    tau4: float
-    delay: float = 0.0
-
-    kind: ClassVar[str] = "rational4"
-    searched: ClassVar[tuple[str, ...]] = ("tau1", "tau2", "tau3", "tau4")
-    gains: ClassVar[tuple[str, ...]] = ("K1", "K2", "K3", "K4")
-
-
-@dataclass(frozen=True)
-class Rational5(Rational):
-    """Five lags."""
-
-    K1: float
-    tau1: float
-    K2: float
-    tau2: float
-    K3: float
-    tau3: float
-    K4: float
-    tau4: float
-    K5: float
-    tau5: float
-    delay: float = 0.0
-
-    kind: ClassVar[str] = "rational5"
-    searched: ClassVar[tuple[str, ...]] = ("tau1", "tau2", "tau3", "tau4", "tau5")
-    gains: ClassVar[tuple[str, ...]] = ("K1", "K2", "K3", "K4", "K5")
-
-
-@dataclass(frozen=True)
-class Rational6(Rational):
-    """Six lags."""
-
-    K1: float
-    tau1: float
-    K2: float
-    tau2: float
-    K3: float
-    tau3: float
-    K4: float
-    tau4: float
-    K5: float
-    tau5: float
-    K6: float
-    tau6: float
-    delay: float = 0.0
-
-    kind: ClassVar[str] = "rational6"
-    searched: ClassVar[tuple[str, ...]] = ("tau1", "tau2", "tau3", "tau4", "tau5", "tau6")
-    gains: ClassVar[tuple[str, ...]] = ("K1", "K2", "K3", "K4", "K5", "K6")
-
-
-@dataclass(frozen=True)
-class Oscillation(Rational):
-    """One damped oscillation."""
-
-    K: float
-    D: float
-    omega: float
-    zeta: float
-    delay: float = 0.0
-
-    kind: ClassVar[str] = "oscillation"
-    searched: ClassVar[tuple[str, ...]] = ("omega", "zeta")
-    gains: ClassVar[tuple[str, ...]] = ("K", "D")
-
-
-@dataclass(frozen=True)
-class Oscillation1(Rational):
-    """One damped oscillation and one lag."""
-
-    K: float
-    D: float
-    omega: float
-    zeta: float
-    K1: float
-    tau1: float
-    delay: float = 0.0
-
-    kind: ClassVar[str] = "oscillation1"
-    searched: ClassVar[tuple[str, ...]] = ("omega", "zeta", "tau1")
-    gains: ClassVar[tuple[str, ...]] = ("K", "D", "K1")
-
-
-@dataclass(frozen=True)
-class Oscillation2(Rational):
-    """One damped oscillation and two lags."""
-
-    K: float
-    D: float
-    omega: float
-    zeta: float
-    K1: float
-    tau1: float
-    K2: float
-    tau2: float
-    delay: float = 0.0
-
-    kind: ClassVar[str] = "oscillation2"
-    searched: ClassVar[tuple[str, ...]] = ("omega", "zeta", "tau1", "tau2")
-    gains: ClassVar[tuple[str, ...]] = ("K", "D", "K1", "K2")
-
+Rational1, Rational2, Rational3, Rational4, Rational5, Rational6 = (_kind(k) for k in range(1, 7))
+Oscillation, Oscillation1, Oscillation2 = (_kind(k, True) for k in range(3))
 
 # By their number of lags and of oscillations.
 KINDS: dict[tuple[int, int], Any] = {
