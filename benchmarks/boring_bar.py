@@ -35,7 +35,7 @@ from thermaltool.control.fcc import ActuatorModel, ActuatorState, Forecaster, Fo
 from thermaltool.control.hysteresis import PrandtlIshlinskii
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.fitting.actuator import identify_actuator
-from thermaltool.plants.boring_bar import PARTS, SECTIONS, BarParameters, Part, build
+from thermaltool.plants.boring_bar import PARTS, SECTIONS, BarParameters, Workpiece, build
 from thermaltool.timeseries.recursive.arma import RecursiveArma
 from thermaltool.timeseries.recursive.direct import DirectForecast
 
@@ -124,7 +124,7 @@ def controller(variant: Variant, speed: float, seed: np.random.SeedSequence) -> 
 class Case:
     """A part at a speed, cut with a draw of all noise."""
 
-    part: Part
+    part: Workpiece
     speed: float
     seed: np.random.SeedSequence
 
@@ -257,7 +257,7 @@ def print_table(title: str, rows: dict[str, np.ndarray]) -> None:
 
 
 def print_shares(
-    sections: list[Part], seeds: list[np.random.SeedSequence], pool: ProcessPoolExecutor
+    sections: list[Workpiece], seeds: list[np.random.SeedSequence], pool: ProcessPoolExecutor
 ) -> None:
     """The sections at 600 rpm, with the blank's lobes of other sizes."""
     print("\n**Taper, sections A to D, 600 rpm: lobes of the blank of other sizes**\n")

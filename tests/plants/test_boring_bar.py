@@ -15,12 +15,14 @@ from thermaltool.plants.boring_bar import (
     SECTIONS,
     TAPER_SLOPE,
     BarParameters,
-    Part,
+    Workpiece,
     build,
 )
 
 BAR = build()
-SMOOTH = Part(depth=150.0, lobes={}, force_noise=0.0, spindle_lobes={}, spindle_noise=0.0, feed=0.0)
+SMOOTH = Workpiece(
+    depth=150.0, lobes={}, force_noise=0.0, spindle_lobes={}, spindle_noise=0.0, feed=0.0
+)
 PERIOD = BarParameters().period
 
 

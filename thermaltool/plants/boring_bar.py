@@ -16,9 +16,9 @@ measured 80 Hz. Noise of the gauges, 0.02 µm: ±2 standard deviations are the r
 
 Chosen, for nothing is printed: one sample of computing; hysteresis of about 12 % of the stroke
 (usual for a stack in open loop), by Bouc and Wen's law, which no model of the tool uses; how the
-force varies (`Part`), scaled so that the four uncompensated sections of the taper are as far from
-round as the printed ones in the mean (6.65 µm; over sixteen draws it is 7.0); the spindle's own
-error, which no gauge on the bar can see.
+force varies (`Workpiece`), scaled so that the four uncompensated sections of the taper are as far
+from round as the printed ones in the mean (6.65 µm; over sixteen draws it is 7.0); the spindle's
+own error, which no gauge on the bar can see.
 
 Left out: regeneration (a finishing cut takes fresh material each revolution), the axial direction,
 and wear.
@@ -68,7 +68,7 @@ class BarParameters:
 
 
 @dataclass(frozen=True)
-class Part:
+class Workpiece:
     """What is cut: the radial depth, and all that varies it.
 
     Attributes
@@ -105,12 +105,14 @@ class Part:
 # Sections of the taper, 6 mm apart: the printed depths of cut on the diameter, halved [µm].
 SECTIONS = {"A": 117.5, "B": 152.0, "C": 186.5, "D": 221.0}
 PARTS = {
-    "straight": Part(),
-    "taper": Part(depth=SECTIONS["A"], taper=TAPER_SLOPE),
+    "straight": Workpiece(),
+    "taper": Workpiece(depth=SECTIONS["A"], taper=TAPER_SLOPE),
     # Unevenly clamped for its eccentricity, so more oval than lobed.
-    "eccentric": Part(eccentricity=100.0, lobes={2: 60.0, 3: 15.0}),
+    "eccentric": Workpiece(eccentricity=100.0, lobes={2: 60.0, 3: 15.0}),
     # Off the wall, farther than the piezo reaches.
-    "none": Part(depth=-1000.0, lobes={}, force_noise=0.0, spindle_lobes={}, spindle_noise=0.0),
+    "none": Workpiece(
+        depth=-1000.0, lobes={}, force_noise=0.0, spindle_lobes={}, spindle_noise=0.0
+    ),
 }
 
 
@@ -159,7 +161,7 @@ class BoringBar:
 
     def cut(
         self,
-        part: Part,
+        part: Workpiece,
         speed: float,
         samples: int,
         controller: Controller | None = None,
@@ -170,7 +172,7 @@ class BoringBar:
 
         Parameters
         ----------
-        part : Part
+        part : Workpiece
         speed : float [rev/min]
         samples : int
         controller : callable
@@ -287,7 +289,7 @@ def _converted(value: float, full: float, bits: int) -> float:
 
 
 def _disturbances(
-    part: Part, p: BarParameters, time: Array, angle: Array, rng: np.random.Generator
+    part: Workpiece, p: BarParameters, time: Array, angle: Array, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Depth of the wall [µm], factor of the force, error of the spindle [µm]."""
     turn = 2 * np.pi * angle

@@ -44,7 +44,7 @@ _TINY = 1e-6  # smaller than any feature of the mesh [m]
 
 
 @dataclass(frozen=True)
-class Pad:
+class PadArea:
     """Rectangle on each side wall of the column through which heat enters: x and y ranges [m]."""
 
     x: tuple[float, float]
@@ -64,7 +64,7 @@ class FrameGeometry:
     wall: float = 0.006
     length: float = 0.35
     height: float = 0.8
-    pad: Pad = Pad((0.05, 0.09), (0.39, 0.5))
+    pad: PadArea = PadArea((0.05, 0.09), (0.39, 0.5))
     tool: float = 0.26
     film_coefficient: float = 13.5
     full_power: float = 85.0

@@ -24,7 +24,7 @@ Columns = dict[str, Array]
 AIR, HEAT, COMMAND = "T_ambient_degC", "Q_main_1", "U_command_V"
 
 
-class Log(Protocol):
+class InputLog(Protocol):
     """What is taken of a log."""
 
     @property
@@ -38,7 +38,7 @@ class Log(Protocol):
 class Read(Protocol):
     """From a file, or ``-`` for stdin, and the channels that it must have to a log."""
 
-    def __call__(self, source: str, *, need: Sequence[str]) -> Log: ...
+    def __call__(self, source: str, *, need: Sequence[str]) -> InputLog: ...
 
 
 def run(
