@@ -27,6 +27,7 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
 import hidden_effects as study
 import hidden_scoring as scoring
+import hidden_tables as tables
 
 HALVES = np.random.SeedSequence(20261121).spawn(2)
 FORMS = [(effect, form) for effect in EFFECTS for form in (None, *VARIANTS.get(effect, ()))]
@@ -41,7 +42,7 @@ def scores_of(half: int):
     """20 logs with an effect and 6 clean ones, of two machines."""
     generator = np.random.default_rng(HALVES[half])
     machines = generator.integers(2**31, size=(2, 2)).tolist()
-    names = [*islice(study.in_turn(generator, study.SIZED), 20), *[None] * 6]
+    names = [*islice(study.in_turn(generator, tables.SIZED), 20), *[None] * 6]
     for k, name in enumerate(names):
         form = (None, *VARIANTS.get(name, ()))[generator.integers(1 + len(VARIANTS.get(name, ())))]
         machine, seed = machines[k % 2][0], int(generator.integers(2**31))
@@ -56,7 +57,7 @@ def check_half(half: int):
         error = "" if s.error is None else f", error {s.error:.2f}"
         print(f"{s.trial.effects} {s.trial.variant}: {s.named}{error}, {s.seconds:.1f} s")
     assert not [s.failure for s in scores if s.failure]
-    hidden = study.of_size(scores, 5.0)
+    hidden = tables.of_size(scores, 5.0)
     clean = [s for s in scores if s.trial.group == "clean"]
     assert len(hidden) >= 18
     assert len(clean) == 6
@@ -154,11 +155,11 @@ def test_a_fit_that_was_told_reaches_the_noise_where_it_has_not_seen_it():
 
 
 def test_effects_take_turns_and_seeds_repeat():
-    trials = study.draw(38, study.SIZES, 5)
-    assert trials == study.draw(38, study.SIZES, 5)
-    assert trials != study.draw(38, study.SIZES, 6)
+    trials = study.draw(38, tables.SIZES, 5)
+    assert trials == study.draw(38, tables.SIZES, 5)
+    assert trials != study.draw(38, tables.SIZES, 6)
     five = [t.effects[0] for t in trials if t.group == "size 5"]
-    assert sorted(five) == sorted(2 * study.SIZED)
+    assert sorted(five) == sorted(2 * tables.SIZED)
     pairs = [t.effects for t in trials if t.group == "pair"]
     assert all(a != b for a, b in pairs)
     assert len(pairs) == 8
@@ -176,7 +177,7 @@ def test_effects_take_turns_and_seeds_repeat():
     ],
 )
 def test_wilson_against_a_published_table(hits, count, low, high):
-    assert study.wilson(hits, count) == pytest.approx((low, high), abs=1e-4)
+    assert tables.wilson(hits, count) == pytest.approx((low, high), abs=1e-4)
 
 
 def test_what_is_missed_is_told_and_a_failure_is_a_wrong_answer():
@@ -184,7 +185,7 @@ def test_what_is_missed_is_told_and_a_failure_is_a_wrong_answer():
     right = scoring.Score(trial, (5.0,), (("sensor_gain", "dT_far_K"),), True, True, True, True)
     broken = scoring.Score(trial, failure="FitError: no")
     small = scoring.Score(trial, (2.0,))
-    lines = {line.what: line for line in study.requirements([*[right] * 8, broken, broken, small])}
+    lines = {line.what: line for line in tables.requirements([*[right] * 8, broken, broken, small])}
     line = lines["5 × noise: right cause first"]
     assert (line.value, line.count, line.reached) == (0.8, 10, False)
     assert line.cells()[-1] == "**no**"

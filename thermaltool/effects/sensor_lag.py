@@ -24,7 +24,7 @@ class SensorLag(Effect):
         "amplifier"
     )
     signature: ClassVar[str] = "the residual of one output is minus its own slope, smoothed"
-    source: ClassVar[str] = "Doebelin, Record Systems, ch. 3 (first-order instrument)"
+    source: ClassVar[str] = "Doebelin, Measurement Systems, ch. 3 (first-order instrument)"
     causal: ClassVar[bool] = True
     known: ClassVar = {"time_constant": Parameter("s", low=0.0, high=1e6, log=True)}
 
