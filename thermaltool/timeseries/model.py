@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.documents import (
+    ARMA,
+    Part,
+    above_zero,
+    finite,
+    items,
+    mapping,
+    to_json,
+)
+from thermaltool.documents import text as text_of
 from thermaltool.errors import ModelError
 from thermaltool.timeseries.criteria import Entry
 from thermaltool.timeseries.polynomials import is_stationary
 
 Array = NDArray[np.float64]
 
-FORMAT, VERSION = "thermaltool-arma", 1
+MAX_DIFFERENCE = 3  # higher ones only enlarge the noise
 
 
 @dataclass(frozen=True)
@@ -74,8 +83,8 @@ def to_document(model: ArmaModel) -> dict[str, Any]:
     """The model as plain data."""
     entry = model.entry
     return {
-        "format": FORMAT,
-        "version": VERSION,
+        "format": ARMA.name,
+        "version": ARMA.version,
         "channel": model.channel,
         "period_s": model.period_s,
         "difference": model.difference,
@@ -100,7 +109,7 @@ def to_document(model: ArmaModel) -> dict[str, Any]:
 
 def dumps(model: ArmaModel) -> str:
     """JSON text, sorted keys, no NaN."""
-    return json.dumps(to_document(model), sort_keys=True, indent=1, allow_nan=False) + "\n"
+    return to_json(to_document(model))
 
 
 def loads(text: str, name: str = "<model>") -> ArmaModel:
@@ -109,65 +118,83 @@ def loads(text: str, name: str = "<model>") -> ArmaModel:
     Raises
     ------
     ModelError
-        Not such a document, a newer version, or numbers that do not fit together.
+        Not such a document, a newer version, or numbers that do not fit together; each names the
+        source and the field.
     """
+    document = ARMA.loads(text, name)
     try:
-        document = json.loads(text)
-        if document["format"] != FORMAT:
-            raise ModelError(f"{name}: format {document['format']!r} is not {FORMAT}")
-        if document["version"] > VERSION:
-            raise ModelError(
-                f"{name}: version {document['version']} is newer than this thermaltool"
-            )
-        return _load(document)
-    except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
-        if isinstance(error, ModelError):
-            raise
-        raise ModelError(f"{name}: not what thermaltool fit -o writes: {error}") from error
+        return _model_of(Part(document))
+    except ModelError as error:
+        raise ModelError(f"{name}: not {ARMA.noun}: {error}") from error
 
 
-def _load(document: Mapping[str, Any]) -> ArmaModel:
-    ar, ma = _vector(document["ar"]), _vector(document["ma"])
-    fit, trend = document["fit"], _vector(document["trend"])
-    sigma2, period = float(document["sigma2"]), float(document["period_s"])
-    if not (sigma2 > 0.0 and np.isfinite(sigma2) and period > 0.0):
-        raise ValueError("sigma2 and period_s must be numbers above 0")
-    if not (is_stationary(ar) and is_stationary(-ma)):
-        raise ValueError("ar is not stationary, or ma not invertible")
-    covariance = document["covariance"]
-    size = int(fit["samples"])
-    if size < 1 or document["difference"] not in range(4):
-        raise ValueError("samples must be above 0, difference 0 to 3")
+def _model_of(part: Part) -> ArmaModel:
+    """The model in the fields of a document."""
+    ar, ma = part.read("ar", _stationary), part.read("ma", _invertible)
+    trend, size = part.read("trend", _vector), ar.size + ma.size
+    fit = part.part("fit")
+    samples = fit.read("samples", _whole(1))
     return ArmaModel(
-        channel=str(document["channel"]),
-        period_s=period,
-        difference=int(document["difference"]),
+        channel=part.read("channel", text_of),
+        period_s=part.read("period_s", above_zero),
+        difference=part.read("difference", _whole(0, MAX_DIFFERENCE)),
         ar=ar,
         ma=ma,
         trend=tuple(trend.tolist()),
-        trend_covariance=np.array(document["trend_covariance"], float).reshape(
-            trend.size, trend.size
-        ),
-        sigma2=sigma2,
-        covariance=None
-        if covariance is None
-        else np.array(covariance, float).reshape(ar.size + ma.size, ar.size + ma.size),
+        trend_covariance=part.read("trend_covariance", _square(trend.size)),
+        sigma2=part.read("sigma2", above_zero),
+        covariance=part.read("covariance", _square(size), None),
         entry=Entry(
             ar.size,
             ma.size,
-            -2.0 * float(fit["loglik"]),
-            float(fit["square_sum"]) / size,
-            size,
+            -2.0 * fit.read("loglik", finite),
+            fit.read("square_sum", finite) / samples,
+            samples,
             trend.size,
             True,
         ),
-        method=str(fit["method"]),
-        provenance=document.get("provenance", {}),
+        method=fit.read("method", text_of),
+        provenance=part.read("provenance", mapping, {}),
     )
 
 
 def _vector(values: Any) -> Array:
-    vector = np.array(values, dtype=float)
-    if vector.ndim != 1 or not np.isfinite(vector).all():
-        raise ValueError("coefficients must be a list of numbers")
-    return vector
+    return np.array([finite(value) for value in items(values)], dtype=float)
+
+
+def _stationary(values: Any) -> Array:
+    ar = _vector(values)
+    if not is_stationary(ar):
+        raise ModelError("not stationary")
+    return ar
+
+
+def _invertible(values: Any) -> Array:
+    ma = _vector(values)
+    if not is_stationary(-ma):
+        raise ModelError("not invertible")
+    return ma
+
+
+def _square(size: int) -> Callable[[Any], Array]:
+    """A reader of a matrix, ndarray (size, size)."""
+
+    def reader(rows: Any) -> Array:
+        matrix = np.array([_vector(row) for row in items(rows)], dtype=float)
+        if matrix.size != size**2:
+            raise ModelError(f"not a matrix of {size} rows and columns")
+        return matrix.reshape(size, size)
+
+    return reader
+
+
+def _whole(low: int, high: int | None = None) -> Callable[[Any], int]:
+    """A reader of a whole number within bounds."""
+
+    def reader(value: Any) -> int:
+        number = finite(value)
+        if number != int(number) or number < low or (high is not None and number > high):
+            raise ModelError(f"not a whole number from {low} to {'any' if high is None else high}")
+        return int(number)
+
+    return reader
