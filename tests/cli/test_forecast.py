@@ -158,7 +158,8 @@ def test_a_stream_to_parquet_is_a_readable_file(fitted, log, tmp_path):
     assert table.column_names == lines[0].split(",")
     rows = [[float(cell) for cell in line.split(",")] for line in lines[1:]]
     np.testing.assert_array_equal(np.column_stack([c.to_numpy() for c in table.columns]), rows)
-    assert read_series(str(path), "forecast_T_room_degC").values.size == 300
+    record, counted = read_series(str(path), "forecast_T_room_degC")
+    assert (len(record), counted) == (300, False)
 
 
 def test_a_stream_to_parquet_that_is_ended_by_a_signal_is_whole(fitted, log, tmp_path):

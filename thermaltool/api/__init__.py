@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from thermaltool.api.arma import *  # noqa: F403
     from thermaltool.api.calibration import *  # noqa: F403
     from thermaltool.api.compensator import *  # noqa: F403
     from thermaltool.api.diagnosis import *  # noqa: F403
@@ -17,11 +18,13 @@ if TYPE_CHECKING:
     from thermaltool.api.laplace_inversion import *  # noqa: F403
     from thermaltool.api.log_check import *  # noqa: F403
     from thermaltool.api.noise_report import *  # noqa: F403
+    from thermaltool.api.orders import *  # noqa: F403
     from thermaltool.api.result import *  # noqa: F403
     from thermaltool.api.simulation import *  # noqa: F403
 
 # module -> what it offers
 PUBLIC = {
+    "arma": ("ArmaFit", "SeriesForecast", "fit", "forecast"),
     "calibration": (
         "Calibration",
         "calibrate",
@@ -49,6 +52,7 @@ PUBLIC = {
         "NoiseReport",
         "noise",
     ),
+    "orders": ("OrderReport", "order"),
     "result": ("to_frame",),
     "simulation": (
         "Simulation",

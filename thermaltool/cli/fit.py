@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import click
 
 from thermaltool.cli.options import json_option, log_argument
-from thermaltool.cli.series import model_options, one_thread, series_options
+from thermaltool.cli.series import column_of, model_options, one_thread, series_options
 
 METHODS = (
     "ml", "burg", "yule-walker", "least-squares", "hannan-rissanen", "innovations"
 )  # fmt: skip
 
 
-# As `order` goes.
-LARGEST = 200
+# As far as `order` goes.
+MAX_ORDER = 200
 
 
 class Order(click.ParamType):
+    """P or P,Q."""
+
     name = "P,Q"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
@@ -27,8 +28,8 @@ class Order(click.ParamType):
             return value
         p, comma, q = value.partition(",")
         if value.isascii() and p.strip().isdigit() and (q.strip().isdigit() or not comma):
-            if max(int(p), int(q or 0)) > LARGEST:
-                self.fail(f"{value!r}: orders go up to {LARGEST}", param, ctx)
+            if max(int(p), int(q or 0)) > MAX_ORDER:
+                self.fail(f"{value!r}: orders go up to {MAX_ORDER}", param, ctx)
             return int(p), int(q or 0)
         self.fail(f"{value!r} is not {self.name}", param, ctx)
 
@@ -71,52 +72,20 @@ def command(log: str, order: tuple[int, int] | None, method: str, long_order: in
     The table goes to stdout, the model to -o. Likelihood and criteria are exact for every method.
     """
     one_thread()
-    from thermaltool.cli.messages import warn
+    from thermaltool import api
+    from thermaltool.cli.messages import command_line, warn
     from thermaltool.cli.options import keep_inputs
-    from thermaltool.cli.series import load_series, place_of, screened_series
-    from thermaltool.documents import atomic_output, write_json
-    from thermaltool.errors import FitError
-    from thermaltool.report.orders import fit_table, fit_warnings
-    from thermaltool.timeseries.fit import fit_arma
-    from thermaltool.timeseries.model import dumps, to_document
-    from thermaltool.timeseries.order import select_order
-    from thermaltool.timeseries.runs import difference
+    from thermaltool.documents import write_json
 
     if output is not None:
         keep_inputs(output, log)
-    series, period = load_series(log, options)
-    record, degree, differences = screened_series(series, options)
-    place, changed, begin = place_of(record), difference(record, differences), None
-    try:
-        if order is None:
-            largest = 0 if method in METHODS[1:4] else 10
-            table = select_order(changed, 10, largest, degree, ("bic",))
-            best = table.best("bic")
-            order, begin = (best.p, best.q), table.fits[best.p, best.q]
-            warn(f"{place}: order {best.p},{best.q} chosen by BIC")
-        model = fit_arma(
-            record,
-            *order,
-            method=method,
-            degree=degree,
-            difference=differences,
-            period_s=period,
-            long_order=long_order,
-            correct=regressions == "3",
-            begin=begin,
-            provenance={
-                "logs": [{"name": record.name, "sha256": record.digest}],
-                "command": "thermaltool " + " ".join(sys.argv[1:]),
-            },
-        )
-    except FitError as error:
-        raise FitError(f"{place}: {error}") from error
-    for message in fit_warnings(model, changed, degree):
-        warn(f"{place}: {message}")
+    result = api.fit(
+        log, column_of(options), order, method=method, long_order=long_order,
+        correct=regressions == "3", level=level, command=command_line(), warn=warn, **options,
+    )  # fmt: skip
     if output is not None:
-        with atomic_output(output) as stream:
-            stream.write(dumps(model).encode())
+        write_json(result.document(), output)
     if as_json:
-        write_json(to_document(model), "-")
+        write_json(result.document(), "-")
     elif output != "-":
-        click.echo(fit_table(model, level))
+        click.echo(result.table())

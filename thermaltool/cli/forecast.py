@@ -22,8 +22,11 @@ if TYPE_CHECKING:
     from thermaltool.runtime.process import Process
     from thermaltool.timeseries.model import ArmaModel
 
-# A log's period may differ from the model's by this share.
-SAME_PERIOD = 0.05
+# What the forecast of a log takes; the rest is for --stream.
+BATCH_OPTIONS = (
+    "column", "columns", "from_format", "level", "max_gap", "outliers", "period", "start", "steps",
+    "stop",
+)  # fmt: skip
 
 
 @click.command(
@@ -76,35 +79,13 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
 
 
 def _batch(model: ArmaModel, log: str, output: str, options: dict[str, Any]) -> None:
-    import numpy as np
-
+    from thermaltool import api
     from thermaltool.cli.messages import warn
-    from thermaltool.cli.series import load_series, place_of, warn_outliers
-    from thermaltool.errors import LogError
     from thermaltool.logs import write_table
-    from thermaltool.timeseries.forecast import forecast
-    from thermaltool.timeseries.runs import runs, without
-    from thermaltool.timeseries.screening import find_outliers
 
-    record, period = load_series(log, options)
-    if abs(period / model.period_s - 1.0) > SAME_PERIOD:
-        raise LogError(
-            f"the model has a period of {model.period_s:g} s, the log {period:g} s", record.name
-        )
-    if options["outliers"] == "omit":
-        outliers = find_outliers(record)
-        warn_outliers(record, outliers)
-        record = without(record, outliers)
-    behind = len(record) - runs(record)[-1].stop
-    if behind:
-        warn(f"{place_of(record)}: the last {behind} samples are missing: forecast")
-    (channel,), steps = record.columns, options["steps"]
-    ahead = forecast(model, record, behind + steps, options["level"])
-    time = np.round(record.time[-1] + period * np.arange(1, steps + 1), 9)
-    columns = {"time_s": time, f"forecast_{channel}": ahead.value[behind:],
-               f"low_{channel}": ahead.low[behind:],
-               f"high_{channel}": ahead.high[behind:]}  # fmt: skip
-    write_table(columns, output, options["to_format"])
+    given = {name: options[name] for name in BATCH_OPTIONS}
+    result = api.forecast(model, log, warn=warn, **given)
+    write_table(result.columns(), output, options["to_format"])
 
 
 def _stream(model: ArmaModel, log: str, quiet: int, options: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from thermaltool.cli.options import POSITIVE, json_option, log_argument
-from thermaltool.cli.series import model_options, one_thread, series_options
+from thermaltool.cli.series import column_of, model_options, one_thread, series_options
 
 
 @click.command(
@@ -43,39 +43,25 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
     the order of a process more often.
     """
     one_thread()
+    from thermaltool import api
     from thermaltool.cli.messages import warn
-    from thermaltool.cli.options import keep_inputs
-    from thermaltool.cli.series import load_series, place_of, screened_series
-    from thermaltool.documents import atomic_output, write_json
-    from thermaltool.errors import FitError
-    from thermaltool.report.orders import draw_orders, order_document, order_table, order_warnings
-    from thermaltool.report.style import figure_format, render
+    from thermaltool.cli.options import keep_inputs, usage_errors
+    from thermaltool.documents import write_json
+    from thermaltool.report.style import figure_format, write_figure
     from thermaltool.timeseries.criteria import criteria_named
-    from thermaltool.timeseries.order import BUDGET, select_order
-    from thermaltool.timeseries.runs import difference
 
-    try:
-        names = criteria_named(criterion.split(","))
-    except ValueError as error:
-        raise click.UsageError(str(error)) from error
-    kind = figure_format(figure) if figure is not None else None
+    with usage_errors():
+        criteria = criteria_named(criterion.split(","))
     if figure is not None:
+        figure_format(figure)
         keep_inputs(figure, log)
-    series, _ = load_series(log, options)
-    record, degree, order = screened_series(series, options)
-    changed, place = difference(record, order), place_of(record)
-    try:
-        table = select_order(changed, max_p, max_q, degree, names, max(round(effort * BUDGET), 1))
-    except FitError as error:
-        raise FitError(f"{place}: {error}") from error
-    for message in order_warnings(table, names, changed, degree, order):
-        warn(f"{place}: {message}")
-    if figure is not None and kind is not None:
-        title = f"{', '.join(record.columns)}, {record.name}"
-        picture = render(lambda: draw_orders(title, table, names), kind)
-        with atomic_output(figure) as stream:
-            stream.write(picture)
+    result = api.order(
+        log, column_of(options), max_p=max_p, max_q=max_q, criteria=criteria, effort=effort,
+        warn=warn, **options,
+    )  # fmt: skip
+    if figure is not None:
+        write_figure(result.draw, figure)
     if as_json:
-        write_json(order_document(table, names), "-")
+        write_json(result.document(), "-")
     else:
-        click.echo(order_table(table, names))
+        click.echo(result.table())

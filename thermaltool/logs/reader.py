@@ -67,7 +67,7 @@ def read_log(
         a missing value under ``raise``.
     """
     mapping = ColumnMap() if columns is None else read_map(columns)
-    name, digest, table = _open(source, from_format, mapping)
+    name, digest, table = open_source(source, from_format, mapping)
     mapping.check(table.names, name)
     plan = _plan(name, table, mapping)
     cells = table.cells(plan.kinds)
@@ -123,7 +123,7 @@ def as_log(
     return log if max_gap is None else replace(log, segments=segments(log.time, max_gap))
 
 
-def _open(
+def open_source(
     source: str | pandas.DataFrame, from_format: str | None, mapping: ColumnMap
 ) -> tuple[str, str, Table]:
     """The name and digest of an input, and its table."""

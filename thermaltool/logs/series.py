@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from thermaltool.errors import LogError
 from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import ColumnMap
-from thermaltool.logs.formats import format_of, load_format
-from thermaltool.logs.reader import read_log
-from thermaltool.logs.table import Kind, read_source
+from thermaltool.logs.reader import open_source, read_log
+from thermaltool.logs.table import Kind
 from thermaltool.record import Array, Record, hint
 from thermaltool.units import UNITS, clock_unit
+
+if TYPE_CHECKING:
+    import pandas
 
 # Share of the period by which a step may differ from a whole number of periods: jitter, and the
 # rounding of printed times.
@@ -23,7 +25,7 @@ MAX_UNEVENNESS = 0.25
 
 
 def read_series(
-    source: str,
+    source: str | pandas.DataFrame | Record,
     column: str,
     *,
     columns: str | None = None,
@@ -61,7 +63,10 @@ def read_series(
     LogError
         As `read_log`; uneven sampling; no row left.
     """
-    if columns is not None:
+    if isinstance(source, Record):
+        name, digest, lines = source.name, source.digest, np.arange(1, len(source) + 1)
+        time, values, counted = source.time, source.column(column), False
+    elif columns is not None:
         log = read_log(source, columns=columns, from_format=from_format, max_gap=max_gap)
         name, digest, lines = log.name, log.digest, log.lines
         time, values, counted = log.time, log.column(column), False
@@ -123,16 +128,15 @@ def _filled(
 
 
 def _lenient(
-    source: str, column: str, from_format: str | None
+    source: str | pandas.DataFrame, column: str, from_format: str | None
 ) -> tuple[str, str, NDArray[np.intp], Array | None, Array]:
-    raw = read_source(source)
-    table = load_format(format_of(source, from_format)).open_table(raw, ColumnMap())
+    name, digest, table = open_source(source, from_format, ColumnMap())
     if column not in table.names:
-        raise LogError(f"no column {column}{hint(column, table.names)}", raw.name)
+        raise LogError(f"no column {column}{hint(column, table.names)}", name)
     clock, unit = _clock(table.names)
     for k in (table.names.index(column), clock):
         if k is not None and table.names.count(table.names[k]) > 1:
-            raise LogError("this name is there twice", raw.name, table.header_line, table.names[k])
+            raise LogError("this name is there twice", name, table.header_line, table.names[k])
     kinds: list[Kind] = [None] * len(table.names)
     kinds[table.names.index(column)] = "number"
     if clock is not None:
@@ -142,14 +146,14 @@ def _lenient(
         raise cells.problems[0]
     values = cast(Array, cells.values[table.names.index(column)])
     if clock is None:
-        return raw.name, raw.digest, cells.lines, None, values
+        return name, digest, cells.lines, None, values
     if unit != "iso":
         time: Array | None = cast(Array, cells.values[clock]) * UNITS[unit][1]
     else:
-        time = _stamps(raw.name, cast(list[str | None], cells.values[clock]), cells.lines)
+        time = _stamps(name, cast(list[str | None], cells.values[clock]), cells.lines)
     if time is not None and np.isnan(time).any():
-        raise LogError("missing time", raw.name, int(cells.lines[np.argmax(np.isnan(time))]))
-    return raw.name, raw.digest, cells.lines, time, values
+        raise LogError("missing time", name, int(cells.lines[np.argmax(np.isnan(time))]))
+    return name, digest, cells.lines, time, values
 
 
 def _clock(names: list[str]) -> tuple[int | None, str]:

@@ -8,13 +8,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thermaltool.record import Record
-from thermaltool.report.style import CYCLE, MARK, new_figure, plain
+from thermaltool.report.style import (
+    COMPUTED,
+    CYCLE,
+    MARK,
+    Array,
+    new_figure,
+    plain,
+    span_of,
+    time_unit,
+)
 from thermaltool.report.text import aligned
 from thermaltool.timeseries.cancellation import NeedlessPair, needless_pairs
 from thermaltool.timeseries.criteria import CRITERIA, Entry
 from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.model import ArmaModel
 from thermaltool.timeseries.order import OrderTable
+from thermaltool.timeseries.polynomials import characteristic_roots
 from thermaltool.timeseries.roots import Mode, modes, near_unit
 from thermaltool.timeseries.screening import DICKEY_FULLER, unit_root_statistic
 
@@ -209,4 +219,33 @@ def draw_orders(title: str, table: OrderTable, names: Sequence[str]) -> Figure:
         ax.set_yscale("symlog", linthresh=10.0)
         ax.set_ylim(-1.5, 2.0 * max(*shown.values(), 5.0))
     axes[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+    return figure
+
+
+def draw_roots(model: ArmaModel) -> Figure:
+    """AR and MA roots of a model in the unit circle."""
+    figure = new_figure(f"Roots of {model.channel}", 5.0, 4.6)
+    ax = figure.subplots()
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    ax.plot(np.cos(angle), np.sin(angle), color="0.6", lw=0.8)
+    for label, style, roots in (
+        ("AR", "x", characteristic_roots(model.ar)),
+        ("MA", "o", characteristic_roots(-model.ma)),
+    ):
+        ax.plot(roots.real, roots.imag, style, mfc="none", label=label)
+    title = f"{model.channel}: ARMA({model.ar.size},{model.ma.size})"
+    ax.set(title=plain(title), xlabel="real part", ylabel="imaginary part", aspect="equal")
+    ax.legend(loc="best", fontsize=8)
+    return figure
+
+
+def draw_forecast(channel: str, time: Array, value: Array, low: Array, high: Array) -> Figure:
+    """Forecasts of a channel with their interval against the time [s]."""
+    figure = new_figure(f"Forecast of {channel}", 8.0, 3.6)
+    ax = figure.subplots()
+    label, per = time_unit(span_of(time))
+    ax.fill_between(time / per, low, high, color=COMPUTED, alpha=0.2, lw=0, label="interval")
+    ax.plot(time / per, value, ".-", color=COMPUTED, label="forecast")
+    ax.set(xlabel=f"time [{label}]", ylabel=plain(channel))
+    ax.legend(loc="best", fontsize=8)
     return figure

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
 from thermaltool.record import Record
+from thermaltool.signals.whiteness import PortmanteauTest, ljung_box
 from thermaltool.timeseries.ar import ArOrders, burg, least_squares, yule_walker
 from thermaltool.timeseries.criteria import Entry
 from thermaltool.timeseries.hannan import hannan_rissanen
@@ -20,6 +21,7 @@ from thermaltool.timeseries.maximum import Maximum, climb, information
 from thermaltool.timeseries.model import ArmaModel
 from thermaltool.timeseries.polynomials import is_stationary
 from thermaltool.timeseries.runs import difference as differences
+from thermaltool.timeseries.runs import runs
 from thermaltool.timeseries.starts import all_starts
 
 Array = NDArray[np.float64]
@@ -30,7 +32,10 @@ _AR_ONLY: Mapping[str, Callable[[Record, int], ArOrders]] = {
     "yule-walker": yule_walker,
     "least-squares": least_squares,
 }
-METHODS = ("ml", *_AR_ONLY, "hannan-rissanen", "innovations")
+AR_METHODS = tuple(_AR_ONLY)
+METHODS = ("ml", *AR_METHODS, "hannan-rissanen", "innovations")
+# Lags of the innovations that are tested together, or a fifth of the samples.
+MAX_LAGS = 25
 
 # Rounds of the search from several starts: how many go on, and their steps. Most starts lead to
 # the same maximum, and most of the others fall behind soon.
@@ -166,3 +171,24 @@ def _covariance(likelihood: ArmaLikelihood, best: Maximum) -> Array | None:
         return np.asarray(np.linalg.inv(observed), dtype=float)
     except np.linalg.LinAlgError:
         return None
+
+
+def whiteness(model: ArmaModel, changed: Record, degree: int = 0) -> PortmanteauTest:
+    """Ljung-Box test of a model's innovations, over runs and segments as they are.
+
+    Parameters
+    ----------
+    model : ArmaModel
+    changed : Record
+        What it was fitted to, differenced.
+    degree : int
+        Of its trend.
+    """
+    likelihood = ArmaLikelihood(changed, degree)
+    at = likelihood.at(model.ar, model.ma)
+    errors = likelihood.innovations(model.ar, model.ma, at.coefficients)
+    edges = np.cumsum([run.stop - run.start for run in runs(changed)])[:-1]
+    parts = np.split(errors, edges)
+    lags = max(min(MAX_LAGS, likelihood.size // 5), 1)
+    fitted = model.ar.size + model.ma.size
+    return ljung_box(parts, lags, fitted)
