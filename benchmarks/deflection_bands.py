@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from thermaltool.estimation.design_model import DesignModel
-from thermaltool.estimation.estimator import Estimator, SensorNoise, load_estimator, run_estimator
+from thermaltool.estimation.estimator import Estimator, SensorNoise, load_estimator
 from thermaltool.estimation.regularization import best_choice, design_kalman
 from thermaltool.logs import Log, read_log
 from thermaltool.model import loads, relative
@@ -144,8 +144,8 @@ def main() -> int:
                     relative(r, rests[design][s])
                     for r, s in zip(known, estimator.sensors, strict=True)
                 ]
-                best = run_estimator(bounds[estimator.sensors], log.time, np.column_stack(known))
-                ours = run_estimator(estimator, log.time, np.column_stack(shifted))
+                best = bounds[estimator.sensors].run(log.time, np.column_stack(known))
+                ours = estimator.run(log.time, np.column_stack(shifted))
                 (ideal, _), (reached, steady) = band(best, truth), band(ours, truth)
                 rows.append((ideal, reached, reached / ideal, steady))
             ideal, reached, ratio, steady = np.median(np.array(rows), axis=0)

@@ -24,7 +24,7 @@ from stream import Figure, published_machine
 from stream import figures as stream_figures
 
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.estimation.estimator import load_estimator, run_estimator
+from thermaltool.estimation.estimator import load_estimator
 from thermaltool.estimation.kernel import Kernel, Regularization, invert_modes, kernel_table
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.logs import write_table
@@ -156,7 +156,7 @@ def batch_figures(model: Path, folder: Path) -> list[Figure]:
     estimator = load_estimator(dict(loads(model.read_text()).estimator_design()))
     log = folder / "million.parquet"
     write_table(columns, str(log), None)
-    (inside,) = medians(lambda: run_estimator(estimator, time_s, readings), clock=time.process_time)
+    (inside,) = medians(lambda: estimator.run(time_s, readings), clock=time.process_time)
     whole = command("estimate", model, log, "-q", "-o", folder / "estimates.parquet")
     (outside,) = medians(whole, repeats=5)
     return [

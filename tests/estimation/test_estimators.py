@@ -18,7 +18,6 @@ from thermaltool.estimation.estimator import (
     SensorNoise,
     load_estimator,
     predicted_covariance,
-    run_estimator,
 )
 from thermaltool.estimation.kernel import Regularization, invert_modes
 from thermaltool.estimation.regularization import (
@@ -97,7 +96,7 @@ def test_batch_is_stream(estimators, form, periods, seed):
     estimator = estimators[form]
     time = np.cumsum([0.0, *periods])
     readings = np.random.default_rng(seed).normal(3, 1, (len(time), len(estimator.sensors)))
-    batch = run_estimator(estimator, time, readings)
+    batch = estimator.run(time, readings)
     expected = stream(estimator, time, readings)
     np.testing.assert_allclose(batch, expected, rtol=1e-8, atol=1e-9 * np.max(np.abs(expected)))
 
@@ -109,9 +108,7 @@ def test_document_round_trip(estimators, form):
     assert again.document() == estimator.document()
     time = DT * np.arange(300)
     readings = np.random.default_rng(1).standard_normal((300, len(estimator.sensors)))
-    np.testing.assert_array_equal(
-        run_estimator(again, time, readings), run_estimator(estimator, time, readings)
-    )
+    np.testing.assert_array_equal(again.run(time, readings), estimator.run(time, readings))
 
 
 @forms
@@ -119,7 +116,7 @@ def test_steady_state_is_unbiased(estimators, form):
     estimator = estimators[form]
     gains = {"dT_near_K": NEAR.dc_gain(), "dT_far_K": FAR.dc_gain()}
     reading = 0.7 * np.array([gains[name] for name in estimator.sensors])
-    estimates = run_estimator(estimator, DT * np.arange(60_000), np.tile(reading, (60_000, 1)))
+    estimates = estimator.run(DT * np.arange(60_000), np.tile(reading, (60_000, 1)))
     expected = [0.7, 0.7 * BEND.dc_gain()]
     # The drift that a sensor may have takes a share of a constant reading, for a while.
     np.testing.assert_allclose(estimates[-1], expected, rtol=1e-4)
@@ -130,7 +127,7 @@ def test_a_machine_that_has_settled_stays_where_it_is(estimators, form):
     estimator = estimators[form]
     gains = {"dT_near_K": NEAR.dc_gain(), "dT_far_K": FAR.dc_gain()}
     reading = 0.7 * np.array([gains[name] for name in estimator.sensors])
-    estimates = run_estimator(estimator, DT * np.arange(500), np.tile(reading, (500, 1)), True)
+    estimates = estimator.run(DT * np.arange(500), np.tile(reading, (500, 1)), True)
     expected = np.tile([0.7, 0.7 * BEND.dc_gain()], (500, 1))
     np.testing.assert_allclose(estimates, expected, rtol=1e-5)
 
@@ -141,7 +138,7 @@ def test_a_step_is_followed(estimators, form):
     time = DT * np.arange(4000)
     by_name = {"dT_near_K": NEAR, "dT_far_K": FAR}
     readings = np.column_stack([by_name[name].step(time) for name in estimator.sensors])
-    estimates = run_estimator(estimator, time, readings)
+    estimates = estimator.run(time, readings)
     assert np.max(np.abs(estimates[1500:, 0] - 1)) < 0.01
     assert np.max(np.abs(estimates[:, 1] - BEND.step(time))) < 0.05 * BEND.dc_gain()
 
@@ -158,8 +155,7 @@ def test_kernel_estimator_carries_the_deflection_over_its_delay():
     near, shape = machine("dT_near_K"), Regularization(**SMOOTH)
     time = DT * np.arange(3000)
     runs = [
-        run_estimator(near.kernel(shape, 0.05, delay), time, 1e-3 * time[:, None])
-        for delay in (0.0, 40.0)
+        near.kernel(shape, 0.05, delay).run(time, 1e-3 * time[:, None]) for delay in (0.0, 40.0)
     ]
     np.testing.assert_array_equal(runs[0][:, 0], runs[1][:, 0])
     # δ(t) + what the heat known now adds in 40 s: from the source's response to a held input.
@@ -233,7 +229,7 @@ def test_predicted_noise_is_that_of_a_simulation(estimators, form):
         for i in range(1, n):
             drift[i] = stays * drift[i - 1] + kicks[i]
         readings[:, k] = drift + noise.white * rng.standard_normal(n)
-    estimates = run_estimator(estimator, DT * np.arange(n), readings)[5000:]
+    estimates = estimator.run(DT * np.arange(n), readings)[5000:]
     prediction = predict(estimator, trial)
     np.testing.assert_allclose(prediction.heat_sigma, estimates[:, :1].std(0), rtol=0.1)
     np.testing.assert_allclose(prediction.noise_sigma, estimates[:, 1:].std(0), rtol=0.1)
@@ -247,7 +243,7 @@ def test_predicted_lag_error_is_that_of_a_simulation(estimators, form):
     time = DT * np.arange(6000)
     by_name = {"dT_near_K": NEAR, "dT_far_K": FAR}
     readings = np.column_stack([by_name[name].step(time) for name in estimator.sensors])
-    error = run_estimator(estimator, time, readings)[:, 1] - BEND.step(time)
+    error = estimator.run(time, readings)[:, 1] - BEND.step(time)
     assert prediction.lag_error[0] == pytest.approx(np.max(np.abs(error)), rel=0.02)
     half = 3 * prediction.noise_sigma[0]
     band = max(half, error.max()) - min(-half, error.min())

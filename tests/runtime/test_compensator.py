@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from thermaltool.control.setpoint import HYSTERESIS
 from thermaltool.errors import ModelError
-from thermaltool.estimation.estimator import load_estimator, run_estimator
+from thermaltool.estimation.estimator import load_estimator
 from thermaltool.runtime.compensation import setpoint_name
 from thermaltool.runtime.rows.row import Row
 
@@ -29,7 +29,7 @@ def take(compensator, time, reading=None, fault=""):
 
 def test_setpoints_are_the_negative_of_the_batch_estimates(compensator, model):
     time = 0.5 * np.arange(400)
-    estimates = run_estimator(load_estimator(dict(model.design)), time, warming(time)[:, None])
+    estimates = load_estimator(dict(model.design)).run(time, warming(time)[:, None])
     plain, turned = compensator(), compensator(sign=1.0)
     setpoints = np.array([take(plain, float(t)) for t in time])
     np.testing.assert_allclose(setpoints, -estimates[:, 1:], atol=1e-9)

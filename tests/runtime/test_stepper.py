@@ -3,7 +3,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from thermaltool.estimation.estimator import run_estimator
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.stepper import MAX_CACHED_MATRICES, Stepper
 
@@ -33,7 +32,7 @@ def test_stream_equals_batch_for_any_sample_periods(estimator, ticks, seed):
     time = np.concatenate([[0.0], np.cumsum(ticks) * CLOCK_STEP])
     rng = np.random.default_rng(seed)
     readings = rng.normal(3.0, 2.0, (len(time), len(estimator.sensors)))
-    batch = run_estimator(estimator, time, readings)
+    batch = estimator.run(time, readings)
     scale = np.max(np.abs(batch), axis=0) + 1e-9
     assert np.max(np.abs(stream(estimator, time, readings) - batch) / scale) < 1e-9
 
@@ -41,7 +40,7 @@ def test_stream_equals_batch_for_any_sample_periods(estimator, ticks, seed):
 def test_stream_equals_batch_over_a_long_even_record(estimator):
     time = 0.5 * np.arange(5000)
     readings = np.random.default_rng(0).normal(3.0, 0.1, (5000, len(estimator.sensors)))
-    batch = run_estimator(estimator, time, readings)
+    batch = estimator.run(time, readings)
     difference = np.abs(stream(estimator, time, readings) - batch)
     assert np.max(difference / np.max(np.abs(batch), axis=0)) < 1e-9
 

@@ -72,7 +72,14 @@ class Stabilizer:
         self._outputs = self._recursion.start(0.0, self._row(readings, 0.0), settled)
 
     def advance(self, dt: float, readings: Mapping[str, float], power: float) -> None:
-        """Go on by `dt` [s] to new readings; the heater stood at `power` meanwhile."""
+        """Go on by `dt` [s] to new readings; the heater stood at `power` meanwhile.
+
+        Parameters
+        ----------
+        dt : float [s]
+        readings : mapping of channel to float
+        power : float [unit of the heater]
+        """
         self._recursion.amend(self._row(self._last, power))
         self._time += dt
         self._outputs = self._recursion.step(self._time, self._row(readings, power))
@@ -123,6 +130,14 @@ def parts_of(
     model: Model, heater: str, target: str
 ) -> tuple[Drive, tuple[Drive, ...], tuple[Term, ...]]:
     """The heater, the drives that are read, and the terms that act on the target.
+
+    Parameters
+    ----------
+    model : Model
+    heater : str
+        The drive that is set.
+    target : str
+        The output that is held.
 
     Raises
     ------

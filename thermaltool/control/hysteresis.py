@@ -44,14 +44,24 @@ class PrandtlIshlinskii:
         self._plays = [0.0] * len(r)
 
     def value(self, x: float) -> float:
-        """y if x came next; the state stays."""
+        """y if x came next; the state stays.
+
+        Parameters
+        ----------
+        x : float
+        """
         y = 0.0
         for r, w, play in zip(self.thresholds, self.weights, self._plays, strict=True):
             y += w * (x - r if play < x - r else x + r if play > x + r else play)
         return y
 
     def take(self, x: float) -> float:
-        """y after x."""
+        """y after x.
+
+        Parameters
+        ----------
+        x : float
+        """
         plays = self._plays
         for k, r in enumerate(self.thresholds):
             play = plays[k]

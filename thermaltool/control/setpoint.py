@@ -37,6 +37,10 @@ class Limits:
     def on_grid(self, step: float) -> Limits:
         """The outermost multiples of `step` inside the limits; the same limits for step 0.
 
+        Parameters
+        ----------
+        step : float
+
         Raises
         ------
         ValueError
@@ -55,7 +59,14 @@ class Limits:
 
 
 def slewed(value: float, target: float, reach: float) -> float:
-    """`value` moved towards `target` by at most `reach` (≥ 0)."""
+    """`value` moved towards `target` by at most `reach` (≥ 0).
+
+    Parameters
+    ----------
+    value, target : float
+    reach : float
+        At least 0.
+    """
     way = target - value
     return target if abs(way) <= reach else value + math.copysign(reach, way)
 
@@ -65,6 +76,12 @@ def quantized(level: float, wanted: float, step: float) -> float:
 
     It stays until `wanted` is more than (1/2 + `HYSTERESIS`) steps away and then becomes the
     nearest multiple of `step`; so |level − wanted| ≤ 0.75 step always. Step 0 passes `wanted`.
+
+    Parameters
+    ----------
+    level, wanted : float
+    step : float
+        0 for no quantizer.
     """
     if not step:
         return wanted
@@ -108,7 +125,13 @@ class Setpoint:
         self.jump(self.value)
 
     def move(self, wanted: float, dt: float) -> float:
-        """The setpoint `dt` [s] after the last move, on its way to `wanted`."""
+        """The setpoint `dt` [s] after the last move, on its way to `wanted`.
+
+        Parameters
+        ----------
+        wanted : float
+        dt : float [s]
+        """
         if math.isfinite(wanted):
             reach = self.rate * dt if self.rate < math.inf else math.inf
             self.ramp = slewed(self.ramp, self.limits.clip(wanted), reach)
@@ -116,7 +139,12 @@ class Setpoint:
         return self.value
 
     def jump(self, wanted: float) -> float:
-        """The setpoint at once at `wanted`, or at what limits and step allow nearest to it."""
+        """The setpoint at once at `wanted`, or at what limits and step allow nearest to it.
+
+        Parameters
+        ----------
+        wanted : float
+        """
         wanted = self.limits.clip(wanted)
         if self.step:
             wanted = round(round(wanted / self.step) * self.step, DECIMALS)
@@ -124,6 +152,12 @@ class Setpoint:
         return wanted
 
     def resume(self, value: float, ramp: float) -> None:
-        """Stand where an earlier run stood, within these limits."""
+        """Stand where an earlier run stood, within these limits.
+
+        Parameters
+        ----------
+        value, ramp : float
+            As they were.
+        """
         self.jump(value)
         self.ramp = self.limits.clip(ramp)

@@ -68,7 +68,14 @@ class EstimatorDesign:
 
 
 def needs_noise(model: Model, measured: Sequence[str]) -> bool:
-    """Whether the sensors' noise has to be known: a drive is estimated from them."""
+    """Whether the sensors' noise has to be known: a drive is estimated from them.
+
+    Parameters
+    ----------
+    model : Model
+    measured : sequence of str
+        Drives that are read.
+    """
     return bool(model.sensors and {d.channel for d in model.drives} - set(measured))
 
 

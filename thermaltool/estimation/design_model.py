@@ -83,13 +83,23 @@ class DesignModel:
         return (*self.notes, f"read beside the sensors: {', '.join(k.channel for k in self.known)}")
 
     def finished(self, estimator: Estimator) -> Estimator:
-        """An estimator with the columns that are read beside the sensors."""
+        """An estimator with the columns that are read beside the sensors.
+
+        Parameters
+        ----------
+        estimator : Estimator
+        """
         if not self.known:
             return estimator
         return KnownInputEstimator(estimator, self.known, self.to_sensors, self.to_outputs)
 
     def kalman(self, walk: Sequence[float]) -> KalmanEstimator:
-        """The Kalman form for given random-walk rates [unit of the drive/√s]."""
+        """The Kalman form for given random-walk rates [unit of the drive/√s].
+
+        Parameters
+        ----------
+        walk : sequence of float, one for each drive [unit of the drive/√s]
+        """
         return KalmanEstimator(
             self.sensors,
             self.drives,
@@ -213,7 +223,16 @@ class DesignModel:
     def kernel(
         self, regularization: Regularization, cutoff: float, delay: float
     ) -> KernelEstimator:
-        """The kernel form; one sensor, one drive."""
+        """The kernel form; one sensor, one drive.
+
+        Parameters
+        ----------
+        regularization : Regularization
+        cutoff : float [Hz]
+            Of the filter.
+        delay : float [s]
+            Artificial delay.
+        """
         response = self.single()
         inverse = invert_modes(response, regularization)
         if inverse.damping < MIN_DAMPING_RATIO:

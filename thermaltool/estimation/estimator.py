@@ -16,9 +16,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from thermaltool.errors import FitError, ModelError
-from thermaltool.estimation.cached_recursion import CachedRecursion
 from thermaltool.estimation.known_inputs import Feedforward, load_known_inputs
-from thermaltool.responses.modes import Float, Hold, Modes, Recursion, uniform_spans
+from thermaltool.estimation.linear_estimator import LinearEstimator
+from thermaltool.responses.modes import Float, Hold, Modes, Recursion
 from thermaltool.responses.parallel import parallel
 
 # The Kalman gain varies slowly with the sample length: it is solved for on this relative grid.
@@ -40,6 +40,7 @@ class Estimator(Protocol):
     @property
     def estimates(self) -> tuple[str, ...]: ...
     def recursion(self, dt: float) -> Recursion: ...
+    def run(self, time: Float, readings: Float, settled: bool = False) -> Float: ...
     def document(self) -> dict[str, Any]: ...
 
 
@@ -61,7 +62,7 @@ class SensorNoise:
 
 
 @dataclass(frozen=True, eq=False)
-class KalmanEstimator(CachedRecursion):
+class KalmanEstimator(LinearEstimator):
     """Heat as a random walk, responses as exact state space.
 
     Attributes
@@ -125,6 +126,10 @@ class KalmanEstimator(CachedRecursion):
 
     def heated(self, dt: float) -> tuple[Float, dict[str, Float]]:
         """What the drives add to the state through the modes, and what reads outputs off these.
+
+        Parameters
+        ----------
+        dt : float [s]
 
         Returns
         -------
@@ -208,7 +213,7 @@ def predicted_covariance(F: Float, H: Float, Q: Float, R: Float) -> Float:
 
 
 @dataclass(frozen=True, eq=False)
-class KernelEstimator(CachedRecursion):
+class KernelEstimator(LinearEstimator):
     """Regularized inverse, artificial delay, then the deflection responses.
 
     Q̂ = (filter · 1/H_R) ΔT with H_R = H + As/(s+c)² + 2Bs/(s+c)³, (5.55), (5.59). The estimate
@@ -296,6 +301,10 @@ def _above_zero(name: str, values: Sequence[float], owners: tuple[str, ...]) -> 
 def load_estimator(document: dict[str, Any]) -> Estimator:
     """The estimator that `document` (the design of a model file) describes.
 
+    Parameters
+    ----------
+    document : dict
+
     Raises
     ------
     ModelError
@@ -345,28 +354,3 @@ def _load_form(document: dict[str, Any]) -> Estimator:
     if document["form"] == "feedforward":
         return Feedforward(outputs)
     raise ModelError(f"unknown form of estimator: {document['form']!r}")
-
-
-def run_estimator(
-    estimator: Estimator, time: Float, readings: Float, settled: bool = False
-) -> Float:
-    """Estimates for a whole record, equal to the stream's sample by sample.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,) [s], increasing
-    readings : ndarray, shape (n, n_sensors)
-    settled : bool
-        The machine has stood at the first readings for long; else it is at rest there.
-
-    Returns
-    -------
-    estimates : ndarray, shape (n, n_estimates)
-    """
-    out = np.zeros((len(time), len(estimator.estimates)))
-    x = None
-    for rows, dt in uniform_spans(time):
-        if settled and x is None:
-            x = estimator.recursion(dt).settled(readings[0])
-        out[rows], x = estimator.recursion(dt).run(readings[rows], x)
-    return out

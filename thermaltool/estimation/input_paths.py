@@ -40,7 +40,12 @@ class InputPaths:
     outputs: tuple[str, ...]
 
     def response(self, term: Term) -> Modes:
-        """A term as its sensor answers, or as a deflection follows."""
+        """A term as its sensor answers, or as a deflection follows.
+
+        Parameters
+        ----------
+        term : Term
+        """
         modes = term.response.modes(self.dt)
         return modes if term.output in self.outputs else self._read(modes, term.output)
 
@@ -79,7 +84,12 @@ class InputPaths:
                 yield effect
 
     def to(self, targets: tuple[str, ...]) -> tuple[InputPath, ...]:
-        """The paths that end in `targets` (the sensors, or the deflections)."""
+        """The paths that end in `targets` (the sensors, or the deflections).
+
+        Parameters
+        ----------
+        targets : tuple of str
+        """
         paths: list[InputPath] = []
         for term in self.model.terms:
             for source, known in enumerate(self.known):

@@ -45,12 +45,22 @@ class Regularization:
             )
 
     def transfer(self, s: Complex) -> Complex:
-        """As/(s+c)² + 2Bs/(s+c)³: what is added to H."""
+        """As/(s+c)² + 2Bs/(s+c)³: what is added to H.
+
+        Parameters
+        ----------
+        s : ndarray, any shape, complex [rad/s]
+        """
         s = np.asarray(s, complex)
         return self.A * s / (s + self.c) ** 2 + 2 * self.B * s / (s + self.c) ** 3
 
     def slope(self, s: Complex) -> Complex:
-        """Derivative of `transfer` by s."""
+        """Derivative of `transfer` by s.
+
+        Parameters
+        ----------
+        s : ndarray, any shape, complex [rad/s]
+        """
         s, c = np.asarray(s, complex), self.c
         first = self.A * (c - s) / (s + c) ** 3
         return np.asarray(first + 2 * self.B * (c - 2 * s) / (s + c) ** 4)
@@ -109,6 +119,11 @@ class RegularizedInverse:
 
 def invert_modes(response: Modes, regularization: Regularization) -> RegularizedInverse:
     """The inverse of H_R for a response of simple real modes.
+
+    Parameters
+    ----------
+    response : Modes
+    regularization : Regularization
 
     Raises
     ------

@@ -15,7 +15,7 @@ import numpy as np
 
 from thermaltool.effects.band import ScheduleBand, load_band
 from thermaltool.errors import ModelError
-from thermaltool.estimation.cached_recursion import CachedRecursion
+from thermaltool.estimation.linear_estimator import LinearEstimator
 from thermaltool.responses.delay import load_modes
 from thermaltool.responses.modes import Float, Hold, Modes, Recursion
 from thermaltool.responses.parallel import InputPath, parallel
@@ -53,7 +53,7 @@ class KnownInput:
 
 
 @dataclass(frozen=True, eq=False)
-class Feedforward:
+class Feedforward(LinearEstimator):
     """Nothing to estimate: deflections follow from known columns alone."""
 
     outputs: tuple[str, ...]
@@ -63,7 +63,7 @@ class Feedforward:
     def estimates(self) -> tuple[str, ...]:
         return self.outputs
 
-    def recursion(self, dt: float) -> Recursion:
+    def _build(self, dt: float) -> Recursion:
         none = np.zeros((0, 0))
         return Recursion(none, none, none, np.zeros((len(self.outputs), 0)))
 
@@ -73,7 +73,7 @@ class Feedforward:
 
 
 @dataclass(frozen=True, eq=False)
-class KnownInputEstimator(CachedRecursion):
+class KnownInputEstimator(LinearEstimator):
     """An estimator that reads known inputs too.
 
     Attributes
@@ -144,6 +144,12 @@ def _path_document(path: InputPath) -> dict[str, Any]:
 
 def load_known_inputs(inner: Estimator, document: dict[str, Any]) -> KnownInputEstimator:
     """`inner` with the known inputs that its design lists.
+
+    Parameters
+    ----------
+    inner : Estimator
+    document : dict
+        The part "known" of a design.
 
     Raises
     ------

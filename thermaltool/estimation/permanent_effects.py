@@ -60,7 +60,13 @@ class InputColumn:
 
 
 def apply_maps(maps: Iterable[StaticMap], values: Float) -> Float:
-    """`values` through one static map after the other."""
+    """`values` through one static map after the other.
+
+    Parameters
+    ----------
+    maps : iterable of callable
+    values : ndarray, any shape
+    """
     for each in maps:
         passed = each(values)
         assert passed is not None, "examined before"
@@ -69,12 +75,22 @@ def apply_maps(maps: Iterable[StaticMap], values: Float) -> Float:
 
 
 def permanent_effects(model: Model) -> tuple[Effect, ...]:
-    """The effects that are not confined to a log."""
+    """The effects that are not confined to a log.
+
+    Parameters
+    ----------
+    model : Model
+    """
     return tuple(e for e in model.effects if e.log is None)
 
 
 def reading_columns(model: Model) -> dict[str, str]:
-    """Where the reading of each output stands: its own column, unless plugs were swapped."""
+    """Where the reading of each output stands: its own column, unless plugs were swapped.
+
+    Parameters
+    ----------
+    model : Model
+    """
     stands = {o.channel: o.channel for o in model.outputs}
     for effect in permanent_effects(model):
         if effect.side == "wiring" and effect.partner in stands and effect.channel in stands:
@@ -88,17 +104,35 @@ def _sensor_effects(model: Model, sensor: str) -> list[Effect]:
 
 
 def sensor_time_constants(model: Model, sensor: str) -> list[float]:
-    """Time constants with which a sensor follows the truth [s]."""
+    """Time constants with which a sensor follows the truth [s].
+
+    Parameters
+    ----------
+    model : Model
+    sensor : str
+    """
     return [e.lag for e in _sensor_effects(model, sensor) if e.lag > 0]
 
 
 def reading_maps(model: Model, sensor: str) -> tuple[StaticMap, ...]:
-    """Maps from a sensor's reading, relative to rest, to the true value behind it."""
+    """Maps from a sensor's reading, relative to rest, to the true value behind it.
+
+    Parameters
+    ----------
+    model : Model
+    sensor : str
+    """
     return tuple(e.undone for e in reversed(_sensor_effects(model, sensor)) if not e.lag > 0)
 
 
 def drive_maps(model: Model, drive: str) -> tuple[StaticMap, ...]:
-    """Maps from a drive, relative to its reference, to what acts of it at once."""
+    """Maps from a drive, relative to its reference, to what acts of it at once.
+
+    Parameters
+    ----------
+    model : Model
+    drive : str
+    """
     return tuple(partial(e.drive, STILL) for e in _drive_effects(model, drive) if e.memoryless)
 
 
@@ -111,7 +145,13 @@ def _bent(effect: Effect, values: Float) -> Float:
 
 
 def estimate_maps(model: Model, estimate: str) -> tuple[StaticMap, ...]:
-    """Maps of an estimate: to drives as they are logged, to deflections as they bend."""
+    """Maps of an estimate: to drives as they are logged, to deflections as they bend.
+
+    Parameters
+    ----------
+    model : Model
+    estimate : str
+    """
     bends = [e for e in permanent_effects(model) if e.side == "structure" and e.channel == estimate]
     acting = reversed(_drive_effects(model, estimate))
     before = (e.undone for e in acting if e.undone(STILL.time) is not None)
@@ -120,6 +160,11 @@ def estimate_maps(model: Model, estimate: str) -> tuple[StaticMap, ...]:
 
 def noise_amplification(model: Model, sensor: str) -> float:
     """Largest slope of the true value over the reading, in the calibrated range.
+
+    Parameters
+    ----------
+    model : Model
+    sensor : str
 
     Raises
     ------
@@ -200,6 +245,12 @@ def _examine_order(model: Model, sensor: str) -> None:
 
 
 def refuse(effect: Effect, why: str) -> NoReturn:
-    """Say by name which effect cannot be had, and why."""
+    """Say by name which effect cannot be had, and why.
+
+    Parameters
+    ----------
+    effect : Effect
+    why : str
+    """
     place = f" of {effect.channel}" if effect.channel else ""
     raise ModelError(f"the model's effect {effect.name}{place}: {why}")

@@ -17,7 +17,6 @@ from thermaltool.estimation.estimator import (
     Estimator,
     KalmanEstimator,
     load_estimator,
-    run_estimator,
 )
 from thermaltool.estimation.known_inputs import KnownInput, KnownInputEstimator
 from thermaltool.estimation.permanent_effects import (
@@ -76,6 +75,10 @@ class EstimatorPipeline:
     @staticmethod
     def of(model: Model) -> EstimatorPipeline:
         """The pipeline that a model's design asks for.
+
+        Parameters
+        ----------
+        model : Model
 
         Raises
         ------
@@ -151,10 +154,7 @@ class EstimatorPipeline:
         for k, each in enumerate(self.inputs):
             share = 1.0 if each.band is None else each.band.share(true_values[:, each.chooser])
             taken[:, k] = acting[each.column] * share
-        if isinstance(self.estimator, VariableCoolingEstimator):
-            estimates = self.estimator.run(time, taken, settled)
-        else:
-            estimates = run_estimator(self.estimator, time, taken, settled)
+        estimates = self.estimator.run(time, taken, settled)
         for k, maps in enumerate(self.estimate_maps):
             estimates[:, k] = apply_maps(maps, estimates[:, k])
         return estimates
@@ -166,7 +166,13 @@ class EstimatorPipeline:
         return not mapped and all(each.band is None for each in self.inputs)
 
     def estimator_inputs(self, true_values: Sequence[float]) -> list[float]:
-        """What the estimator takes of the true values of one sample."""
+        """What the estimator takes of the true values of one sample.
+
+        Parameters
+        ----------
+        true_values : sequence of float
+            Of the input columns, relative to rest.
+        """
         maps = (each.to_acting for each in self.input_columns)
         acting = [_at_once(each, value) for each, value in zip(maps, true_values, strict=True)]
         return [
@@ -177,7 +183,12 @@ class EstimatorPipeline:
         ]
 
     def given_out(self, estimates: Sequence[float]) -> list[float]:
-        """What is given out of the estimates of one sample."""
+        """What is given out of the estimates of one sample.
+
+        Parameters
+        ----------
+        estimates : sequence of float
+        """
         pairs = zip(self.estimate_maps, estimates, strict=True)
         return [_at_once(maps, value) for maps, value in pairs]
 

@@ -68,6 +68,11 @@ def predict(estimator: Estimator, problem: DesignModel) -> Prediction:
 
     A step of each drive in turn (the widest counts) gives the lag error; the response to an
     impulse on each sensor gives the noise.
+
+    Parameters
+    ----------
+    estimator : Estimator
+    problem : DesignModel
     """
     dt, heats = problem.dt, len(problem.drives)
     recursion = estimator.recursion(dt)
@@ -104,7 +109,13 @@ def predict(estimator: Estimator, problem: DesignModel) -> Prediction:
 
 
 def relative_band(prediction: Prediction, problem: DesignModel) -> float:
-    """Band as a share of the deflection that the reference step makes, the widest output."""
+    """Band as a share of the deflection that the reference step makes, the widest output.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    problem : DesignModel
+    """
     size = np.zeros(len(problem.outputs))
     for output, drive, modes in problem.followed:
         size[output] += abs(problem.level[drive] * modes.dc_gain())
@@ -237,5 +248,10 @@ def design_kernel(
 
 
 def best_choice(choices: Sequence[DesignChoice]) -> DesignChoice:
-    """The one with the narrowest relative band."""
+    """The one with the narrowest relative band.
+
+    Parameters
+    ----------
+    choices : sequence of DesignChoice
+    """
     return min(choices, key=lambda each: each.objective)

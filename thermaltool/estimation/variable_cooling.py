@@ -33,12 +33,23 @@ MAX_EXPONENT = 100.0
 
 
 def cooling_effects(model: Model) -> tuple[Effect, ...]:
-    """The effects by which a model's loss of heat changes."""
+    """The effects by which a model's loss of heat changes.
+
+    Parameters
+    ----------
+    model : Model
+    """
     return tuple(e for e in permanent_effects(model) if e.side == "state")
 
 
 def check_cooling_supported(model: Model, measured: tuple[str, ...]) -> None:
     """Refuse by name what no estimator can follow.
+
+    Parameters
+    ----------
+    model : Model
+    measured : tuple of str
+        Drives that are read.
 
     Raises
     ------
@@ -94,7 +105,12 @@ class VariableCoolingEstimator:
         return self.linear.estimates
 
     def recursion(self, dt: float) -> Recursion:
-        """At the model's own loss."""
+        """At the model's own loss.
+
+        Parameters
+        ----------
+        dt : float [s]
+        """
         return self.linear.recursion(dt)
 
     def document(self) -> dict[str, Any]:
@@ -127,6 +143,14 @@ class VariableCoolingEstimator:
     def advance(self, ticks: int, x: Float, first: Float, before: Float, now: Float) -> Float:
         """The state after a sample of `ticks` clock steps that ends with the readings `now`.
 
+        Parameters
+        ----------
+        ticks : int
+            Length of the sample [clock steps].
+        x : ndarray, shape (n,)
+        first, before, now : ndarray, shape (m,)
+            The columns that are read at the first sample, before this one and at its end.
+
         Raises
         ------
         FitError
@@ -150,6 +174,11 @@ class VariableCoolingEstimator:
     def settled(self, dt: float, readings: Float) -> Float:
         """The state in which a machine that has stood at `readings` for ever is.
 
+        Parameters
+        ----------
+        dt : float [s]
+        readings : ndarray, shape (m,)
+
         Raises
         ------
         ModelError
@@ -167,7 +196,15 @@ class VariableCoolingEstimator:
         raise ModelError("no settled state: the loss of heat depends too much on it")
 
     def run(self, time: Float, readings: Float, settled: bool = False) -> Float:
-        """Estimates for a whole record; see `run_estimator`."""
+        """Estimates for a whole record; see `LinearEstimator.run`.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,) [s]
+        readings : ndarray, shape (n, m)
+        settled : bool
+            At the first readings; else at rest there.
+        """
         ticks = np.round(np.diff(time) / CLOCK_STEP).astype(np.int64).tolist()
         out = np.zeros((len(time), len(self.estimates)))
         if len(time) < 2:

@@ -8,9 +8,9 @@ from thermaltool.model.document import (
     Term,
     dumps,
     loads,
-    only_sensors,
     to_document,
 )
+from thermaltool.model.selection import only_sensors
 from thermaltool.model.simulate import (
     driven,
     read_outputs,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
@@ -21,7 +21,7 @@ from thermaltool import documents
 from thermaltool.documents import MODEL, Part
 from thermaltool.effects import load_effect
 from thermaltool.effects.band import ScheduleBand, load_band
-from thermaltool.effects.effect import Effect, reference_of
+from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 from thermaltool.model.simulate import simulate
 from thermaltool.model.step import ModelRecursion
@@ -139,11 +139,22 @@ class Model:
         return tuple(o for o in self.outputs if o.role == "deflection")
 
     def reference(self, channel: str) -> Reference:
-        """What counts as zero of a channel that is read: that of a drive, else 0."""
+        """What counts as zero of a channel that is read: that of a drive, else 0.
+
+        Parameters
+        ----------
+        channel : str
+        """
         return next((d.reference for d in self.drives if d.channel == channel), 0.0)
 
     def with_design(self, design: Mapping[str, Any]) -> Model:
-        """The same model with an estimator, tied to the parameters that it was designed for."""
+        """The same model with an estimator, tied to the parameters that it was designed for.
+
+        Parameters
+        ----------
+        design : mapping
+            As an estimator gives it (`document`).
+        """
         return replace(self, design={**design, "parameters_sha256": self.parameters_digest()})
 
     def parameters_digest(self) -> str:
@@ -194,7 +205,15 @@ class Model:
         return simulate(self, record)
 
     def recursion(self, digest: str = "", period: float | None = None) -> ModelRecursion:
-        """The same row by row: see `ModelRecursion`."""
+        """The same row by row: see `ModelRecursion`.
+
+        Parameters
+        ----------
+        digest : str
+            Of the record: effects that are confined to one act in that one alone.
+        period : float, optional [s]
+            The shortest sample that comes; that of the model by default.
+        """
         return ModelRecursion(self, digest, period)
 
     def needs(self) -> tuple[str, ...]:
@@ -204,44 +223,16 @@ class Model:
         return tuple(dict.fromkeys(own))
 
 
-def only_sensors(model: Model, sensors: Sequence[str]) -> Model:
-    """The model with some of its sensors, and the effects that these see.
-
-    Raises
-    ------
-    ModelError
-        A name that is no sensor of the model, or a sensor that an effect on others needs.
-    """
-    known = [o.channel for o in model.sensors]
-    for name in sensors:
-        if name not in known:
-            raise ModelError(f"no sensor {name} in the model; there are: {', '.join(known)}")
-    dropped = set(known) - set(sensors)
-    return replace(
-        model,
-        outputs=tuple(o for o in model.outputs if o.channel not in dropped),
-        terms=tuple(t for t in model.terms if t.output not in dropped),
-        effects=tuple(e for e in (_seen(e, dropped) for e in model.effects) if e is not None),
-    )
-
-
-def _seen(effect: Effect, dropped: set[str]) -> Effect | None:
-    """What is left of an effect without some sensors."""
-    if effect.side in ("wiring", "state"):
-        for needed in {effect.channel, effect.partner} & dropped:
-            raise ModelError(f"the effect {effect.name} needs the sensor {needed}: keep it")
-    gone = tuple(n for n in effect.parameters if reference_of(n)[1] in dropped)
-    if gone:
-        effect = effect.without(gone)
-        return effect if any(reference_of(n)[1] for n in effect.parameters) else None
-    return None if effect.channel in dropped else effect
-
-
 # ---------------------------------------------------------------- the file
 
 
 def to_document(model: Model) -> dict[str, Any]:
-    """The model as JSON-ready dict."""
+    """The model as JSON-ready dict.
+
+    Parameters
+    ----------
+    model : Model
+    """
     document: dict[str, Any] = {
         "sample_period_s": model.sample_period,
         "drives": [
@@ -288,12 +279,23 @@ def _term_document(term: Term) -> dict[str, Any]:
 
 
 def dumps(model: Model) -> str:
-    """The file's text: sorted keys, no clock time, no NaN."""
+    """The file's text: sorted keys, no clock time, no NaN.
+
+    Parameters
+    ----------
+    model : Model
+    """
     return MODEL.dumps(to_document(model))
 
 
 def loads(text: str, name: str = "<model>") -> Model:
     """Read a model document.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        What messages call the file.
 
     Raises
     ------

@@ -30,18 +30,38 @@ MAX_COOLING_SPAN = 300.0
 
 
 def simulate(model: Model, record: Record) -> dict[str, Float]:
-    """Outputs of every channel, relative to rest; see `Model.simulate`."""
+    """Outputs of every channel, relative to rest; see `Model.simulate`.
+
+    Parameters
+    ----------
+    model : Model
+    record : Record
+        The drives, without NaN, and what the effects need.
+    """
     effects = acting_effects(model, record.digest)
     return read_outputs(effects, respond(model, effects, record), record)
 
 
 def acting_effects(model: Model, digest: str) -> tuple[Effect, ...]:
-    """The effects that act in a record of this digest: those of every record, and its own."""
+    """The effects that act in a record of this digest: those of every record, and its own.
+
+    Parameters
+    ----------
+    model : Model
+    digest : str
+    """
     return tuple(e for e in model.effects if e.log in (None, digest))
 
 
 def driven(model: Model, effects: Sequence[Effect], record: Record) -> dict[str, Float]:
     """What acts in place of every drive, relative to its reference.
+
+    Parameters
+    ----------
+    model : Model
+    effects : sequence of Effect
+        Those that act.
+    record : Record
 
     Returns
     -------
@@ -65,7 +85,15 @@ def driven(model: Model, effects: Sequence[Effect], record: Record) -> dict[str,
 
 
 def taken(model: Model, term: Term, inputs: Mapping[str, Float], record: Record) -> Float:
-    """What a term takes of its drive, one of `inputs`: all of it, or its level's share."""
+    """What a term takes of its drive, one of `inputs`: all of it, or its level's share.
+
+    Parameters
+    ----------
+    model : Model
+    term : Term
+    inputs : mapping of channel to ndarray, shape (n,)
+    record : Record
+    """
     if term.band is None:
         return inputs[term.drive]
     chooser = term.band.channel
@@ -75,6 +103,13 @@ def taken(model: Model, term: Term, inputs: Mapping[str, Float], record: Record)
 
 def respond(model: Model, effects: Sequence[Effect], record: Record) -> dict[str, Float]:
     """Sums of the terms of every output: what the machine does, before sources and sensors.
+
+    Parameters
+    ----------
+    model : Model
+    effects : sequence of Effect
+        Those that act.
+    record : Record
 
     Returns
     -------
@@ -108,7 +143,16 @@ def respond(model: Model, effects: Sequence[Effect], record: Record) -> dict[str
 def read_outputs(
     effects: Sequence[Effect], outputs: Mapping[str, Float], record: Record
 ) -> dict[str, Float]:
-    """What is read of `outputs`: sources, structure, sensors, wiring, in this order."""
+    """What is read of `outputs`: sources, structure, sensors, wiring, in this order.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        Those that act.
+    outputs : mapping of channel to ndarray, shape (n,)
+        Relative to rest.
+    record : Record
+    """
     result = dict(outputs)
     for effect in sorted(effects, key=lambda e: SIDES.index(e.side)):
         result = {name: effect.output(name, result, record) for name in result}
@@ -116,7 +160,13 @@ def read_outputs(
 
 
 def relative(values: Float, rest: Reference) -> Float:
-    """Values minus the value at rest, which may be the first one that is there."""
+    """Values minus the value at rest, which may be the first one that is there.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    rest : "first" or float
+    """
     if rest != "first":
         return values - rest
     there = np.flatnonzero(np.isfinite(values))

@@ -133,6 +133,12 @@ class ModelRecursion:
     def step(self, time: float, row: Row) -> dict[str, float]:
         """Outputs at the next row; see `start`.
 
+        Parameters
+        ----------
+        time : float [s]
+            After that of the last row.
+        row : mapping of channel to float
+
         Raises
         ------
         ModelError
@@ -171,6 +177,10 @@ class ModelRecursion:
         """Take `row` for what has acted since the last one, in place of that one.
 
         For drives that are set, and whose value is known when their time is over.
+
+        Parameters
+        ----------
+        row : mapping of channel to float
 
         Raises
         ------

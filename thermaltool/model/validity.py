@@ -35,7 +35,15 @@ NOT_AT_REST = "is not rest, which the estimates start from: see --initial settle
 
 
 def away_from_rest(value: float, seen: tuple[float, float]) -> bool:
-    """Whether a first reading, relative to rest, contradicts a machine at rest."""
+    """Whether a first reading, relative to rest, contradicts a machine at rest.
+
+    Parameters
+    ----------
+    value : float
+        Relative to rest.
+    seen : (float, float)
+        What the calibration has seen.
+    """
     return abs(value) > REST_SHARE * max(abs(seen[0]), abs(seen[1]))
 
 
@@ -60,7 +68,15 @@ def excursions(
 def extrapolated(
     model: Model, estimates: Mapping[str, Float], margin: float = MARGIN
 ) -> tuple[Excursion, ...]:
-    """Estimated deflections, relative to rest, beyond what the calibration has seen."""
+    """Estimated deflections, relative to rest, beyond what the calibration has seen.
+
+    Parameters
+    ----------
+    model : Model
+    estimates : mapping of channel to ndarray, shape (n,)
+    margin : float
+        Share of the calibrated range.
+    """
     found = []
     for output in model.deflections:
         if output.channel in estimates:

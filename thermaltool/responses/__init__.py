@@ -56,6 +56,10 @@ class Response(Protocol):
 def response_class(kind: str) -> Any:
     """The class of a kind by name.
 
+    Parameters
+    ----------
+    kind : str
+
     Raises
     ------
     ModelError
@@ -68,6 +72,11 @@ def response_class(kind: str) -> Any:
 
 
 def parameter_names(kind: str) -> tuple[str, ...]:
-    """All parameters of a kind: searched, gains, fixed."""
+    """All parameters of a kind: searched, gains, fixed.
+
+    Parameters
+    ----------
+    kind : str
+    """
     cls = response_class(kind)
     return (*cls.searched, *cls.gains, *cls.fixed)

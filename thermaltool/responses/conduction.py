@@ -79,6 +79,10 @@ class Conduction:
         H(s)/s is inverted on one contour per window of times. All its singularities lie on the
         negative real axis, so the contour needs no audit: 28 nodes are good to 1e-11 of the
         steady state.
+
+        Parameters
+        ----------
+        t : ndarray, any shape [s]
         """
         t = np.asarray(t, float)
         times, back = np.unique(t[t > 0], return_inverse=True)
@@ -97,7 +101,12 @@ class Conduction:
         return 1 / (self.a * self.alpha)
 
     def modes(self, dt: float) -> Modes:
-        """The response as exponentials, for samples of `dt` or longer [s]."""
+        """The response as exponentials, for samples of `dt` or longer [s].
+
+        Parameters
+        ----------
+        dt : float [s]
+        """
         slow = 0.9 * self.a * self.alpha
         # Fast enough for the sample, and for the delay of diffusion where that is shorter.
         delay = (self.r - self.r0) ** 2 / self.alpha
@@ -107,7 +116,13 @@ class Conduction:
 
     @classmethod
     def search_box(cls, period: float, duration: float, r0: float) -> dict[str, Range]:
-        """Where a fit looks, from the sample period and the length of the records [s]."""
+        """Where a fit looks, from the sample period and the length of the records [s].
+
+        Parameters
+        ----------
+        period, duration : float [s]
+        r0 : float [length]
+        """
         return {
             "a": (1e-8 / r0**2, 30 / r0**2),
             "alpha": (1e-4 * r0**2 / duration, 1e3 * r0**2 / period),
@@ -116,7 +131,13 @@ class Conduction:
 
     @classmethod
     def starts(cls, period: float, duration: float, r0: float) -> list[tuple[float, ...]]:
-        """Coarse grid: slow time constant, loss over the distance (a r²), and r/r0."""
+        """Coarse grid: slow time constant, loss over the distance (a r²), and r/r0.
+
+        Parameters
+        ----------
+        period, duration : float [s]
+        r0 : float [length]
+        """
         slow = duration * np.array([0.05, 0.2, 0.5, 1.0])
         _, fastest = cls.search_box(period, duration, r0)["alpha"]
         grid = itertools.product(slow, (0.01, 0.1, 0.4, 1.0, 3.0), (1.2, 3.0, 10.0, 40.0))

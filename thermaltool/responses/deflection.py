@@ -50,7 +50,12 @@ class Deflection:
         return [(self.D, self.d)]
 
     def transfer(self, s: Complex) -> Complex:
-        """A a/(s + a) + B b/(s + b) + D s/(s + d)², (6.20)."""
+        """A a/(s + a) + B b/(s + b) + D s/(s + d)², (6.20).
+
+        Parameters
+        ----------
+        s : ndarray, any shape, complex [rad/s]
+        """
         s = np.asarray(s, complex)
         first = self.A * self.a / (s + self.a) + self.B * self.b / (s + self.b)
         return np.asarray(first + sum(D * s / (s + d) ** 2 for D, d in self._pairs()))
@@ -60,7 +65,12 @@ class Deflection:
         return self.A + self.B
 
     def step(self, t: Float) -> Float:
-        """Unit-step response (6.16); zero before t = 0."""
+        """Unit-step response (6.16); zero before t = 0.
+
+        Parameters
+        ----------
+        t : ndarray, any shape [s]
+        """
         t = np.maximum(np.asarray(t, float), 0.0)
         first = -self.A * np.expm1(-self.a * t) - self.B * np.expm1(-self.b * t)
         return np.asarray(first + sum(D * t * np.exp(-d * t) for D, d in self._pairs()))
@@ -70,7 +80,12 @@ class Deflection:
         return 1 / min(getattr(self, name) for name in self.searched)
 
     def modes(self, dt: float) -> Modes:
-        """Exact: s/(s + d)² = 1/(s + d) − d/(s + d)². `dt` does not matter."""
+        """Exact: s/(s + d)² = 1/(s + d) − d/(s + d)². `dt` does not matter.
+
+        Parameters
+        ----------
+        dt : float [s]
+        """
         pairs = self._pairs()
         poles = [-self.a, -self.b, *(-d for _, d in pairs)]
         weights = [self.A * self.a, self.B * self.b, *(D for D, _ in pairs)]
@@ -79,12 +94,22 @@ class Deflection:
 
     @classmethod
     def search_box(cls, period: float, duration: float) -> dict[str, Range]:
-        """Where a fit looks, from the sample period and the length of the records [s]."""
+        """Where a fit looks, from the sample period and the length of the records [s].
+
+        Parameters
+        ----------
+        period, duration : float [s]
+        """
         return dict.fromkeys(cls.searched, (0.02 / duration, 4 / period))
 
     @classmethod
     def starts(cls, period: float, duration: float) -> list[tuple[float, ...]]:
-        """Coarse grid: every choice of rates from six time constants, the slow ones first."""
+        """Coarse grid: every choice of rates from six time constants, the slow ones first.
+
+        Parameters
+        ----------
+        period, duration : float [s]
+        """
         rates = 1 / np.geomspace(duration, max(duration / 300, 2 * period), 6)
         pairs = itertools.combinations(rates, 2)
         rest = itertools.product(rates[1:], repeat=len(cls.searched) - 2)

@@ -48,6 +48,11 @@ class DelayedModes(Modes):
 
         States: those of the modes at t_(k−m), then the inputs u_(k−m) ... u_(k−1), and u_k where
         lines join the samples. Before the first sample the input counts as zero.
+
+        Parameters
+        ----------
+        dt : float [s]
+        hold : "zero" or "first"
         """
         samples, ahead = _parts(self.delay, dt)
         inner, to_come = self.prompt().discretize(dt, hold), _shifted(self.prompt(), ahead)
@@ -69,7 +74,13 @@ class DelayedModes(Modes):
         return Recursion(F, G0[:, None], G1[:, None], C[None, :])
 
     def run(self, time: Float, u: Float, hold: Hold) -> Float:
-        """As `Modes.run`: exact on an even clock, and on any other where the input is known."""
+        """As `Modes.run`: exact on an even clock, and on any other where the input is known.
+
+        Parameters
+        ----------
+        time, u : ndarray, shape (n,)
+        hold : "zero" or "first"
+        """
         steps = np.diff(time)
         if len(steps) and np.ptp(steps) < CLOCK_STEP:
             return self._shifted_run(time, u, hold, float(np.mean(steps)))
@@ -93,7 +104,12 @@ class DelayedModes(Modes):
         return y
 
     def like(self, modes: Modes) -> DelayedModes:
-        """Other modes behind the same delay."""
+        """Other modes behind the same delay.
+
+        Parameters
+        ----------
+        modes : Modes
+        """
         return DelayedModes(modes.poles, modes.weights, modes.double, self.delay)
 
     def document(self) -> dict[str, Any]:
@@ -102,7 +118,13 @@ class DelayedModes(Modes):
 
 
 def load_modes(document: dict[str, Any]) -> Modes:
-    """Modes, with a delay where the document has one."""
+    """Modes, with a delay where the document has one.
+
+    Parameters
+    ----------
+    document : dict
+        As `Modes.document` gives it.
+    """
     lists = {name: values for name, values in document.items() if name != "delay"}
     modes = Modes.from_document(lists)
     if "delay" not in document:

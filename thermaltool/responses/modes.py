@@ -349,6 +349,10 @@ def uniform_spans(time: Float) -> Iterator[tuple[slice, float]]:
 
     Neighbouring stretches share a row: the last of one is the first of the next. Lengths are
     compared in steps of `CLOCK_STEP`, as printed clocks round.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,) [s]
     """
     ticks = np.round(np.diff(time) / CLOCK_STEP).astype(np.int64)
     edges = [0, *(np.flatnonzero(np.diff(ticks)) + 1).tolist(), len(ticks)]

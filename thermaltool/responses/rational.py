@@ -71,7 +71,12 @@ class Rational:
         return pole, (K * w**2 + D * w * pole) / (2j * damped)
 
     def transfer(self, s: Complex) -> Complex:
-        """H at complex frequencies, ndarray of any shape [rad/s]."""
+        """H at complex frequencies, ndarray of any shape [rad/s].
+
+        Parameters
+        ----------
+        s : ndarray, any shape, complex [rad/s]
+        """
         s = np.asarray(s, complex)
         value = np.zeros(s.shape, complex)
         for gain, tau in self._lags():
@@ -86,7 +91,12 @@ class Rational:
         return float(sum(gain for gain, _ in self._lags()) + getattr(self, "K", 0.0))
 
     def step(self, t: Float) -> Float:
-        """Unit-step response; zero before the delay has passed."""
+        """Unit-step response; zero before the delay has passed.
+
+        Parameters
+        ----------
+        t : ndarray, any shape [s]
+        """
         t = np.maximum(np.asarray(t, float) - self.delay, 0.0)
         value = np.zeros(t.shape)
         for gain, tau in self._lags():
@@ -114,7 +124,12 @@ class Rational:
         return np.array(poles), np.array(weights)
 
     def modes(self, dt: float) -> Modes:
-        """Exact; `dt` does not matter."""
+        """Exact; `dt` does not matter.
+
+        Parameters
+        ----------
+        dt : float [s]
+        """
         poles, weights = self.partial_fractions()
         kept = poles.imag >= 0
         parts = poles[kept], weights[kept]
@@ -123,6 +138,11 @@ class Rational:
     @classmethod
     def search_box(cls, period: float, duration: float, delay: float = 0.0) -> dict[str, Range]:
         """Where a fit looks, from the sample period and the length of the records [s].
+
+        Parameters
+        ----------
+        period, duration : float [s]
+        delay : float [s]
 
         Raises
         ------
@@ -137,7 +157,13 @@ class Rational:
 
     @classmethod
     def starts(cls, period: float, duration: float, delay: float = 0.0) -> list[tuple[float, ...]]:
-        """Coarse grid: every choice of distinct time constants; rates and dampings."""
+        """Coarse grid: every choice of distinct time constants; rates and dampings.
+
+        Parameters
+        ----------
+        period, duration : float [s]
+        delay : float [s]
+        """
         lags = sum(name.startswith("tau") for name in cls.searched)
         count = {0: 0, 1: 12, 2: 7, 3: 6, 4: 6, 5: 7, 6: 8}[lags]
         times = np.geomspace(duration, max(duration / 300, 2 * period), count).tolist()

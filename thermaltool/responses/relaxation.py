@@ -38,6 +38,11 @@ class RelaxationGrid:
 
         `delayed`: the responses start with zero slope and curvature, as all do that reach the
         probe by diffusion. An inverse amplifies what is left of either.
+
+        Parameters
+        ----------
+        slow, fast : float [1/s]
+        delayed : bool
         """
         per_decade = 10 if delayed else 8
         rates = np.geomspace(slow, fast, int(np.ceil(np.log10(fast / slow) * per_decade)) + 1)
@@ -50,7 +55,12 @@ class RelaxationGrid:
         return RelaxationGrid(rates, times, inverse[:, : len(times) + 1])
 
     def weights(self, response: StepResponse) -> Float:
-        """Σ w (1 − e^(−rate·t)) ≈ step response; shape (n,)."""
+        """Σ w (1 − e^(−rate·t)) ≈ step response; shape (n,).
+
+        Parameters
+        ----------
+        response : StepResponse
+        """
         dc_gain = response.dc_gain()
         return np.asarray(self._inverse @ np.append(response.step(self.times), 10 * dc_gain))
 

@@ -24,7 +24,12 @@ STEADY_STATE_TICKS = round(1.0 / CLOCK_STEP)
 
 
 def split_delay(modes: Modes) -> tuple[Modes, float]:
-    """A response without its dead time, and the dead time [s]."""
+    """A response without its dead time, and the dead time [s].
+
+    Parameters
+    ----------
+    modes : Modes
+    """
     return (modes.prompt(), modes.delay) if isinstance(modes, DelayedModes) else (modes, 0.0)
 
 
@@ -43,11 +48,24 @@ class RecursionCache:
         self._cached: dict[int, tuple[Float, Float, Float]] = {}
 
     def over(self, ticks: int) -> Recursion:
-        """The recursion over a sample of `ticks` clock steps."""
+        """The recursion over a sample of `ticks` clock steps.
+
+        Parameters
+        ----------
+        ticks : int
+        """
         return self._modes.discretize(ticks * CLOCK_STEP, self._hold)
 
     def advance(self, x: Float, ticks: int, start: float, end: float) -> Float:
-        """The state `ticks` clock steps after `x`, with this input at both ends."""
+        """The state `ticks` clock steps after `x`, with this input at both ends.
+
+        Parameters
+        ----------
+        x : ndarray, shape (states,)
+        ticks : int
+        start, end : float
+            The input at both ends.
+        """
         kept = self._cached.get(ticks)
         if kept is None:
             if len(self._cached) >= MAX_CACHED_RECURSIONS:
@@ -59,7 +77,12 @@ class RecursionCache:
         return x if self._hold == "zero" else x + G1 * end
 
     def settled(self, u: float) -> Float:
-        """The steady state under a constant input, shape (states,)."""
+        """The steady state under a constant input, shape (states,).
+
+        Parameters
+        ----------
+        u : float
+        """
         if not u:
             return np.zeros(self.states)
         return self.over(STEADY_STATE_TICKS).settled(np.array([u]))
@@ -88,12 +111,22 @@ class DelayLine:
         self.start(0.0)
 
     def start(self, u: float) -> None:
-        """The steady state under a constant input `u`."""
+        """The steady state under a constant input `u`.
+
+        Parameters
+        ----------
+        u : float
+        """
         self.x = self._recursions.settled(u)
         self._waiting = deque([(self._ticks, u, u)] if self._ticks else [])
 
     def advance(self, entered: list[Span]) -> list[Span]:
-        """Take what enters; what leaves in the same time drives the state, and is returned."""
+        """Take what enters; what leaves in the same time drives the state, and is returned.
+
+        Parameters
+        ----------
+        entered : list of (ticks, start, end)
+        """
         if not self._ticks:
             for ticks, start, end in entered:
                 self.x = self._recursions.advance(self.x, ticks, start, end)
@@ -161,12 +194,24 @@ class ResponseRecursion:
         self._gain_ahead = float(r.C[0] @ (r.G0 + r.G1)[:, 0])
 
     def start(self, u: float = 0.0) -> None:
-        """At rest, or in the steady state under a constant input `u`."""
+        """At rest, or in the steady state under a constant input `u`.
+
+        Parameters
+        ----------
+        u : float
+        """
         for line in self._lines:
             line.start(u)
 
     def advance(self, ticks: int, start: float, end: float) -> None:
-        """Go on by `ticks` clock steps with this input at their ends; of a held one the first."""
+        """Go on by `ticks` clock steps with this input at their ends; of a held one the first.
+
+        Parameters
+        ----------
+        ticks : int
+        start, end : float
+            The input at both ends.
+        """
         parts = [(ticks, start, end if self._hold == "first" else start)]
         for line in self._lines:
             parts = line.advance(parts)
@@ -176,7 +221,12 @@ class ResponseRecursion:
         return float(self._C.dot(self._lines[-1].x))
 
     def ahead(self, u: Float) -> Float:
-        """The output at the horizon for every input that is held from now on, shape of `u`."""
+        """The output at the horizon for every input that is held from now on, shape of `u`.
+
+        Parameters
+        ----------
+        u : ndarray, any shape
+        """
         return np.asarray(self._C_ahead.dot(self._lines[0].x) + self._gain_ahead * u)
 
     def scale(self, factor: float) -> None:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from thermaltool.control.heaters import Stabilizer, parts_of
 from thermaltool.errors import ModelError
 from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
-from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
 from thermaltool.model import Model
 from thermaltool.runtime.checkpoint import design_digest
 from thermaltool.runtime.clock_check import ClockCheck
@@ -17,7 +16,7 @@ from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output
 from thermaltool.runtime.messages import Messages, Report
 from thermaltool.runtime.sensors import SensorChannel
 from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
-from thermaltool.runtime.stepper import Stepper, VariableCoolingStepper
+from thermaltool.runtime.stepper import stepper_of
 
 # Where nothing is said, readings are held and pauses borne for this many sample periods of the
 # design, and not below this [s]: one lost line of a slow logger is no loss, nor are ten of a quick.
@@ -72,9 +71,7 @@ def offsets(
     if not followed:
         raise ModelError("the model's design estimates no deflection: nothing to compensate")
     return SetpointProcess(
-        VariableCoolingStepper(estimator, period)
-        if isinstance(estimator, VariableCoolingEstimator)
-        else Stepper(estimator, period),
+        stepper_of(estimator, period),
         _sensors(pipeline.input_columns, period, settings, messages),
         followed,
         [settings.setpoint(settings.limits) for _ in followed],

@@ -34,12 +34,25 @@ class HeaterStepper:
         return [0.0, 0.0]
 
     def start(self, readings: list[float], settled: bool = False) -> list[float]:
-        """Estimates at the first readings: the machine is at rest, or has settled at them."""
+        """Estimates at the first readings: the machine is at rest, or has settled at them.
+
+        Parameters
+        ----------
+        readings : list of float
+            In the order of `Stabilizer.read`.
+        settled : bool
+        """
         self._stabilizer.start(self._named(readings), settled)
         return self._estimates()
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
-        """Estimates after a sample of `ticks` clock steps (1 µs), which ends with `readings`."""
+        """Estimates after a sample of `ticks` clock steps (1 µs), which ends with `readings`.
+
+        Parameters
+        ----------
+        ticks : int
+        readings : list of float
+        """
         self._stabilizer.advance(ticks * CLOCK_STEP, self._named(readings), self._given())
         return self._estimates()
 
@@ -62,6 +75,11 @@ class HeaterStepper:
 def held_output(model: Model, target: str | None) -> str:
     """The output that is held: the one that is named, else the only deflection.
 
+    Parameters
+    ----------
+    model : Model
+    target : str or None
+
     Raises
     ------
     ModelError
@@ -76,6 +94,13 @@ def held_output(model: Model, target: str | None) -> str:
 
 def powers(model: Model, heater: str, limits: tuple[float, float]) -> tuple[float, float]:
     """What the heater may be given: from 0, and where no limit is given to what was seen.
+
+    Parameters
+    ----------
+    model : Model
+    heater : str
+    limits : (float, float)
+        As the user gives them; infinite where not.
 
     Raises
     ------

@@ -51,7 +51,13 @@ class Stepper:
         return [0.0] * len(self._estimator.estimates)
 
     def start(self, readings: list[float], settled: bool = False) -> list[float]:
-        """Estimates at the first readings: the machine is at rest, or has settled at them."""
+        """Estimates at the first readings: the machine is at rest, or has settled at them.
+
+        Parameters
+        ----------
+        readings : list of float
+        settled : bool
+        """
         self._z[:] = 0.0
         self._z[self._states : self._states + self._sensors] = readings
         if not settled:
@@ -63,6 +69,11 @@ class Stepper:
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Estimates after a sample of `ticks` clock steps (1 µs), which ends with `readings`.
+
+        Parameters
+        ----------
+        ticks : int
+        readings : list of float
 
         Raises
         ------
@@ -141,3 +152,10 @@ class VariableCoolingStepper(Stepper):
         if not np.all(np.isfinite(first)):
             raise ValueError("not a state of this estimator")
         self._first[:] = first
+
+
+def stepper_of(estimator: Estimator, sample_period: float) -> Stepper:
+    """The stepper that an estimator takes; see `Stepper`."""
+    if isinstance(estimator, VariableCoolingEstimator):
+        return VariableCoolingStepper(estimator, sample_period)
+    return Stepper(estimator, sample_period)
