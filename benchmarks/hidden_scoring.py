@@ -15,10 +15,9 @@ from scipy.stats import norm
 
 from thermaltool.diagnosis.correction import corrected, uncorrected
 from thermaltool.diagnosis.diagnose import WITHIN_CALIBRATION, diagnose
-from thermaltool.diagnosis.fit import fit_candidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Diagnosis
-from thermaltool.diagnosis.select import scan
+from thermaltool.diagnosis.select import fit_candidate, scan
 from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.model import Model, relative

@@ -17,7 +17,7 @@ import numpy as np
 from thermaltool.diagnosis.alternatives import indistinguishable, invisible, suspected, tried_causes
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.evidence import STRONG_EVIDENCE, Assumptions
-from thermaltool.diagnosis.fit import CauseCandidate, fit_candidate
+from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import find_outliers, too_short
 from thermaltool.diagnosis.result import (
@@ -30,6 +30,7 @@ from thermaltool.diagnosis.result import (
 )
 from thermaltool.diagnosis.select import (
     Progress,
+    fit_candidate,
     plain_forms_first,
     ranked,
 )

@@ -1,8 +1,8 @@
-"""One cause fitted: from its signature to the evidence for it.
+"""One cause: from its signature to the evidence for it.
 
 The best amplitudes follow from inner products alone, of signatures with the residual and with each
 other under every noise level, nuisance projected out; the noise of each output is estimated anew
-for every candidate (profile likelihood). What does not enter linearly is searched.
+for every candidate (profile likelihood).
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from thermaltool.diagnosis.evidence import Assumptions, NullFit, ProjectedProducts
 from thermaltool.diagnosis.hypothesis import Hypothesis
@@ -19,21 +18,12 @@ from thermaltool.diagnosis.simulation import Changes, Index
 from thermaltool.effects.effect import Effect, Float, reference_of
 from thermaltool.errors import ModelError
 
+Signatures = Mapping[str, Changes]  # of one trial, by amplitude
+
 # Steps between amplitudes and noise levels, and the relative change at which they agree.
 MAX_PROFILE_STEPS, PROFILE_TOLERANCE = 8, 1e-3
 # Singular values of the scaled products of amplitudes that count, relative to the largest.
 RELATIVE_RANK = 1e-10
-# Value of a search for what no machine has: it can be subtracted.
-IMPLAUSIBLE = 1e300
-# First step of a search: of a logarithm, and relative to the distance from neutral; the instant of
-# an accident moves by this part of a log, half of what lies between two trials.
-LOG_STEP, RELATIVE_STEP, PARTS_OF_A_LOG = 0.3, 0.2, 96
-# Where a search ends: steps relative to the first one, log likelihood, trials for each parameter.
-RELATIVE_TOLERANCE, GAIN_TOLERANCE, MAX_TRIALS = 1e-3, 0.05, 30
-# A time constant is no shorter than this part of a sample period.
-MIN_PERIODS = 0.05
-# A displacement is scaled to no less and no more of its trial size.
-MIN_SCALE, MAX_SCALE = 0.1, 5.0
 
 
 @dataclass(frozen=True)
@@ -83,64 +73,6 @@ class CauseCandidate:
     def has_other_form(self, other: CauseCandidate) -> bool:
         """Whether another candidate is this cause in another form, and has evidence."""
         return other.place == self.place and other.form != self.form and other.evidence > 0
-
-
-def fit_candidate(hypothesis: Hypothesis, candidate: CauseCandidate) -> CauseCandidate:
-    """Search what is not linear in a cause from where the scan left it.
-
-    Parameters
-    ----------
-    hypothesis : Hypothesis
-    candidate : CauseCandidate
-        Its assumptions are those of the fit.
-    """
-    effect = candidate.effect
-    names = effect.searched()
-    if not names:
-        return evaluate(hypothesis, effect, candidate.assumptions)
-    start = effect
-    if "" in candidate.amplitudes:
-        # A displacement at a trial size, scaled by its amplitude: that much of the way.
-        start = _scaled(effect, candidate.amplitudes[""])
-    x0, sizes = [], []
-    for name in names:
-        known, value = effect.parameter(name), start.parameters[name]
-        value = float(np.clip(value, known.low, known.high))
-        x0.append(np.log(value) if known.log else value)
-        sizes.append(LOG_STEP if known.log else _first_step(hypothesis, effect, name))
-    simplex = np.vstack([x0, np.array(x0) + np.diag(sizes)])
-    seen: dict[tuple[float, ...], CauseCandidate] = {}
-
-    def at(point: Float) -> Effect:
-        values = {}
-        for name, x in zip(names, point.tolist(), strict=True):
-            known = effect.parameter(name)
-            value = float(np.exp(x)) if known.log else x
-            if known.log and known.unit == "s":
-                # Faster than the samples is as fast as can be.
-                value = max(value, MIN_PERIODS * hypothesis.logs[0].period)
-            values[name] = float(np.clip(value, known.low, known.high))
-        return effect.changed(values)
-
-    def objective(point: Float) -> float:
-        trial = at(point)
-        key = tuple(trial.parameters[n] for n in names)
-        if key not in seen:
-            seen[key] = evaluate(hypothesis, trial, candidate.assumptions)
-        return min(-seen[key].gain, IMPLAUSIBLE)
-
-    minimize(
-        objective,
-        np.array(x0),
-        method="Nelder-Mead",
-        options={
-            "initial_simplex": simplex,
-            "xatol": RELATIVE_TOLERANCE * min(abs(s) for s in sizes),
-            "fatol": GAIN_TOLERANCE,
-            "maxfev": MAX_TRIALS * len(names),
-        },
-    )
-    return max(seen.values(), key=lambda c: c.gain)
 
 
 def evaluate(hypothesis: Hypothesis, effect: Effect, assumptions: Assumptions) -> CauseCandidate:
@@ -237,28 +169,6 @@ def signatures_of(hypothesis: Hypothesis, trial: Effect) -> dict[str, Changes]:
     except ModelError:
         return {}
     return {name: outputs for name, outputs in found.items() if outputs}
-
-
-def _scaled(effect: Effect, amplitude: float) -> Effect:
-    """A purely searched effect moved from neutral by `amplitude` of its trial size."""
-    values = {}
-    scale = float(np.clip(amplitude, MIN_SCALE, MAX_SCALE))
-    for name in effect.searched():
-        known = effect.parameter(name)
-        value = effect.parameters[name]
-        if known.log and known.neutral > 0:
-            values[name] = float(known.neutral * (value / known.neutral) ** scale)
-        else:
-            values[name] = known.neutral + scale * (value - known.neutral)
-    return effect.changed(values)
-
-
-def _first_step(hypothesis: Hypothesis, effect: Effect, name: str) -> float:
-    """First step of a search of a parameter that is not searched by its logarithm."""
-    known, value = effect.parameter(name), effect.parameters[name]
-    if known.unit == "s" and effect.log is not None:
-        return max(log.duration for log in hypothesis.logs) / PARTS_OF_A_LOG
-    return RELATIVE_STEP * (abs(value - known.neutral) or 1.0)
 
 
 # ---------------------------------------------------------------- amplitudes by inner products
@@ -385,10 +295,76 @@ def _inverse(matrix: Float) -> Float:
     return np.asarray(inverse / np.outer(size, size))
 
 
+@dataclass(frozen=True)
+class SignatureTable:
+    """Products of the signatures of several trials in all outputs, nuisance projected out.
+
+    Attributes
+    ----------
+    index : list of mapping of output to list of int
+        Signatures of each trial among all of an output.
+    amplitudes : list of mapping of output to list of int
+        Which of the trial's amplitudes they have.
+    projected : mapping of (output, assumptions) to ProjectedProducts
+    """
+
+    index: list[dict[str, list[int]]]
+    amplitudes: list[dict[str, list[int]]]
+    projected: Mapping[tuple[str, Assumptions], ProjectedProducts]
+
+    @staticmethod
+    def of(
+        hypothesis: Hypothesis,
+        trials: Sequence[Signatures],
+        assumptions: Sequence[Assumptions],
+    ) -> SignatureTable:
+        """Products of all trials at once, under each of several assumptions.
+
+        Parameters
+        ----------
+        hypothesis : Hypothesis
+        trials : sequence of mapping of amplitude to mapping of output to list of ndarray
+        assumptions : sequence of frozenset of str
+        """
+        index: list[dict[str, list[int]]] = [{} for _ in trials]
+        amplitudes: list[dict[str, list[int]]] = [{} for _ in trials]
+        projected = {}
+        for output, evidence in hypothesis.evidence.items():
+            columns: list[Float] = []
+            for k, signatures in enumerate(trials):
+                here = [j for j, s in enumerate(signatures.values()) if output in s]
+                if here:
+                    index[k][output] = list(range(len(columns), len(columns) + len(here)))
+                    amplitudes[k][output] = here
+                    reached = [s[output] for s in signatures.values() if output in s]
+                    columns += [evidence.groups.means(series) for series in reached]
+            if columns:
+                groups = [each[output] for each in index if output in each]
+                products = evidence.products(np.column_stack(columns), groups)
+                for each in assumptions:
+                    projected[output, each] = evidence.projected(each, products)
+        return SignatureTable(index, amplitudes, projected)
+
+    def of_trial(self, k: int, assumptions: Assumptions) -> dict[str, CandidateProducts]:
+        """Products of one trial in every output that it reaches.
+
+        Parameters
+        ----------
+        k : int
+        assumptions : frozenset of str
+        """
+        return {
+            output: CandidateProducts.of(
+                self.projected[output, assumptions], index, self.amplitudes[k][output]
+            )
+            for output, index in self.index[k].items()
+        }
+
+
 def products_of(
-    hypothesis: Hypothesis, signatures: Mapping[str, Changes], assumptions: Assumptions
+    hypothesis: Hypothesis, signatures: Signatures, assumptions: Assumptions
 ) -> dict[str, CandidateProducts]:
-    """Inner products of one candidate's signatures in every output that it reaches.
+    """Products of one trial in every output that it reaches.
 
     Parameters
     ----------
@@ -397,14 +373,4 @@ def products_of(
     assumptions : frozenset of str
         Whose nuisance is projected out.
     """
-    result = {}
-    for output, evidence in hypothesis.evidence.items():
-        here = [k for k, reached in enumerate(signatures.values()) if output in reached]
-        if here:
-            block = np.column_stack(
-                [evidence.groups.means(s[output]) for s in signatures.values() if output in s]
-            )
-            index = list(range(len(here)))
-            projected = evidence.projected(assumptions, evidence.products(block, [index]))
-            result[output] = CandidateProducts.of(projected, index, here)
-    return result
+    return SignatureTable.of(hypothesis, [signatures], [assumptions]).of_trial(0, assumptions)

@@ -280,7 +280,9 @@ class Hypothesis:
     def fitted(self) -> Hypothesis:
         """The model's own parameters where the logs want them, beside the effects that it holds.
 
-        The same where the assumptions do not free them.
+        The same where the assumptions do not free them. The steps are those of the nuisance as the
+        evidence fits it, under a noise that is estimated anew after each of them: no sum of squares
+        stays the same, so that this is not `signals.gauss_newton`.
         """
         if "released" not in self.assumptions:
             return self

@@ -7,31 +7,29 @@ amplitude would have (score test). Only what survives is fitted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize
 
 from thermaltool.diagnosis.evidence import (
     DECISIVE_EVIDENCE,
     Assumptions,
-    ProjectedProducts,
     released,
 )
 from thermaltool.diagnosis.fit import (
-    CandidateProducts,
     CauseCandidate,
-    fit_candidate,
+    SignatureTable,
+    evaluate,
     score,
     signatures_of,
 )
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.simulation import Changes
 from thermaltool.effects import CATALOGUE, effect_class
 from thermaltool.effects.effect import Effect, Float, reference_of
 
 Progress = Callable[[str], None]
-Amplitudes = Mapping[str, Changes]  # signatures of one candidate
 
 # Trials that promise less evidence than this are not fitted.
 MIN_EVIDENCE = -10.0
@@ -39,6 +37,17 @@ MIN_EVIDENCE = -10.0
 MAX_FITTED, MAX_OF_A_NAME = 8, 2
 # Forms of one cause that differ by less in evidence are taken for equal.
 EQUAL_EVIDENCE = 10.0
+# Value of a search for what no machine has: it can be subtracted.
+IMPLAUSIBLE = 1e300
+# First step of a search: of a logarithm, and relative to the distance from neutral; the instant of
+# an accident moves by this part of a log, half of what lies between two trials.
+LOG_STEP, RELATIVE_STEP, PARTS_OF_A_LOG = 0.3, 0.2, 96
+# Where a search ends: steps relative to the first one, log likelihood, trials for each parameter.
+RELATIVE_TOLERANCE, GAIN_TOLERANCE, MAX_TRIALS = 1e-3, 0.05, 30
+# A time constant is no shorter than this part of a sample period.
+MIN_PERIODS = 0.05
+# A displacement is scaled to no less and no more of its trial size.
+MIN_SCALE, MAX_SCALE = 0.1, 5.0
 
 
 @dataclass(frozen=True)
@@ -163,13 +172,13 @@ def scan(
         if signatures:
             found.append((trial, signatures))
     progress("scores")
-    catalogue = _Catalogue.of(hypothesis, [s for _, s in found], assumptions)
+    table = SignatureTable.of(hypothesis, [s for _, s in found], assumptions)
     candidates = []
     for k, (trial, signatures) in enumerate(found):
         scored = [
-            score(hypothesis, trial, list(signatures), catalogue.products(k, s), s)
+            score(hypothesis, trial, list(signatures), table.of_trial(k, s), s)
             for s in assumptions
-            if catalogue.promises(hypothesis, k, trial, s)
+            if _promises(hypothesis, table, k, trial, s)
         ]
         if scored:
             candidates.append(
@@ -183,74 +192,103 @@ def scan(
     return sorted(candidates, key=lambda c: -c.evidence)
 
 
-@dataclass(frozen=True)
-class _Catalogue:
-    """Products of the signatures of all trials with all outputs.
+def _promises(
+    hypothesis: Hypothesis, table: SignatureTable, k: int, trial: Effect, assumptions: Assumptions
+) -> bool:
+    """Whether a trial could have evidence at all, every output explained on its own."""
+    gain = 0.0
+    for output, index in table.index[k].items():
+        if len(index) > 1:
+            return True
+        evidence = hypothesis.evidence[output]
+        gain += max(float(table.projected[output, assumptions].largest_rise[index[0]]), 0.0)
+        gain -= evidence.null(assumptions).best - evidence.null(hypothesis.assumptions).best
+    rows = min((hypothesis.groups[o].count for o in table.index[k]), default=1)
+    price = (len(trial.searched()) + 1) * float(np.log(rows))
+    return 2 * gain - price > MIN_EVIDENCE
 
-    Attributes
+
+# ---------------------------------------------------------------- one of them fitted
+
+
+def fit_candidate(hypothesis: Hypothesis, candidate: CauseCandidate) -> CauseCandidate:
+    """Search what is not linear in a cause from where the scan left it.
+
+    Parameters
     ----------
-    index : list of mapping of output to list of int
-        Signatures of each trial among all of an output.
-    amplitudes : list of mapping of output to list of int
-        Which of the trial's amplitudes they have.
-    projected : mapping of (output, assumptions) to ProjectedProducts
+    hypothesis : Hypothesis
+    candidate : CauseCandidate
+        Its assumptions are those of the fit.
     """
+    effect = candidate.effect
+    names = effect.searched()
+    if not names:
+        return evaluate(hypothesis, effect, candidate.assumptions)
+    start = effect
+    if "" in candidate.amplitudes:
+        # A displacement at a trial size, scaled by its amplitude: that much of the way.
+        start = _scaled(effect, candidate.amplitudes[""])
+    x0, sizes = [], []
+    for name in names:
+        known, value = effect.parameter(name), start.parameters[name]
+        value = float(np.clip(value, known.low, known.high))
+        x0.append(np.log(value) if known.log else value)
+        sizes.append(LOG_STEP if known.log else _first_step(hypothesis, effect, name))
+    simplex = np.vstack([x0, np.array(x0) + np.diag(sizes)])
+    seen: dict[tuple[float, ...], CauseCandidate] = {}
 
-    index: list[dict[str, list[int]]]
-    amplitudes: list[dict[str, list[int]]]
-    projected: Mapping[tuple[str, Assumptions], ProjectedProducts]
+    def at(point: Float) -> Effect:
+        values = {}
+        for name, x in zip(names, point.tolist(), strict=True):
+            known = effect.parameter(name)
+            value = float(np.exp(x)) if known.log else x
+            if known.log and known.unit == "s":
+                # Faster than the samples is as fast as can be.
+                value = max(value, MIN_PERIODS * hypothesis.logs[0].period)
+            values[name] = float(np.clip(value, known.low, known.high))
+        return effect.changed(values)
 
-    @staticmethod
-    def of(
-        hypothesis: Hypothesis,
-        found: Sequence[Amplitudes],
-        assumptions: Sequence[Assumptions],
-    ) -> _Catalogue:
-        index: list[dict[str, list[int]]] = [{} for _ in found]
-        amplitudes: list[dict[str, list[int]]] = [{} for _ in found]
-        projected = {}
-        for output, evidence in hypothesis.evidence.items():
-            columns: list[Float] = []
-            for k, signatures in enumerate(found):
-                here = [j for j, reached in enumerate(signatures.values()) if output in reached]
-                if here:
-                    index[k][output] = list(range(len(columns), len(columns) + len(here)))
-                    amplitudes[k][output] = here
-                    columns += [
-                        evidence.groups.means(reached[output])
-                        for reached in signatures.values()
-                        if output in reached
-                    ]
-            if columns:
-                groups = [each[output] for each in index if output in each]
-                products = evidence.products(np.column_stack(columns), groups)
-                for each in assumptions:
-                    projected[output, each] = evidence.projected(each, products)
-        return _Catalogue(index, amplitudes, projected)
+    def objective(point: Float) -> float:
+        trial = at(point)
+        key = tuple(trial.parameters[n] for n in names)
+        if key not in seen:
+            seen[key] = evaluate(hypothesis, trial, candidate.assumptions)
+        return min(-seen[key].gain, IMPLAUSIBLE)
 
-    def promises(
-        self, hypothesis: Hypothesis, k: int, trial: Effect, assumptions: Assumptions
-    ) -> bool:
-        """Whether a trial could have evidence at all, every output explained on its own."""
-        gain = 0.0
-        for output, index in self.index[k].items():
-            if len(index) > 1:
-                return True
-            evidence = hypothesis.evidence[output]
-            gain += max(float(self.projected[output, assumptions].largest_rise[index[0]]), 0.0)
-            gain -= evidence.null(assumptions).best - evidence.null(hypothesis.assumptions).best
-        rows = min((hypothesis.groups[o].count for o in self.index[k]), default=1)
-        price = (len(trial.searched()) + 1) * float(np.log(rows))
-        return 2 * gain - price > MIN_EVIDENCE
+    minimize(
+        objective,
+        np.array(x0),
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": simplex,
+            "xatol": RELATIVE_TOLERANCE * min(abs(s) for s in sizes),
+            "fatol": GAIN_TOLERANCE,
+            "maxfev": MAX_TRIALS * len(names),
+        },
+    )
+    return max(seen.values(), key=lambda c: c.gain)
 
-    def products(self, k: int, assumptions: Assumptions) -> dict[str, CandidateProducts]:
-        """Products of one trial in every output that it reaches."""
-        return {
-            output: CandidateProducts.of(
-                self.projected[output, assumptions], index, self.amplitudes[k][output]
-            )
-            for output, index in self.index[k].items()
-        }
+
+def _scaled(effect: Effect, amplitude: float) -> Effect:
+    """A purely searched effect moved from neutral by `amplitude` of its trial size."""
+    values = {}
+    scale = float(np.clip(amplitude, MIN_SCALE, MAX_SCALE))
+    for name in effect.searched():
+        known = effect.parameter(name)
+        value = effect.parameters[name]
+        if known.log and known.neutral > 0:
+            values[name] = float(known.neutral * (value / known.neutral) ** scale)
+        else:
+            values[name] = known.neutral + scale * (value - known.neutral)
+    return effect.changed(values)
+
+
+def _first_step(hypothesis: Hypothesis, effect: Effect, name: str) -> float:
+    """First step of a search of a parameter that is not searched by its logarithm."""
+    known, value = effect.parameter(name), effect.parameters[name]
+    if known.unit == "s" and effect.log is not None:
+        return max(log.duration for log in hypothesis.logs) / PARTS_OF_A_LOG
+    return RELATIVE_STEP * (abs(value - known.neutral) or 1.0)
 
 
 # ---------------------------------------------------------------- which of them

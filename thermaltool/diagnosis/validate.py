@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermaltool.diagnosis.fit import CauseCandidate, fit_candidate
+from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Cause, Gain
+from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import Index, Series
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
