@@ -25,7 +25,8 @@ from identify_speed import speed
 from scipy.signal import lfilter
 
 from thermaltool.fitting.data import TrainingData, sampled
-from thermaltool.fitting.transfer.choose import choose, first_that_fits, started
+from thermaltool.fitting.selection import first_that_fits
+from thermaltool.fitting.transfer.choose import choose, started
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.units import Hold
 

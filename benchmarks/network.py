@@ -24,7 +24,7 @@ from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.problem import NetworkProblem
 from thermaltool.fitting.network.search import refine, search
-from thermaltool.fitting.transfer.choose import first_that_fits
+from thermaltool.fitting.selection import first_that_fits
 from thermaltool.model.curves import Form, SearchedCurve
 from thermaltool.record import Record
 from thermaltool.responses.modes import Hold

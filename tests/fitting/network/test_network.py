@@ -13,7 +13,7 @@ from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.network.choose import choose_delays, choose_modes, started
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.residuals import network_tests
-from thermaltool.fitting.transfer.choose import first_that_fits
+from thermaltool.fitting.selection import first_that_fits
 from thermaltool.record import Record
 
 DT, ROWS = 5.0, 1600

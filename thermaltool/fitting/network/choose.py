@@ -8,23 +8,19 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.network.covariance import runs_of
 from thermaltool.fitting.network.identify import MAX_MODES, identify_network
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.problem import Delays, NetworkProblem
 from thermaltool.fitting.network.search import MAX_START_ROWS, NetworkSearchResult, search
-from thermaltool.fitting.transfer.choose import (
-    FITTED,
-    LARGEST_DELAY,
-    brief,
-    in_transient,
-    standing,
-)
-from thermaltool.fitting.transfer.colour import effective_share
-from thermaltool.signals.agreement import Agreement
+from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, held_out_scores
+from thermaltool.fitting.start_state import StartErrors, with_start
+from thermaltool.fitting.transfer.colour import runs_of
+from thermaltool.signals.agreement import Agreement, agreement
 
 # Delays and time constants are found in turn at most so often.
 MAX_DELAY_ROUNDS = 5
+# Modes beside which delays and the start are chosen, at most.
+MAX_TRIED = 3
 
 
 @dataclass(frozen=True)
@@ -63,8 +59,8 @@ def choose_modes(data: TrainingData, delays: Delays) -> tuple[NetworkCandidate, 
         No candidate fits.
     """
     data.check()
-    fitted, held = data.split(FITTED)
-    found: list[tuple[Network, tuple[Agreement, ...]]] = []
+    fitted, held = data.split(FITTED_SHARE)
+    found: list[tuple[Network, Array, list[Agreement]]] = []
     problem: FitError | None = None
     for modes in range(1, MAX_MODES + 1):
         try:
@@ -72,41 +68,25 @@ def choose_modes(data: TrainingData, delays: Delays) -> tuple[NetworkCandidate, 
         except FitError as error:
             problem = problem or error
             continue
-        agreements = tuple(network.fit(held))
+        run = network.run(held)
+        agreements = [agreement(held.output(k), run[k]) for k in range(len(run))]
         if all(np.isfinite(a.rmse) and a.rmse > 0 for a in agreements):
-            found.append((network, agreements))
+            found.append((network, run, agreements))
     if not found:
         raise problem or FitError("no number of modes fits these data")
-    best = min(found, key=lambda each: _error(each[1]))[0]
-    rows = max(_independent_share(best, held) * held.rows, 2.0)
-    ranked = (_candidate(network, agreements, fitted, rows) for network, agreements in found)
+    counts = [network.parameters / len(network.outputs) for network, _, _ in found]
+    scores = held_out_scores(held, [run for _, run, _ in found], counts)
+    rows = float(np.log(fitted.rows))
+    ranked = [
+        NetworkCandidate(
+            network.modes,
+            tuple(a.fit_percent for a in agreements),
+            2 * network.criterion + network.parameters * rows,
+            score,
+        )
+        for (network, _, agreements), score in zip(found, scores, strict=True)
+    ]
     return tuple(sorted(ranked, key=lambda c: c.score))
-
-
-def _error(agreements: tuple[Agreement, ...]) -> float:
-    """Mean over the outputs of ln of the error variance."""
-    return float(np.mean([2 * np.log(a.rmse) for a in agreements]))
-
-
-def _candidate(
-    network: Network, agreements: tuple[Agreement, ...], fitted: TrainingData, rows: float
-) -> NetworkCandidate:
-    p, modes = len(network.outputs), len(network.time_constants)
-    parameters = (modes + sum(s.parameters - modes for s in network.outputs)) / p
-    score = _error(agreements) + parameters * float(np.log(rows)) / rows
-    bic = 2 * network.criterion + p * parameters * float(np.log(fitted.rows))
-    return NetworkCandidate(modes, tuple(a.fit_percent for a in agreements), bic, score)
-
-
-def _independent_share(network: Network, held: TrainingData) -> float:
-    """Share of the rows that count as independent, in the mean over the outputs."""
-    computed = [network.simulate(record) for record in held.records]
-    shares = []
-    for k in range(len(network.outputs)):
-        errors = [y[k] - own[k] for y, own in zip(held.y, computed, strict=True)]
-        runs = [run for error in errors for run in runs_of(error)]
-        shares.append(effective_share(runs) if runs else 1.0)
-    return float(np.mean(shares))
 
 
 def choose_delays(data: TrainingData) -> Delays:
@@ -130,7 +110,7 @@ def choose_delays(data: TrainingData) -> Delays:
     """
     data.check()
     stride = max(1, data.rows // MAX_START_ROWS)
-    tried = (data.period * np.arange(1 + min(LARGEST_DELAY, max(4, data.longest // 8)))).tolist()
+    tried = (data.period * np.arange(1 + min(MAX_DELAY, max(4, data.longest // 8)))).tolist()
     delays: Delays = tuple((0.0,) * len(data.inputs) for _ in data.outputs)
     score, best = _least_bic(NetworkProblem(data, delays, stride))
     for _ in range(MAX_DELAY_ROUNDS):
@@ -172,7 +152,7 @@ def _least_bic(problem: NetworkProblem) -> tuple[float, NetworkSearchResult]:
     found = []
     outputs, inputs = len(problem.delays), len(problem.data.inputs)
     rows = sum(problem.rows(k) for k in range(outputs))
-    for modes in (1, 2, 3):
+    for modes in range(1, MAX_TRIED + 1):
         try:
             each = search(problem, modes)
         except FitError:
@@ -184,9 +164,7 @@ def _least_bic(problem: NetworkProblem) -> tuple[float, NetworkSearchResult]:
 
 
 def started(data: TrainingData) -> TrainingData:
-    """The records from rest, unless a free state at the start describes some output clearly better.
-
-    The rule is that of transfer functions (`transfer.choose.started`), with shared modes.
+    """The data from rest, unless a free state describes some output clearly better (`with_start`).
 
     Parameters
     ----------
@@ -197,22 +175,19 @@ def started(data: TrainingData) -> TrainingData:
     FitError
         As `TrainingData.check`; no mode fits.
     """
-    data.check()
-    if brief(data):
-        return data
-    if all(standing(data.measured(k)) for k in range(len(data.outputs))):
-        return data.from_rest()
+    return with_start(data, _undelayed_errors)
+
+
+def _undelayed_errors(data: TrainingData) -> StartErrors | None:
+    """Errors of one to three modes without dead time; None where there are too few rows."""
     none: Delays = tuple((0.0,) * len(data.inputs) for _ in data.outputs)
-    losses: list[list[float]] = []
-    for each in (data.from_rest(), data):
-        problem = NetworkProblem(each, none)
-        rows = min(problem.rows(k) for k in range(len(data.outputs)))
-        if rows <= problem.linear_count(3) + 3:
-            return data
-        found = _least_bic(problem)[1]
-        losses.append([f.loss / f.rows for f in found.projected])
-    errors = list(problem.errors(found.time_constants, found.projected))
-    for k, (rest, free) in enumerate(zip(*losses, strict=True)):
-        if in_transient(rest, free, [run for o, _, e in errors if o == k for run in runs_of(e)]):
-            return data
-    return data.from_rest()
+    problem, outputs = NetworkProblem(data, none), range(len(data.outputs))
+    if min(map(problem.rows, outputs)) <= problem.linear_count(MAX_TRIED) + MAX_TRIED:
+        return None
+    found = _least_bic(problem)[1]
+
+    def runs() -> list[list[Array]]:
+        errors = list(problem.errors(found.time_constants, found.projected))
+        return [[run for o, _, e in errors if o == k for run in runs_of(e)] for k in outputs]
+
+    return StartErrors([f.loss / f.rows for f in found.projected], runs)

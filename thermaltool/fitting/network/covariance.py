@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from thermaltool.fitting.data import Array
 from thermaltool.fitting.network.problem import NetworkProblem
 from thermaltool.fitting.network.search import NetworkSearchResult
-from thermaltool.fitting.transfer.colour import error_colour
+from thermaltool.fitting.transfer.colour import error_colour, runs_of
 from thermaltool.signals.gauss_newton import inverse_of
 
 
@@ -91,17 +91,3 @@ def _colours(problem: NetworkProblem, found: NetworkSearchResult) -> tuple[list[
     ])  # fmt: skip
     white /= np.sqrt(np.maximum(np.sum(white**2, axis=1), 1e-300))[:, None]
     return filters, white @ white.T * np.outer(deviations, deviations)
-
-
-def runs_of(errors: Array) -> list[Array]:
-    """Runs of errors without a hole, in order.
-
-    Parameters
-    ----------
-    errors : ndarray, shape (n,)
-        NaN where there is none.
-    """
-    there = np.flatnonzero(np.isfinite(errors))
-    if not len(there):
-        return []
-    return [errors[part] for part in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)]

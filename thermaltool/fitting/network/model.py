@@ -154,6 +154,16 @@ class Network:
         return self.outputs[0].time_constants
 
     @property
+    def modes(self) -> int:
+        """Number of time constants."""
+        return len(self.time_constants)
+
+    @property
+    def parameters(self) -> int:
+        """Everything that was fitted: time constants once, weights and offsets of each output."""
+        return self.modes + sum(output.parameters - self.modes for output in self.outputs)
+
+    @property
     def delays(self) -> Delays:
         """Dead times, for each output one for each input [s]."""
         return tuple(s.delays for s in self.outputs)

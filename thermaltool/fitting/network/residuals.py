@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.network.covariance import runs_of
 from thermaltool.fitting.network.model import Network
+from thermaltool.fitting.transfer.colour import runs_of
 from thermaltool.fitting.transfer.residuals import ResidualTests, tested
 
 

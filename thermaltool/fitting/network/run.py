@@ -15,7 +15,7 @@ from thermaltool.fitting.network.choose import (
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.residuals import network_tests
-from thermaltool.fitting.transfer.choose import first_that_fits
+from thermaltool.fitting.selection import first_that_fits
 from thermaltool.fitting.transfer.continuation import Continued
 from thermaltool.fitting.transfer.judge import judged, rests, zero_of
 from thermaltool.fitting.transfer.residuals import ResidualTests

@@ -9,36 +9,24 @@ count for fewer rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.transfer.colour import effective_share
+from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, held_out_scores
+from thermaltool.fitting.start_state import StartErrors, with_start
 from thermaltool.fitting.transfer.identify import Structure, identify, orders_of
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.output_error import Orders, Problem
 from thermaltool.fitting.transfer.search import search
 from thermaltool.signals.agreement import agreement
-from thermaltool.signals.detrend import difference_sigma
 
-# Share of each stretch on which candidates are fitted; the rest judges them.
-FITTED = 0.6
 # Candidates are compared on so many samples at most.
 COMPARED = 20000
-# A free state at the start has to lower the squared error by this factor, or twice the logarithm
-# of the likelihood, of rows that count, by that much.
-RESTING, CLEARLY = 1.25, 25.0
-# A signal stands still while it moves by less than this share of its range, or than its noise in
-# so many standard deviations; the output is compared over so many parts of at least so many rows.
-STILL, NOISE, IDLE, LEAST = 0.01, 4.0, 5, 3
-LARGEST_ORDER, LARGEST_DELAY = 4, 60
-
-C = TypeVar("C")
-M = TypeVar("M")
+LARGEST_ORDER = 4
 
 
 @dataclass(frozen=True)
@@ -107,7 +95,7 @@ def choose(
     """
     data.check()
     short = data if data.rows <= COMPARED else data.excerpt(COMPARED)
-    fitted, held = short.split(FITTED)
+    fitted, held = short.split(FITTED_SHARE)
     found: dict[tuple[int, int, tuple[int, ...]], TransferModel] = {}
     problem: FitError | None = None
     for nb, nf, delays in _grid(_delays(fitted), data.least_delays):
@@ -128,88 +116,29 @@ def choose(
     return Choice(candidates)
 
 
-def first_that_fits(candidates: Iterable[C], fit: Callable[[C], M]) -> M:
-    """The model of the first of `candidates`, the best first, that fits the whole training data.
-
-    Raises
-    ------
-    FitError
-        None does; the message is that of the best.
-    """
-    problem: FitError | None = None
-    for each in candidates:
-        try:
-            return fit(each)
-        except FitError as error:
-            problem = problem or error
-    raise problem or FitError("there is no candidate")
-
-
 def started(data: TrainingData) -> TrainingData:
-    """The data from rest, unless a free state at the start describes them clearly better.
-
-    Free responses can stand for slow modes: with one step in the record gain, offset, modes and
-    state are confounded, and a free state is preferred for the smallest error of the model. A
-    record that begins within a transient gains far more by it, or its errors become white. Records
-    whose signals all stand
-    still at first are at rest whatever the losses say: a delay alone can make a free state better.
-    """
-    data.check()
-    if brief(data):
-        return data
-    if standing(data):
-        return data.from_rest()
-    least = data.least_delays
-    orders = orders_of("oe", (2,) * len(least), 2, least)
-    losses = []
-    for each in (data.from_rest(), data):
-        problem = Problem(each.about_levels(orders.first), orders)
-        if problem.rows <= problem.linear_count + sum(orders.nf):
-            return data
-        found = search(problem)
-        losses.append(found.loss / problem.rows)
-    errors = [error for error, _ in problem.errors(problem.project(found.F))]
-    return data if in_transient(losses[0], losses[1], errors) else data.from_rest()
-
-
-def in_transient(rest: float, free: float, errors: Sequence[Array]) -> bool:
-    """Whether a free state describes the start clearly better.
+    """The data from rest, unless a free state describes them clearly better (`with_start`).
 
     Parameters
     ----------
-    rest, free : float [unit²]
-        Mean square of the errors from rest and from a free state.
-    errors : sequence of ndarray
-        Those of the free state, run by run.
+    data : TrainingData
     """
-    ratio = rest / max(free, 1e-300)
-    rows = effective_share(errors) * sum(map(len, errors))
-    return ratio > RESTING or rows * float(np.log(max(ratio, 1.0))) > CLEARLY
+    return with_start(data, _second_order_errors)
 
 
-def brief(data: TrainingData) -> bool:
-    """Whether some experiment begins with a record too short to tell rest from a transient."""
-    return any(len(data.records[k]) < IDLE * LEAST for k in data.begins.values())
+def _second_order_errors(data: TrainingData) -> StartErrors | None:
+    """Errors of an output-error model of second order; None where there are too few rows."""
+    least = data.least_delays
+    orders = orders_of("oe", (2,) * len(least), 2, least)
+    problem = Problem(data.about_levels(orders.first), orders)
+    if problem.rows <= problem.linear_count + sum(orders.nf):
+        return None
+    found = search(problem)
 
+    def runs() -> list[list[Array]]:
+        return [[error for error, _ in problem.errors(problem.project(found.F))]]
 
-def standing(data: TrainingData) -> bool:
-    """Whether every experiment begins idle: inputs and output stand still, within their noise."""
-    return all(_stands(data.u[k], data.y[k][0]) for k in data.begins.values())
-
-
-def _stands(inputs: Array, output: Array) -> bool:
-    moved = np.abs(inputs - inputs[:, :1]) > [[_blur(u)] for u in inputs]
-    rows = int(np.argmax(moved.any(axis=0))) if moved.any() else inputs.shape[1]
-    if rows < IDLE * LEAST:
-        return False
-    parts = [float(part.mean()) for part in np.array_split(output[:rows], IDLE)]
-    return float(np.ptp(parts)) <= _blur(output, rows // IDLE)
-
-
-def _blur(signal: Array, averaged: int = 1) -> float:
-    """What two means of so many readings may differ where the signal stands still."""
-    chance = NOISE * np.sqrt(2.0 / averaged) * difference_sigma(signal)
-    return max(STILL * float(np.ptp(signal)), float(chance))
+    return StartErrors([found.loss / problem.rows], runs)
 
 
 def real_poles(model: TransferModel) -> bool:
@@ -224,25 +153,21 @@ def _ranked(
     held: TrainingData,
 ) -> tuple[Candidate, ...]:
     """By their free run over what was not fitted, the best first."""
-    y = held.output()
-    computed = {key: model.run(held) for key, model in found.items()}
-    squares = {key: float(np.nanmean((y - run) ** 2)) for key, run in computed.items()}
-    squares = {key: square for key, square in squares.items() if np.isfinite(square)}
-    if not squares:
+    y, runs = held.output(), {key: model.run(held) for key, model in found.items()}
+    runs = {key: run for key, run in runs.items() if np.isfinite(np.nanmean((y - run) ** 2))}
+    if not runs:
         return ()
-    best = y - computed[min(squares, key=lambda key: squares[key])]
-    ends = np.cumsum([len(record) for record in held.records])[:-1]
-    runs = [e[np.isfinite(e)] for e in np.split(best, ends)]
-    rows = max(effective_share(runs) * held.rows, 2.0)
+    models = [found[key] for key in runs]
+    scores = held_out_scores(held, [run[None] for run in runs.values()],
+                             [model.parameters for model in models])  # fmt: skip
     variance = float(np.var(fitted.output()))
-    ranked = []
-    for (nb, nf, nk), square in squares.items():
-        model = found[nb, nf, nk]
-        score = np.log(max(square, 1e-300)) + model.parameters * np.log(rows) / rows
-        ranked.append(Candidate(
-            nb, nf, nk, agreement(y, computed[nb, nf, nk]).fit_percent,
-            model.criteria.aic, model.criteria.bic, model.yic(variance), float(score),
-        ))  # fmt: skip
+    ranked = [
+        Candidate(
+            *key, agreement(y, run).fit_percent,
+            model.criteria.aic, model.criteria.bic, model.yic(variance), score,
+        )
+        for (key, run), model, score in zip(runs.items(), models, scores, strict=True)
+    ]  # fmt: skip
     return tuple(sorted(ranked, key=lambda c: c.score))
 
 
@@ -267,7 +192,7 @@ def _delays(data: TrainingData) -> list[tuple[int, ...]]:
     Then what else may be: the least delays, and for each input the best other minimum of the loss,
     for a delay can stand for poles that a second order has not.
     """
-    most, least = min(LARGEST_DELAY, max(4, data.longest // 8)), data.least_delays
+    most, least = min(MAX_DELAY, max(4, data.longest // 8)), data.least_delays
     nk, others = least, list(least)
     for _ in range(3):
         before = nk

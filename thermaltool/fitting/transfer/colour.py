@@ -25,6 +25,20 @@ def long_runs(runs: Sequence[Array]) -> list[int]:
     return [k for k, run in enumerate(runs) if least and len(run) >= least]
 
 
+def runs_of(errors: Array) -> list[Array]:
+    """Runs of errors without a hole, in order.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (n,)
+        NaN where there is none.
+    """
+    there = np.flatnonzero(np.isfinite(errors))
+    if not len(there):
+        return []
+    return [errors[part] for part in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)]
+
+
 def effective_share(runs: Sequence[Array]) -> float:
     """Share of the rows that count as independent in a mean square: 1/Σ ρ² of their AR model.
 

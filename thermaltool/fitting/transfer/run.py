@@ -9,10 +9,10 @@ import numpy as np
 
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.data import TrainingData
+from thermaltool.fitting.selection import first_that_fits
 from thermaltool.fitting.transfer.choose import (
     Choice,
     choose,
-    first_that_fits,
     real_poles,
     started,
 )

@@ -1,0 +1,101 @@
+"""Whether records begin at rest, or in a state that has to be estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.transfer.colour import effective_share
+from thermaltool.signals.detrend import difference_sigma
+
+# A free state at the start has to lower the mean square error by this factor, or twice the
+# logarithm of the likelihood, of rows that count, by that much.
+MIN_FACTOR, MIN_EVIDENCE = 1.25, 25.0
+# A signal is idle while it moves by less than this share of its range, or than its noise in so
+# many standard deviations.
+IDLE_SHARE, IDLE_DEVIATIONS = 0.01, 4.0
+# An output is compared over so many parts of at least so many rows.
+PARTS, MIN_PART_ROWS = 5, 3
+
+
+@dataclass(frozen=True)
+class StartErrors:
+    """Errors of a model with one assumption on the start.
+
+    Attributes
+    ----------
+    mean_squares : sequence of float, one for each output [unit²]
+    runs : callable
+        Runs of the errors of every output.
+    """
+
+    mean_squares: Sequence[float]
+    runs: Callable[[], Sequence[Sequence[Array]]]
+
+
+def with_start(
+    data: TrainingData, errors_of: Callable[[TrainingData], StartErrors | None]
+) -> TrainingData:
+    """The data from rest, unless a free state at the start describes some output clearly better.
+
+    Free responses can stand for slow modes: with one step in the record gain, offset, modes and
+    state are confounded, and a free state is preferred for the smallest error of the model. A
+    record that begins within a transient gains far more by it, or its errors become white. Records
+    whose signals are all idle at first are at rest whatever the losses say: a delay alone can make
+    a free state better.
+
+    Parameters
+    ----------
+    data : TrainingData
+    errors_of : callable
+        Errors of a small model of given data; None where they have too few rows for it.
+
+    Raises
+    ------
+    FitError
+        As `TrainingData.check` and `errors_of`.
+    """
+    data.check()
+    if any(len(data.records[k]) < PARTS * MIN_PART_ROWS for k in data.begins.values()):
+        return data  # too short to tell rest from a transient
+    if all(_begins_idle(data.measured(k)) for k in range(len(data.outputs))):
+        return data.from_rest()
+    rest = errors_of(data.from_rest())
+    free = None if rest is None else errors_of(data)
+    if rest is None or free is None:
+        return data
+    for at_rest, at_free, runs in zip(rest.mean_squares, free.mean_squares, free.runs(),
+                                      strict=True):  # fmt: skip
+        if _clearly_better(at_rest, at_free, runs):
+            return data
+    return data.from_rest()
+
+
+def _clearly_better(rest: float, free: float, runs: Sequence[Array]) -> bool:
+    """Whether a free state lowers the mean square error enough; `runs` are its errors."""
+    ratio = rest / max(free, 1e-300)
+    rows = effective_share(runs) * sum(map(len, runs))
+    return ratio > MIN_FACTOR or rows * float(np.log(max(ratio, 1.0))) > MIN_EVIDENCE
+
+
+def _begins_idle(data: TrainingData) -> bool:
+    """Whether inputs and the output stand still, within their noise, as every experiment begins."""
+    return all(_stands_still(data.u[k], data.y[k][0]) for k in data.begins.values())
+
+
+def _stands_still(inputs: Array, output: Array) -> bool:
+    moved = np.abs(inputs - inputs[:, :1]) > [[_idle_range(u)] for u in inputs]
+    rows = int(np.argmax(moved.any(axis=0))) if moved.any() else inputs.shape[1]
+    if rows < PARTS * MIN_PART_ROWS:
+        return False
+    parts = [float(part.mean()) for part in np.array_split(output[:rows], PARTS)]
+    return float(np.ptp(parts)) <= _idle_range(output, rows // PARTS)
+
+
+def _idle_range(signal: Array, averaged: int = 1) -> float:
+    """What two means of so many readings may differ where the signal stands still."""
+    chance = IDLE_DEVIATIONS * np.sqrt(2.0 / averaged) * difference_sigma(signal)
+    return max(IDLE_SHARE * float(np.ptp(signal)), float(chance))
