@@ -1,0 +1,156 @@
+"""A hypothesis, its rows and its amplitudes: what does not change, and what comes next."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+import pytest
+
+from thermaltool.diagnosis.diagnose import RELEASED
+from thermaltool.diagnosis.fit import CandidateProducts, CauseCandidate, evaluate, profile
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.select import fit_candidate
+from thermaltool.diagnosis.simulation import RowGroups
+from thermaltool.diagnosis.validate import judge
+from thermaltool.effects import effect_class
+from thermaltool.fitting.discrepancy import MAX_ROWS
+from thermaltool.model import Drive, Model, Output, Term
+from thermaltool.record import Record
+from thermaltool.responses.deflection import Deflection
+
+HEAT, Z = "Q_main_1", "d_z_um"
+TIME = 5.0 * np.arange(800)
+LEVELS = np.repeat([0.0, 1.0, 0.3, 0.8, 0.0, 0.5, 1.0, 0.0], 100)
+MODEL = Model(
+    drives=(Drive(HEAT, "zero", 0.0, (0.0, 1.0)),),
+    outputs=(Output(Z, "deflection", "first", (-100.0, 100.0)),),
+    terms=(Term(HEAT, Z, Deflection(80.0, 1 / 900, 0.0, 1.0, 0.0, 1.0)),),
+    sample_period=5.0,
+)
+DELAY = effect_class("transport_delay")(HEAT, {"delay": 30.0})
+STEP = effect_class("sensor_offset_step")(Z, {"step": 3.0, "time": 1500.0}, "log")
+
+
+def hypothesis(*truth) -> Hypothesis:
+    """The plain model on a log of the machine with `truth`."""
+    columns = {HEAT: LEVELS}
+    with_truth = Model(MODEL.drives, MODEL.outputs, MODEL.terms, 5.0, effects=truth)
+    columns[Z] = with_truth.simulate(Record(TIME, columns, digest="log"))[Z]
+    columns[Z] = columns[Z] + 0.1 * np.random.default_rng(7).standard_normal(len(TIME))
+    return Hypothesis.of(MODEL, [Record(TIME, columns, digest="log")], MODEL, RELEASED)
+
+
+# ---------------------------------------------------------------- rows
+
+
+def test_groups_are_means_that_reach_over_no_pause() -> None:
+    rows = 2 * MAX_ROWS + 10
+    time = np.arange(rows, dtype=float)
+    time[7:] += 100.0  # a pause inside what would be a group
+    log = Record(time, {Z: np.sin(time)})
+    groups = RowGroups.of([log], [np.ones(rows, bool)])
+    assert groups is not None
+    assert groups.size < rows / 2 < groups.count == rows
+    assert 7 in groups.first
+    edges = [*groups.first.tolist(), rows]
+    means = [log.column(Z)[a:b].mean() for a, b in itertools.pairwise(edges)]
+    np.testing.assert_allclose(groups.means([log.column(Z)]), means, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(1 / groups.weight, np.diff(edges))
+
+
+def test_rows_that_do_not_count_are_in_no_group() -> None:
+    logs = [Record(np.arange(5.0), {}), Record(np.arange(4.0), {})]
+    use = [np.array([True, False, True, True, False]), np.zeros(4, bool)]
+    groups = RowGroups.of(logs, use)
+    assert groups is not None
+    assert (groups.count, groups.present) == (3, [0])
+    assert groups.joined([10 * log.time for log in logs]).tolist() == [0.0, 20.0, 30.0]
+    assert RowGroups.of(logs, [np.zeros(5, bool), np.zeros(4, bool)]) is None
+
+
+def test_masked_rows_change_the_next_hypothesis_alone() -> None:
+    first = hypothesis()
+    before = first.evidence[Z].columns.copy()
+    mask = np.zeros(len(TIME), bool)
+    mask[::10] = True
+    masked = first.with_masked({("log", Z): mask})
+    assert masked.groups[Z].count == 0.9 * len(TIME)
+    assert first.groups[Z].count == len(TIME)
+    np.testing.assert_array_equal(first.evidence[Z].columns, before)
+
+
+# ---------------------------------------------------------------- steps
+
+
+def test_a_hypothesis_does_not_change() -> None:
+    first = hypothesis()
+    with pytest.raises(FrozenInstanceError):
+        first.assumptions = frozenset()  # type: ignore[misc]
+    assert first.under(first.assumptions, MODEL) is first
+    started = first.under(first.assumptions | {"initial"}, MODEL)
+    assert "initial" not in first.assumptions
+    # Other assumptions need no other simulation.
+    assert started.simulation is first.simulation
+
+
+def test_parameters_that_are_set_free_leave_what_the_calibration_knew() -> None:
+    tight = Hypothesis.of(MODEL, hypothesis().logs, MODEL, frozenset({"offset", "tight"}))
+    moved = tight.with_model(tight.nuisance[Z].moved(np.array([0.1] + [0.0] * 5)))
+    assert moved.model.terms != MODEL.terms
+    freed = moved.under(frozenset({"offset", "released"}), MODEL)
+    assert freed.model.terms == MODEL.terms
+    assert moved.under(moved.assumptions | {"initial"}, MODEL).model is moved.model
+
+
+def test_free_parameters_are_fitted_and_held_ones_stay() -> None:
+    other = Deflection(80.0, 1 / 900, 0.0, 1.0, 0.0, 1.0)
+    wrong = Model(MODEL.drives, MODEL.outputs, (Term(HEAT, Z, Deflection(
+        70.0, 1 / 800, 0.0, 1.0, 0.0, 1.0)),), 5.0)  # fmt: skip
+    free = Hypothesis.of(wrong, hypothesis().logs, wrong, RELEASED).fitted()
+    response = free.model.terms[0].response
+    assert isinstance(response, Deflection)
+    assert response.dc_gain() == pytest.approx(other.dc_gain(), rel=0.01)
+    held = Hypothesis.of(wrong, hypothesis().logs, wrong, frozenset({"offset", "tight"}))
+    assert held.fitted() is held
+
+
+# ---------------------------------------------------------------- one candidate
+
+
+def test_under_white_noise_the_amplitude_is_that_of_least_squares() -> None:
+    found = hypothesis(STEP)
+    signature = found.simulation.signatures(STEP)["step"][Z][0]
+    evidence = found.evidence[Z].at([])
+    products = evidence.products(signature[:, None], [[0]])
+    projected = evidence.projected(frozenset({"offset"}), products)
+    result = profile([CandidateProducts.of(projected, [0], [0])], 1)
+    table = np.column_stack([signature, np.ones(len(TIME))])
+    residual = found.simulation.residual(Z)[0]
+    (amplitude, _), (square,), *_ = np.linalg.lstsq(table, residual, rcond=None)
+    assert result.amplitudes[0] == pytest.approx(amplitude, rel=1e-9)
+    # ... and the rise of the likelihood that of its sum of squares.
+    plain = float(np.sum((residual - residual.mean()) ** 2))
+    expected = 0.5 * (len(TIME) - 1) * np.log(plain / square)
+    assert result.gains[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_what_looks_like_the_model_itself_has_no_evidence() -> None:
+    found = hypothesis(STEP)
+    gain = effect_class("sensor_gain")(Z, {"gain": 1.2})
+    assert evaluate(found, STEP, RELEASED).evidence > 100
+    assert evaluate(found, gain, RELEASED).evidence < 0
+
+
+def test_a_true_cause_is_accepted_and_a_false_one_is_not() -> None:
+    found = hypothesis(DELAY)
+    true = fit_candidate(found, CauseCandidate.unfitted(DELAY, RELEASED))
+    false = fit_candidate(found, CauseCandidate.unfitted(STEP, RELEASED))
+    verdict = judge(found, true, [true, false], MODEL)
+    assert verdict is not None
+    assert verdict.cause.effect.parameters["delay"] == pytest.approx(30.0, abs=3.0)
+    assert verdict.cause.gain[Z].claimed
+    assert [e.name for e in verdict.after.model.effects] == ["transport_delay"]
+    assert found.model.effects == ()
+    assert judge(found, false, [true, false], MODEL) is None
