@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Row = Mapping[str, float]
 # An effect, and what it keeps of the rows before.
-Remembering = tuple[Effect, dict[str, Any]]
+EffectMemory = tuple[Effect, dict[str, Any]]
 
 # Where the integral of a varying loss [1] passes this, all that is stored is scaled anew: e^Γ
 # would overflow at 700.
@@ -82,10 +82,10 @@ class ModelRecursion:
         choosers = [t.band.channel for t in self.terms if t.band is not None]
         drives = [d.channel for d in model.drives]
         self._references = {c: model.reference(c) for c in dict.fromkeys([*drives, *choosers])}
-        self._drives: list[tuple[str, list[Remembering]]] = [
+        self._drives: list[tuple[str, list[EffectMemory]]] = [
             (c, [(e, {}) for e in effects if (e.side, e.channel) == ("drive", c)]) for c in drives
         ]
-        self._losses: list[Remembering] = [(e, {}) for e in effects if e.side == "state"]
+        self._losses: list[EffectMemory] = [(e, {}) for e in effects if e.side == "state"]
         self._readings: list[tuple[Effect, dict[str, dict[str, Any]]]] = [
             (e, {name: {} for name in wanted})
             for e in sorted(effects, key=lambda e: SIDES.index(e.side))
