@@ -1,7 +1,7 @@
 """Documents and files at the border: JSON read field by field, files written whole or not at all.
 
 A reader takes a value of a document and returns what a model holds, or raises `ModelError`; what
-cannot be read is told with its place in the file.
+cannot be read is named with its place in the file.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ class Part:
             return absent[0]
         if field not in self._value:
             raise ModelError(f"{self._place}{': ' if self._place else ''}{field!r} is missing")
-        return told(reader, value, self._field(field))
+        return read_at(reader, value, self._field(field))
 
     def parts(self, field: str, *absent: Any) -> list[Part]:
         """The objects of a list."""
@@ -178,13 +178,13 @@ class Part:
 
     def as_whole(self, reader: Callable[[Any], Any]) -> Any:
         """What `reader` makes of the object."""
-        return told(reader, self._value, self._place)
+        return read_at(reader, self._value, self._place)
 
     def _field(self, field: str) -> str:
         return f"{self._place}.{field}" if self._place else field
 
 
-def told(reader: Callable[[Any], Any], value: Any, place: str) -> Any:
+def read_at(reader: Callable[[Any], Any], value: Any, place: str) -> Any:
     """What `reader` makes of a value, or where in the file it cannot."""
     try:
         return reader(value)

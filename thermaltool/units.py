@@ -65,6 +65,7 @@ class Channel:
 
     @property
     def dimension(self) -> str:
+        """The physical quantity of the unit: temperature, length, power, …"""
         return UNITS[self.unit][0]
 
 

@@ -145,7 +145,7 @@ def fit_output(
 
     duration = max(record.duration for record in records)
     period = min(record.period for record in records)
-    search = _Search(problem, parametrization, parametrization.limits(period, duration))
+    search = _StartSearch(problem, parametrization, parametrization.limits(period, duration))
     weights = np.ones(rows)
     triangle = problem.compress(weights)
     reached = search.best(parametrization.starts(period, duration), triangle, starts, progress)
@@ -160,7 +160,7 @@ def fit_output(
     return _described(search, theta, triangle, weights, duration, rmses)
 
 
-class _Search:
+class _StartSearch:
     """Errors of a set of rates relative to the deviation of the output, and where they are least.
 
     By the bounded trust region of scipy. The damped Gauss-Newton of signals/gauss_newton.py is as
@@ -227,7 +227,7 @@ def _huber_weights(residual: Float) -> Float | None:
 
 
 def _described(
-    search: _Search,
+    search: _StartSearch,
     theta: Float,
     triangle: Triangle,
     weights: Float,

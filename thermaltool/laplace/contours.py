@@ -11,15 +11,15 @@ from thermaltool.laplace.sampling import ComplexArray, RealArray, Sampler
 EPS = float(np.finfo(float).eps)
 
 # Last over first time of a window, and its largest size (which bounds the memory).
-RATIO, LARGEST = 16.0, 4096
+MAX_TIME_RATIO, MAX_WINDOW_SIZE = 16.0, 4096
 
 
 def windows(t: RealArray) -> list[slice]:
-    """Slices of the ascending times `t`, each within a factor `RATIO` and `LARGEST` long."""
+    """Slices of the ascending times `t`, within `MAX_TIME_RATIO` and `MAX_WINDOW_SIZE` each."""
     slices: list[slice] = []
     stop = t.size
     while stop:
-        start = max(int(np.searchsorted(t, t[stop - 1] / RATIO)), stop - LARGEST)
+        start = max(int(np.searchsorted(t, t[stop - 1] / MAX_TIME_RATIO)), stop - MAX_WINDOW_SIZE)
         slices.append(slice(start, stop))
         stop = start
     return slices[::-1]
@@ -27,7 +27,7 @@ def windows(t: RealArray) -> list[slice]:
 
 @lru_cache
 def hyperbola_rule(order: int) -> tuple[ComplexArray, ComplexArray]:
-    """Nodes and weights on a hyperbola for times in [1/`RATIO`, 1].
+    """Nodes and weights on a hyperbola for times in [1/`MAX_TIME_RATIO`, 1].
 
     Weideman & Trefethen, Math. Comp. 76 (2007) 1341, section 4: z = μ(1 + sin(iu − φ)) with the
     midpoint rule of step h; μ and h balance the truncation against both discretization errors
@@ -35,7 +35,7 @@ def hyperbola_rule(order: int) -> tuple[ComplexArray, ComplexArray]:
     """
     phi = np.linspace(np.pi / 4, np.pi / 2, 2002)[1:-1]
     excess = 4 * phi - np.pi
-    reach = np.arccosh(((np.pi - 2 * phi) * RATIO + excess) / (excess * np.sin(phi)))
+    reach = np.arccosh(((np.pi - 2 * phi) * MAX_TIME_RATIO + excess) / (excess * np.sin(phi)))
     best = np.argmax((np.pi**2 - 2 * np.pi * phi) / reach)
     step, mu = reach[best] / order, np.pi * excess[best] / reach[best] * order
     angle = 1j * (np.arange(order) + 0.5) * step - phi[best]

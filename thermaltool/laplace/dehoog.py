@@ -13,7 +13,7 @@ EPS = float(np.finfo(float).eps)
 ALIASING, CHECK_ALIASING = 1e-14, 1e-13
 TAIL_ORDER = 20
 # Heads are multiples of this.
-BLOCK = 32
+BLOCK_TERMS = 32
 
 # Half periods T of the two series, over the last time.
 HALF_PERIOD, CHECK_HALF_PERIOD = 2.0, 2.6
@@ -54,9 +54,9 @@ def _series(
 
 
 def _polynomial(terms: ComplexArray, z: ComplexArray) -> ComplexArray:
-    """Σ terms_k z^k: blocks of `BLOCK` terms as one matrix product, then Horner over the blocks."""
-    powers = np.cumprod(np.broadcast_to(z, (BLOCK, z.size)), axis=0)
-    blocks = terms.reshape(-1, BLOCK) @ np.concatenate([np.ones((1, z.size)), powers[:-1]])
+    """Σ terms_k z^k: blocks of `BLOCK_TERMS` as one matrix product, then Horner over the blocks."""
+    powers = np.cumprod(np.broadcast_to(z, (BLOCK_TERMS, z.size)), axis=0)
+    blocks = terms.reshape(-1, BLOCK_TERMS) @ np.concatenate([np.ones((1, z.size)), powers[:-1]])
     total = blocks[-1]
     for block in blocks[-2::-1]:
         total = total * powers[-1] + block

@@ -15,7 +15,7 @@ from thermaltool.errors import ThermalToolError
 from thermaltool.laplace.sampling import ComplexArray, Transfer
 
 # Bounds on what is parsed: evaluation recurses to the depth of the syntax tree.
-LONGEST, DEEPEST = 4000, 300
+MAX_CHARACTERS, MAX_DEPTH = 4000, 300
 CONSTANTS = {"pi": np.pi, "e": np.e}
 RESERVED = ("s", *CONSTANTS)
 
@@ -117,8 +117,8 @@ class _Compiler:
         self.names = {**CONSTANTS, **parameters}
 
     def compiled(self) -> Node:
-        if len(self.text) > LONGEST:
-            raise ExpressionError(f"expression longer than {LONGEST} characters")
+        if len(self.text) > MAX_CHARACTERS:
+            raise ExpressionError(f"expression longer than {MAX_CHARACTERS} characters")
         if not self.text:
             raise ExpressionError("empty expression")
         try:
@@ -129,7 +129,7 @@ class _Compiler:
             raise ExpressionError("expression nested too deeply") from None
         except ValueError as error:  # a null byte, an integer of thousands of digits
             raise ExpressionError(f"{error}") from None
-        if _depth(tree) > DEEPEST:
+        if _depth(tree) > MAX_DEPTH:
             raise ExpressionError("expression nested too deeply")
         return self._node(tree)
 

@@ -23,7 +23,7 @@ METHODS = ("auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest")
 
 # Terms summed before acceleration, in the Fourier series that answers and in the one that checks
 # it; the next pair is tried where the error exceeds the tolerance.
-HEADS = ((256, 64), (2048, 512), (8192, 2048))
+HEAD_TERMS = ((256, 64), (2048, 512), (8192, 2048))
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _audited(
     values, own_error = _contour(sample, t, method)
     series, series_error = np.full_like(t, np.nan), np.full_like(t, np.inf)
     missed = np.zeros_like(t)
-    for head, check in HEADS:
+    for head, check in HEAD_TERMS:
         longer, error, rounding = dehoog(sample, t, head, check)
         unresolved = resonances.above(np.pi * head / (HALF_PERIOD * t[-1]))
         error = _worst(error, unresolved)

@@ -16,9 +16,9 @@ BURST_PERIODS = 3.0
 GAP_PERIODS = 10.0
 # Bursts are a way of sampling, not an accident, once they recur and resemble each other.
 MIN_BURSTS = 5
-ALIKE = 0.8
+MIN_ALIKE_SHARE = 0.8
 # Steps that differ by less than this share of the time itself differ by rounding.
-ROUNDING = 1e-12
+ROUNDING_SHARE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def sampling(time: Array) -> Sampling:
     period = float(np.median(forward))
     within = forward[forward <= BURST_PERIODS * period]
     jitter = float(np.max(np.abs(within - period), initial=0.0))
-    if jitter < ROUNDING * np.nanmax(np.abs(time)):
+    if jitter < ROUNDING_SHARE * np.nanmax(np.abs(time)):
         jitter = 0.0
     rows, burst_period, pause = _bursts(time, steps, period)
     return Sampling(period, jitter, rows, burst_period, GAP_PERIODS * (pause or period))
@@ -73,7 +73,7 @@ def _bursts(
     pauses = steps[ends]
     usual_rows, usual_pause = int(np.median(rows)), float(np.median(pauses))
     alike = (np.abs(rows - usual_rows) <= 1) & (np.abs(pauses[1:] / usual_pause - 1) <= 0.5)
-    if np.mean(alike) < ALIKE:
+    if np.mean(alike) < MIN_ALIKE_SHARE:
         return None, None, None
     return usual_rows, float(np.median(np.diff(time[ends + 1]))), usual_pause
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs.columns import ColumnMap, Dialect
-from thermaltool.logs.table import UNFINISHED, Cells, InputBytes, Kind, Values, told
+from thermaltool.logs.table import UNFINISHED, Cells, InputBytes, Kind, Values, first_faults
 from thermaltool.logs.text import row_lines
 from thermaltool.record import Array
 
@@ -134,12 +134,12 @@ class CsvTable:
                 del rows[-1], lines[-1]
         columns = list(zip(*rows, strict=True)) if rows else [()] * width
         values: Values = []
-        problems = told(ragged)
+        problems = first_faults(ragged)
         for name, kind, column in zip(self.names, kinds, columns, strict=True):
             if kind == "number":
                 array, faults = self._numbers(name, column, lines)
                 values.append(array)
-                problems += told(faults)
+                problems += first_faults(faults)
             elif kind == "text":
                 values.append([cell if cell.strip() else None for cell in column])
             else:

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thermaltool.errors import LogError
-from thermaltool.logs.table import Cells, Kind, Values, told
+from thermaltool.logs.table import Cells, Kind, Values, first_faults
 from thermaltool.record import Array
 from thermaltool.units import clock_unit
 
 if TYPE_CHECKING:
     import pandas
 
-NAME = "<frame>"
+FRAME_NAME = "<frame>"
 
 
 class FrameTable:
@@ -31,7 +31,7 @@ class FrameTable:
     def __init__(self, frame: pandas.DataFrame) -> None:
         import pandas
 
-        self.file = NAME
+        self.file = FRAME_NAME
         self._columns: list[Any] = [frame.iloc[:, i] for i in range(frame.shape[1])]
         self.names = [str(name) for name in frame.columns]
         index = frame.index
@@ -54,7 +54,7 @@ class FrameTable:
             if kind == "number":
                 array, faults = self._numbers(name, column)
                 values.append(array)
-                problems += told(faults)
+                problems += first_faults(faults)
             elif kind == "text":
                 values.append([_stamp(value) for value in column])
             else:

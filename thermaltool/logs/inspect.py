@@ -10,18 +10,18 @@ import numpy as np
 from thermaltool.errors import LogError
 from thermaltool.logs.clock import BURST_PERIODS, Sampling, sampling
 from thermaltool.logs.log import Log
-from thermaltool.logs.table import TOLD
+from thermaltool.logs.table import MAX_LISTED
 from thermaltool.record import Array
 
 ABSOLUTE_ZERO = -273.15  # [degC]
 # Steps may differ by this share of the period before the clock counts as uneven.
-JITTER_SHARE = 0.1
+MAX_JITTER_SHARE = 0.1
 # A sample is a spike when it stands out by this many median steps from row to row.
-SPIKE_STEPS = 10.0
+MIN_SPIKE_STEPS = 10.0
 # Quantities of sensors; heat, speed, voltage and the like are commanded and may stand still.
 MEASURED = ("T", "dT", "d")
 # Equal values in a row that are no chance, where noise moves the last digit at every sample.
-FROZEN_ROWS = 20
+MIN_FROZEN_ROWS = 20
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def inspect(log: Log) -> Inspection:
     """Look a log over, read with ``strict=False``.
 
     Findings come in the order: reading, clock, channels. Of one kind in one column the first few
-    are told and the rest is counted.
+    are listed and the rest is counted.
     """
     findings = [_reading(problem) for problem in log.problems]
     if not len(log):
@@ -107,11 +107,11 @@ def _summary(log: Log, name: str) -> ChannelSummary:
 def _capped(findings: Iterator[Finding]) -> list[Finding]:
     """The first few findings, and how many more there are."""
     kept = list(findings)
-    if len(kept) <= TOLD:
+    if len(kept) <= MAX_LISTED:
         return kept
     last = kept[-1]
-    more = f"{len(kept) - TOLD} more like this, the last at line {last.line}"
-    return [*kept[:TOLD], Finding(last.kind, more, None, last.column)]
+    more = f"{len(kept) - MAX_LISTED} more like this, the last at line {last.line}"
+    return [*kept[:MAX_LISTED], Finding(last.kind, more, None, last.column)]
 
 
 def _gaps(log: Log, clock: Sampling) -> Iterator[Finding]:
@@ -132,7 +132,7 @@ def _gaps(log: Log, clock: Sampling) -> Iterator[Finding]:
 def _jitter(log: Log, clock: Sampling) -> list[Finding]:
     # Time stamps of whole seconds may each be half a second off.
     whole = clock.period > 2 and np.array_equal(log.time, np.round(log.time))
-    allowed = max(JITTER_SHARE * clock.period, 1.0 if whole else 0.0)
+    allowed = max(MAX_JITTER_SHARE * clock.period, 1.0 if whole else 0.0)
     if not clock.jitter > allowed:
         return []
     steps = np.diff(log.time)
@@ -146,7 +146,7 @@ def _jitter(log: Log, clock: Sampling) -> list[Finding]:
 
 
 def _missing(log: Log, name: str, values: Array) -> Iterator[Finding]:
-    # A cell that reading has already complained about is not told again.
+    # A cell that reading has already complained about is not listed again.
     known = [problem.line for problem in log.problems if problem.column == name and problem.line]
     for start, stop in _runs_of(np.isnan(values) & ~np.isin(log.lines, known)):
         count = stop - start
@@ -166,7 +166,7 @@ def _standstill(lines: np.ndarray, name: str, values: Array) -> Iterator[Finding
 
     A coarsely resolved channel stands still by nature, so it says nothing.
     """
-    if len(values) < 2 * FROZEN_ROWS:
+    if len(values) < 2 * MIN_FROZEN_ROWS:
         return
     edges = np.flatnonzero(np.diff(values) != 0) + 1
     starts, stops = np.concatenate([[0], edges]), np.concatenate([edges, [len(values)]])
@@ -174,7 +174,7 @@ def _standstill(lines: np.ndarray, name: str, values: Array) -> Iterator[Finding
     if np.median(runs) > 1 or np.percentile(runs, 90) > 3:
         return
     low, high = values.min(), values.max()
-    for k in np.flatnonzero(runs >= FROZEN_ROWS):
+    for k in np.flatnonzero(runs >= MIN_FROZEN_ROWS):
         value = values[starts[k]]
         rail = value in (low, high)
         kind, what = ("saturated", "at a rail") if rail else ("frozen", "frozen")
@@ -199,10 +199,10 @@ def _spikes(
     steps = np.abs(np.diff(values))
     # Where rounding hides the noise, the resolution takes its place.
     resolution = float(np.min(steps[steps > 0], initial=np.inf))
-    limit = SPIKE_STEPS * max(float(np.median(steps)), resolution)
+    limit = MIN_SPIKE_STEPS * max(float(np.median(steps)), resolution)
     for k in np.flatnonzero(beyond > limit).tolist():
         # The channel may be livelier here than elsewhere: compare with the steps around, too.
-        if beyond[k] > SPIKE_STEPS * float(np.median(steps[max(0, k - 23) : k + 27])):
+        if beyond[k] > MIN_SPIKE_STEPS * float(np.median(steps[max(0, k - 23) : k + 27])):
             message = f"spike: {here[k]:g}, {beyond[k]:.3g} beyond its neighbours"
             yield Finding("spike", message, int(lines[k + 2]), name)
 

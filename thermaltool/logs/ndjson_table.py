@@ -12,7 +12,7 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs.columns import ColumnMap
-from thermaltool.logs.table import UNFINISHED, Cells, InputBytes, Kind, Values, told
+from thermaltool.logs.table import UNFINISHED, Cells, InputBytes, Kind, Values, first_faults
 from thermaltool.logs.text import row_lines
 from thermaltool.record import Array
 
@@ -74,13 +74,13 @@ class NdjsonTable:
     def cells(self, kinds: Sequence[Kind]) -> Cells:
         """The columns as wanted; every fault is a problem with its line and column."""
         values: Values = []
-        problems = told(self.faults)
+        problems = first_faults(self.faults)
         columns = zip_longest(*self.records)
         for name, kind, column in zip(self.names, kinds, columns, strict=True):
             if kind == "number":
                 array, faults = self._numbers(name, column)
                 values.append(array)
-                problems += told(faults)
+                problems += first_faults(faults)
             elif kind == "text":
                 values.append([None if cell is None else str(cell) for cell in column])
             else:

@@ -9,7 +9,7 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs.columns import ColumnMap
-from thermaltool.logs.table import Cells, InputBytes, Kind, Values, told
+from thermaltool.logs.table import Cells, InputBytes, Kind, Values, first_faults
 from thermaltool.record import Array
 
 
@@ -60,7 +60,7 @@ class ParquetTable:
             if kind == "number":
                 array, faults = self._numbers(name, i)
                 values.append(array)
-                problems += told(faults)
+                problems += first_faults(faults)
             elif kind == "text":
                 values.append(self.table.column(i).cast("string").to_pylist())
             else:

@@ -14,7 +14,7 @@ from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import Clock, ColumnMap, Rename, read_map
 from thermaltool.logs.formats import format_of, load_format
 from thermaltool.logs.log import Log
-from thermaltool.logs.table import Cells, Kind, Table, read_source, told
+from thermaltool.logs.table import Cells, Kind, Table, first_faults, read_source
 from thermaltool.record import Array, Record, hint
 from thermaltool.units import UNITS, Channel, clock_unit, parse_channel
 
@@ -94,7 +94,8 @@ def read_log(
         raise faults[0]
     if cells.unfinished:
         problems.append(cells.unfinished)
-    return replace(log, segments=segments(log.time, max_gap), problems=(*problems, *told(faults)))
+    problems += first_faults(faults)
+    return replace(log, segments=segments(log.time, max_gap), problems=tuple(problems))
 
 
 def as_log(

@@ -17,8 +17,8 @@ from thermaltool.record import Array
 # How a column is wanted: as numbers, as text (an ISO clock), or not at all.
 Kind = Literal["number", "text"] | None
 
-# Problems of one kind in one column that are told one by one; the rest is counted.
-TOLD = 5
+# Problems of one kind in one column that are listed one by one; the rest is counted.
+MAX_LISTED = 5
 UNFINISHED = "the last line is unfinished: left out"
 
 
@@ -31,6 +31,7 @@ class InputBytes:
 
     @property
     def digest(self) -> str:
+        """SHA-256 of the bytes."""
         return hashlib.sha256(self.data).hexdigest()
 
 
@@ -76,10 +77,10 @@ def read_source(source: str) -> InputBytes:
         raise LogError(f"cannot be read: {error.strerror or error}", source) from error
 
 
-def told(problems: list[LogError]) -> list[LogError]:
+def first_faults(problems: list[LogError]) -> list[LogError]:
     """The first few problems of one kind and column, and how many more there are."""
-    if len(problems) <= TOLD:
+    if len(problems) <= MAX_LISTED:
         return problems
     last = problems[-1]
-    more = f"{len(problems) - TOLD} more like this, the last at line {last.line}"
-    return [*problems[:TOLD], LogError(more, last.file, None, last.column)]
+    more = f"{len(problems) - MAX_LISTED} more like this, the last at line {last.line}"
+    return [*problems[:MAX_LISTED], LogError(more, last.file, None, last.column)]

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # A band below this share of the step is hidden by the line.
-THIN = 0.01
+MIN_BAND_SHARE = 0.01
 # Half-width of the noise band in the design's prediction, in standard deviations.
-DESIGN_SPREAD = 3.0
+DESIGN_SIGMAS = 3.0
 
 
 def draw_model(model: Model, name: str, channels: Sequence[str] = ()) -> Figure:
@@ -72,7 +72,7 @@ def _draw_term(ax: Axes, term: Term, time: Array, per: float) -> None:
     )
     if term.covariance is not None:
         half = NORMAL_95 * step_sigma(term, time)
-        hidden = ", within the line" if half.max() < THIN * np.ptp(step) else ""
+        hidden = ", within the line" if half.max() < MIN_BAND_SHARE * np.ptp(step) else ""
         told = f"95 % of the fit, ± {half.max():.2g} {unit}\nat most{hidden}"
         ax.fill_between(time / per, step - half, step + half, color=MEASURED, alpha=0.6, lw=0,
                         label=told)  # fmt: skip
@@ -192,10 +192,10 @@ def _draw_form(ax: Axes, form: str, design: Mapping[str, Any], output: int) -> N
         key: np.array([c["predicted"][key][output] for c in choices])
         for key in ("band", "lag_error", "noise_sigma")
     }
-    noise = 2 * DESIGN_SPREAD * figures["noise_sigma"]
+    noise = 2 * DESIGN_SIGMAS * figures["noise_sigma"]
     ax.plot(x, figures["band"], ".-", color=COMPUTED, lw=2.0, label="band")
     ax.plot(x, figures["lag_error"], "--", color=ERROR, label="largest lag error")
-    ax.plot(x, noise, "-.", color=MEASURED, lw=1.6, label=f"noise, ±{DESIGN_SPREAD:g} σ")
+    ax.plot(x, noise, "-.", color=MEASURED, lw=1.6, label=f"noise, ±{DESIGN_SIGMAS:g} σ")
     ax.plot(value(design), design["predicted"]["band"][output], "o", ms=10, mfc="none", mew=2,
             color=MARK, ls="none", label="best of the form")  # fmt: skip
     if form == "kalman" and len(x) > 1:

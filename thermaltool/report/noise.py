@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 Results = Mapping[str, "NoiseEstimate | str"]  # a string says why there is no estimate
 
-_OUTLIERS_LISTED = 100
+MAX_LISTED_OUTLIERS = 100
 
 
 def noise_document(
@@ -99,8 +99,8 @@ def _channel(unit: str, result: NoiseEstimate | str) -> dict[str, Any]:
         "outliers": [
             {"time_s": float(t), "value": float(v)}
             for t, v in zip(
-                result.outlier_time[:_OUTLIERS_LISTED],
-                result.outlier_value[:_OUTLIERS_LISTED],
+                result.outlier_time[:MAX_LISTED_OUTLIERS],
+                result.outlier_value[:MAX_LISTED_OUTLIERS],
                 strict=True,
             )
         ],

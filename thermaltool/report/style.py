@@ -48,9 +48,9 @@ STYLE: dict[str, Any] = {
 }
 
 # Points per trace: above four per bin only the extremes of each bin are drawn.
-_BINS = 1500
+MAX_BINS = 1500
 # Missing readings break a trace where they last longer than this many of its periods.
-_OUTAGE = 10.0
+OUTAGE_PERIODS = 10.0
 
 _QUANTITIES = {"length": "displacement", "ratio": "relative value"}
 # Up to this span [s] -> unit of the axis, and its length [s].
@@ -164,7 +164,7 @@ def time_unit(span: float) -> tuple[str, float]:
     return next((unit, length) for limit, unit, length in _TIME_UNITS if span <= limit)
 
 
-def envelope(time: Array, values: Array, bins: int = _BINS) -> tuple[Array, Array]:
+def envelope(time: Array, values: Array, bins: int = MAX_BINS) -> tuple[Array, Array]:
     """The least and the largest value of every bin, and both ends, so that no peak is lost.
 
     Parameters
@@ -200,10 +200,10 @@ def visible(time: Array, values: Array, segments: Sequence[slice] = ()) -> tuple
     starts = np.array([s.start for s in segments], int)
     broken = np.diff(np.searchsorted(starts, rows, side="right")) != 0
     if len(steps):
-        broken |= (np.diff(rows) > 1) & (steps > _OUTAGE * np.median(steps))
+        broken |= (np.diff(rows) > 1) & (steps > OUTAGE_PERIODS * np.median(steps))
     edges = [0, *(np.flatnonzero(broken) + 1).tolist(), len(rows)]
     pieces = [
-        envelope(t[a:b], v[a:b], max(1, _BINS * (b - a) // len(rows)))
+        envelope(t[a:b], v[a:b], max(1, MAX_BINS * (b - a) // len(rows)))
         for a, b in itertools.pairwise(edges)
     ]
     gap = np.array([np.nan])
@@ -226,7 +226,7 @@ def trace(
     if len(t) < 30:
         style = {"marker": ".", **style}
     text = plain(label) if len(t) else f"{plain(label)} (no values)"
-    ax.plot(t / per, v, label=text, rasterized=len(t) > 2 * _BINS, **style)
+    ax.plot(t / per, v, label=text, rasterized=len(t) > 2 * MAX_BINS, **style)
 
 
 def span_of(time: Array) -> float:

@@ -118,7 +118,7 @@ def select_order(
     FitError
         Constant series, or too short for the smallest models.
     """
-    search = _Search(record, max_p, max_q, degree, criteria)
+    search = _OrderSearch(record, max_p, max_q, degree, criteria)
     cut_short = search.run(budget)
     entries = tuple(search.entries[k] for k in sorted(search.entries))
     return OrderTable(entries, search.fits, max_p, max_q, cut_short)
@@ -136,7 +136,7 @@ class _Proposal:
     known: Maximum | None = None
 
 
-class _Search:
+class _OrderSearch:
     def __init__(
         self, record: Record, max_p: int, max_q: int, degree: int, criteria: Sequence[str]
     ) -> None:

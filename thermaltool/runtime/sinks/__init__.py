@@ -17,7 +17,7 @@ SINKS = {
 }
 
 
-class Output(Protocol):
+class ByteOutput(Protocol):
     """Where bytes go: stdout, with signals that do not tear a line."""
 
     def write(self, data: bytes) -> None:
@@ -25,7 +25,7 @@ class Output(Protocol):
 
 
 class Sink(Protocol):
-    """What takes replies. It is made with the `Output` of the stream, which it need not use.
+    """What takes replies. It is made with the `ByteOutput` of the stream, which it need not use.
 
     `open` comes first, and nothing is written where it fails; `close` comes last and always.
     Each may raise OutputError, which ends the stream.
@@ -41,7 +41,7 @@ class Sink(Protocol):
         """Nothing comes any more."""
 
 
-def open_sink(name: str, output: Output) -> Sink:
+def open_sink(name: str, output: ByteOutput) -> Sink:
     """The sink of that name; nothing is written yet.
 
     Raises

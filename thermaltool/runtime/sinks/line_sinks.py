@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from thermaltool.runtime.process import Reply
-    from thermaltool.runtime.sinks import Output
+    from thermaltool.runtime.sinks import ByteOutput
 
 
 class LineSink:
     """One line per reply; a format gives `_layout`."""
 
-    def __init__(self, output: Output) -> None:
+    def __init__(self, output: ByteOutput) -> None:
         self._output = output
 
     def _layout(self, names: Sequence[str]) -> tuple[str, str, str]:

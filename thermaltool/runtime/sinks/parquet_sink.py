@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from thermaltool.runtime.process import Reply
-    from thermaltool.runtime.sinks import Output
+    from thermaltool.runtime.sinks import ByteOutput
 
 # Replies that are kept before they go out as a row group: bounds the memory of a stream that runs
 # for days, and is long enough to be compressed well [rows].
@@ -21,7 +21,7 @@ class ParquetSink:
     A missing time is null. Nothing of a reply is out at once: this is no sink for an actuator.
     """
 
-    def __init__(self, output: Output) -> None:
+    def __init__(self, output: ByteOutput) -> None:
         self._file = _Forward(output)
         self._rows: list[Reply] = []
         self._writer: Any = None
@@ -58,7 +58,7 @@ class ParquetSink:
 class _Forward(io.RawIOBase):
     """A file for pyarrow whose bytes go straight to the output of the stream."""
 
-    def __init__(self, output: Output) -> None:
+    def __init__(self, output: ByteOutput) -> None:
         self._output, self._position = output, 0
 
     def writable(self) -> bool:

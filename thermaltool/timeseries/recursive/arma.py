@@ -26,7 +26,7 @@ REFUSED_RUN = 3
 DRAWN_IN = 0.95
 
 
-class Forecast(NamedTuple):
+class RecursiveForecast(NamedTuple):
     """Means x̂(1..steps) and the variances of their errors."""
 
     mean: list[float]
@@ -211,18 +211,18 @@ class RecursiveArma:
         else:
             self.forget_lags()
 
-    def forecast(self, steps: int) -> Forecast:
+    def forecast(self, steps: int) -> RecursiveForecast:
         """x̂(1) to x̂(steps) by conditional expectation; to be asked for when `ready`.
 
         The variances hold for known parameters. Of a series that has never changed, its value.
         """
         origin = self._origin
         if self._rls is None:
-            return Forecast([origin] * steps, [0.0] * steps)
+            return RecursiveForecast([origin] * steps, [0.0] * steps)
         mean, variance = self._forecast(
             self._x, self._a, self._full(), self._one, self.sigma2, steps
         )
-        return Forecast([origin + value for value in mean] if origin else mean, variance)
+        return RecursiveForecast([origin + value for value in mean] if origin else mean, variance)
 
     def ahead(self, steps: int) -> float | None:
         """x̂(steps); None where there is no forecast."""
