@@ -1,4 +1,4 @@
-"""All outputs from their records to a network that is judged."""
+"""All outputs from their records to a network that is validated."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.residuals import network_tests
 from thermaltool.fitting.selection import first_that_fits
 from thermaltool.fitting.transfer.continuation import Continued
-from thermaltool.fitting.transfer.judge import judged, rests, zero_of
 from thermaltool.fitting.transfer.residuals import ResidualTests
 from thermaltool.fitting.transfer.run import Initial
+from thermaltool.fitting.validation import validate, validation_zero
 from thermaltool.signals.agreement import Agreement
 
 
@@ -93,7 +93,7 @@ def run_network(
     Raises
     ------
     FitError
-        As `identify_network` and `judged`; no number of modes fits.
+        As `identify_network` and `validate`; no number of modes fits.
     """
     held = fresh
     if plan.split is not None:
@@ -126,12 +126,10 @@ def _fitted(
 def _validated(
     network: Network, held: TrainingData, other_log: bool
 ) -> tuple[tuple[Agreement, ...], tuple[float, ...]]:
-    zeros = tuple(zero_of(target, other_log) for target in held.outputs)
-    fits, gains = [], []
-    for k, (output, y) in enumerate(zip(network.outputs, network.run(held, zeros), strict=True)):
-        measured = [each[k] for each in held.y]
-        rest = rests(held.records, measured, zeros[k], output.offsets)
-        fit, gain = judged(output.target, held.records, measured, y, rest, output.modes)
-        fits.append(fit)
-        gains.append(gain)
-    return tuple(fits), tuple(gains)
+    zeros = tuple(validation_zero(target, other_log) for target in held.outputs)
+    runs = network.run(held, zeros)
+    found = [
+        validate(held, k, runs[k], zeros[k], output.offsets, output.modes)
+        for k, output in enumerate(network.outputs)
+    ]
+    return tuple(fit for fit, _ in found), tuple(gain for _, gain in found)

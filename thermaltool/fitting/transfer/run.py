@@ -19,10 +19,10 @@ from thermaltool.fitting.transfer.choose import (
 from thermaltool.fitting.transfer.continuation import Continued, continued
 from thermaltool.fitting.transfer.continuous import identify_continuous
 from thermaltool.fitting.transfer.identify import Structure, identify, orders_of
-from thermaltool.fitting.transfer.judge import judged, rests, zero_of
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.output_error import Orders
 from thermaltool.fitting.transfer.residuals import ResidualTests, residual_tests
+from thermaltool.fitting.validation import validate, validation_zero
 from thermaltool.signals.agreement import Agreement
 from thermaltool.units import hold_of
 
@@ -106,7 +106,7 @@ def run(data: TrainingData, plan: Plan, fresh: TrainingData | None = None) -> Id
     Raises
     ------
     FitError
-        As `identify`, `choose` and `judged`, with the name of the output.
+        As `identify`, `choose` and `validate`, with the name of the output.
     """
     (target,), held = data.outputs, fresh
     try:
@@ -122,11 +122,9 @@ def run(data: TrainingData, plan: Plan, fresh: TrainingData | None = None) -> Id
         raise FitError(f"{target}: {error}") from error
     training, validation, gained = model.fit(data), None, None
     if held is not None:
-        zero = zero_of(target, fresh is not None)
-        outputs = [y[0] for y in held.y]
-        rest = rests(held.records, outputs, zero, model.offsets)
-        validation, gained = judged(target, held.records, outputs, model.run(held, zero), rest,
-                                    sum(model.orders.nf))  # fmt: skip
+        zero = validation_zero(target, fresh is not None)
+        validation, gained = validate(held, 0, model.run(held, zero), zero, model.offsets,
+                                      sum(model.orders.nf))  # fmt: skip
     return Identified(
         model,
         data,
