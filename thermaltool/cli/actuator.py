@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from thermaltool.cli.options import NOT_NEGATIVE, POSITIVE
+from thermaltool.cli.types import PairsType
 
 if TYPE_CHECKING:
     from thermaltool.control.fcc import ActuatorModel
@@ -19,22 +19,6 @@ IDENTIFIED_PLAYS = 5
 SAME_PERIOD = 0.01
 # Damping [1] of a low-pass at infinity, which does nothing: any will do.
 USUAL_DAMPING = 0.707
-
-
-class PairsType(click.ParamType):
-    """Numbers A:B, several of them with commas between."""
-
-    def __init__(self, name: str, single: bool = False) -> None:
-        self.name, self.single = name, single
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        with contextlib.suppress(ValueError):
-            pairs = [tuple(map(float, part.split(":"))) for part in value.split(",")]
-            if all(len(pair) == 2 for pair in pairs) and (len(pairs) == 1 or not self.single):
-                return pairs[0] if self.single else pairs
-        self.fail(f"{value!r} is not {self.name}", param, ctx)
 
 
 def actuator_options(function: Callable[..., Any]) -> Callable[..., Any]:

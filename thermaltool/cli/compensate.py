@@ -11,12 +11,11 @@ from thermaltool.cli.options import (
     NOT_NEGATIVE,
     POSITIVE,
     initial_option,
-    json_lines_option,
     log_argument,
     model_argument,
     one_stdin,
-    quiet_option,
 )
+from thermaltool.cli.types import IntervalType, SafeType
 
 if TYPE_CHECKING:
     from thermaltool.runtime.messages import Messages
@@ -49,7 +48,7 @@ if TYPE_CHECKING:
 @click.option("--frozen-after", type=POSITIVE, metavar="S", show_default="never",
               help="A reading identical for longer than this is bad [s]; commanded columns may "
               "stand still.")  # fmt: skip
-@click.option("--range", "ranges", type=streaming.IntervalType(channel=True), multiple=True,
+@click.option("--range", "ranges", type=IntervalType(channel=True), multiple=True,
               help="Readings outside are bad.  [default: calibrated range, widened by its width]"
 )  # fmt: skip
 @click.option("--max-gap", type=POSITIVE, metavar="S",
@@ -58,7 +57,7 @@ if TYPE_CHECKING:
 @click.option("--timeout", type=NOT_NEGATIVE, metavar="S",
               help="Without a usable line for this long [s] the safe setpoint is written; 0 never."
               "  [default: as --hold]")  # fmt: skip
-@click.option("--limit", "limits", type=streaming.IntervalType(), default=":",
+@click.option("--limit", "limits", type=IntervalType(), default=":",
               help="Range of the setpoints [um]; a heater's is 0 to what the calibration has seen "
               "[W]."
 )  # fmt: skip
@@ -67,13 +66,12 @@ if TYPE_CHECKING:
 @click.option("--step", type=NOT_NEGATIVE, metavar="UM", default=0.5,
               help="Step of the setpoints, with a hysteresis of a quarter step [um]; 0 for none."
 )  # fmt: skip
-@click.option("--safe", type=streaming.SafeType(), default="zero",
+@click.option("--safe", type=SafeType(), default="zero",
               help="Setpoint while readings are lost and at the end: the last one, or a value "
               "[um]; not with --heater.")  # fmt: skip
 @streaming.checkpoint_options
 @initial_option
-@json_lines_option
-@quiet_option
+@streaming.short_options
 def command(model: str, log: str, **options: Any) -> None:
     """Setpoints from sensor lines: one line in, one line out, at once.
 

@@ -12,10 +12,9 @@ from thermaltool.cli.actuator import actuator_of, actuator_options
 from thermaltool.cli.options import (
     NOT_NEGATIVE,
     POSITIVE,
-    json_lines_option,
     log_argument,
-    quiet_option,
 )
+from thermaltool.cli.types import ErrorModelType, IntervalType, SafeType
 
 if TYPE_CHECKING:
     from thermaltool.runtime.messages import Messages
@@ -23,21 +22,6 @@ if TYPE_CHECKING:
 
 # What nothing is known of is forecast best by a long AR model (docs/fcc.md).
 USUAL_ORDER = 20, 0
-
-
-class ErrorModelType(click.ParamType):
-    """``direct``, or the order of an ARMA model."""
-
-    name = "direct|P|P,Q"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if value == "direct" or not isinstance(value, str):
-            return value
-        with contextlib.suppress(ValueError):
-            p, _, q = value.partition(",")
-            if int(p) >= 0 <= int(q or 0) and int(p) + int(q or 0):
-                return int(p), int(q or 0)
-        self.fail(f"{value!r} is not {self.name}", param, ctx)
 
 
 @click.command(
@@ -64,11 +48,11 @@ class ErrorModelType(click.ParamType):
 @streaming.line_options
 @click.option("--clock", type=click.Choice(["column", "none"]), default="column",
               help="Time from the input, or one period per line.")  # fmt: skip
-@click.option("--limit", "limits", type=streaming.IntervalType(), default=":",
+@click.option("--limit", "limits", type=IntervalType(), default=":",
               help="Range of the commands.")  # fmt: skip
 @click.option("--slew", type=POSITIVE, help="Largest rate of the commands [per s].")
 @click.option("--step", type=NOT_NEGATIVE, default=0.0, help="Step of the commands; 0 for none.")
-@click.option("--safe", type=streaming.SafeType(), default="zero",
+@click.option("--safe", type=SafeType(), default="zero",
               help="Command while readings are lost, and at the end.")  # fmt: skip
 @click.option("--hold", type=POSITIVE, metavar="S",
               help="The forecast bridges bad readings for this long [s]; then comes the safe "
@@ -78,11 +62,10 @@ class ErrorModelType(click.ParamType):
 @click.option("--timeout", type=NOT_NEGATIVE, metavar="S",
               help="Without a usable line for this long [s] the safe command is written; 0 never."
               "  [default: 20 periods, at least 0.1]")  # fmt: skip
-@click.option("--range", "bounds", type=streaming.IntervalType(), default=":",
+@click.option("--range", "bounds", type=IntervalType(), default=":",
               help="Readings outside are bad.")  # fmt: skip
 @click.option("--also", is_flag=True, help="Add columns: wanted, uncompensated, forecast.")
-@json_lines_option
-@quiet_option
+@streaming.short_options
 def command(log: str, channel: str, spindle: str | None, **options: Any) -> None:
     """Commands that cancel an error ahead of the delay: one line in, one line out, at once.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import select
 from collections.abc import Callable, Mapping
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.cli.options import POSITIVE, columns_option
+from thermaltool.cli.options import POSITIVE, columns_option, json_lines_option, quiet_option
 from thermaltool.logs.formats import FORMATS
 from thermaltool.runtime.rows import ROW_FORMATS
 from thermaltool.runtime.sinks import SINKS
@@ -22,37 +21,6 @@ if TYPE_CHECKING:
 
 # Readings that end within so many seconds of their reader's machine have ended with it.
 END_WITHIN = 1.0
-
-
-class IntervalType(click.ParamType):
-    """LOW:HIGH, or CHANNEL=LOW:HIGH; an end left empty is open."""
-
-    def __init__(self, channel: bool = False) -> None:
-        self.channel, self.name = channel, "CHANNEL=LOW:HIGH" if channel else "LOW:HIGH"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        channel, equals, interval = value.rpartition("=")
-        low, colon, high = interval.partition(":")
-        with contextlib.suppress(ValueError):
-            ends = float(low or "-inf"), float(high or "inf")
-            if colon and ends[0] <= ends[1] and bool(equals) == self.channel:
-                return (channel, ends) if self.channel else ends
-        self.fail(f"{value!r} is not {self.name}", param, ctx)
-
-
-class SafeType(click.ParamType):
-    """The safe setpoint: a number, or ``hold`` for the one before."""
-
-    name = "hold|zero|VALUE"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        with contextlib.suppress(ValueError):
-            number = 0.0 if value == "zero" else float(value)
-            if abs(number) < float("inf"):
-                return number
-        return value if value == "hold" else self.fail(f"{value!r} is not {self.name}", param, ctx)
 
 
 class Once(click.Option):
@@ -88,6 +56,11 @@ to_option = click.option(
     type=click.Choice(list(dict.fromkeys([*FORMATS, *SINKS]))),
     help="Format of stdout (a file's format follows its suffix).  [default: csv]",
 )
+
+
+def short_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``--json -q``."""
+    return json_lines_option(quiet_option(function))
 
 
 def checkpoint_options(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from math import inf
 from typing import Any
 
@@ -53,3 +54,65 @@ class Levels(click.ParamType):
             return tuple(float(part) for part in str(value).split(","))
         except ValueError:
             self.fail(f"{value!r} is not {self.name}", param, ctx)
+
+
+class IntervalType(click.ParamType):
+    """LOW:HIGH, or CHANNEL=LOW:HIGH; an end left empty is open."""
+
+    def __init__(self, channel: bool = False) -> None:
+        self.channel, self.name = channel, "CHANNEL=LOW:HIGH" if channel else "LOW:HIGH"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        channel, equals, interval = value.rpartition("=")
+        low, colon, high = interval.partition(":")
+        with contextlib.suppress(ValueError):
+            ends = float(low or "-inf"), float(high or "inf")
+            if colon and ends[0] <= ends[1] and bool(equals) == self.channel:
+                return (channel, ends) if self.channel else ends
+        self.fail(f"{value!r} is not {self.name}", param, ctx)
+
+
+class SafeType(click.ParamType):
+    """The safe setpoint: a number, or ``hold`` for the one before."""
+
+    name = "hold|zero|VALUE"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        with contextlib.suppress(ValueError):
+            number = 0.0 if value == "zero" else float(value)
+            if abs(number) < float("inf"):
+                return number
+        return value if value == "hold" else self.fail(f"{value!r} is not {self.name}", param, ctx)
+
+
+class PairsType(click.ParamType):
+    """Numbers A:B, several of them with commas between."""
+
+    def __init__(self, name: str, single: bool = False) -> None:
+        self.name, self.single = name, single
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        with contextlib.suppress(ValueError):
+            pairs = [tuple(map(float, part.split(":"))) for part in value.split(",")]
+            if all(len(pair) == 2 for pair in pairs) and (len(pairs) == 1 or not self.single):
+                return pairs[0] if self.single else pairs
+        self.fail(f"{value!r} is not {self.name}", param, ctx)
+
+
+class ErrorModelType(click.ParamType):
+    """``direct``, or the order of an ARMA model."""
+
+    name = "direct|P|P,Q"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if value == "direct" or not isinstance(value, str):
+            return value
+        with contextlib.suppress(ValueError):
+            p, _, q = value.partition(",")
+            if int(p) >= 0 <= int(q or 0) and int(p) + int(q or 0):
+                return int(p), int(q or 0)
+        self.fail(f"{value!r} is not {self.name}", param, ctx)

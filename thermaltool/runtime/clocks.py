@@ -37,12 +37,14 @@ class ColumnClock:
     factor: float = 1.0
 
     def stamp(self, fields: Fields) -> float:
+        """Time of a line [s], as `LineClock.stamp`."""
         seconds = self.number(fields[self.key]) * self.factor
         if not math.isfinite(seconds):
             raise ValueError("no time")
         return seconds
 
     def state(self) -> dict[str, Any]:
+        """What `resume` needs, as JSON."""
         return {}
 
     def resume(self, state: dict[str, Any], last: float) -> None:
@@ -58,6 +60,7 @@ class StampClock:
     epoch: datetime | None = None
 
     def stamp(self, fields: Fields) -> float:
+        """Time of a line [s], as `LineClock.stamp`."""
         text = fields[self.key]
         text = (text.decode() if isinstance(text, bytes) else str(text)).strip()
         moment = (
@@ -68,9 +71,11 @@ class StampClock:
         return (moment - self.epoch).total_seconds()
 
     def state(self) -> dict[str, Any]:
+        """What `resume` needs, as JSON."""
         return {} if self.epoch is None else {"epoch": self.epoch.isoformat()}
 
     def resume(self, state: dict[str, Any], last: float) -> None:
+        """Go on from a state, whose last line was at `last` [s]."""
         if "epoch" in state:
             self.epoch = datetime.fromisoformat(state["epoch"])
 
@@ -84,13 +89,16 @@ class PeriodClock:
     count: int = -1
 
     def stamp(self, fields: Fields) -> float:
+        """Time of a line [s], as `LineClock.stamp`."""
         self.count += 1
         return self.origin + self.count * self.period
 
     def state(self) -> dict[str, Any]:
+        """What `resume` needs, as JSON."""
         return {}
 
     def resume(self, state: dict[str, Any], last: float) -> None:
+        """Go on from a state, whose last line was at `last` [s]."""
         self.origin, self.count = last, 0
 
 
@@ -107,17 +115,20 @@ class ArrivalClock:
     origin: float | None = field(default=None, init=False)
 
     def stamp(self, fields: Fields) -> float:
+        """Time of a line [s], as `LineClock.stamp`."""
         now = self.monotonic()
         if self.origin is None:
             self.origin = now
         return round(round((now - self.origin) / self.step) * self.step, 9)
 
     def state(self) -> dict[str, Any]:
+        """What `resume` needs, as JSON."""
         # The monotonic clock does not survive a restart of the machine; the wall clock does.
         if self.origin is None:
             return {}
         return {"wall": self.wall() - (self.monotonic() - self.origin)}
 
     def resume(self, state: dict[str, Any], last: float) -> None:
+        """Go on from a state, whose last line was at `last` [s]."""
         if "wall" in state:
             self.origin = self.monotonic() - max(self.wall() - float(state["wall"]), last)

@@ -120,7 +120,7 @@ class SetpointProcess(Process):
         readings = [sensor.truth - sensor.rest for sensor in self.sensors]
         self._estimate(round(seconds / CLOCK_STEP), readings)
         self._move(time, lost or not self._started)
-        return self.repeat()
+        return time, self._written()
 
     def _estimate(self, ticks: int, readings: list[float]) -> None:
         """Go on, or start from rest as soon as every sensor has given a reading."""
@@ -163,9 +163,11 @@ class SetpointProcess(Process):
         return self.time, self._written()
 
     def _written(self) -> list[float]:
-        values = self.values()
         # Adding zero turns -0.0 into 0.0.
-        return [x + 0.0 for x in (values + self.estimates if self._estimates_too else values)]
+        written = [setpoint.value + 0.0 for setpoint in self.setpoints]
+        if self._estimates_too:
+            written += [estimate + 0.0 for estimate in self.estimates]
+        return written
 
     def silence(self, elapsed: float) -> Reply:
         """Move towards the safe setpoint, `elapsed` [s] after the last row."""

@@ -118,9 +118,11 @@ class Controller:
         self._ticks = max(round(self.control.period / CLOCK_STEP), 1)
 
     def rest(self) -> list[float]:
+        """Estimates before anything is known."""
         return [self.setpoint.value, 0.0, 0.0]
 
     def start(self, readings: list[float], settled: bool = False) -> list[float]:
+        """Estimates at the first readings: the actuator stands where it was put."""
         self.control.forget_lags(self.setpoint.value)
         return self._step(readings)
 

@@ -22,10 +22,12 @@ class LineSink:
         raise NotImplementedError
 
     def open(self, names: Sequence[str]) -> None:
+        """The header, where the format has one."""
         header, self._line, self._no_time = self._layout(names)
         self._output.write(header.encode())
 
     def write(self, replies: Sequence[Reply]) -> None:
+        """One line each, at once."""
         self._output.write("".join([self._text(*reply) for reply in replies]).encode())
 
     def _text(self, time: float | None, values: Sequence[float]) -> str:

@@ -27,6 +27,7 @@ class ParquetSink:
         self._writer: Any = None
 
     def open(self, names: Sequence[str]) -> None:
+        """The schema: a column of numbers for each name."""
         import pyarrow
         from pyarrow import parquet
 
@@ -34,11 +35,13 @@ class ParquetSink:
         self._writer = parquet.ParquetWriter(self._file, self._schema)
 
     def write(self, replies: Sequence[Reply]) -> None:
+        """Keep the replies until they fill a row group."""
         self._rows += replies
         if len(self._rows) >= ROW_GROUP:
             self._put_out()
 
     def close(self) -> None:
+        """The last row group, and the footer."""
         if self._writer is not None:
             self._put_out()
             self._writer.close()
