@@ -32,6 +32,7 @@ class Limits:
             raise ValueError(f"no value lies between {self.low:g} and {self.high:g}")
 
     def clip(self, value: float) -> float:
+        """`value`, or the limit that it passes."""
         return self.low if value < self.low else self.high if value > self.high else value
 
     def on_grid(self, step: float) -> Limits:

@@ -34,14 +34,25 @@ class Estimator(Protocol):
     """
 
     @property
-    def sensors(self) -> tuple[str, ...]: ...
+    def sensors(self) -> tuple[str, ...]:
+        """Columns that are read."""
+
     @property
-    def outputs(self) -> tuple[str, ...]: ...
+    def outputs(self) -> tuple[str, ...]:
+        """Deflections that are estimated."""
+
     @property
-    def estimates(self) -> tuple[str, ...]: ...
-    def recursion(self, dt: float) -> Recursion: ...
-    def run(self, time: Float, readings: Float, settled: bool = False) -> Float: ...
-    def document(self) -> dict[str, Any]: ...
+    def estimates(self) -> tuple[str, ...]:
+        """All that is estimated, the deflections last."""
+
+    def recursion(self, dt: float) -> Recursion:
+        """From columns to estimates, over a sample of `dt` [s]."""
+
+    def run(self, time: Float, readings: Float, settled: bool = False) -> Float:
+        """Estimates for a whole record; see `LinearEstimator.run`."""
+
+    def document(self) -> dict[str, Any]:
+        """As JSON."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +98,7 @@ class KalmanEstimator(LinearEstimator):
 
     @property
     def estimates(self) -> tuple[str, ...]:
+        """Drives, then deflections."""
         return self.drives + self.outputs
 
     def __post_init__(self) -> None:
@@ -159,6 +171,7 @@ class KalmanEstimator(LinearEstimator):
         return np.asarray(np.linalg.solve(Cs @ P @ Cs.T + white, Cs @ P).T)
 
     def document(self) -> dict[str, Any]:
+        """As JSON."""
         return {
             "form": "kalman",
             "sensors": list(self.sensors),
@@ -240,10 +253,12 @@ class KernelEstimator(LinearEstimator):
 
     @property
     def sensors(self) -> tuple[str, ...]:
+        """The one column that is read."""
         return (self.sensor,)
 
     @property
     def estimates(self) -> tuple[str, ...]:
+        """The drive, then the deflections."""
         return (self.drive, *self.outputs)
 
     def _build(self, dt: float) -> Recursion:
@@ -269,6 +284,7 @@ class KernelEstimator(LinearEstimator):
         return Recursion(F, G0, G1, C)
 
     def document(self) -> dict[str, Any]:
+        """As JSON."""
         return {
             "form": "kernel",
             "sensors": [self.sensor],

@@ -93,6 +93,7 @@ class RegularizedInverse:
         return float(np.min(-self.regular.poles.real / np.abs(self.regular.poles)))
 
     def transfer(self, s: Complex) -> Complex:
+        """G(s) at complex frequencies, ndarray of any shape [rad/s]."""
         return np.asarray(self.regular.transfer(s) + self.A0 + self.A1 * s)
 
     def filtered(self, cutoff: float) -> Modes:

@@ -61,6 +61,7 @@ class Feedforward(LinearEstimator):
 
     @property
     def estimates(self) -> tuple[str, ...]:
+        """The deflections."""
         return self.outputs
 
     def _build(self, dt: float) -> Recursion:
@@ -68,6 +69,7 @@ class Feedforward(LinearEstimator):
         return Recursion(none, none, none, np.zeros((len(self.outputs), 0)))
 
     def document(self) -> dict[str, Any]:
+        """As JSON."""
         outputs = list(self.outputs)
         return {"form": "feedforward", "sensors": [], "drives": [], "outputs": outputs}
 
@@ -96,10 +98,12 @@ class KnownInputEstimator(LinearEstimator):
 
     @property
     def outputs(self) -> tuple[str, ...]:
+        """Deflections that are estimated."""
         return self.inner.outputs
 
     @property
     def estimates(self) -> tuple[str, ...]:
+        """Those of `inner`."""
         return self.inner.estimates
 
     def _build(self, dt: float) -> Recursion:
@@ -126,6 +130,7 @@ class KnownInputEstimator(LinearEstimator):
         return paths, paths.C[:sensors], paths.C[sensors:]
 
     def document(self) -> dict[str, Any]:
+        """As JSON: the document of `inner`, and ``known``."""
         return {
             **self.inner.document(),
             "known": {

@@ -94,14 +94,17 @@ class VariableCoolingEstimator:
 
     @property
     def sensors(self) -> tuple[str, ...]:
+        """Columns that are read."""
         return self.linear.sensors
 
     @property
     def outputs(self) -> tuple[str, ...]:
+        """Deflections that are estimated."""
         return self.linear.outputs
 
     @property
     def estimates(self) -> tuple[str, ...]:
+        """Those of `linear`."""
         return self.linear.estimates
 
     def recursion(self, dt: float) -> Recursion:
@@ -114,6 +117,7 @@ class VariableCoolingEstimator:
         return self.linear.recursion(dt)
 
     def document(self) -> dict[str, Any]:
+        """As JSON: the document of `linear`."""
         return self.linear.document()
 
     def _take_apart(self, ticks: int) -> tuple[Recursion, Float, dict[str, Float]]:

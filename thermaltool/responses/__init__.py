@@ -42,15 +42,28 @@ class Response(Protocol):
     gains: ClassVar[tuple[str, ...]]
     fixed: ClassVar[dict[str, float]]
 
-    def transfer(self, s: Complex) -> Complex: ...
-    def step(self, t: Float) -> Float: ...
-    def dc_gain(self) -> float: ...
-    def slowest(self) -> float: ...
-    def modes(self, dt: float) -> Modes: ...
+    def transfer(self, s: Complex) -> Complex:
+        """H at complex frequencies [rad/s]."""
+
+    def step(self, t: Float) -> Float:
+        """Unit-step response at times [s]."""
+
+    def dc_gain(self) -> float:
+        """H(0)."""
+
+    def slowest(self) -> float:
+        """Slowest time constant [s]."""
+
+    def modes(self, dt: float) -> Modes:
+        """The response as modes, for samples of `dt` [s] or longer."""
+
     @classmethod
-    def search_box(cls, period: float, duration: float, **fixed: float) -> dict[str, Range]: ...
+    def search_box(cls, period: float, duration: float, **fixed: float) -> dict[str, Range]:
+        """Where a fit looks for each of `searched`."""
+
     @classmethod
-    def starts(cls, period: float, duration: float, **fixed: float) -> list[tuple[float, ...]]: ...
+    def starts(cls, period: float, duration: float, **fixed: float) -> list[tuple[float, ...]]:
+        """Where a fit starts, each a value for each of `searched`."""
 
 
 def response_class(kind: str) -> Any:

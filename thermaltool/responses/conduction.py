@@ -17,6 +17,14 @@ from thermaltool.laplace.contours import hyperbola_rule, windows
 from thermaltool.responses.modes import Complex, Float, Modes, Range
 from thermaltool.responses.relaxation import fit_relaxation
 
+# Nodes of a contour: good to 1e-11 of the steady state.
+CONTOUR_NODES = 28
+# The spectrum is fitted from this share of the slowest rate a·α, below which there is nothing, to
+# rates of so many samples, of the slowest rate, and of the delay of diffusion; at most to these.
+SLOWEST_SHARE = 0.9
+FASTEST_OF_SAMPLE, FASTEST_OF_SLOWEST, FASTEST_OF_DELAY = 8.0, 1000.0, 30.0
+LIMIT_OF_SAMPLE, LIMIT_OF_SLOWEST = 800.0, 30000.0
+
 
 @dataclass(frozen=True)
 class Conduction:
@@ -77,8 +85,7 @@ class Conduction:
         """Unit-step response (3.7); zero for t ≤ 0.
 
         H(s)/s is inverted on one contour per window of times. All its singularities lie on the
-        negative real axis, so the contour needs no audit: 28 nodes are good to 1e-11 of the
-        steady state.
+        negative real axis, so the contour needs no audit.
 
         Parameters
         ----------
@@ -89,7 +96,7 @@ class Conduction:
         values = np.empty(times.shape)
         for window in windows(times):
             last = times[window][-1]
-            nodes, weights = hyperbola_rule(28)
+            nodes, weights = hyperbola_rule(CONTOUR_NODES)
             terms = self.transfer(nodes / last) / nodes * weights
             values[window] = (np.exp(np.outer(times[window] / last, nodes)) @ terms).real
         step = np.zeros(t.shape)
@@ -107,11 +114,12 @@ class Conduction:
         ----------
         dt : float [s]
         """
-        slow = 0.9 * self.a * self.alpha
+        slow = SLOWEST_SHARE * self.a * self.alpha
         # Fast enough for the sample, and for the delay of diffusion where that is shorter.
         delay = (self.r - self.r0) ** 2 / self.alpha
-        fastest = max(800 / dt, 30000 * slow)
-        fast = max(8 / dt, 1000 * slow, min(30 / delay if delay else np.inf, fastest))
+        fastest = max(LIMIT_OF_SAMPLE / dt, LIMIT_OF_SLOWEST * slow)
+        of_delay = min(FASTEST_OF_DELAY / delay if delay else np.inf, fastest)
+        fast = max(FASTEST_OF_SAMPLE / dt, FASTEST_OF_SLOWEST * slow, of_delay)
         return fit_relaxation(self, slow, fast, dt)
 
     @classmethod

@@ -26,6 +26,8 @@ Range = tuple[float, float]
 
 # Two samples whose lengths differ by less than this count as equal [s].
 CLOCK_STEP = 1e-6
+# Samples of a block of `Recursion.run`: longer ones make its matrices larger than they save.
+BLOCK = 64
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Recursion:
         drive = u[:-1] if held else np.hstack([u[:-1], u[1:]])
         y = np.empty((len(u), len(self.C)))
         y[0] = self.C @ x
-        steps, block = len(drive), 64
+        steps, block = len(drive), BLOCK
         whole = steps // block * block
         if whole:
             power, to_state, from_state, to_output = self._unroll(gain, block)
@@ -161,6 +163,7 @@ class Modes:
 
     @property
     def states(self) -> int:
+        """Number of states of the recursion."""
         return int(len(self.poles) + np.sum(self.poles.imag != 0) + np.sum(self.double != 0))
 
     def transfer(self, s: Complex) -> Complex:
@@ -302,6 +305,7 @@ class Modes:
 
     @staticmethod
     def from_document(lists: dict[str, Any]) -> Modes:
+        """What `document` has written."""
         zero = [0.0] * len(lists["pole"])
         imag, weight = lists.get("pole_imag", zero), lists.get("weight_imag", zero)
         if any(len(each) != len(zero) for each in lists.values()):

@@ -11,6 +11,20 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.responses.modes import Float, Hold, Modes, uniform_spans
 
+# Rates a decade: eight follow a step response to a part in 10⁶; a response that starts with zero
+# slope and curvature needs ten.
+RATES_PER_DECADE, DELAYED_RATES_PER_DECADE = 8, 10
+# The step response is matched at so many times for each rate, from and to these shares of the
+# fastest and the slowest time constant.
+TIMES_PER_RATE, FIRST_TIME, LAST_TIME = 6, 0.5, 40.0
+# Weights of the steady state, by which gains are judged, and of slope and curvature at the start
+# [weight of one time].
+STEADY_STATE_WEIGHT, START_WEIGHT = 10.0, 1e3
+# Singular values below this share of the largest are rounding.
+SINGULAR_TOLERANCE = 1e-14
+# Largest error of a step response, relative to its largest value.
+STEP_TOLERANCE = 3e-5
+
 
 @dataclass(frozen=True)
 class RelaxationGrid:
@@ -44,14 +58,14 @@ class RelaxationGrid:
         slow, fast : float [1/s]
         delayed : bool
         """
-        per_decade = 10 if delayed else 8
+        per_decade = DELAYED_RATES_PER_DECADE if delayed else RATES_PER_DECADE
         rates = np.geomspace(slow, fast, int(np.ceil(np.log10(fast / slow) * per_decade)) + 1)
-        times = np.geomspace(0.5 / fast, 40 / slow, 6 * len(rates))
+        times = np.geomspace(FIRST_TIME / fast, LAST_TIME / slow, TIMES_PER_RATE * len(rates))
         # The steady state is a row of its own, with weight: gains are judged by it.
-        rows = [-np.expm1(-np.outer(times, rates)), np.full((1, len(rates)), 10.0)]
+        rows = [-np.expm1(-np.outer(times, rates)), np.full((1, len(rates)), STEADY_STATE_WEIGHT)]
         if delayed:
-            rows += [1e3 * (rates[None, :] / fast) ** k for k in (1, 2)]
-        inverse = np.linalg.pinv(np.vstack(rows), rcond=1e-14)
+            rows += [START_WEIGHT * (rates[None, :] / fast) ** k for k in (1, 2)]
+        inverse = np.linalg.pinv(np.vstack(rows), rcond=SINGULAR_TOLERANCE)
         return RelaxationGrid(rates, times, inverse[:, : len(times) + 1])
 
     def weights(self, response: StepResponse) -> Float:
@@ -62,7 +76,9 @@ class RelaxationGrid:
         response : StepResponse
         """
         dc_gain = response.dc_gain()
-        return np.asarray(self._inverse @ np.append(response.step(self.times), 10 * dc_gain))
+        return np.asarray(
+            self._inverse @ np.append(response.step(self.times), STEADY_STATE_WEIGHT * dc_gain)
+        )
 
     def states(self, time: Float, u: Float, hold: Hold) -> Float:
         """Responses of rate/(s + rate), for every rate, to one input from rest.
@@ -86,12 +102,17 @@ class RelaxationGrid:
 
 
 class StepResponse(Protocol):
-    def step(self, t: Float) -> Float: ...
-    def dc_gain(self) -> float: ...
+    """What a fit of relaxation modes asks of a response."""
+
+    def step(self, t: Float) -> Float:
+        """Unit-step response at times [s]."""
+
+    def dc_gain(self) -> float:
+        """Its steady state."""
 
 
 def fit_relaxation(
-    response: StepResponse, slow: float, fast: float, dt: float, tol: float = 3e-5
+    response: StepResponse, slow: float, fast: float, dt: float, tol: float = STEP_TOLERANCE
 ) -> Modes:
     """A response by diffusion as a sum of real exponentials.
 

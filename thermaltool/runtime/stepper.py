@@ -17,11 +17,20 @@ MAX_CACHED_MATRICES = 32
 class Steps(Protocol):
     """What answers each sample with estimates: a `Stepper`, or something of its kind."""
 
-    def rest(self) -> list[float]: ...
-    def start(self, readings: list[float], settled: bool = False) -> list[float]: ...
-    def step(self, ticks: int, readings: list[float]) -> list[float]: ...
-    def state(self) -> list[float]: ...
-    def resume(self, values: list[Any]) -> None: ...
+    def rest(self) -> list[float]:
+        """Estimates before anything is known."""
+
+    def start(self, readings: list[float], settled: bool = False) -> list[float]:
+        """Estimates at the first readings."""
+
+    def step(self, ticks: int, readings: list[float]) -> list[float]:
+        """Estimates after a sample of `ticks` clock steps."""
+
+    def state(self) -> list[float]:
+        """For `resume`, as JSON."""
+
+    def resume(self, values: list[Any]) -> None:
+        """Go on from a state."""
 
 
 class Stepper:
