@@ -70,9 +70,8 @@ class Calibration(Result):
     def table(self) -> str:
         """Each output with its fit and its responses."""
         from thermaltool.report.calibration import calibration_table
-        from thermaltool.report.text import aligned
 
-        return aligned(calibration_table(self.model))
+        return calibration_table(self.model)
 
     def draw(self) -> Figure:
         """Measured and simulated outputs over the first log, and their difference."""

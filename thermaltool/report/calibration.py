@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from thermaltool.model import Model, to_document
+from thermaltool.report.text import aligned
 from thermaltool.responses import Response, parameter_names
 
 
-def calibration_table(model: Model) -> list[list[str]]:
-    """Rows of a table: each output with its fit and its responses."""
+def calibration_table(model: Model) -> str:
+    """Each output with its fit and its responses."""
     rows = [["output", "rmse", "fit %", "max", "rows", "parameters"]]
     for output in model.outputs:
         fit = output.fit
@@ -24,7 +25,7 @@ def calibration_table(model: Model) -> list[list[str]]:
                 "; ".join(map(_parameters, responses)),
             ]
         )
-    return rows
+    return aligned(rows)
 
 
 def calibration_warnings(model: Model) -> list[str]:

@@ -25,6 +25,7 @@ from thermaltool.report.style import (
     time_unit,
     trace,
 )
+from thermaltool.report.text import aligned
 from thermaltool.signals.drift import DriftFit, model_allan, model_density
 from thermaltool.signals.noise import NoiseEstimate
 from thermaltool.signals.spectrum import thin
@@ -146,15 +147,7 @@ def noise_table(units: Mapping[str, str], results: Results) -> str:
             ]
         )
         notes += [f"{name}: {note}" for note in result.notes]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [
-        "  ".join(
-            cell.ljust(width) if k < 2 else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
-    return "\n".join([*lines, *([""] if notes else []), *notes])
+    return "\n".join([aligned(rows, 2), *([""] if notes else []), *notes])
 
 
 def _number(value: float | None) -> str:

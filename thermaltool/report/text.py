@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -10,10 +10,24 @@ if TYPE_CHECKING:
     from thermaltool.model import Excursion
 
 
-def aligned(rows: list[list[str]]) -> str:
-    """Columns aligned by blanks; the first row is the heading."""
+def aligned(rows: Sequence[Sequence[str]], texts: int | None = None) -> str:
+    """Table of columns that are aligned by blanks.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of str
+        The heading first.
+    texts : int, optional
+        Columns from this one on stand to the right. Default: none.
+    """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+    texts = len(widths) if texts is None else texts
+    sides = [str.ljust] * texts + [str.rjust] * (len(widths) - texts)
+    lines = (
+        "  ".join(side(cell, width) for side, cell, width in zip(sides, row, widths, strict=True))
+        for row in rows
+    )
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def row_message(log: Log, row: int, message: str) -> str:
