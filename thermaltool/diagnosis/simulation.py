@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from thermaltool.effects.effect import Effect, Float, Scene, reference_of
 from thermaltool.fitting.discrepancy import MAX_ROWS
 from thermaltool.model import Model, away_from_rest, driven, read_outputs, relative, respond
+from thermaltool.model.simulate import acting_effects
 from thermaltool.record import Record
 from thermaltool.signals.likelihood import ColouredNoise
 
@@ -146,23 +147,28 @@ class SimulatedLogs:
     logs: tuple[Record, ...]
     masked: Mask
 
-    def _acting(self, log: Record, *more: Effect) -> list[Effect]:
-        return [e for e in (*self.model.effects, *more) if e.log in (None, log.digest)]
-
     @cached_property
     def inputs(self) -> list[dict[str, Float]]:
         """What acts in place of every drive in each log, relative to its reference."""
-        return [driven(self.model, self._acting(log), log) for log in self.logs]
+        return [
+            driven(self.model, acting_effects(self.model, log.digest), log) for log in self.logs
+        ]
 
     @cached_property
     def _responses(self) -> list[dict[str, Float]]:
-        return [respond(self.model, self._acting(log), log) for log in self.logs]
+        """Sums of the terms in each log, before what reads them."""
+        model = self.model
+        return [respond(model, acting_effects(model, log.digest), log) for log in self.logs]
 
     @cached_property
     def outputs(self) -> list[dict[str, Float]]:
         """Outputs of each log, relative to rest."""
+        return self._read(self.model)
+
+    def _read(self, model: Model) -> list[dict[str, Float]]:
+        """What the effects of a model make of the responses that are there."""
         return [
-            read_outputs(self._acting(log), response, log)
+            read_outputs(acting_effects(model, log.digest), response, log)
             for log, response in zip(self.logs, self._responses, strict=True)
         ]
 
@@ -212,14 +218,11 @@ class SimulatedLogs:
         *more : Effect
         model : Model, optional
         """
-        result = []
-        again = model is not None or any(e.side in ("drive", "state") for e in more)
-        other = SimulatedLogs(model or self.model, self.logs, self.masked)
-        for k, log in enumerate(self.logs):
-            effects = other._acting(log, *more)
-            response = respond(other.model, effects, log) if again else self._responses[k]
-            result.append(read_outputs(effects, response, log))
-        return result
+        own = model or self.model
+        changed = replace(own, effects=(*own.effects, *more))
+        if model is not None or any(e.side in ("drive", "state") for e in more):
+            return [changed.simulate(log) for log in self.logs]
+        return self._read(changed)
 
     def change(self, changed: Sequence[Mapping[str, Float]]) -> dict[str, Series]:
         """What changed outputs differ by from those of the model; unchanged ones are left out.
