@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from thermaltool.timeseries.ar import burg
-from thermaltool.timeseries.criteria import CRITERIA, Entry
+from thermaltool.timeseries.criteria import CRITERIA, OrderCriteria
 from thermaltool.timeseries.hannan import gram_matrix
 from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.maximum import climb, start
@@ -55,7 +55,7 @@ def simulated(process: tuple[list[float], list[float]], size: int, seed: list[in
     return np.asarray(lfilter(np.r_[1.0, ma], np.r_[1.0, -ar], noise)[500:])
 
 
-def full_grid(x: Array, max_p: int, max_q: int) -> list[Entry]:
+def full_grid(x: Array, max_p: int, max_q: int) -> list[OrderCriteria]:
     """Every order by exact maximum likelihood, each from its own regression."""
     likelihood = ArmaLikelihood(even_record(x), 0)
     gram = gram_matrix(likelihood.detrended, max_p, max_q)
@@ -63,7 +63,7 @@ def full_grid(x: Array, max_p: int, max_q: int) -> list[Entry]:
     for p in range(max_p + 1):
         for q in range(max_q + 1):
             fit, _ = climb(likelihood, start(likelihood, *gram.solve(p, q)[:2]), 100, 1e-2)
-            entries.append(Entry(p, q, fit.deviance, fit.at.sigma2, x.size, 1, True))
+            entries.append(OrderCriteria(p, q, fit.deviance, fit.at.sigma2, x.size, 1, True))
     return entries
 
 

@@ -18,7 +18,7 @@ from thermaltool.logs import read_log, write_table
 from thermaltool.logs.formats import FORMATS
 from thermaltool.logs.series import read_series
 from thermaltool.runtime.sinks import SINKS
-from thermaltool.timeseries.criteria import Entry
+from thermaltool.timeseries.criteria import OrderCriteria
 from thermaltool.timeseries.forecast import forecast
 from thermaltool.timeseries.model import ArmaModel
 from thermaltool.timeseries.runs import even_record
@@ -60,7 +60,7 @@ def test_a_log_of_another_period_is_refused(log, tmp_path):
 
 
 def arima(ar, ma, difference):
-    entry = Entry(len(ar), len(ma), 0.0, 1.0, 100, 0, True)
+    entry = OrderCriteria(len(ar), len(ma), 0.0, 1.0, 100, 0, True)
     return ArmaModel("x", 1.0, difference, np.array(ar, float), np.array(ma, float), (),
                      np.empty((0, 0)), 1.0, None, entry, "ml")  # fmt: skip
 

@@ -14,7 +14,7 @@ from reference.measured import published
 
 from thermaltool.record import Record
 from thermaltool.timeseries.ar import ArOrders, burg, least_squares, yule_walker
-from thermaltool.timeseries.criteria import Entry
+from thermaltool.timeseries.criteria import OrderCriteria
 from thermaltool.timeseries.fit import fit_arma
 from thermaltool.timeseries.forecast import forecast
 from thermaltool.timeseries.hannan import hannan_rissanen
@@ -158,7 +158,7 @@ def test_forecasts_agree_with_r(title: str, name: str, order: int, steps: int) -
     x = DATA[name]()
     text = block(f"arima({name},c({order},0,0))")
     *ar, mean, sigma2 = numbers(text)[: order + 2]
-    entry = Entry(order, 0, 0.0, sigma2, x.size, 1, True)
+    entry = OrderCriteria(order, 0, 0.0, sigma2, x.size, 1, True)
     model = ArmaModel("x", 1.0, 0, np.array(ar), np.empty(0), (mean,), np.zeros((1, 1)),
                       sigma2, None, entry, "ml")  # fmt: skip
     ahead = forecast(model, even_record(x), steps)

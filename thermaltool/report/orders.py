@@ -20,7 +20,7 @@ from thermaltool.report.style import (
 )
 from thermaltool.report.text import aligned
 from thermaltool.timeseries.cancellation import NeedlessPair, needless_pairs
-from thermaltool.timeseries.criteria import CRITERIA, Entry
+from thermaltool.timeseries.criteria import CRITERIA, OrderCriteria
 from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.model import ArmaModel
 from thermaltool.timeseries.order import OrderTable
@@ -46,7 +46,7 @@ def order_document(table: OrderTable, names: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _row(entry: Entry, names: Sequence[str]) -> dict[str, Any]:
+def _row(entry: OrderCriteria, names: Sequence[str]) -> dict[str, Any]:
     wanted = dict.fromkeys(("aic", "aicc", "bic", *names))
     values = {name: CRITERIA[name](entry) for name in wanted}
     return {"p": entry.p, "q": entry.q, **values, "exact": entry.exact}

@@ -19,8 +19,9 @@ from thermaltool.timeseries.polynomials import cancelling, without_root
 
 Array = NDArray[np.float64]
 
-_LEVEL = 0.05
-_STEPS, _TOLERANCE = 20, 1e-2
+MAX_P_VALUE = 0.05  # of a record of noise: what reaches it is a line of the noise
+MAX_STEPS = 20  # of the climb of the smaller model
+TOLERANCE = 1e-2  # [deviance], a hundredth of what tells two models apart
 
 
 @dataclass(frozen=True)
@@ -57,10 +58,10 @@ def needless_pairs(
     found = []
     for root, other in cancelling(ar, ma):
         smaller = start(likelihood, without_root(ar, root), -without_root(-ma, other))
-        rise = climb(likelihood, smaller, _STEPS, _TOLERANCE)[0].deviance - deviance
+        rise = climb(likelihood, smaller, MAX_STEPS, TOLERANCE)[0].deviance - deviance
         coefficients = 2 if root.imag == 0.0 else 4
         lines = 1.0 if root.imag == 0.0 else max(0.5 * likelihood.size, 1.0)
-        usual = float(chdtri(coefficients, _LEVEL / lines))
+        usual = float(chdtri(coefficients, MAX_P_VALUE / lines))
         if rise < usual:
             found.append(NeedlessPair(root, other, float(rise), usual))
     return found

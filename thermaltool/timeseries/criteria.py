@@ -11,7 +11,7 @@ from thermaltool.signals.criteria import Criteria
 
 
 @dataclass(frozen=True)
-class Entry:
+class OrderCriteria:
     """One pair of orders.
 
     Attributes
@@ -49,7 +49,7 @@ class Entry:
         return self.size * float(np.log(self.size * self.sigma2 / (self.size - r))) + 2.0 * r
 
 
-CRITERIA: Mapping[str, Callable[[Entry], float]] = {
+CRITERIA: Mapping[str, Callable[[OrderCriteria], float]] = {
     "aic": lambda entry: entry.criteria.aic,
     "aicc": lambda entry: entry.criteria.aicc,
     "bic": lambda entry: entry.criteria.bic,

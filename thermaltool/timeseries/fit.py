@@ -13,7 +13,7 @@ from thermaltool.errors import FitError
 from thermaltool.record import Record
 from thermaltool.signals.whiteness import PortmanteauTest, ljung_box
 from thermaltool.timeseries.ar import ArOrders, burg, least_squares, yule_walker
-from thermaltool.timeseries.criteria import Entry
+from thermaltool.timeseries.criteria import OrderCriteria
 from thermaltool.timeseries.hannan import hannan_rissanen
 from thermaltool.timeseries.innovations import innovations
 from thermaltool.timeseries.likelihood import ArmaLikelihood
@@ -115,7 +115,7 @@ def fit_arma(
         trend_covariance=spread,
         sigma2=at.sigma2,
         covariance=_covariance(likelihood, best),
-        entry=Entry(p, q, best.deviance, at.sigma2, size, degree + 1, True),
+        entry=OrderCriteria(p, q, best.deviance, at.sigma2, size, degree + 1, True),
         method=method,
         provenance=provenance or {},
     )

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_BLOCK = 8192  # longest product that no library splits over threads
-_DENSE = 1024  # longest response that is laid out as a matrix
+MAX_PRODUCT = 8192  # samples: no library splits so short a product over threads
+MAX_DENSE_RESPONSE = 1024  # samples: a longer response is not laid out as a matrix, for memory
 
 
 def lagged_products(u: Array, v: Array, rows: int, columns: int, first: int) -> Array:
@@ -47,10 +47,10 @@ def inner(u: Array, v: Array) -> float:
     A linear-algebra library that splits a long product over threads waits for them longer than
     the product takes, much longer where the cores are busy.
     """
-    if u.size <= _BLOCK:
+    if u.size <= MAX_PRODUCT:
         return float(u @ v)
-    edges = range(0, u.size, _BLOCK)
-    return float(sum([u[k : k + _BLOCK] @ v[k : k + _BLOCK] for k in edges]))
+    edges = range(0, u.size, MAX_PRODUCT)
+    return float(sum([u[k : k + MAX_PRODUCT] @ v[k : k + MAX_PRODUCT] for k in edges]))
 
 
 def products_of(rows: Array) -> Array:
@@ -100,7 +100,7 @@ class Shifted:
     def __init__(self, h: Array, order: int, size: int) -> None:
         self.h, self.order = h, order
         self.rows = min(h.size + order - 1, size)
-        self.matrix = self._delayed(h, order) if h.size <= _DENSE else None
+        self.matrix = self._delayed(h, order) if h.size <= MAX_DENSE_RESPONSE else None
 
     def _delayed(self, h: Array, columns: int) -> Array:
         H = np.zeros((self.rows, columns))

@@ -1,4 +1,11 @@
-"""Maximum of the exact likelihood: damped Gauss-Newton steps in unbounded coordinates."""
+"""Maximum of the exact likelihood: damped Gauss-Newton steps in unbounded coordinates.
+
+A loop of its own beside `thermaltool.signals.gauss_newton`, for the order search counts slopes and
+goes on from unfinished climbs. With the shared loop, on 96 records of 400 and 1000 samples, the
+search took 21 % longer and its best AIC was worse by more than 0.1 on 32 of them (better on 10,
+by up to 4.5 and 6.5); the best BIC and the fits of a given order were the same. The damping here
+follows how much of its promise a step keeps, and a step brings its slope along.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +19,10 @@ from thermaltool.timeseries.polynomials import free_jacobian, from_free, to_free
 
 Array = NDArray[np.float64]
 
-_DAMPING = 1e-3
-_HARDEST = 1e8  # damping at which no step is left
-_FARTHEST = 1e3  # coordinate at which a root counts as on the unit circle
-_TOLERANCE = 1e-9  # of the deviance that a step could still gain
+FIRST_DAMPING = 1e-3  # of the diagonal: nearly a full step, as starts are near
+MAX_DAMPING = 1e8  # of the diagonal, at which no step is left
+MAX_COORDINATE = 1e3  # at which a root is on the unit circle to 5e-7
+TOLERANCE = 1e-9  # [deviance] that a step could still gain: coefficients to seven digits
 
 
 @dataclass(frozen=True)
@@ -58,7 +65,7 @@ def start(likelihood: ArmaLikelihood, ar: Array, ma: Array) -> Maximum:
 
 
 def climb(
-    likelihood: ArmaLikelihood, begin: Maximum, steps: int = 100, tolerance: float = _TOLERANCE
+    likelihood: ArmaLikelihood, begin: Maximum, steps: int = 100, tolerance: float = TOLERANCE
 ) -> tuple[Maximum, int]:
     """At most `steps` steps of Levenberg and Marquardt from `begin`.
 
@@ -74,7 +81,7 @@ def climb(
     """
     if begin.converged:
         return begin, 0
-    p, damping = begin.ar.size, _DAMPING
+    p, damping = begin.ar.size, FIRST_DAMPING
     free, here = _free(begin), begin.here or likelihood.slope(begin.ar, begin.ma)
     best = replace(begin, at=here.at, here=here)
     curvature, gradient = _turned(here, free, p)
@@ -82,11 +89,11 @@ def climb(
         scale = np.diagonal(curvature) + 1e-12 * np.trace(curvature)
         step = -np.linalg.solve(curvature + damping * np.diag(scale), gradient)
         gain = -float(gradient @ step + 0.5 * step @ curvature @ step)
-        if gain < tolerance or damping > _HARDEST:
+        if gain < tolerance or damping > MAX_DAMPING:
             return replace(best, converged=True), taken
         if taken > steps:
             break
-        trial = np.clip(free + step, -_FARTHEST, _FARTHEST)
+        trial = np.clip(free + step, -MAX_COORDINATE, MAX_COORDINATE)
         ar, ma = from_free(trial[:p]), -from_free(trial[p:])
         try:  # most steps are good, so the slope is taken along at once
             there = likelihood.slope(ar, ma)

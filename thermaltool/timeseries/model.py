@@ -20,7 +20,7 @@ from thermaltool.documents import (
 )
 from thermaltool.documents import text as text_of
 from thermaltool.errors import ModelError
-from thermaltool.timeseries.criteria import Entry
+from thermaltool.timeseries.criteria import OrderCriteria
 from thermaltool.timeseries.polynomials import is_stationary
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ class ArmaModel:
         Variance of the innovations a [unit²].
     covariance : ndarray (p + q, p + q) or None
         Of (ar, ma); None where the likelihood does not determine them.
-    entry : Entry
+    entry : OrderCriteria
         Orders, deviance and criteria by exact likelihood, whatever the method.
     method : str
     provenance : mapping
@@ -62,7 +62,7 @@ class ArmaModel:
     trend_covariance: Array
     sigma2: float
     covariance: Array | None
-    entry: Entry
+    entry: OrderCriteria
     method: str
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -144,7 +144,7 @@ def _model_of(part: Part) -> ArmaModel:
         trend_covariance=part.read("trend_covariance", _square(trend.size)),
         sigma2=part.read("sigma2", above_zero),
         covariance=part.read("covariance", _square(size), None),
-        entry=Entry(
+        entry=OrderCriteria(
             ar.size,
             ma.size,
             -2.0 * fit.read("loglik", finite),

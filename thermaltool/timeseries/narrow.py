@@ -25,15 +25,16 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 Array = NDArray[np.float64]
 
-# Distances of the MA root from the circle: the narrowest in units of 1/n, and the step to the next.
-_FIRST, _WIDER, _WIDEST = 0.25, 4.0, 0.5
+# Distances of the MA root from the circle that are tried: the narrowest [1/samples], the ratio to
+# the next, the widest. A record cannot show a narrower line than the first.
+MIN_WIDTH_SAMPLES, WIDTH_RATIO, MAX_WIDTH = 0.25, 4.0, 0.5
 # Still narrower lines would gain in long records, but each likelihood would have to follow them.
-_NARROWEST = 1e-4
-_REACH = 8.0  # time constants after which the weights of a root count as zero
-_FINE = 4  # angles for each resolved one
-_EACH = 8  # peaks of the gain that are looked at for each width
-_APART = 8.0  # distance in widths, or 1/n, below which two lines count as one
-_LEAST = 2.0  # gain below which a line is none
+MIN_WIDTH = 1e-4
+REACH_TIME_CONSTANTS = 8.0  # after which the weights of a root are below 4e-4 and count as zero
+ANGLES_PER_RESOLVED = 4  # a peak of the gain is between angles by an eighth of its width at most
+MAX_PEAKS_PER_WIDTH = 8  # the largest gains; smaller ones are found again in a larger model
+MIN_DISTANCE_WIDTHS = 8.0  # [widths, or 1/n] below which two lines are one
+MIN_GAIN = 2.0  # [deviance] below which a line does not pay for one coefficient by AIC
 
 
 @dataclass(frozen=True)
@@ -74,11 +75,11 @@ def narrow_factors(innovations: Array) -> list[Narrow]:
         Of the model that is to be enlarged [unit].
     """
     n = innovations.size
-    width, found = max(_FIRST / n, _NARROWEST), []
-    spectrum = _Sums(innovations, min(int(_REACH / width) + 1, n))
-    while width < _WIDEST:
+    width, found = max(MIN_WIDTH_SAMPLES / n, MIN_WIDTH), []
+    spectrum = _Sums(innovations, min(int(REACH_TIME_CONSTANTS / width) + 1, n))
+    while width < MAX_WIDTH:
         found += _lines(spectrum, width)
-        width *= _WIDER
+        width *= WIDTH_RATIO
     found.sort(key=lambda line: -line.gain)
     kept: list[_Line] = []
     for line in found:
@@ -91,7 +92,9 @@ def narrow_factors(innovations: Array) -> list[Narrow]:
 
 
 def _same(one: _Line, other: _Line, n: int) -> bool:
-    return abs(one.angle - other.angle) < _APART * max(min(one.width, other.width), 1.0 / n)
+    return abs(one.angle - other.angle) < MIN_DISTANCE_WIDTHS * max(
+        min(one.width, other.width), 1.0 / n
+    )
 
 
 class _Sums:
@@ -108,7 +111,7 @@ class _Sums:
 
     def weighted(self, weights: Array, width: float) -> Array:
         """Σ_t W_t e_t e_{t-k}, ndarray (lags,); W is 1/(2 width) but near the end."""
-        if width * self.e.size > _REACH**2:
+        if width * self.e.size > REACH_TIME_CONSTANTS**2:
             return weights[0] * self.covariance
         return self.against(rfft(weights * self.e, self.length))
 
@@ -116,8 +119,10 @@ class _Sums:
 def _lines(sums: _Sums, width: float) -> list[_Line]:
     """The largest gains over the angles for MA roots at `width` from the circle."""
     e, n = sums.e, sums.e.size
-    r, lags = 1.0 - width, min(int(_REACH / width) + 1, sums.lags)
-    length = 2 * next_fast_len(_FINE * lags // 2, real=True)  # even: the last angle is π
+    r, lags = 1.0 - width, min(int(REACH_TIME_CONSTANTS / width) + 1, sums.lags)
+    length = 2 * next_fast_len(
+        ANGLES_PER_RESOLVED * lags // 2, real=True
+    )  # even: the last angle is π
     decay = r ** np.arange(lags)
     span = 1.0 - r * r
     weights = -np.expm1(2.0 * np.log(r) * (n - 1.0 - np.arange(n))) / span  # Σ r^2k to the end
@@ -133,7 +138,7 @@ def _lines(sums: _Sums, width: float) -> list[_Line]:
     hh = -np.expm1(2.0 * n * np.log(r)) / span
     step = -(se - hs.conj() * he / hh) / (ss - np.abs(hs) ** 2 / hh)
     ar_root = root - step
-    ar_root *= np.minimum(1.0, (1.0 - _FIRST / n) / np.abs(ar_root))
+    ar_root *= np.minimum(1.0, (1.0 - MIN_WIDTH_SAMPLES / n) / np.abs(ar_root))
     step = root - ar_root
     power = np.abs(step) ** 2
     variance = power / (1.0 - np.abs(ar_root) ** 2)
@@ -145,7 +150,7 @@ def _lines(sums: _Sums, width: float) -> list[_Line]:
     gain = -n * np.log(left) - count * np.log1p(variance * hh)
     return [
         _Line(float(gain[i]), float(angle[i]), width, complex(ar_root[i]), complex(root[i]))
-        for i in _peaks(gain, angle, _APART * max(width, 1.0 / n))
+        for i in _peaks(gain, angle, MIN_DISTANCE_WIDTHS * max(width, 1.0 / n))
     ]
 
 
@@ -154,8 +159,8 @@ def _peaks(gain: Array, angle: Array, margin: float) -> list[int]:
     inner = gain[1:-1]
     peaks = 1 + np.flatnonzero((inner > gain[:-2]) & (inner >= gain[2:]))
     peaks = peaks[(angle[peaks] > margin) & (angle[peaks] < np.pi - margin)]
-    peaks = peaks[np.argsort(-gain[peaks])[:_EACH]]
-    return [i for i in (0, *peaks.tolist(), gain.size - 1) if gain[i] > _LEAST]
+    peaks = peaks[np.argsort(-gain[peaks])[:MAX_PEAKS_PER_WIDTH]]
+    return [i for i in (0, *peaks.tolist(), gain.size - 1) if gain[i] > MIN_GAIN]
 
 
 def _factor(root: complex) -> Array:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from thermaltool.errors import FitError
 from thermaltool.record import Record
 from thermaltool.timeseries.ar import burg
-from thermaltool.timeseries.criteria import CRITERIA, Entry
+from thermaltool.timeseries.criteria import CRITERIA, OrderCriteria
 from thermaltool.timeseries.hannan import corrected, gram_matrix
 from thermaltool.timeseries.lagged import inner
 from thermaltool.timeseries.likelihood import ArmaLikelihood
@@ -38,27 +38,29 @@ from thermaltool.timeseries.starts import all_starts, as_difference, summed
 Array = NDArray[np.float64]
 Pair = tuple[int, int]
 
-# Slopes of the likelihood that the search may take: the cost of a slope grows with the record.
-BUDGET = 55
-_FIRST_STEPS = 0  # from a regression
-_STEPS = 8  # of one visit to a model
-_TOLERANCE = 2e-2  # of the deviance
-_LAST_STEPS, _LAST_TOLERANCE = 25, 1e-5  # for the best model
-_HOPE = 3.0  # by which a model may end better than its linear prediction says
-# By which a start may miss what was hoped for, and still be climbed from at once; else so far.
-_FALSE, _FALSE_STEPS = 10.0, 3
-_LINE_HOPE = 1.5  # the same of a narrow line, whose gain is known better
-_INTERACT = 30.0  # distance of lines, times samples [rad], below which their gains do not add
-_CLOSE = 4.0  # models this near to the best propose others
-_PATIENCE = 3.0  # the search ends where no proposal hopes to come this near to the best
-# Short records have more maxima: there the best few small models start again from elsewhere.
-_SHORT, _LEADING = 500, 3
-_SEEDS = 4  # starts from the regressions for each criterion
-_SMALL = 7  # orders p + q up to this are all looked at
-_WANDERS = 0.9  # correlation of neighbours above which the series may be a difference
-# Each run costs a filter of its own: where there are more, fewer models are looked at.
-_FEW_RUNS, _TINY = 20, 2
-_PER_PARAMETER = 3  # samples that a model needs for each parameter
+# The search. Deviances and criteria are in units of -2 log L.
+BUDGET = 55  # slopes of the likelihood, for a search of 0.1 s at 10³ samples
+SEED_STEPS = 0  # from a regression: its likelihood and slope already rank it
+VISIT_STEPS = 8  # of one visit to a model: most maxima are reached, the others wait their turn
+TOLERANCE = 2e-2  # [deviance] of a visit, a hundredth of what tells two models apart
+FINAL_STEPS, FINAL_TOLERANCE = 25, 1e-5  # for the best model, whose criteria are printed
+GAIN_MARGIN = 3.0  # [deviance] by which a model may end better than its linear prediction says
+LINE_GAIN_MARGIN = 1.5  # [deviance], the same of a narrow line, whose gain is known better
+# [deviance] by which a start may miss its prediction and still be climbed from in full; else so
+# many steps: the prediction was of another place.
+MAX_MISS, MISSED_STEPS = 10.0, 3
+MIN_LINE_DISTANCE = 30.0  # [rad samples] between lines: nearer ones take gain from each other
+MAX_PARENT_EXCESS = 4.0  # [criterion] above the best: models as near as this propose others
+MAX_PROPOSAL_EXCESS = 3.0  # [criterion] above the best: the search ends where none hopes for less
+SEEDS_PER_CRITERION = 4  # regressions that are started from, the best of each criterion
+MAX_SMALL_ORDER = 7  # p + q: up to this all are looked at, there are 36
+MIN_WANDER_CORRELATION = 0.9  # of neighbours: from here the series may be a running sum
+SAMPLES_PER_PARAMETER = 3  # with fewer, a maximum means little and AICc has no correction
+# Samples below which a record has more maxima, and its best few small models start again.
+SHORT_RECORD, RESTARTED_MODELS = 500, 3
+# Each run costs a filter of its own: with more runs, only orders p + q up to this are looked at.
+MAX_FEW_RUNS, MAX_TINY_ORDER = 20, 2
+MIN_VARIANCE_SHARE = 1e-14  # of the mean square: what no regression can reach, rounding leaves
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class OrderTable:
 
     Attributes
     ----------
-    entries : tuple of Entry
+    entries : tuple of OrderCriteria
         One per pair, by p, then q.
     fits : mapping of (p, q) to Maximum
         The exact ones.
@@ -77,17 +79,17 @@ class OrderTable:
         The budget ended the search, while orders were left that might be better.
     """
 
-    entries: tuple[Entry, ...]
+    entries: tuple[OrderCriteria, ...]
     fits: Mapping[Pair, Maximum]
     max_p: int
     max_q: int
     cut_short: bool
 
-    def best(self, criterion: str) -> Entry:
+    def best(self, criterion: str) -> OrderCriteria:
         """The exact entry of the least `criterion`."""
         return min((e for e in self.entries if e.exact), key=CRITERIA[criterion])
 
-    def at_edge(self, entry: Entry) -> bool:
+    def at_edge(self, entry: OrderCriteria) -> bool:
         """Whether a larger grid might hold a better model."""
         return (entry.p == self.max_p > 0) or (entry.q == self.max_q > 0)
 
@@ -143,13 +145,13 @@ class _OrderSearch:
         self.likelihood, self.criteria = ArmaLikelihood(record, degree), tuple(criteria)
         self.centred = self.likelihood.detrended
         size = self.likelihood.size
-        largest = size // _PER_PARAMETER - self.likelihood.regressors - 1
+        largest = size // SAMPLES_PER_PARAMETER - self.likelihood.regressors - 1
         if largest < 1:
             raise FitError(f"{size} samples are too few to choose an order")
         self.max_p, self.max_q = min(max_p, largest), min(max_q, largest)
         self.largest = largest
         self.fits: dict[Pair, Maximum] = {}
-        self.entries: dict[Pair, Entry] = {}
+        self.entries: dict[Pair, OrderCriteria] = {}
         self.proposals: list[_Proposal] = []
         self.seen: set[Pair] = set()
         self.finished: set[Pair] = set()
@@ -166,19 +168,19 @@ class _OrderSearch:
         for p in range(self.max_p + 1):
             for q in range(min(self.max_q, self.largest - p) + 1):
                 ar, ma, sigma2 = gram.solve(p, q)
-                # What no regression can reach counts as what rounding leaves.
-                sigma2 = max(sigma2, 1e-14 * power)
+                sigma2 = max(sigma2, MIN_VARIANCE_SHARE * power)
                 starts[p, q] = ar, ma
                 self.entries[p, q] = self._entry((p, q), self._deviance(sigma2), sigma2, False)
         autoregressions = burg(centred, self.max_p)
         for p in range(1, self.max_p + 1):
             starts[p, 0] = autoregressions.coefficients[p], np.empty(0)
-        few = len(all_runs) <= _FEW_RUNS
-        chosen = {pair for pair in starts if sum(pair) <= (_SMALL if few else _TINY)}
+        few = len(all_runs) <= MAX_FEW_RUNS
+        small = MAX_SMALL_ORDER if few else MAX_TINY_ORDER
+        chosen = {pair for pair in starts if sum(pair) <= small}
         for name in self.criteria:
             value = CRITERIA[name]
             ranked = sorted(starts, key=lambda pair: value(self.entries[pair]))
-            chosen |= set(ranked[: _SEEDS if few else 1])
+            chosen |= set(ranked[: SEEDS_PER_CRITERION if few else 1])
             pure = min(range(self.max_p + 1), key=lambda p: value(self.entries[p, 0]))
             chosen.add((pure, 0))
         for pair in sorted(chosen):
@@ -188,15 +190,15 @@ class _OrderSearch:
             ]:  # the third regression comes much nearer where roots are close to the circle
                 better = corrected(centred, ar, ma)
                 ar, ma = better.ar, better.ma
-            at, _ = climb(self.likelihood, start(self.likelihood, ar, ma), _FIRST_STEPS, _TOLERANCE)
+            at, _ = climb(self.likelihood, start(self.likelihood, ar, ma), SEED_STEPS, TOLERANCE)
             self._keep(pair, at)
-            hope = at.deviance - max(_HOPE, 1.5 * at.promise)
+            hope = at.deviance - max(GAIN_MARGIN, 1.5 * at.promise)
             self._propose(pair, at.ar, at.ma, hope, at)
 
     def _differences(self) -> None:
         """Where the series wanders, models with an MA root at 1 from the orders of its sum."""
         x = np.concatenate(pieces(self.centred))
-        if self.max_q == 0 or inner(x[1:], x[:-1]) < _WANDERS * inner(x, x):
+        if self.max_q == 0 or inner(x[1:], x[:-1]) < MIN_WANDER_CORRELATION * inner(x, x):
             return
         sums = summed(self.centred)
         try:
@@ -214,11 +216,11 @@ class _OrderSearch:
         for pair in sorted(chosen):
             better = corrected(sums, *found[pair][:2])
             at = start(self.likelihood, better.ar, as_difference(better.ma))
-            self._propose(pair, at.ar, at.ma, at.deviance - _HOPE)
+            self._propose(pair, at.ar, at.ma, at.deviance - GAIN_MARGIN)
 
-    def _entry(self, pair: Pair, deviance: float, sigma2: float, exact: bool) -> Entry:
+    def _entry(self, pair: Pair, deviance: float, sigma2: float, exact: bool) -> OrderCriteria:
         size, regressors = self.likelihood.size, self.likelihood.regressors
-        return Entry(*pair, float(deviance), float(sigma2), size, regressors, exact)
+        return OrderCriteria(*pair, float(deviance), float(sigma2), size, regressors, exact)
 
     def _keep(self, pair: Pair, fit: Maximum) -> bool:
         """Keep a fit that is better than what is known of its pair."""
@@ -262,9 +264,9 @@ class _OrderSearch:
             self._finish(CRITERIA[name])
         return cut_short
 
-    def _finish(self, value: Callable[[Entry], float]) -> None:
+    def _finish(self, value: Callable[[OrderCriteria], float]) -> None:
         """Climb on until the best model is at its maximum; the best few of a short record anew."""
-        count = _LEADING if self.likelihood.size <= _SHORT else 1
+        count = RESTARTED_MODELS if self.likelihood.size <= SHORT_RECORD else 1
         while True:
             leading = sorted(self.fits, key=lambda each: value(self.entries[each]))[:count]
             left = [pair for pair in leading if pair not in self.finished]
@@ -274,13 +276,13 @@ class _OrderSearch:
 
     def _complete(self, pair: Pair) -> None:
         fit = replace(self.fits.pop(pair), converged=sum(pair) == 0)
-        few = self.likelihood.runs <= _FEW_RUNS
-        if few and self.likelihood.size <= _SHORT and sum(pair) <= _SMALL:
-            others = [climb(self.likelihood, each, _STEPS, _TOLERANCE)[0]
+        few = self.likelihood.runs <= MAX_FEW_RUNS
+        if few and self.likelihood.size <= SHORT_RECORD and sum(pair) <= MAX_SMALL_ORDER:
+            others = [climb(self.likelihood, each, VISIT_STEPS, TOLERANCE)[0]
                       for each in all_starts(self.likelihood, *pair)]  # fmt: skip
             fit = min(fit, *others, key=lambda each: each.deviance)
             fit = replace(fit, converged=sum(pair) == 0)
-        fit, _ = climb(self.likelihood, fit, _LAST_STEPS, _LAST_TOLERANCE)
+        fit, _ = climb(self.likelihood, fit, FINAL_STEPS, FINAL_TOLERANCE)
         # A maximum on the unit circle is approached for ever: this near will do.
         self._keep(pair, replace(fit, converged=True))
         self.finished.add(pair)
@@ -291,7 +293,7 @@ class _OrderSearch:
             k, name = next(names)
             excess = [each.values[k] - self.best[name] for each in self.proposals]
             first = int(np.argmin(excess)) if excess else 0
-            idle = 0 if excess and excess[first] < _PATIENCE else idle + 1
+            idle = 0 if excess and excess[first] < MAX_PROPOSAL_EXCESS else idle + 1
             if idle == 0:
                 budget -= self._visit(self.proposals.pop(first))
             if idle == len(self.criteria):
@@ -302,21 +304,22 @@ class _OrderSearch:
         """Fit one proposal and let it propose others; the slopes that it took."""
         pair = proposal.pair
         begin = proposal.known or start(self.likelihood, proposal.ar, proposal.ma)
-        false = begin.deviance > proposal.hope + _FALSE
-        fit, slopes = climb(self.likelihood, begin, _FALSE_STEPS if false else _STEPS, _TOLERANCE)
+        false = begin.deviance > proposal.hope + MAX_MISS
+        steps = MISSED_STEPS if false else VISIT_STEPS
+        fit, slopes = climb(self.likelihood, begin, steps, TOLERANCE)
         known = self.fits.get(pair)
-        fresh = known is None or known.deviance > fit.deviance + _TOLERANCE or pair not in self.seen
+        fresh = known is None or known.deviance > fit.deviance + TOLERANCE or pair not in self.seen
         self.seen.add(pair)
         self._keep(pair, fit)
         if not fit.converged:
             won = begin.deviance - fit.deviance
-            hope = fit.deviance - min(won, fit.promise, _FALSE)
+            hope = fit.deviance - min(won, fit.promise, MAX_MISS)
             self._propose(pair, fit.ar, fit.ma, hope, fit)
         excess = min(self._excess(name, pair, fit.deviance) for name in self.criteria)
-        if fresh and excess < _CLOSE:
+        if fresh and excess < MAX_PARENT_EXCESS:
             self._neighbours(pair, fit)
             slopes += 1
-        return slopes * (1 + self.likelihood.runs // _FEW_RUNS)
+        return slopes * (1 + self.likelihood.runs // MAX_FEW_RUNS)
 
     def _neighbours(self, pair: Pair, fit: Maximum) -> None:
         """Models with one coefficient more or less, and with one narrow line more."""
@@ -329,7 +332,7 @@ class _OrderSearch:
                 continue
             less = start(self.likelihood, without_root(fit.ar, root), -without_root(-fit.ma, other))
             pair_less = less.ar.size, less.ma.size
-            self._propose(pair_less, less.ar, less.ma, less.deviance - _HOPE)
+            self._propose(pair_less, less.ar, less.ma, less.deviance - GAIN_MARGIN)
         # One slope at the model with a zero coefficient more on both sides serves all.
         wide = self.likelihood.slope(np.append(fit.ar, 0.0), np.append(fit.ma, 0.0))
         own = [*range(p), *range(p + 1, p + 1 + q)]
@@ -341,7 +344,7 @@ class _OrderSearch:
             more = both[index] + step
             ar, ma = more[: pair_more[0]], more[pair_more[0] :]
             if not (is_stationary(ar) and is_stationary(-ma)):
-                gain = min(gain, _HOPE)  # nothing is known of the likelihood out there
+                gain = min(gain, GAIN_MARGIN)  # nothing is known of the likelihood out there
             self._propose(pair_more, ar, ma, fit.deviance - gain - 0.5)
         if own:
             inverse = np.asarray(np.linalg.inv(_ridged(wide.curvature, np.array(own))), float)
@@ -350,11 +353,11 @@ class _OrderSearch:
     def _lines(self, fit: Maximum) -> None:
         """Models with one narrow line more, and with the first few lines at once."""
         e = self.likelihood.innovations(fit.ar, fit.ma, fit.at.coefficients)
-        several, hope, angles = (fit.ar, fit.ma), fit.deviance - _LINE_HOPE, np.empty(0)
+        several, hope, angles = (fit.ar, fit.ma), fit.deviance - LINE_GAIN_MARGIN, np.empty(0)
         for line in narrow_factors(e):
             ar, ma = with_line(fit.ar, fit.ma, line)
-            self._propose((ar.size, ma.size), ar, ma, fit.deviance - line.gain - _LINE_HOPE)
-            if np.any(np.abs(angles - line.angle) < _INTERACT / self.likelihood.size):
+            self._propose((ar.size, ma.size), ar, ma, fit.deviance - line.gain - LINE_GAIN_MARGIN)
+            if np.any(np.abs(angles - line.angle) < MIN_LINE_DISTANCE / self.likelihood.size):
                 continue
             angles = np.append(angles, line.angle)
             several, hope = with_line(*several, line), hope - line.gain

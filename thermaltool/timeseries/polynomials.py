@@ -14,10 +14,9 @@ from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 
-# Roots nearer than this to each other cancel but for a narrow line.
-CANCELLING = 0.1
-# Largest partial autocorrelation; of a model that had to be made stationary.
-_LARGEST, _MADE = 1.0 - 5e-7, 0.995
+CANCELLING = 0.1  # distance of roots in the unit circle; nearer ones leave a narrow line alone
+MAX_PARTIAL = 1.0 - 5e-7  # partial autocorrelation: nearer to 1, the state's variance is rounding
+MAX_MADE_PARTIAL = 0.995  # of a model that had to be made stationary: well inside, to climb from
 
 
 def characteristic_roots(ar: Array) -> NDArray[np.complex128]:
@@ -76,9 +75,9 @@ def to_free(ar: Array) -> Array:
 
     Source: J. F. Monahan, Biometrika 71 (1984) 403.
     """
-    partial, limit = to_partial(ar), _LARGEST
+    partial, limit = to_partial(ar), MAX_PARTIAL
     if not np.all(np.abs(partial) < 1.0):
-        partial, limit = to_partial(reflected(ar)), _MADE
+        partial, limit = to_partial(reflected(ar)), MAX_MADE_PARTIAL
         partial = np.nan_to_num(partial, posinf=limit)
     partial = np.minimum(np.maximum(partial, -limit), limit)
     return partial / np.sqrt(1.0 - partial**2)

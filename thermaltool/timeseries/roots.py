@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 # 5 % points of samples times (root - 1) for long records: W. A. Fuller, Introduction to Statistical
 # Time Series (1976), table 8.5.1, by the degree of the trend.
-UNIT = {-1: -8.1, 0: -14.1, 1: -21.8}
+UNIT_ROOT_LIMITS = {-1: -8.1, 0: -14.1, 1: -21.8}
 
 
 @dataclass(frozen=True)
@@ -101,5 +101,5 @@ def near_unit(ar: Array, size: int, degree: int = 0) -> bool:
     By its distance from 1 in units of 1/size (Fuller's coefficient test).
     """
     roots = characteristic_roots(ar)
-    limit = max(1.0 + UNIT[degree] / size, 0.0)
+    limit = max(1.0 + UNIT_ROOT_LIMITS[degree] / size, 0.0)
     return bool(np.any((roots.imag == 0.0) & (roots.real > limit)))
