@@ -42,8 +42,8 @@ def test_a_model_that_is_too_small_leaves_coloured_innovations(x: np.ndarray) ->
 
 
 def test_missing_rows_and_a_forecast_from_a_file_of_fit(x: np.ndarray, tmp_path: Path) -> None:
-    frame = pd.DataFrame({"time_s": np.arange(x.size), "y": x}).drop(index=[50, 51, 300])
-    with pytest.warns(ThermalToolWarning, match="2 gaps"):
+    frame = pd.DataFrame({"time_s": np.arange(x.size), "y": x}).drop(index=[50, 51, 300, 302])
+    with pytest.warns(ThermalToolWarning, match="3 gaps"):
         found = tt.fit(frame, "y", (2, 1))
     path = tmp_path / "arma.json"
     from thermaltool.documents import write_json

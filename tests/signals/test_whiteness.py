@@ -57,3 +57,11 @@ def test_an_input_that_acts_late_is_found_from_its_delay_on() -> None:
 def test_what_does_not_vary_is_white_and_has_no_correlation() -> None:
     assert ljung_box([np.zeros(50)], 5).p_value == 1.0
     assert np.isnan(cross_correlation([np.zeros(50)], [np.ones(50)], 5).p_value)
+
+
+def test_pieces_shorter_than_a_lag_count_for_the_lags_that_they_have() -> None:
+    x = np.random.default_rng(6).normal(size=100)
+    found = ljung_box([x, np.array([1.0, -1.0]), np.array([0.5])], 10)
+    power, rows, lag = x @ x + 2.25, 103, np.arange(1, 11)
+    r = np.array([x[k:] @ x[:-k] - (k == 1) for k in lag]) / power
+    assert found.statistic == pytest.approx(rows * (rows + 2) * np.sum(r**2 / (rows - lag)))

@@ -51,7 +51,7 @@ def ljung_box(pieces: Sequence[Array], lags: int, fitted: int = 0) -> Portmantea
     Parameters
     ----------
     pieces : sequence of ndarray, shape (n_i,)
-        Residuals without their mean, longer than `lags`; pairs do not reach across pieces.
+        Residuals without their mean; pairs do not reach across pieces.
     lags : int
         Largest lag.
     fitted : int
@@ -60,10 +60,14 @@ def ljung_box(pieces: Sequence[Array], lags: int, fitted: int = 0) -> Portmantea
     rows = sum(len(piece) for piece in pieces)
     power = sum(float(piece @ piece) for piece in pieces)
     lag = np.arange(1, lags + 1)
-    products = [sum(float(e[k:] @ e[: len(e) - k]) for e in pieces) for k in lag.tolist()]
+    products = [sum(_lagged(e, k) for e in pieces) for k in lag.tolist()]
     correlation = np.array(products) / (power or 1.0)
     statistic = rows * (rows + 2) * float(np.sum(correlation**2 / (rows - lag)))
     return PortmanteauTest(statistic, lags, max(lags - fitted, 1))
+
+
+def _lagged(e: Array, lag: int) -> float:
+    return float(e[lag:] @ e[: len(e) - lag]) if lag < len(e) else 0.0
 
 
 def cross_correlation(
