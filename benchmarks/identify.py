@@ -26,8 +26,10 @@ from scipy.signal import lfilter
 
 from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.selection import first_that_fits
-from thermaltool.fitting.transfer.choose import choose, started
+from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.oe import OeStructure
+from thermaltool.fitting.transfer.start import started
 from thermaltool.units import Hold
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -98,7 +100,7 @@ def _measured(
     training, rest = data.split(share)
     training = started(training)
     for real in (False, True):
-        choice = choose(training, "oe", real=real)
+        choice = choose(training, OeStructure(real_poles=real))
         fit = partial(identify, training, "oe", real=real)
         model = first_that_fits((c.orders("oe") for c in choice.candidates), fit)
         o, poles = model.orders, "real" if real else "any"

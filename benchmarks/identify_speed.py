@@ -15,10 +15,10 @@ from identify_cases import Case, case, fit_percent
 from identify_peers import PEERS, Array, Delays, Peer, Simulation, loaded
 
 from thermaltool.fitting.data import TrainingData, sampled
-from thermaltool.fitting.transfer.choose import started
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.search import at, gauss_newton, search
+from thermaltool.fitting.transfer.start import started
 
 # Processor time and memory that one fit may take, and how much longer it may wait.
 LIMIT_S, LONG_S, LIMIT_BYTES = 30, 300, 12 << 30

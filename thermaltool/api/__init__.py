@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from thermaltool.api.compensator import *  # noqa: F403
     from thermaltool.api.diagnosis import *  # noqa: F403
     from thermaltool.api.estimation import *  # noqa: F403
+    from thermaltool.api.identification import *  # noqa: F403
     from thermaltool.api.inputs import *  # noqa: F403
     from thermaltool.api.laplace_inversion import *  # noqa: F403
     from thermaltool.api.log_check import *  # noqa: F403
@@ -35,6 +36,7 @@ PUBLIC = {
     ),
     "compensator": ("Compensator",),
     "estimation": ("DesignReport", "LogEstimate", "estimate", "regularize"),
+    "identification": ("Identification", "identify"),
     "inputs": (
         "read_log",
         "read_model",

@@ -32,6 +32,8 @@ class Reading(TypedDict, total=False):
     max_gap: float | None
 
 
+# What a pause means where nothing else is said.
+HELD_OVER_PAUSES = "the drive is taken as held over it"
 # Time constant given to a drift of which the log tells only the rate [s].
 BOUNDED_DRIFT_TIME = 3600.0
 
@@ -109,6 +111,7 @@ def read_for_fit(
     span: tuple[float | None, float | None] = (None, None),
     *,
     min_rows: int = 2,
+    pauses: str = HELD_OVER_PAUSES,
     warn: Notice = notice,
     **reading: Unpack[Reading],
 ) -> Log:
@@ -122,13 +125,11 @@ def read_for_fit(
     log = read_log(data, **reading, need=need).between(*span)
     if len(log) < min_rows:
         raise LogError(f"{len(log)} rows say nothing of a {subject}", log.name)
-    warn_pauses(log, warn)
+    warn_pauses(log, warn, pauses)
     return log
 
 
-def warn_pauses(
-    log: Log, warn: Notice, meaning: str = "the drive is taken as held over it"
-) -> None:
+def warn_pauses(log: Log, warn: Notice, meaning: str = HELD_OVER_PAUSES) -> None:
     """Say where a log pauses, and what that means."""
     from thermaltool.report.text import pause_messages
 

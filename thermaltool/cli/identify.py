@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from thermaltool.cli.fit import Order
-from thermaltool.cli.messages import warn
+from thermaltool.cli.messages import command_line, warn
 from thermaltool.cli.options import (
     NUMBER,
     NumberRange,
@@ -21,41 +19,12 @@ from thermaltool.cli.options import (
     one_stdin,
     quiet_option,
     reference_of,
+    usage_errors,
 )
 from thermaltool.cli.series import one_thread
+from thermaltool.cli.types import MAX_TRANSFER_ORDER, DeadTime, TransferOrder
 from thermaltool.documents import write_json
-
-# From the tenth order on the search leaves the range of numbers (--continuous first).
-LARGEST_ORDER = 9
-
-
-class TransferOrder(click.ParamType):
-    name = "nb,nf,nk"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        parts = [part.strip() for part in value.split(",")]
-        if value == "auto":
-            return None
-        if len(parts) != 3 or not all(part.isascii() and part.isdigit() for part in parts):
-            self.fail(f"{value!r} is neither {self.name} nor auto", param, ctx)
-        nb, nf, nk = map(int, parts)
-        if max(nb, nf) > LARGEST_ORDER:
-            self.fail(f"{value!r}: nb and nf go up to {LARGEST_ORDER}", param, ctx)
-        return nb, nf, nk
-
-
-class Delay(click.ParamType):
-    name = "SECONDS|auto"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if value == "auto" or not isinstance(value, str):
-            return value
-        seconds = NUMBER.convert(value, param, ctx)
-        if seconds < 0:
-            self.fail(f"{value!r} is below 0", param, ctx)
-        return seconds
+from thermaltool.fitting.transfer.registry import STRUCTURES, described
 
 
 @click.command(
@@ -67,22 +36,21 @@ class Delay(click.ParamType):
               help="What drives: power, speed, temperature; repeatable.")  # fmt: skip
 @click.option("--output", "outputs", multiple=True, required=True, metavar="CHANNEL",
               help="What follows: displacement, angle, temperature; repeatable.")  # fmt: skip
-@click.option("--structure", type=click.Choice(["oe", "bj", "arx", "armax", "network"]),
-              default="oe", help="Where the noise enters: at the output (oe), with a model of its "
-              "own (bj), through the denominator (arx), or that with a moving average (armax); or "
-              "first-order modes that all outputs share (network).")  # fmt: skip
+@click.option("--structure", type=click.Choice([*STRUCTURES, "network"]), default="oe",
+              help=f"Where the noise enters: {described()}; or first-order modes that all outputs "
+              "share (network).")  # fmt: skip
 @click.option("--orders", type=TransferOrder(), multiple=True, metavar="nb,nf,nk|auto",
               help="Numerator coefficients and order of the denominator, up to "
-              f"{LARGEST_ORDER} each, and samples of delay; once for all inputs or once for each. "
-              "auto chooses by held-out data.  "
-              "[default: auto]")  # fmt: skip
+              f"{MAX_TRANSFER_ORDER} each, and samples of delay; once for all inputs or once for "
+              "each. auto chooses by held-out data.  [default: auto]")  # fmt: skip
 @click.option("--modes", type=click.IntRange(1, 6), metavar="N",
               help="Shared modes of a network.  [default: chosen by held-out data]")  # fmt: skip
-@click.option("--delay", type=Delay(), metavar="SECONDS|auto",
+@click.option("--delay", type=DeadTime(), metavar="SECONDS|auto",
               help="Dead time of a network; auto finds it for each input and output.  "
               "[default: 0]")  # fmt: skip
-@click.option("--noise-orders", type=Order(), default="1,1", metavar="NC,ND",
-              help="Orders of the noise of armax (NC) and bj (NC, ND).")  # fmt: skip
+@click.option("--noise-orders", type=Order(), metavar="NC,ND",
+              help="Orders of the noise of armax (NC) and bj (NC, ND).  "
+              "[default: 1,1]")  # fmt: skip
 @click.option("--continuous", is_flag=True,
               help="In continuous time: simplified refined instrumental variables.")  # fmt: skip
 @click.option("--real-poles", is_flag=True,
@@ -93,7 +61,7 @@ class Delay(click.ParamType):
 @click.option("--split", type=NumberRange(min=0, max=1, min_open=True, max_open=True),
               metavar="SHARE", help="Fit on this first share of the rows, validate on the "
               "rest.")  # fmt: skip
-@click.option("--validate", "validation", type=Source(), metavar="LOG",
+@click.option("--validate", type=Source(), metavar="LOG",
               help="Validate on another log.")  # fmt: skip
 @click.option("--reference", metavar="first|NUMBER",
               help="What counts as no input in the model file.  [default: first for T_..._degC, "
@@ -108,7 +76,6 @@ def command(
     logs: tuple[str, ...],
     inputs: tuple[str, ...],
     outputs: tuple[str, ...],
-    validation: str | None,
     reference: str | None,
     model_file: str | None,
     as_json: bool,
@@ -123,60 +90,23 @@ def command(
     variables do not converge, Gauss-Newton goes on, and the output says so.
     """
     one_thread()
-    from thermaltool.cli.network import identify_shared
-    from thermaltool.cli.transfer import identify_each
-    from thermaltool.documents import atomic_output
-    from thermaltool.fitting.transfer.machine import machine
-    from thermaltool.model import dumps
+    from thermaltool import api
+    from thermaltool.api.identification import check_arguments
 
-    _agree(inputs, outputs, validation, options)
+    with usage_errors():
+        check_arguments(inputs, outputs, **options)
+    every = (*logs, *([] if options["validate"] is None else [options["validate"]]))
     rest = reference_of(reference)
-    every = (*logs, *([] if validation is None else [validation]))
     one_stdin(*every)
     if model_file is not None:
         keep_inputs(model_file, *every)
-    run = identify_shared if options["structure"] == "network" else identify_each
-    found, told = run(logs, inputs, outputs, validation, options), []
+    found = api.identify(logs, inputs, outputs, reference=rest, warn=warn, **options)
     if model_file is not None:
-        provenance = {"logs": found.sources, "command": "thermaltool " + " ".join(sys.argv[1:])}
-        model = machine(found.parts, rest, provenance)
-        with atomic_output(model_file) as stream:
-            stream.write(dumps(model).encode())
-        told = found.in_use(model)
+        api.write_model(found, model_file, command_line())
     if as_json:
-        write_json(found.document, "-")
+        write_json(found.document(), "-")
     elif model_file != "-":
-        click.echo(found.table)
+        click.echo(found.table())
     if not quiet:
-        for message in [*found.warnings, *told]:
+        for message in (*found.notes, *(found.model_notes if model_file is not None else ())):
             warn(message)
-
-
-def _agree(
-    inputs: tuple[str, ...], outputs: tuple[str, ...], validation: str | None, options: Any
-) -> None:
-    """Refuse options that contradict each other (UsageError)."""
-    structure = options["structure"]
-    shared = structure == "network"
-    if options["split"] is not None and validation is not None:
-        raise click.UsageError("--split and --validate both name the validation data: take one")
-    for name in (*inputs, *outputs):
-        if (*inputs, *outputs).count(name) > 1:
-            raise click.UsageError(f"{name} is named twice: a channel has one role")
-    if len(options["orders"]) > 1 and len(options["orders"]) != len(inputs):
-        raise click.UsageError("--orders: once for all inputs, or once for each")
-    if options["continuous"] and structure != "oe":
-        raise click.UsageError("--continuous goes with --structure oe")
-    if shared and options["orders"]:
-        raise click.UsageError("--orders: a network takes --modes and --delay")
-    if not shared and (options["modes"], options["delay"]) != (None, None):
-        raise click.UsageError("--modes and --delay go with --structure network")
-    source = click.get_current_context().get_parameter_source("noise_orders")
-    if source is ParameterSource.COMMANDLINE and structure not in ("armax", "bj"):
-        raise click.UsageError("--noise-orders go with --structure armax and bj")
-    if options["real_poles"] and shared:
-        raise click.UsageError("--real-poles: those of a network are always real")
-    if options["initial"] != "auto" and structure in ("arx", "armax"):
-        raise click.UsageError(
-            f"--initial: {structure} takes its first rows as they are, from any state"
-        )

@@ -8,6 +8,11 @@ from typing import Any
 
 import click
 
+from thermaltool.cli.options import NUMBER
+
+# From the tenth order on the search leaves the range of numbers (--continuous first).
+MAX_TRANSFER_ORDER = 9
+
 
 class TimeGrid(click.ParamType):
     """START:STOP:COUNT[:log] as a tuple (start, stop, count, is_log)."""
@@ -116,3 +121,36 @@ class ErrorModelType(click.ParamType):
             if int(p) >= 0 <= int(q or 0) and int(p) + int(q or 0):
                 return int(p), int(q or 0)
         self.fail(f"{value!r} is not {self.name}", param, ctx)
+
+
+class TransferOrder(click.ParamType):
+    """nb,nf,nk as a tuple, or None for auto."""
+
+    name = "nb,nf,nk"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        parts = [part.strip() for part in value.split(",")]
+        if value == "auto":
+            return None
+        if len(parts) != 3 or not all(part.isascii() and part.isdigit() for part in parts):
+            self.fail(f"{value!r} is neither {self.name} nor auto", param, ctx)
+        nb, nf, nk = map(int, parts)
+        if max(nb, nf) > MAX_TRANSFER_ORDER:
+            self.fail(f"{value!r}: nb and nf go up to {MAX_TRANSFER_ORDER}", param, ctx)
+        return nb, nf, nk
+
+
+class DeadTime(click.ParamType):
+    """Seconds, or "auto"."""
+
+    name = "SECONDS|auto"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if value == "auto" or not isinstance(value, str):
+            return value
+        seconds = NUMBER.convert(value, param, ctx)
+        if seconds < 0:
+            self.fail(f"{value!r} is below 0", param, ctx)
+        return seconds

@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, LogError
 from thermaltool.record import MAX_UNEVENNESS, Record
-from thermaltool.units import Hold
+from thermaltool.units import Hold, hold_of
 
 Array = NDArray[np.float64]
 
@@ -238,6 +238,72 @@ class TrainingData:
             named = [name for name, weight in zip(self.inputs, weights, strict=True)
                      if weight > MIN_NAMED_WEIGHT]  # fmt: skip
             raise FitError(f"collinear inputs: {', '.join(named)} are combinations of each other")
+
+
+def check_period(log: Record, period: float) -> None:
+    """Refuse a log of another period than the first (LogError).
+
+    Parameters
+    ----------
+    log : Record
+    period : float [s]
+    """
+    if abs(log.period - period) > MAX_UNEVENNESS * period:
+        raise LogError(
+            f"sampled every {log.period:g} s, the first log every {period:g} s", log.name
+        )
+
+
+def uneven_steps(log: Record, period: float) -> tuple[int, int]:
+    """How many of a log's steps are not a `period` [s] long, and how many there are."""
+    steps = np.concatenate([np.diff(log.time[part]) for part in log.segments])
+    return int(np.sum(np.abs(steps - period) > MAX_UNEVENNESS * period)), len(steps)
+
+
+def even_training_data(logs: Sequence[Record], inputs: Sequence[str], output: str) -> TrainingData:
+    """One output of several logs, each an experiment, on the even clock of the first.
+
+    Parameters
+    ----------
+    logs : sequence of Record
+    inputs : sequence of str
+    output : str
+    """
+    period = logs[0].period
+    records = tuple(
+        record
+        for origin, log in enumerate(logs)
+        for record in even_records(replace(log, origin=origin), inputs, output, period)
+    )
+    return TrainingData(records, tuple(inputs), (output,), period, tuple(map(hold_of, inputs)))
+
+
+def training_data(
+    logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
+) -> TrainingData:
+    """Several outputs of several logs, each an experiment, on their own clocks.
+
+    Parameters
+    ----------
+    logs : sequence of Record
+    inputs, outputs : sequence of str
+
+    Raises
+    ------
+    FitError
+        An input is never there.
+    """
+    pieces = [list(log.pieces(inputs)) for log in logs]
+    # Experiments count from 0 without a hole: a log without a piece is none.
+    records = tuple(
+        replace(piece, origin=origin)
+        for origin, log in enumerate(filter(None, pieces))
+        for piece in log
+    )
+    if not records:
+        raise FitError(f"{', '.join(inputs)}: no two rows in a row have a reading")
+    holds = tuple(map(hold_of, inputs))
+    return TrainingData(records, tuple(inputs), tuple(outputs), logs[0].period, holds)
 
 
 def sampled(

@@ -39,7 +39,7 @@ def warnings_of(found: Identified) -> list[str]:
     m, target, told = found.model, found.model.target, []
     if not m.converged:
         told.append(f"{target}: the search did not converge ({m.method})")
-    if m.structure == "oe" and FALLBACK in m.method and SEPARATE not in m.method:
+    if m.structure.name == "oe" and FALLBACK in m.method and SEPARATE not in m.method:
         told.append(f"{target}: refined instrumental variables did not settle: {m.method}")
     for way in found.continued:
         if isinstance(way, str):
@@ -114,7 +114,7 @@ def _model_document(found: Identified) -> dict[str, Any]:
     document: dict[str, Any] = {
         "inputs": list(m.names),
         "output": m.target,
-        "structure": m.structure,
+        "structure": m.structure.name,
         "orders": {
             "nb": list(m.orders.nb),
             "nf": [len(m.denominator(k)) - 1 for k in range(len(m.names))],
@@ -230,7 +230,7 @@ def finite(value: float) -> float | None:
 def transfer_table(found: Identified) -> str:
     """One model: what drives what, how fast, how sure; how well it runs free; what is left."""
     m = found.model
-    head = f"{m.target}: {m.structure.upper()} by {m.method}, {m.rows} rows at {m.dt:g} s"
+    head = f"{m.target}: {m.structure.name.upper()} by {m.method}, {m.rows} rows at {m.dt:g} s"
     fit = f"fit {found.training.fit_percent:.2f} % in training"
     if found.validation is not None:
         fit += f", {found.validation.fit_percent:.2f} % in validation"

@@ -11,10 +11,12 @@ from reference.training import training
 
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.fitting.data import even_records
-from thermaltool.fitting.transfer.choose import choose, started
+from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.continuation import continued
-from thermaltool.fitting.transfer.continuous import identify_continuous
+from thermaltool.fitting.transfer.continuous import ContinuousOeStructure
 from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.oe import OeStructure
+from thermaltool.fitting.transfer.start import started
 from thermaltool.model import simulate_response
 from thermaltool.record import Record
 from thermaltool.responses.rational import Rational1, Rational2
@@ -28,7 +30,7 @@ def data(u, y, dt=1.0, names=None, holds=()):
 def test_the_delay_and_a_sufficient_order_are_found(seed):
     known = case(seed, 3000)
     record = data(known.u, known.y)
-    best = choose(record, "oe").best
+    best = choose(record, OeStructure()).best
     # The slow pole of a stiff one hides the fast one, which moves its output by little.
     if not known.stiff:
         assert best.nk == (known.nk,)
@@ -179,7 +181,7 @@ def test_continuous_time_gives_the_same_physics(hold, dt):
     response, _, u, y = thermal(hold, 7 * dt, dt, rows=round(15000 / dt))
     nk = 7 + (hold == "zero")
     record = data(u, y, dt, holds=(hold,)).from_rest()
-    model = identify_continuous(record, orders_of("oe", (2,), 2, (nk,)))
+    model = ContinuousOeStructure().fit(record, orders_of("oe", (2,), 2, (nk,)))
     assert model.converged
     assert "continuous" in model.method
     way = continued(model, 0, hold)

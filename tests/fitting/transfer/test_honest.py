@@ -7,9 +7,11 @@ import pytest
 from reference.training import training
 from scipy.signal import lfilter
 
-from thermaltool.fitting.transfer.choose import choose, started
-from thermaltool.fitting.transfer.continuous import identify_continuous
+from thermaltool.fitting.transfer.choose import choose
+from thermaltool.fitting.transfer.continuous import ContinuousOeStructure
 from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.oe import OeStructure
+from thermaltool.fitting.transfer.start import started
 from thermaltool.signals.gauss_newton import inverse_of
 
 
@@ -41,7 +43,7 @@ def test_a_second_order_is_found_whatever_the_colour_of_the_errors(colour):
     right = 0
     for seed in range(10):
         data = started(machine(seed, colour))
-        best = choose(data, "oe").best
+        best = choose(data, OeStructure()).best
         right += best.nf == 2 and abs(best.nk[0] - 6) <= 1
     assert right >= 8
 
@@ -58,7 +60,7 @@ def test_a_delay_does_not_stand_for_a_third_pole(seed):
     data = training((u, y))
     fitted, held = data.split(0.6)
     wanted = identify(fitted, "oe", orders_of("oe", (3,), 3, (1,))).fit(held).fit_percent
-    assert choose(data, "oe").best.fit_percent > wanted - 3
+    assert choose(data, OeStructure()).best.fit_percent > wanted - 3
 
 
 @pytest.mark.parametrize("structure", ["oe", "bj"])
@@ -84,7 +86,8 @@ def test_gains_and_lags_at_slow_poles_are_covered(continuous):
     for seed in range(20):
         y = clean + 0.02 * np.random.default_rng(seed).standard_normal(n) + 5.0
         data = training((u, y, 0, True))
-        model = identify_continuous(data, orders) if continuous else identify(data, "oe", orders)
+        structure = ContinuousOeStructure() if continuous else OeStructure()
+        model = structure.fit(data, orders)
         gain, tau = model.gain(0), model.time_constants()[0]
         covered += gain.low < 1.9 < gain.high
         slowest += tau.low < 5000.0 < tau.high
@@ -99,7 +102,7 @@ def test_a_continuous_model_has_the_orders_that_were_fitted():
     a = np.array([400.0, 50.0])
     y = lags(u, [(2 * a[0] / (a[0] - a[1]), a[0]), (-2 * a[1] / (a[0] - a[1]), a[1])], 2.0)
     data = training((u, y + 0.01 * rng.standard_normal(n)), period=2.0)
-    model = identify_continuous(data, orders_of("oe", (1,), 2, (1,)))
+    model = ContinuousOeStructure().fit(data, orders_of("oe", (1,), 2, (1,)))
     assert model.orders.nb == (1,)
     assert model.parameters == 4
     named = dict(model.named())

@@ -11,7 +11,6 @@ from reference.training import training
 from scipy.signal import lfilter
 
 from thermaltool.fitting.transfer import search
-from thermaltool.fitting.transfer.choose import real_poles
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.search import (
@@ -21,6 +20,7 @@ from thermaltool.fitting.transfer.search import (
     gauss_newton,
     refine,
 )
+from thermaltool.fitting.transfer.structure import real_poles
 
 
 def data(u, y, dt=1.0):

@@ -13,8 +13,10 @@ from thermaltool.errors import FitError
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.residuals import network_tests
 from thermaltool.fitting.transfer.choose import choose
-from thermaltool.fitting.transfer.identify import STRUCTURES, identify, orders_of
+from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.fitting.transfer.output_error import Problem
+from thermaltool.fitting.transfer.registry import STRUCTURES
 from thermaltool.fitting.transfer.residuals import residual_tests
 
 ORDERS = (1,), 1, (1,)
@@ -112,7 +114,7 @@ def test_orders_of_several_logs_with_zeros_of_their_own():
     y = y + lfilter([0, 0.5 * (1 - x)], [1, -x], u)
     logs = [(u[a : a + 1500], y[a : a + 1500] + zero, k)
             for k, (a, zero) in enumerate(((0, 0.0), (1500, 5.0), (3000, 50.0)))]  # fmt: skip
-    choice = choose(training(*logs), "oe")
+    choice = choose(training(*logs), OeStructure())
     assert choice.best.nf == 2
     assert choice.best.fit_percent > 90
 
@@ -122,7 +124,7 @@ def test_a_long_idle_start_is_no_reason_to_give_up():
     u[:13000] = u[0]
     rng = np.random.default_rng(8)
     y = lfilter([0, 1 - POLE], [1, -POLE], u - u[0]) + 0.01 * rng.standard_normal(30000)
-    choice = choose(pieces(u, y, slice(0, 30000)), "oe")
+    choice = choose(pieces(u, y, slice(0, 30000)), OeStructure())
     assert choice.best.nf == 1
     assert choice.best.nk == (1,)
 

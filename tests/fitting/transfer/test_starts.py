@@ -11,7 +11,7 @@ from reference.training import training
 from scipy.signal import lfilter
 
 from thermaltool.fitting.transfer import search
-from thermaltool.fitting.transfer.continuous import ContinuousProblem, identify_continuous
+from thermaltool.fitting.transfer.continuous import ContinuousOeStructure, ContinuousProblem
 from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.polynomials import (
@@ -142,7 +142,7 @@ def test_held_and_running_inputs_together_in_continuous_time(order):
     x = lfilter([0, 0.02], [1, -0.98], u[0]) + lfilter([0.05, 0.05], [1, -0.9], u[1])
     y = x + 0.05 * x.std() * rng.standard_normal(3000)
     holds, nk, tau = ("zero", "first"), (1, 0), -1 / np.log([0.98, 0.9])
-    model = identify_continuous(
+    model = ContinuousOeStructure().fit(
         training((u[list(order)], y), holds=tuple(holds[k] for k in order)),
         orders_of("oe", (1, 1), 1, tuple(nk[k] for k in order)),
     )

@@ -18,7 +18,7 @@ from thermaltool.fitting.network.residuals import network_tests
 from thermaltool.fitting.selection import first_that_fits
 from thermaltool.fitting.transfer.continuation import Continued
 from thermaltool.fitting.transfer.residuals import ResidualTests
-from thermaltool.fitting.transfer.run import Initial
+from thermaltool.fitting.transfer.structure import Initial
 from thermaltool.fitting.validation import validate, validation_zero
 from thermaltool.signals.agreement import Agreement
 

@@ -15,18 +15,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, held_out_scores
-from thermaltool.fitting.start_state import StartErrors, with_start
-from thermaltool.fitting.transfer.identify import Structure, identify, orders_of
 from thermaltool.fitting.transfer.model import TransferModel
-from thermaltool.fitting.transfer.output_error import Orders, Problem
+from thermaltool.fitting.transfer.oe import OeStructure
+from thermaltool.fitting.transfer.orders import Orders
+from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.search import search
+from thermaltool.fitting.transfer.structure import Structure
 from thermaltool.signals.agreement import agreement
 
 # Candidates are compared on so many samples at most.
-COMPARED = 20000
-LARGEST_ORDER = 4
+MAX_COMPARED_ROWS = 20000
+# Orders of the denominator that are tried.
+MAX_ORDER = 4
+# Times that the delay of every input is found anew, the others held.
+DELAY_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,7 @@ class Candidate:
     score: float
 
     def orders(self, structure: Structure) -> Orders:
-        return orders_of(structure, (self.nb,) * len(self.nk), self.nf, self.nk)
+        return structure.orders((self.nb,) * len(self.nk), self.nf, self.nk)
 
 
 @dataclass(frozen=True)
@@ -70,23 +74,13 @@ class Choice:
         return self.candidates[0]
 
 
-def choose(
-    data: TrainingData,
-    structure: Structure,
-    nc: int = 1,
-    nd: int = 1,
-    real: bool = False,
-) -> Choice:
+def choose(data: TrainingData, structure: Structure) -> Choice:
     """Orders nb, nf and delays nk of one structure.
 
     Parameters
     ----------
     data : TrainingData
     structure : Structure
-    nc, nd : int
-        Orders of the noise.
-    real : bool
-        Only models whose poles are all real and positive.
 
     Raises
     ------
@@ -94,57 +88,24 @@ def choose(
         No candidate fits.
     """
     data.check()
-    short = data if data.rows <= COMPARED else data.excerpt(COMPARED)
+    short = data if data.rows <= MAX_COMPARED_ROWS else data.excerpt(MAX_COMPARED_ROWS)
     fitted, held = short.split(FITTED_SHARE)
     found: dict[tuple[int, int, tuple[int, ...]], TransferModel] = {}
     problem: FitError | None = None
     for nb, nf, delays in _grid(_delays(fitted), data.least_delays):
         try:
-            orders = orders_of(structure, (nb,) * len(delays), nf, delays)
-            model = identify(fitted, structure, orders, nc, nd, real)
+            model = structure.fit(fitted, structure.orders((nb,) * len(delays), nf, delays))
         except FitError as error:
             problem = problem or error
             continue
-        if real and structure != "oe" and not real_poles(model):
-            continue
-        found[nb, nf, delays] = model
+        if structure.admits(model):
+            found[nb, nf, delays] = model
     candidates = _ranked(found, fitted, held)
     if not candidates:
         raise problem or FitError(
-            "no order up to 4 has real poles on these data: give --orders, or more data"
+            f"no order up to {MAX_ORDER} has real poles on these data: give --orders, or more data"
         )
     return Choice(candidates)
-
-
-def started(data: TrainingData) -> TrainingData:
-    """The data from rest, unless a free state describes them clearly better (`with_start`).
-
-    Parameters
-    ----------
-    data : TrainingData
-    """
-    return with_start(data, _second_order_errors)
-
-
-def _second_order_errors(data: TrainingData) -> StartErrors | None:
-    """Errors of an output-error model of second order; None where there are too few rows."""
-    least = data.least_delays
-    orders = orders_of("oe", (2,) * len(least), 2, least)
-    problem = Problem(data.about_levels(orders.first), orders)
-    if problem.rows <= problem.linear_count + sum(orders.nf):
-        return None
-    found = search(problem)
-
-    def runs() -> list[list[Array]]:
-        return [[error for error, _ in problem.errors(problem.project(found.F))]]
-
-    return StartErrors([found.loss / problem.rows], runs)
-
-
-def real_poles(model: TransferModel) -> bool:
-    """Whether every pole is real and positive: an overdamped system."""
-    poles = [np.roots(f) for f in model.F if len(f) > 1]
-    return all(bool(np.all((p.imag == 0) & (p.real > 0))) for p in poles)
 
 
 def _ranked(
@@ -181,7 +142,7 @@ def _grid(
         if moved not in delays:
             delays.append(moved)
     for nk in delays:
-        for nf in range(1, LARGEST_ORDER + 1):
+        for nf in range(1, MAX_ORDER + 1):
             for nb in range(1, nf + 1):
                 yield nb, nf, nk
 
@@ -194,16 +155,16 @@ def _delays(data: TrainingData) -> list[tuple[int, ...]]:
     """
     most, least = min(MAX_DELAY, max(4, data.longest // 8)), data.least_delays
     nk, others = least, list(least)
-    for _ in range(3):
+    for _ in range(DELAY_ROUNDS):
         before = nk
         for k, low in enumerate(least):
             losses = []
-            orders = orders_of("oe", (3,) * len(nk), 2, nk)
+            orders = OeStructure().orders((3,) * len(nk), 2, nk)
             problem = Problem(data.about_levels(orders.first), orders)
             F = search(problem).F
             for delay in range(low, most + 1):
                 tried = (*nk[:k], delay, *nk[k + 1 :])
-                orders = orders_of("oe", (2,) * len(nk), 2, tried)
+                orders = OeStructure().orders((2,) * len(nk), 2, tried)
                 candidate = Problem(data.about_levels(orders.first), orders)
                 losses.append(candidate.project(F, keep=False).loss / max(candidate.rows, 1))
             minima = _minima(losses)

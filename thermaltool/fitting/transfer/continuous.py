@@ -8,7 +8,7 @@ counts in samples within the search.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,15 @@ from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.transfer.identify import check_orders, coloured_gram
 from thermaltool.fitting.transfer.model import TransferModel, decay
-from thermaltool.fitting.transfer.output_error import Orders, Problem
-from thermaltool.fitting.transfer.overdamped import overdamped
+from thermaltool.fitting.transfer.oe import OeStructure, spread
+from thermaltool.fitting.transfer.orders import Orders
+from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.polynomials import partial_fractions
-from thermaltool.fitting.transfer.search import search
-from thermaltool.responses.modes import Hold
-from thermaltool.signals.gauss_newton import inverse_of
+from thermaltool.fitting.transfer.search import SearchResult
+from thermaltool.fitting.transfer.structure import Structure
 from thermaltool.signals.intervals import Estimate, normal_estimate, standard_error
+from thermaltool.units import Hold
 
 # A constant coefficient of A(s) below this is that of a pole at zero, s in 1/samples.
 MIN_CONSTANT_COEFFICIENT = 1e-30
@@ -141,12 +141,6 @@ class ContinuousModel(TransferModel):
         slope[first], slope[last] = 1 / self.theta[last], -value / self.theta[last]
         return normal_estimate(value, standard_error(slope, self.covariance))
 
-    def labels(self) -> list[str]:
-        own = [f"[{name}]" if len(self.names) > 1 else "" for name in self.names]
-        a = [f"a{j + 1}{x}" for x, n in zip(own, self.orders.nf, strict=True) for j in range(n)]
-        b = [f"b{j}{x}" for x, nb in zip(own, self.orders.nb, strict=True) for j in range(nb)]
-        return [*a, *b]
-
 
 def sampled(f: Array, hold: Hold) -> tuple[Array, Array]:
     """s^j/A(s), j = 0 ... n−1, over one sample: numerators (n, n + 1), denominator (n + 1).
@@ -171,67 +165,67 @@ def sampled(f: Array, hold: Hold) -> tuple[Array, Array]:
     return numerators, np.asarray(denominator)
 
 
-def identify_continuous(data: TrainingData, orders: Orders, real: bool = False) -> TransferModel:
-    """A model in continuous time, given as its exact discrete form.
+@dataclass(frozen=True)
+class ContinuousOeStructure(OeStructure):
+    """OE in continuous time; the model is given as its exact discrete form.
 
-    Parameters
-    ----------
-    data : TrainingData
-    orders : Orders
-        nb coefficients of B(s), at most nf; nk samples of delay, of which a held input has one.
-    real : bool
-        Real poles only.
-
-    Raises
-    ------
-    FitError
-        nb above nf, nf of zero, a held input without delay; as `search`.
+    Orders: nb coefficients of B(s), at most nf; nk samples of delay, of which a held input has one.
     """
-    data.check()
-    check_orders(data, orders)
-    if any(b > f for b, f in zip(orders.nb, orders.nf, strict=True)):
-        raise FitError("in continuous time nb is at most nf: the response has no direct part")
-    for name, nk, hold in zip(data.inputs, orders.nk, data.holds, strict=True):
-        if hold == "zero" and nk < 1:
-            raise FitError(f"{name} is held between samples: its delay nk is at least 1")
-    problem = ContinuousProblem(data.about_levels(orders.first), orders)
-    found = search(problem)
-    if real:
-        found = overdamped(problem, found)
-    here = found.projection
-    slopes = problem.slopes(found.F, here, mixed=False)
-    sigma2 = slopes.loss / max(problem.rows - slopes.searched - problem.linear_count, 1)
-    own = orders.parameters
-    inverse = inverse_of(slopes.gram)
-    middle = coloured_gram(problem, found, slopes.gram, sigma2)
-    covariance = (inverse @ middle @ inverse)[:own, :own]
-    theta = np.concatenate([*(f[1:] for f in found.F), here.linear[: sum(orders.nb)]])
-    F, B = _discrete(theta, orders, data.holds)
-    edge = sum(orders.nb)
-    for f in found.F:
-        if not f[-1] > MIN_CONSTANT_COEFFICIENT:
-            raise FitError("the fit has a pole at 0, it integrates: take a lower order")
-    starts = sum(orders.nf) + np.cumsum([0, *orders.nb[:-1]])
-    gains = theta[starts] / np.array([f[-1] for f in found.F])
-    return ContinuousModel(
-        "oe",
-        data.inputs,
-        data.outputs[0],
-        data.period,
-        orders,
-        B,
-        F,
-        tuple((here.linear[edge : edge + data.experiments] - data.levels @ gains).tolist()),
-        data.levels,
-        tuple(here.linear[edge : edge + data.experiments].tolist()),
-        sigma2,
-        covariance,
-        found.method + " in continuous time",
-        found.converged,
-        problem.rows,
-        max(slopes.loss, 1e-300),
-        theta=theta,
-    )
+
+    def orders(self, nb: tuple[int, ...], nf: int | tuple[int, ...], nk: tuple[int, ...]) -> Orders:
+        orders = super().orders(nb, nf, nk)
+        return replace(orders, nb=tuple(map(min, orders.nb, orders.nf)))
+
+    @property
+    def candidates(self) -> Structure:
+        """Orders are chosen by discrete models, which take less time."""
+        return OeStructure(self.noise, self.real_poles)
+
+    def problem(self, data: TrainingData, orders: Orders) -> Problem:
+        if any(b > f for b, f in zip(orders.nb, orders.nf, strict=True)):
+            raise FitError("in continuous time nb is at most nf: the response has no direct part")
+        for name, nk, hold in zip(data.inputs, orders.nk, data.holds, strict=True):
+            if hold == "zero" and nk < 1:
+                raise FitError(f"{name} is held between samples: its delay nk is at least 1")
+        return ContinuousProblem(data.about_levels(orders.first), orders)
+
+    def model(self, problem: Problem, found: SearchResult, data: TrainingData) -> TransferModel:
+        linear, orders = found.projection.linear, problem.orders
+        loss, sigma2, covariance = spread(problem, found, coloured=True)
+        edge = sum(orders.nb)
+        theta = np.concatenate([*(f[1:] for f in found.F), linear[:edge]])
+        F, B = _discrete(theta, orders, data.holds)
+        for f in found.F:
+            if not f[-1] > MIN_CONSTANT_COEFFICIENT:
+                raise FitError("the fit has a pole at 0, it integrates: take a lower order")
+        constants = sum(orders.nf) + np.cumsum([0, *orders.nb[:-1]])
+        gains = theta[constants] / np.array([f[-1] for f in found.F])
+        zeros = linear[edge : edge + data.experiments]
+        return ContinuousModel(
+            self,
+            data.inputs,
+            data.outputs[0],
+            data.period,
+            orders,
+            B,
+            F,
+            tuple((zeros - data.levels @ gains).tolist()),
+            data.levels,
+            tuple(zeros.tolist()),
+            sigma2,
+            covariance,
+            found.method + " in continuous time",
+            found.converged,
+            problem.rows,
+            loss,
+            theta=theta,
+        )
+
+    def labels(self, model: TransferModel) -> list[str]:
+        own = [f"[{name}]" if len(model.names) > 1 else "" for name in model.names]
+        o = model.orders
+        a = [f"a{j + 1}{x}" for x, n in zip(own, o.nf, strict=True) for j in range(n)]
+        return [*a, *(f"b{j}{x}" for x, nb in zip(own, o.nb, strict=True) for j in range(nb))]
 
 
 def _discrete(

@@ -7,6 +7,7 @@ and goes on by damped Gauss-Newton on the one-step error (Ljung 1999, 10.2).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +15,19 @@ from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.transfer.output_error import Orders
+from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.polynomials import difference_basis, stabilized
-from thermaltool.signals.gauss_newton import minimize, solve
+from thermaltool.fitting.transfer.structure import Structure, check_steady_state
+from thermaltool.record import Record
+from thermaltool.signals.gauss_newton import inverse_of, minimize, solve
 
 # The long ARX model that stands in for the noise has so many times the orders.
 LONG = 5
 # A loss that changes by less than this many error variances: a hundredth of a standard error.
-SETTLED = 1e-4
+TOLERANCE = 1e-4
+# Steps of ARMAX, at most.
+MAX_STEPS = 50
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,6 @@ class Regression:
     loss : float
     rows : int
     converged : bool
-    steps : int
     """
 
     F: Array
@@ -52,27 +57,83 @@ class Regression:
     converged: bool = True
 
 
-def arx(data: TrainingData, orders: Orders) -> Regression:
-    """ARX by least squares."""
-    return _step(data, orders, 0, None)
+@dataclass(frozen=True)
+class ArxStructure(Structure):
+    """White errors of the equation."""
+
+    name: ClassVar[str] = "arx"
+    letter: ClassVar[str] = "a"
+    shares_denominator: ClassVar[bool] = True
+    estimates_start: ClassVar[bool] = False
+    method: ClassVar[str] = "least squares"
+
+    def regression(self, data: TrainingData, orders: Orders) -> Regression:
+        """The estimate and its normal equations."""
+        return _linear(data, orders, 0, None)
+
+    def estimate(self, data: TrainingData, orders: Orders) -> TransferModel:
+        found = self.regression(data, orders)
+        sigma2 = found.loss / max(found.rows - len(found.gram), 1)
+        check_steady_state(found.F)
+        at_rest, own = float(found.F.sum()), orders.parameters
+        offsets = np.array(found.constants) / at_rest
+        gains = np.array([b.sum() / at_rest for b in found.numerators])
+        return TransferModel(
+            self,
+            data.inputs,
+            data.outputs[0],
+            data.period,
+            orders,
+            found.numerators,
+            (found.F,),
+            tuple(offsets.tolist()),
+            data.levels,
+            tuple((offsets + data.levels @ gains).tolist()),
+            sigma2,
+            sigma2 * inverse_of(found.gram)[:own, :own],
+            self.method,
+            found.converged,
+            found.rows,
+            max(found.loss, 1e-300),
+            found.C,
+        )
+
+    def residual(self, model: TransferModel, record: Record) -> Array | None:
+        if len(record) <= model.orders.shortest:
+            return None
+        error = record.column(model.target) - model.respond(record.matrix(model.names))
+        error = lfilter(model.F[0], [1.0], error - model.offsets[record.origin])
+        first = model.orders.first + len(model.F[0]) - 1
+        return np.asarray(lfilter([1.0], model.C, error[first:]))
+
+    def residual_parameters(self, model: TransferModel) -> int:
+        return super().residual_parameters(model) + len(model.F[0]) - 1
 
 
-def armax(data: TrainingData, orders: Orders, nc: int, most: int = 50) -> Regression:
-    """ARMAX by Gauss-Newton from two regressions."""
-    longer = min(LONG * max(orders.nf[0], nc, 2), max(2, data.longest // 10))
-    long_orders = Orders(orders.nb, (max(longer, orders.nf[0]),), orders.nk, orders.groups)
-    long = arx(data, long_orders)
-    noise = [_errors(data, k, long_orders, long) for k in range(len(data.records))]
-    end = minimize(
-        _evaluated(data, orders, _step(data, orders, nc, noise)),
-        lambda here: here.loss,
-        lambda here: _slopes(data, orders, here),
-        lambda here, step: _evaluated(data, orders, _moved(here, orders, step, data.experiments)),
-        lambda here: SETTLED * here.loss / here.rows,
-        most,
-    )
-    gram, _ = _slopes(data, orders, end.point)
-    return replace(end.point, gram=gram, converged=end.converged)
+@dataclass(frozen=True)
+class ArmaxStructure(ArxStructure):
+    """Errors of the equation that are a moving average."""
+
+    name: ClassVar[str] = "armax"
+    noise_orders: ClassVar[bool] = True
+    method: ClassVar[str] = "Gauss-Newton from two regressions"
+
+    def regression(self, data: TrainingData, orders: Orders) -> Regression:
+        nc = self.noise[0]
+        longer = min(LONG * max(orders.nf[0], nc, 2), max(2, data.longest // 10))
+        long_orders = replace(orders, nf=(max(longer, orders.nf[0]),))
+        long = _linear(data, long_orders, 0, None)
+        noise = [_errors(data, k, long_orders, long) for k in range(len(data.records))]
+        end = minimize(
+            _evaluated(data, orders, _linear(data, orders, nc, noise)),
+            lambda here: here.loss,
+            lambda here: _normal_equations(data, orders, here),
+            lambda here, step: _evaluated(data, orders, _moved(here, orders, step)),
+            lambda here: TOLERANCE * here.loss / here.rows,
+            MAX_STEPS,
+        )
+        gram, _ = _normal_equations(data, orders, end.point)
+        return replace(end.point, gram=gram, converged=end.converged)
 
 
 def _first(orders: Orders) -> int:
@@ -109,7 +170,7 @@ def _place(orders: Orders, nc: int, origin: int) -> NDArray[np.intp]:
     return np.concatenate(parts).astype(np.intp)
 
 
-def _step(data: TrainingData, orders: Orders, nc: int, noise: list[Array] | None) -> Regression:
+def _linear(data: TrainingData, orders: Orders, nc: int, noise: list[Array] | None) -> Regression:
     """One linear regression; `noise` stands for e where C is wanted."""
     size = orders.parameters + nc + data.experiments
     gram, right, power, rows_seen = np.zeros((size, size)), np.zeros(size), 0.0, 0
@@ -132,10 +193,10 @@ def _step(data: TrainingData, orders: Orders, nc: int, noise: list[Array] | None
     start = Regression(np.eye(1, orders.nf[0] + 1)[0], np.eye(1, nc + 1)[0],
                        tuple(np.zeros(b) for b in orders.nb), (0.0,) * data.experiments,
                        gram, loss, rows_seen)  # fmt: skip
-    return _moved(start, orders, theta, data.experiments)
+    return _moved(start, orders, theta)
 
 
-def _moved(r: Regression, orders: Orders, step: Array, origins: int) -> Regression:
+def _moved(r: Regression, orders: Orders, step: Array) -> Regression:
     n, at = orders.nf[0], orders.nf[0]
     F = np.concatenate([[1.0], r.F[1:] + step[:n] @ difference_basis(n)])
     B = []
@@ -144,7 +205,7 @@ def _moved(r: Regression, orders: Orders, step: Array, origins: int) -> Regressi
         at += len(b)
     nc = len(r.C) - 1
     C = stabilized(np.concatenate([[1.0], r.C[1:] + step[at : at + nc]]))
-    constants = tuple(np.add(r.constants, step[at + nc : at + nc + origins]).tolist())
+    constants = tuple(np.add(r.constants, step[at + nc :]).tolist())
     return Regression(F, C, tuple(B), constants, r.gram, r.loss, r.rows)
 
 
@@ -168,7 +229,7 @@ def _evaluated(data: TrainingData, orders: Orders, r: Regression) -> Regression:
     return Regression(r.F, r.C, r.numerators, r.constants, r.gram, loss, r.rows)
 
 
-def _slopes(data: TrainingData, orders: Orders, r: Regression) -> tuple[Array, Array]:
+def _normal_equations(data: TrainingData, orders: Orders, r: Regression) -> tuple[Array, Array]:
     nc = len(r.C) - 1
     size = orders.parameters + nc + data.experiments
     gram, score, first = np.zeros((size, size)), np.zeros(size), _first(orders)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -30,6 +30,7 @@ class Identity(Protocol):
     @property
     def method(self) -> str: ...
     def gain(self, k: int) -> Estimate: ...
+    def named(self) -> Iterator[tuple[str, Estimate]]: ...
 
 
 def machine(

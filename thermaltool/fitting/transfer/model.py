@@ -11,8 +11,10 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
 from thermaltool.fitting.data import Array, TrainingData, Zero
-from thermaltool.fitting.transfer.output_error import Orders, free_responses
+from thermaltool.fitting.transfer.orders import Orders
+from thermaltool.fitting.transfer.output_error import free_responses
 from thermaltool.fitting.transfer.polynomials import difference_basis
+from thermaltool.fitting.transfer.structure import Structure
 from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.signals.criteria import Criteria
@@ -31,8 +33,8 @@ class TransferModel:
 
     Attributes
     ----------
-    structure : {"oe", "bj", "arx", "armax"}
-        The noise is white, (C/D) white, (1/F) white, (C/F) white.
+    structure : Structure
+        Where the noise enters.
     names : tuple of str
         Inputs.
     target : str
@@ -63,7 +65,7 @@ class TransferModel:
         Sum of the squared one-step errors.
     """
 
-    structure: str
+    structure: Structure
     names: tuple[str, ...]
     target: str
     dt: float
@@ -180,24 +182,11 @@ class TransferModel:
         return agreement(data.output(), self.run(data, zero))
 
     def errors(self, data: TrainingData) -> Iterator[tuple[Record, Array]]:
-        """One-step errors, white where the model holds, of each record that is long enough.
-
-        They end with the record and begin after the rows that its start takes.
-        """
-        equation = self.structure in ("arx", "armax")
-        for s in data.records:
-            if len(s) <= self.orders.shortest and not (s.at_rest and not equation):
-                continue
-            if equation:
-                error = s.column(self.target) - self.respond(s.matrix(self.names))
-                error = error - self.offsets[s.origin]
-                error = lfilter(self.F[0], [1.0], error)[self.orders.first + len(self.F[0]) - 1 :]
-                yield s, np.asarray(lfilter([1.0], self.C, error))
-            else:
-                error = (s.column(self.target) - self.simulate(s))[
-                    0 if s.at_rest else self.orders.first :
-                ]
-                yield s, np.asarray(lfilter(self.D, self.C, error))
+        """One-step errors of each record that is long enough (`Structure.residual`)."""
+        for record in data.records:
+            error = self.structure.residual(self, record)
+            if error is not None:
+                yield record, error
 
     def poles(self, group: int = 0) -> Array:
         """Roots of a denominator in z, the slowest first."""
@@ -243,15 +232,7 @@ class TransferModel:
 
     def labels(self) -> list[str]:
         """Names of the `coefficients`."""
-        letter = "a" if self.structure in ("arx", "armax") else "f"
-        several = len(self.names) > 1
-        labels = []
-        for group, f in zip(self.orders.groups, self.F, strict=True):
-            own = f"[{self.names[group[0]]}]" if len(self.F) > 1 else ""
-            labels += [f"{letter}{j}{own}" for j in range(1, len(f))]
-        for name, b, nk in zip(self.names, self.B, self.orders.nk, strict=True):
-            labels += [f"b{nk + j}" + (f"[{name}]" if several else "") for j in range(len(b))]
-        return labels
+        return self.structure.labels(self)
 
 
 def _lag_map(orders: Orders) -> Array:

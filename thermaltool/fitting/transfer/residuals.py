@@ -49,12 +49,12 @@ def residual_tests(model: TransferModel, data: TrainingData) -> ResidualTests:
     data : TrainingData
         Training or validation data.
     """
-    # What the plant has takes nothing from the course of an output's own errors.
-    fitted = len(model.C) + len(model.D) - 2
-    if model.structure in ("arx", "armax"):
-        fitted += len(model.F[0]) - 1
     runs = [(error, s.matrix(model.names)) for s, error in model.errors(data)]
-    return tested(runs, dict(zip(model.names, model.orders.nk, strict=True)), fitted)
+    return tested(
+        runs,
+        dict(zip(model.names, model.orders.nk, strict=True)),
+        model.structure.residual_parameters(model),
+    )
 
 
 def tested(

@@ -2,31 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.selection import first_that_fits
-from thermaltool.fitting.transfer.choose import (
-    Choice,
-    choose,
-    real_poles,
-    started,
-)
+from thermaltool.fitting.transfer.choose import Choice, choose
 from thermaltool.fitting.transfer.continuation import Continued, continued
-from thermaltool.fitting.transfer.continuous import identify_continuous
-from thermaltool.fitting.transfer.identify import Structure, identify, orders_of
 from thermaltool.fitting.transfer.model import TransferModel
-from thermaltool.fitting.transfer.output_error import Orders
 from thermaltool.fitting.transfer.residuals import ResidualTests, residual_tests
+from thermaltool.fitting.transfer.structure import Initial, Structure
 from thermaltool.fitting.validation import validate, validation_zero
 from thermaltool.signals.agreement import Agreement
 from thermaltool.units import hold_of
-
-Initial = Literal["auto", "rest", "free"]
 
 
 @dataclass(frozen=True)
@@ -38,10 +28,6 @@ class Plan:
     structure : Structure
     orders : tuple of (nb, nf, nk) or None
         For all inputs or one for each; empty, or None among them: chosen by held-out data.
-    noise : (int, int)
-        Orders of the noise.
-    continuous, real : bool
-        In continuous time; real poles only.
     initial : {"auto", "rest", "free"}
         State at the first row.
     split : float or None
@@ -50,9 +36,6 @@ class Plan:
 
     structure: Structure
     orders: tuple[tuple[int, int, int] | None, ...] = ()
-    noise: tuple[int, int] = (1, 1)
-    continuous: bool = False
-    real: bool = False
     initial: Initial = "auto"
     split: float | None = None
 
@@ -112,11 +95,9 @@ def run(data: TrainingData, plan: Plan, fresh: TrainingData | None = None) -> Id
     try:
         if plan.split is not None:
             data, held = data.split(plan.split)
-        if plan.initial != "free" and plan.structure in ("oe", "bj"):
-            data = data.from_rest() if plan.initial == "rest" else started(data)
-        model, choice = _model(data, plan)
-        # OE searches over real poles; slow ones side by side only look like pairs to rounding.
-        if plan.real and plan.structure != "oe" and not real_poles(model):
+        data = plan.structure.start(data, plan.initial)
+        model, choice = _fitted(data, plan)
+        if not plan.structure.admits(model):
             raise FitError("not all poles are real: take lower orders, or --structure oe")
     except FitError as error:
         raise FitError(f"{target}: {error}") from error
@@ -137,20 +118,17 @@ def run(data: TrainingData, plan: Plan, fresh: TrainingData | None = None) -> Id
     )
 
 
-def _model(data: TrainingData, plan: Plan) -> tuple[TransferModel, Choice | None]:
-    def fit(orders: Orders) -> TransferModel:
-        if plan.continuous:
-            orders = replace(orders, nb=tuple(map(min, orders.nb, orders.nf)))
-            return identify_continuous(data, orders, plan.real)
-        return identify(data, plan.structure, orders, *plan.noise, plan.real)
-
+def _fitted(data: TrainingData, plan: Plan) -> tuple[TransferModel, Choice | None]:
+    """The model, and where its orders were chosen how."""
+    structure = plan.structure
     given = [each for each in plan.orders if each is not None]
     if given and len(given) == len(plan.orders):
         each = given * len(data.inputs) if len(given) == 1 else given
         nb, nf, nk = zip(*each, strict=True)
-        return fit(orders_of(plan.structure, nb, nf, nk)), None
-    choice = choose(data, plan.structure, *plan.noise, plan.real)
-    return first_that_fits((c.orders(plan.structure) for c in choice.candidates), fit), choice
+        return structure.fit(data, structure.orders(nb, nf, nk)), None
+    choice = choose(data, structure.candidates)
+    orders = (candidate.orders(structure) for candidate in choice.candidates)
+    return first_that_fits(orders, lambda each: structure.fit(data, each)), choice
 
 
 def _continued(model: TransferModel, k: int) -> Continued | str:

@@ -1,0 +1,275 @@
+"""Logs in, identified transfer functions out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, Unpack
+
+from thermaltool.api.inputs import Reading, all_of, read_for_fit
+from thermaltool.api.result import Notice, Result, notice
+from thermaltool.fitting.transfer.registry import CONTINUOUS, STRUCTURES
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+    from thermaltool.api.inputs import Data
+    from thermaltool.fitting.network.run import IdentifiedNetwork
+    from thermaltool.fitting.transfer.run import Identified
+    from thermaltool.logs import Log
+    from thermaltool.model import Model
+    from thermaltool.record import Record
+    from thermaltool.units import Reference
+
+NETWORK = "network"
+Orders = tuple[int, int, int]
+
+
+@dataclass(frozen=True, repr=False)
+class Identification(Result):
+    """Identified models, and the logs that they were fitted to.
+
+    Attributes
+    ----------
+    found : tuple of Identified, or IdentifiedNetwork
+        One for each output, or one for all.
+    logs : tuple of Log
+    reference : "first", float or None
+        What counts as no input in the model document.
+    """
+
+    found: tuple[Identified, ...] | IdentifiedNetwork
+    logs: tuple[Log, ...]
+    reference: Reference | None = None
+
+    @cached_property
+    def model(self) -> Model:
+        """The model document: every response in continuous time.
+
+        Raises
+        ------
+        ModelError
+            A response has no form in continuous time.
+        """
+        from thermaltool.fitting.identification import document, identities
+
+        provenance = {"logs": [log.source for log in self.logs]}
+        return document(identities(self.found), self.reference, provenance)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to know before using the models, each a sentence."""
+        from thermaltool.report.identification import identification_warnings
+
+        return tuple(identification_warnings(self.found))
+
+    @property
+    def model_notes(self) -> tuple[str, ...]:
+        """What the model document loses of the fits, each a sentence; raises as `model`."""
+        from thermaltool.report.identification import document_warnings
+
+        return tuple(document_warnings(self.found, self.model))
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """Fitted parameters with their 95 % intervals, one row each."""
+        import pandas
+
+        from thermaltool.fitting.identification import identities
+
+        rows = [
+            (each.model.target, name, e.value, e.low, e.high)
+            for each in identities(self.found)
+            for name, e in each.estimates.items()
+        ]
+        columns = ["output", "parameter", "value", "low", "high"]
+        return pandas.DataFrame(rows, columns=columns).set_index(columns[:2])
+
+    def document(self) -> dict[str, Any]:
+        """The models as ``identify --json`` writes them."""
+        from thermaltool.report.identification import identification_document
+
+        return identification_document(self.found)
+
+    def table(self) -> str:
+        """Fits, gains and time constants with their intervals, and what is left."""
+        from thermaltool.report.identification import identification_table
+
+        return identification_table(self.found)
+
+    def draw(self) -> Figure:
+        """Measured and simulated outputs over the first log, and their difference."""
+        from thermaltool.report.pairs import draw_comparison
+
+        return draw_comparison(self.model, self.logs[0])
+
+
+def identify(
+    data: Data | Sequence[Data],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    structure: str = "oe",
+    orders: Sequence[Orders | None] = (),
+    modes: int | None = None,
+    delay: float | Literal["auto"] | None = None,
+    noise_orders: tuple[int, int] | None = None,
+    continuous: bool = False,
+    real_poles: bool = False,
+    initial: Literal["auto", "rest", "free"] = "auto",
+    split: float | None = None,
+    validate: Data | None = None,
+    reference: Reference | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+    warn: Notice = notice,
+    **reading: Unpack[Reading],
+) -> Identification:
+    """Transfer functions from measured logs, one for each output with all inputs.
+
+    Parameters
+    ----------
+    data : str, path, pandas.DataFrame, Record, or a sequence of them
+    inputs : sequence of str
+        What drives: power, speed, temperature.
+    outputs : sequence of str
+        What follows: displacement, angle, temperature.
+    structure : {"oe", "bj", "arx", "armax", "network"}
+        Where the noise enters; or first-order modes that all outputs share (network).
+    orders : sequence of (nb, nf, nk) or None
+        Numerator coefficients, order of the denominator, samples of delay: once for all inputs or
+        once for each. None, or nothing: chosen by held-out data.
+    modes : int, optional
+        Shared modes of a network. Default: chosen by held-out data.
+    delay : float [s] or "auto", optional
+        Dead time of a network; "auto" finds it for each input and output. Default: 0.
+    noise_orders : (int, int), optional
+        Orders of the noise of armax (C) and bj (C, D). Default: 1, 1.
+    continuous : bool
+        In continuous time (oe).
+    real_poles : bool
+        Overdamped models only: real, stable poles.
+    initial : {"auto", "rest", "free"}
+        State at the first row: settled, free (estimated), or rest unless free is clearly better.
+    split : float, optional
+        Fit on this first share of the rows, validate on the rest.
+    validate : as `data`, optional
+        Another log to validate on.
+    reference : "first" or float, optional
+        What counts as no input in the model. Default: "first" for an absolute temperature, else 0.
+    start, stop : float, optional [s]
+        The stretch that is fitted.
+    warn : callable
+        Takes a sentence where a log pauses or its clock is uneven.
+    **reading
+        See `read_log`.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    ValueError
+        Arguments that contradict each other.
+    LogError
+        A log that cannot be read, lacks a channel, is sampled otherwise than the first, or has
+        fewer than two rows.
+    FitError
+        No fit on these data.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd, thermaltool as tt
+    >>> time = np.arange(0.0, 3000.0, 10.0)
+    >>> heat = np.where((time // 500) % 2, 100.0, 0.0)
+    >>> frame = pd.DataFrame({"time_s": time, "Q_motor_W": heat, "d_z_um": 0.0})
+    >>> for k in range(1, 300):
+    ...     frame.loc[k, "d_z_um"] = 0.95 * frame["d_z_um"][k - 1] + 0.01 * heat[k - 1]
+    >>> found = tt.identify(frame, ["Q_motor_W"], ["d_z_um"], orders=[(1, 1, 1)])
+    >>> round(found.model.terms[0].response.dc_gain(), 3)
+    0.2
+    """
+    from thermaltool.fitting.identification import identify as fit
+    from thermaltool.fitting.network.run import NetworkPlan
+    from thermaltool.fitting.transfer.registry import structure_of
+    from thermaltool.fitting.transfer.run import Plan
+
+    check_arguments(inputs, outputs, structure=structure, orders=orders, modes=modes, delay=delay,
+                    noise_orders=noise_orders, continuous=continuous, real_poles=real_poles,
+                    initial=initial, split=split, validate=validate)  # fmt: skip
+    plan: Plan | NetworkPlan
+    if structure == NETWORK:
+        plan = NetworkPlan(modes, delay or 0.0, initial, split)
+    else:
+        form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
+        plan = Plan(form, tuple(orders), initial, split)
+    logs: list[Log] = []
+    for each in [*all_of(data), *([] if validate is None else [validate])]:
+        log = read_for_fit(each, (*inputs, *outputs), "transfer function", (start, stop),
+                           pauses="the record is parted there", warn=warn, **reading)  # fmt: skip
+        if structure != NETWORK:
+            _check_clock(log, (logs or [log])[0].period, warn)
+        logs.append(log)
+    fresh = [] if validate is None else [logs.pop()]
+    return Identification(fit(logs, inputs, outputs, plan, fresh), tuple(logs), reference)
+
+
+def _check_clock(log: Record, period: float, warn: Notice) -> None:
+    """Refuse another period than that of the first log; say where steps are uneven."""
+    from thermaltool.fitting.data import check_period, uneven_steps
+
+    check_period(log, period)
+    uneven, steps = uneven_steps(log, period)
+    if uneven:
+        warn(
+            f"{log.name}: {uneven} of {steps} steps are not {period:g} s: straight lines "
+            "between the readings are taken on an even clock, longer steps part the record"
+        )
+
+
+def check_arguments(
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    structure: str = "oe",
+    orders: Sequence[Orders | None] = (),
+    modes: int | None = None,
+    delay: float | str | None = None,
+    noise_orders: tuple[int, int] | None = None,
+    continuous: bool = False,
+    real_poles: bool = False,
+    initial: str = "auto",
+    split: float | None = None,
+    validate: Any = None,
+    **others: Any,
+) -> None:
+    """Refuse arguments of `identify` that contradict each other; named as options of the command.
+
+    Raises
+    ------
+    ValueError
+    """
+    network = structure == NETWORK
+    if split is not None and validate is not None:
+        raise ValueError("--split and --validate both name the validation data: take one")
+    for name in (*inputs, *outputs):
+        if (*inputs, *outputs).count(name) > 1:
+            raise ValueError(f"{name} is named twice: a channel has one role")
+    if len(orders) > 1 and len(orders) != len(inputs):
+        raise ValueError("--orders: once for all inputs, or once for each")
+    if continuous and structure not in CONTINUOUS:
+        raise ValueError(f"--continuous goes with --structure {' and '.join(CONTINUOUS)}")
+    if network and orders:
+        raise ValueError("--orders: a network takes --modes and --delay")
+    if not network and (modes, delay) != (None, None):
+        raise ValueError("--modes and --delay go with --structure network")
+    if noise_orders is not None and (network or not STRUCTURES[structure].load().noise_orders):
+        having = sorted(n for n, entry in STRUCTURES.items() if entry.load().noise_orders)
+        raise ValueError(f"--noise-orders go with --structure {' and '.join(having)}")
+    if real_poles and network:
+        raise ValueError("--real-poles: those of a network are always real")
+    if initial != "auto" and not network and not STRUCTURES[structure].load().estimates_start:
+        raise ValueError(f"--initial: {structure} takes its first rows as they are, from any state")

@@ -1,0 +1,119 @@
+"""OE: y = Σ B/F u + e, a denominator for each input."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar
+
+import numpy as np
+from scipy.signal import lfilter
+
+from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.transfer.colour import error_colour
+from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.fitting.transfer.orders import Orders
+from thermaltool.fitting.transfer.output_error import Problem
+from thermaltool.fitting.transfer.overdamped import overdamped
+from thermaltool.fitting.transfer.polynomials import difference_basis
+from thermaltool.fitting.transfer.search import SearchResult, search
+from thermaltool.fitting.transfer.structure import Structure, check_steady_state
+from thermaltool.signals.gauss_newton import inverse_of, solve
+
+
+@dataclass(frozen=True)
+class OeStructure(Structure):
+    """White errors at the output; intervals take in their colour."""
+
+    name: ClassVar[str] = "oe"
+    searches_real_poles: ClassVar[bool] = True
+
+    def problem(self, data: TrainingData, orders: Orders) -> Problem:
+        """What is searched."""
+        return Problem(data.about_levels(orders.first), orders)
+
+    def estimate(self, data: TrainingData, orders: Orders) -> TransferModel:
+        problem = self.problem(data, orders)
+        found = search(problem)
+        if self.real_poles:
+            found = overdamped(problem, found)
+        return self.model(problem, found, data)
+
+    def model(self, problem: Problem, found: SearchResult, data: TrainingData) -> TransferModel:
+        """The model of a search that has ended."""
+        loss, sigma2, covariance = spread(problem, found, coloured=True)
+        return plant_model(self, problem, found, data, loss, sigma2, covariance)
+
+
+def spread(problem: Problem, found: SearchResult, coloured: bool) -> tuple[float, float, Array]:
+    """Sum of the squared errors, their variance, and the covariance of F and B in differences.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : SearchResult
+    coloured : bool
+        Whether the errors may have a colour that the model does not have.
+    """
+    slopes = problem.slopes(found.F, found.projection, mixed=False)
+    sigma2 = slopes.loss / max(problem.rows - slopes.searched - problem.linear_count, 1)
+    inverse, own = inverse_of(slopes.gram), problem.orders.parameters
+    covariance = sigma2 * inverse
+    if coloured:
+        covariance = inverse @ _score_covariance(problem, found, slopes.gram, sigma2) @ inverse
+    return max(slopes.loss, 1e-300), sigma2, covariance[:own, :own]
+
+
+def plant_model(
+    structure: Structure, problem: Problem, found: SearchResult, data: TrainingData,
+    loss: float, sigma2: float, covariance: Array, C: Array | None = None, D: Array | None = None,
+) -> TransferModel:  # fmt: skip
+    """The model whose plant a search over denominators has found."""
+    linear, orders = found.projection.linear, problem.orders
+    edges = np.cumsum([0, *orders.nb])
+    B = tuple(linear[a:b] @ difference_basis(b - a) for a, b in pairwise(edges))
+    denominators = {k: found.F[g] for g, inputs in enumerate(orders.groups) for k in inputs}
+    for f in found.F:
+        check_steady_state(f)
+    gains = np.array([b.sum() / denominators[k].sum() for k, b in enumerate(B)])
+    zeros = linear[edges[-1] : edges[-1] + data.experiments]
+    return TransferModel(
+        structure,
+        data.inputs,
+        data.outputs[0],
+        data.period,
+        orders,
+        B,
+        found.F,
+        tuple((zeros - data.levels @ gains).tolist()),
+        data.levels,
+        tuple(zeros.tolist()),
+        sigma2,
+        covariance,
+        found.method,
+        found.converged,
+        problem.rows,
+        loss,
+        np.ones(1) if C is None else C,
+        np.ones(1) if D is None else D,
+    )
+
+
+def _score_covariance(problem: Problem, found: SearchResult, gram: Array, sigma2: float) -> Array:
+    """Covariance of the score: Z Zᵀ σ² for white errors; else through an AR model of them.
+
+    With e = H·white, E[Z e eᵀ Zᵀ] is the Gram matrix of Z filtered by H backwards in time
+    (Ljung 1999, 9.4). The AR order is the best by BIC; zero leaves the plain form.
+    """
+    here = found.projection
+    colour = error_colour([e for e, _ in problem.errors(here)]) if sigma2 > 0 else None
+    if colour is None:
+        return gram * sigma2
+    ar, variance = colour
+    result = np.zeros_like(gram)
+    for place, rows, _ in problem.instruments(found.F, here):
+        shared, free = rows[: len(place)], rows[len(place) :]
+        shared = shared - (free @ shared.T).T @ solve(free @ free.T, free)
+        Z = lfilter([1.0], ar, shared[:, ::-1])
+        result[np.ix_(place, place)] += Z @ Z.T
+    return result * variance
