@@ -3,7 +3,7 @@
 The last row of the Cholesky factor of the autocovariance matrix holds the coefficients θ_{m,j} of
 the one-step predictor in the innovations, which tend to ψ_j.
 
-Own factor, because `statsmodels.tsa.stattools.innovations_algo` gives the same row but no sign of
+Own factor, because `statsmodels.tsa.stattools.innovations_algo` gives the same row but no error for
 autocovariances that are those of no process, which holes can leave; and its import adds 0.6 s to
 every `fit`, which starts from these weights.
 
