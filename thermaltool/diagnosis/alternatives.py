@@ -22,7 +22,7 @@ from thermaltool.diagnosis.experiments import (
 )
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.information import InformationMatrix, detectable
+from thermaltool.diagnosis.information import InformationMatrix, detectable, noise_after
 from thermaltool.diagnosis.inputs import library
 from thermaltool.diagnosis.result import Alternative, Tried
 from thermaltool.diagnosis.select import Ranking, trials
@@ -77,7 +77,8 @@ def indistinguishable(
     """
     simulation = hypothesis.simulation
     caused = simulation.displacement(chosen.effect)
-    information = InformationMatrix.after(hypothesis, chosen.assumptions, caused)
+    noise = noise_after(hypothesis, chosen.assumptions, caused)
+    information = InformationMatrix(hypothesis, chosen.assumptions, noise)
     close: list[tuple[float, Effect]] = []
     for rival in sorted(rivals, key=lambda c: -c.evidence_of_logs):
         known = [chosen.effect, *(effect for _, effect in close)]
@@ -124,7 +125,8 @@ def suspected(hypothesis: Hypothesis, candidates: Sequence[CauseCandidate]) -> l
     if rest:
         simulation = hypothesis.simulation
         caused = simulation.displacement(first)
-        information = InformationMatrix.after(hypothesis, chosen[0].assumptions, caused)
+        noise = noise_after(hypothesis, chosen[0].assumptions, caused)
+        information = InformationMatrix(hypothesis, chosen[0].assumptions, noise)
         groups = [[caused, *simulation.span(effect)] for effect in rest]
         now = max(information.angle([information.of_logs(g)], len(g)) for g in groups)
         sentence, opened = separating_experiment(information, first, rest)

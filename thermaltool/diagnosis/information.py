@@ -78,12 +78,13 @@ def noise_before(hypothesis: Hypothesis, assumptions: Assumptions) -> dict[str, 
     hypothesis : Hypothesis
     assumptions : frozenset of str
     """
-    found = {}
-    for output, evidence in hypothesis.evidence.items():
-        null = evidence.null(assumptions)
-        variance = null.white**2 / evidence.independence
-        found[output] = ReadingNoise(evidence.levels[null.level], variance)
-    return found
+    nulls = {o: evidence.null(assumptions) for o, evidence in hypothesis.evidence.items()}
+    return {
+        o: ReadingNoise(
+            evidence.levels[nulls[o].level], nulls[o].white ** 2 / evidence.independence
+        )
+        for o, evidence in hypothesis.evidence.items()
+    }
 
 
 def noise_after(
@@ -151,15 +152,6 @@ class InformationMatrix:
                 prior[: len(hypothesis.nuisance[output].own)] = 0.0
             self._prior[output] = prior
 
-    @staticmethod
-    def after(
-        hypothesis: Hypothesis, assumptions: Assumptions, caused: Changes
-    ) -> InformationMatrix:
-        """Under the noise that is left once a cause has taken its part away."""
-        return InformationMatrix(
-            hypothesis, assumptions, noise_after(hypothesis, assumptions, caused)
-        )
-
     def of_logs(self, signatures: Sequence[Changes]) -> LogInformation:
         """What the logs show of signatures.
 
@@ -222,14 +214,7 @@ class InformationMatrix:
         return _arcsine(left / whole) if whole else 0.0
 
     def shows(self, changes: Changes) -> bool:
-        """Whether the model's own parameters leave anything of a signature.
-
-        Parameters
-        ----------
-        changes : mapping of output to list of ndarray
-        """
-        if not changes:
-            return False
+        """Whether the model's own parameters leave anything of a signature, given by output."""
         present = self.of_logs([changes])
         left = self.of_signatures([present], 1)
         return any(left[o][0, 0] > MIN_POWER_LEFT * present[o].whole[0] for o in changes)

@@ -58,6 +58,10 @@ class ScheduleBand:
 def load_band(document: Mapping[str, Any] | None) -> ScheduleBand | None:
     """A band from a model file; None where the term has none.
 
+    Parameters
+    ----------
+    document : mapping
+
     Raises
     ------
     ModelError
