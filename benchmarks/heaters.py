@@ -24,10 +24,11 @@ from numpy.typing import NDArray
 from thermaltool.control.heaters import Stabilizer
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.data import TrainingData
+from thermaltool.fitting.document import model_document
+from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.static import correct
 from thermaltool.fitting.transfer.continuation import continued
 from thermaltool.fitting.transfer.identify import identify, orders_of
-from thermaltool.fitting.transfer.machine import machine
 from thermaltool.model import Model
 from thermaltool.model.combine import scheduled, superposed
 from thermaltool.model.curves import Form
@@ -120,7 +121,7 @@ def fitted(
             raise
         return fitted(logs, inputs, output, order - 1)
     agreed = found.fit(data)
-    return machine([(found, ways, agreed, data)], None, {}), agreed.fit_percent
+    return model_document([Fit(found, tuple(ways), agreed, data)], None, {}), agreed.fit_percent
 
 
 def compensate(bench: Bench, model: Model, spectrum: str, number: int) -> tuple[Record, Record]:

@@ -15,7 +15,7 @@ from identify_cases import Case, case, fit_percent
 from identify_peers import PEERS, Array, Delays, Peer, Simulation, loaded
 
 from thermaltool.fitting.data import TrainingData, sampled
-from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.search import at, gauss_newton, search
 from thermaltool.fitting.transfer.start import started
@@ -37,7 +37,8 @@ def logged(u: Array, y: Array) -> TrainingData:
 
 def ours(u: Array, y: Array, nk: Delays) -> Simulation:
     """As the command does it, orders and delays given; `method` says how it was found."""
-    model = identify(logged(u, y), "oe", orders_of("oe", (2,) * len(u), 2, nk))
+    structure = OeStructure()
+    model = structure.fit(logged(u, y), structure.orders((2,) * len(u), 2, nk))
 
     def simulate(fresh: Array) -> Array:
         return model.respond(fresh)
@@ -182,7 +183,7 @@ def missed(seed: int, rows: int, inputs: int, systems: int) -> None:
     above = []
     for k in range(systems):
         given = case(seed, k, rows, inputs)
-        orders = orders_of("oe", (2,) * inputs, 2, given.nk)
+        orders = OeStructure().orders((2,) * inputs, 2, given.nk)
         problem = Problem(logged(given.u, given.y).about_levels(orders.first), orders)
         least = gauss_newton(problem, at(problem, given.F)).loss
         above.append((search(problem).loss / least - 1) * problem.rows)

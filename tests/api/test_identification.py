@@ -44,6 +44,11 @@ def test_every_structure_gives_a_frame_a_table_and_a_model(structure: str) -> No
     assert str(found).startswith(f"d_z_um: {structure.upper()} by")
     assert found.document()["models"][0]["structure"] == structure
     assert len(found.plot().axes) >= 1
+    (fit,) = found.fits
+    assert fit.parameters["b1"].low == low
+    assert len(fit.covariance) == 2
+    assert fit.criteria.aic < fit.criteria.bic
+    assert fit.tests.independent_p["Q_motor_W"] > 1e-3
 
 
 def test_a_network_shares_its_time_constants() -> None:

@@ -12,9 +12,10 @@ from thermaltool.effects.curve import DriveCurve
 from thermaltool.errors import ModelError
 from thermaltool.estimation.rational import inverse_model
 from thermaltool.fitting.data import TrainingData, sampled
+from thermaltool.fitting.document import model_document
+from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.transfer.continuation import continued
 from thermaltool.fitting.transfer.identify import identify, orders_of
-from thermaltool.fitting.transfer.machine import machine
 from thermaltool.model import Drive, Term, dumps, loads
 from thermaltool.model.combine import scheduled
 from thermaltool.plants import build
@@ -38,7 +39,8 @@ def c_frame():
     record = sampled((HEATER,), given[:, 1:].T, (ANGLE,), angle, DT)
     data = TrainingData((record,), (HEATER,), (ANGLE,), DT).from_rest()
     found = identify(data, "oe", orders_of("oe", (2,), 2, (1,)), real=True)
-    return machine([(found, [continued(found, 0, "zero")], found.fit(data), data)], None, {})
+    fit = Fit(found, (continued(found, 0, "zero"),), found.fit(data), data)
+    return model_document([fit], None, {})
 
 
 def test_inverse_times_response_is_the_filter_on_the_c_frame(c_frame):

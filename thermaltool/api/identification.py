@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from thermaltool.api.inputs import Data
+    from thermaltool.fitting.fit import Fit
     from thermaltool.fitting.network.run import IdentifiedNetwork
     from thermaltool.fitting.transfer.run import Identified
     from thermaltool.logs import Log
@@ -53,10 +54,16 @@ class Identification(Result):
         ModelError
             A response has no form in continuous time.
         """
-        from thermaltool.fitting.identification import document, identities
+        from thermaltool.fitting.document import model_document
 
-        provenance = {"logs": [log.source for log in self.logs]}
-        return document(identities(self.found), self.reference, provenance)
+        return model_document(self.fits, self.reference, {"logs": [x.source for x in self.logs]})
+
+    @property
+    def fits(self) -> list[Fit]:
+        """Each output with its parameters, covariance, criteria and tests of residuals."""
+        from thermaltool.fitting.identification import fits_of
+
+        return fits_of(self.found)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -77,12 +84,10 @@ class Identification(Result):
         """Fitted parameters with their 95 % intervals, one row each."""
         import pandas
 
-        from thermaltool.fitting.identification import identities
-
         rows = [
-            (each.model.target, name, e.value, e.low, e.high)
-            for each in identities(self.found)
-            for name, e in each.estimates.items()
+            (fit.model.target, name, e.value, e.low, e.high)
+            for fit in self.fits
+            for name, e in fit.parameters.items()
         ]
         columns = ["output", "parameter", "value", "low", "high"]
         return pandas.DataFrame(rows, columns=columns).set_index(columns[:2])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from thermaltool.fitting.identification import from_rest, identities
+from thermaltool.fitting.document import agreement_from_rest
+from thermaltool.fitting.identification import fits_of
 from thermaltool.fitting.network.run import IdentifiedNetwork
 from thermaltool.fitting.transfer.run import Identified
 from thermaltool.model import Model
@@ -40,6 +41,7 @@ def identification_warnings(found: Found) -> list[str]:
 
 def document_warnings(found: Found, model: Model) -> list[str]:
     """Sentences where the model document fits much worse, from rest, than the models do."""
-    each = identities(found)
-    agreements = zip(each, from_rest(each, model), strict=True)
-    return lost_from_rest([(e.model.target, e.training, rest) for e, rest in agreements])
+    return lost_from_rest([
+        (fit.model.target, fit.training, agreement_from_rest(model, fit.data))
+        for fit in fits_of(found)
+    ])  # fmt: skip

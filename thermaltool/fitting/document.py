@@ -2,47 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.transfer.continuation import Continued
+from thermaltool.fitting.fit import Fit
 from thermaltool.model import Drive, Model, Output, Role, Term, relative
 from thermaltool.signals.agreement import Agreement, agreement
-from thermaltool.signals.intervals import Estimate
 from thermaltool.units import Reference, drive_reference, hold_of, is_displacement
 
 
-class Identity(Protocol):
-    """What the document takes of an identified model of one output."""
-
-    @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def target(self) -> str: ...
-    @property
-    def dt(self) -> float: ...
-    @property
-    def offsets(self) -> tuple[float, ...]: ...
-    @property
-    def method(self) -> str: ...
-    def gain(self, k: int) -> Estimate: ...
-    def named(self) -> Iterator[tuple[str, Estimate]]: ...
-
-
-def machine(
-    found: Sequence[tuple[Identity, Sequence[Continued | str], Agreement, TrainingData]],
-    reference: Reference | None,
-    provenance: Mapping[str, Any],
+def model_document(
+    fits: Sequence[Fit], reference: Reference | None, provenance: Mapping[str, Any]
 ) -> Model:
     """All outputs with their terms in continuous time.
 
     Parameters
     ----------
-    found : sequence of (model, its inputs in continuous time, training fit, training data)
+    fits : sequence of Fit
     reference : "first", float or None
         What counts as no drive; None is "first" for an absolute temperature and 0 otherwise.
 
@@ -53,22 +33,22 @@ def machine(
     """
     drives: dict[str, Drive] = {}
     outputs, terms = [], []
-    for model, ways, training, data in found:
+    for fit in fits:
+        model, data = fit.model, fit.data
         for k, name in enumerate(model.names):
             rest = drive_reference(name) if reference is None else reference
-            drives[name] = Drive(
-                name, hold_of(name), rest, _extent(data, [u[k] for u in data.u], rest)
-            )
-        for name, way in zip(model.names, ways, strict=True):
-            if isinstance(way, str):
-                raise ModelError(way)
-            terms.append(Term(name, model.target, way.response, way.covariance, way.names))
-        outputs.append(_output(model, training, data, drives))
+            extent = _extent(data, [u[k] for u in data.u], rest)
+            drives[name] = Drive(name, hold_of(name), rest, extent)
+        for name, term in zip(model.names, fit.terms, strict=True):
+            if isinstance(term, str):
+                raise ModelError(term)
+            terms.append(Term(name, model.target, term.response, term.covariance, term.names))
+        outputs.append(_output(fit, drives))
     return Model(tuple(drives.values()), tuple(outputs), tuple(terms),
-                 found[0][0].dt, provenance)  # fmt: skip
+                 fits[0].model.dt, provenance)  # fmt: skip
 
 
-def in_use(model: Model, data: TrainingData) -> Agreement:
+def agreement_from_rest(model: Model, data: TrainingData) -> Agreement:
     """How far the model document, from rest, is from the output of `data`.
 
     That is what ``simulate`` gives: it takes every log to begin at rest, where a fit may have
@@ -99,13 +79,12 @@ def _extent(data: TrainingData, values: Sequence[Array], rest: Reference) -> tup
     return float(moved.min()), float(moved.max())
 
 
-def _output(
-    model: Identity, training: Agreement, data: TrainingData, drives: Mapping[str, Drive]
-) -> Output:
+def _output(fit: Fit, drives: Mapping[str, Drive]) -> Output:
     """The output with its value at rest: what the offset and the drives at rest give.
 
     A displacement has no zero of its own, and a drive that starts from anywhere leaves none.
     """
+    model, data, training = fit.model, fit.data, fit.training
     arbitrary = is_displacement(model.target)
     rests = [drives[name].reference for name in model.names]
     offset: Reference = "first"
