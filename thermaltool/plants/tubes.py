@@ -67,6 +67,7 @@ class Tube:
 
     @property
     def length(self) -> float:
+        """Length between its ends [m]."""
         return float(np.hypot(*np.subtract(self.end, self.start)))
 
     @property

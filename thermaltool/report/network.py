@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from thermaltool.documents import jsonable
 from thermaltool.fitting.network.choose import NetworkCandidate
 from thermaltool.fitting.network.model import NetworkOutput
 from thermaltool.fitting.network.run import IdentifiedNetwork
@@ -11,10 +12,9 @@ from thermaltool.fitting.network.search import LONGEST_IN_RECORDS
 from thermaltool.report.orders import aligned
 from thermaltool.report.transfer import (
     estimate_document,
-    finite,
     gain_unit,
     held_samples,
-    interval_told,
+    interval_text,
     longer_than_record,
     one_or_all,
     residuals_document,
@@ -35,7 +35,7 @@ def network_warnings(found: IdentifiedNetwork) -> list[str]:
         if e in undetermined:
             told.append(
                 f"the data do not tell the time constant of {e.value:.3g} s "
-                f"({interval_told(e)}): take fewer modes"
+                f"({interval_text(e)}): take fewer modes"
             )
         elif e.value > span:
             endless = e.value > 0.99 * LONGEST_IN_RECORDS * span
@@ -62,7 +62,7 @@ def _output(found: IdentifiedNetwork, k: int) -> dict[str, Any]:
         "delay_s": one_or_all([_delay(output, i) for i in range(len(output.names))]),
         "dead_time_s": one_or_all(output.delays),
         "time_constants_s": output.time_constants.tolist(),
-        "fit_training_percent": finite(found.training[k].fit_percent),
+        "fit_training_percent": jsonable(found.training[k].fit_percent),
         "fit_validation_percent": None,
         "improvement_validation_percent": None,
         "parameters": {name: estimate_document(e) for name, e in output.named()},
@@ -76,11 +76,11 @@ def _output(found: IdentifiedNetwork, k: int) -> dict[str, Any]:
         "terms": [_term(output, i) for i in range(len(output.names))],
     }
     if found.validation is not None and found.improvement is not None:
-        document["fit_validation_percent"] = finite(found.validation[k].fit_percent)
-        document["improvement_validation_percent"] = finite(found.improvement[k])
+        document["fit_validation_percent"] = jsonable(found.validation[k].fit_percent)
+        document["improvement_validation_percent"] = jsonable(found.improvement[k])
     if found.candidates is not None:
         document["candidates"] = [
-            {"modes": c.modes, "fit_percent": finite(c.fit_percent[k]), "bic": c.bic}
+            {"modes": c.modes, "fit_percent": jsonable(c.fit_percent[k]), "bic": c.bic}
             for c in found.candidates
         ]
     return document

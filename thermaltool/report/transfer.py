@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from thermaltool.documents import jsonable
 from thermaltool.fitting.transfer.choose import Choice
 from thermaltool.fitting.transfer.continuation import Continued, oscillates
 from thermaltool.fitting.transfer.model import TransferModel
@@ -27,7 +28,7 @@ MISMATCH = 0.01
 # Points of fit that the model file loses from rest, that are told.
 LOST = 10.0
 # An interval over more than this factor tells nothing of a time constant.
-UNTOLD = 1e6
+MAX_INTERVAL_RATIO = 1e6
 # A time constant this many times the record, or as slow as a pole may be, is one of an integrator.
 INTEGRATING = 100.0
 # Candidates of the choice of orders that are listed.
@@ -126,11 +127,11 @@ def _model_document(found: Identified) -> dict[str, Any]:
         "delay_s": one_or_all(delays),
         "dead_time_s": one_or_all([_dead_time(m, k) for k in range(len(m.names))]),
         "time_constants_s": [e.value for g in range(len(m.F)) for e in m.time_constants(g)],
-        "fit_training_percent": finite(found.training.fit_percent),
+        "fit_training_percent": jsonable(found.training.fit_percent),
         "fit_validation_percent": None,
         "improvement_validation_percent": None
         if found.improvement is None
-        else finite(found.improvement),
+        else jsonable(found.improvement),
         "parameters": {name: estimate_document(e) for name, e in m.named()},
         "units": dict(zip((name for name, _ in m.named()), units, strict=True)),
         "noise": {"C": m.C.tolist(), "D": m.D.tolist(), "variance": m.sigma2},
@@ -140,17 +141,17 @@ def _model_document(found: Identified) -> dict[str, Any]:
         "criteria": {
             "aic": m.criteria.aic,
             "bic": m.criteria.bic,
-            "yic": finite(m.yic(found.variance)),
+            "yic": jsonable(m.yic(found.variance)),
         },
         "residuals": residuals_document(found.tests),
         "terms": [_term(found, k) for k in range(len(m.names))],
     }
     if found.validation is not None:
-        document["fit_validation_percent"] = finite(found.validation.fit_percent)
+        document["fit_validation_percent"] = jsonable(found.validation.fit_percent)
     if found.choice is not None:
         document["candidates"] = [
-            {"nb": c.nb, "nf": c.nf, "nk": list(c.nk), "fit_percent": finite(c.fit_percent),
-             "aic": c.aic, "bic": c.bic, "yic": finite(c.yic)}
+            {"nb": c.nb, "nf": c.nf, "nk": list(c.nk), "fit_percent": jsonable(c.fit_percent),
+             "aic": c.aic, "bic": c.bic, "yic": jsonable(c.yic)}
             for c in found.choice.candidates[:20]
         ]  # fmt: skip
     return document
@@ -206,25 +207,23 @@ def one_or_all(values: Sequence[float]) -> float | list[float]:
 
 
 def residuals_document(tests: ResidualTests) -> dict[str, Any]:
+    """Tests of the residuals as JSON."""
     return {
         "lags": tests.lags,
-        "white_p": finite(tests.white_p),
-        "independent_p": {name: finite(p) for name, p in tests.independent_p.items()},
+        "white_p": jsonable(tests.white_p),
+        "independent_p": {name: jsonable(p) for name, p in tests.independent_p.items()},
     }
 
 
 def estimate_document(e: Estimate) -> dict[str, Any]:
-    return {"value": e.value, "interval": [e.low, e.high] if is_told(e) else None}
+    """A value and its interval as JSON; null for an interval that says nothing."""
+    return {"value": e.value, "interval": [e.low, e.high] if is_bounded(e) else None}
 
 
-def is_told(e: Estimate) -> bool:
+def is_bounded(e: Estimate) -> bool:
     """Whether an interval says anything."""
     bounded = bool(np.isfinite([e.low, e.high]).all())
-    return bounded and not (e.low > 0 and e.high > UNTOLD * e.low)
-
-
-def finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return bounded and not (e.low > 0 and e.high > MAX_INTERVAL_RATIO * e.low)
 
 
 def transfer_table(found: Identified) -> str:
@@ -280,14 +279,18 @@ def _weights(way: Continued | str, count: int) -> list[str]:
 
 
 def with_interval(e: Estimate) -> str:
-    return f"{e.value:.5g} ({interval_told(e)})"
+    """A value and its interval."""
+    return f"{e.value:.5g} ({interval_text(e)})"
 
 
-def interval_told(e: Estimate) -> str:
-    return f"{e.low:.4g} to {e.high:.4g}" if is_told(e) else "not told"
+def interval_text(e: Estimate) -> str:
+    """An interval, where it says anything."""
+    return f"{e.low:.4g} to {e.high:.4g}" if is_bounded(e) else "not told"
 
 
 def residuals_line(tests: ResidualTests) -> str:
+    """Whether the residuals are white, and free of the inputs."""
+
     def verdict(p: float, good: str, bad: str) -> str:
         return f"{bad if p < DOUBTFUL else good} (p {p:.2g})"
 

@@ -89,6 +89,7 @@ class TransferModel:
         return next(g for g, inputs in enumerate(self.orders.groups) if k in inputs)
 
     def denominator(self, k: int) -> Array:
+        """Denominator of input k, F, in powers of 1/q."""
         return self.F[self.group_of(k)]
 
     @property

@@ -92,6 +92,7 @@ class Problem:
     _basis: dict[int, Array] = field(default_factory=dict, compare=False)
 
     def basis(self, n: int) -> Array:
+        """See `difference_basis`."""
         if n not in self._basis:
             self._basis[n] = difference_basis(n)
         return self._basis[n]
@@ -190,6 +191,7 @@ class Problem:
                 out[0, 0], out[0, 1:] = 0.0, lfilter([-1.0], f, x)[:-1]
 
     def denominators(self, signals: Sequence[Array], F: Sequence[Array], out: Array) -> None:
+        """Derivatives of filtered signals by the coefficients of their denominators, into `out`."""
         at = 0
         for x, f in zip(signals, F, strict=True):
             self._follow(x, f, out[at : at + len(f) - 1])

@@ -144,10 +144,12 @@ class RecursiveArma:
 
     @property
     def ar(self) -> list[float]:
+        """AR coefficients."""
         return self._theta[: self.p]
 
     @property
     def ma(self) -> list[float]:
+        """MA coefficients."""
         return self._theta[self.p : self.p + self.q]
 
     @property

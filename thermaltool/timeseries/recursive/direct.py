@@ -66,6 +66,7 @@ class DirectForecast:
 
     @property
     def theta(self) -> list[float]:
+        """Coefficients of the regression."""
         return self._rls.theta if self._rls else [0.0] * self._size
 
     def update(self, x: float) -> None:
