@@ -17,13 +17,13 @@ from thermaltool.control.hysteresis import PrandtlIshlinskii
 
 # A reading that leaves the last one by so many times the usual change is refused, up to so many in
 # a row: then the level has changed, and is followed. Learnt over so many samples.
-GATE, REFUSED_RUN, USUAL = 15.0, 3, 50
+GATE_CHANGES, MAX_REFUSED, USUAL_SAMPLES = 15.0, 3, 50
 # Beyond this, squares of products would overflow: no reading of anything.
-LARGEST = 1e60
+MAX_READING = 1e60
 # A delay of more samples is another sample period.
-LONGEST_DELAY = 20_000
+MAX_DELAY_SAMPLES = 20_000
 # The default horizon is the first at which the low-pass has answered by this part.
-ANSWERED = 0.5
+HORIZON_ANSWER = 0.5
 
 
 class Forecaster(Protocol):
@@ -98,10 +98,10 @@ class ActuatorState:
 
     def __post_init__(self) -> None:
         whole = math.floor(self.model.delay / self.period + 1e-9)
-        if whole > LONGEST_DELAY:
+        if whole > MAX_DELAY_SAMPLES:
             raise ValueError(
-                f"a delay of {self.model.delay:g} s is {whole} samples: at most {LONGEST_DELAY} "
-                "(take a longer period)"
+                f"a delay of {self.model.delay:g} s is {whole} samples: at most "
+                f"{MAX_DELAY_SAMPLES} (take a longer period)"
             )
         self.whole = whole
         # The part of a sample's action that comes one sample later still.
@@ -157,9 +157,9 @@ class ActuatorState:
         return y
 
     def default_horizon(self) -> int:
-        """The first horizon at which a new action has come by `ANSWERED`."""
+        """The first horizon at which a new action has come by `HORIZON_ANSWER`."""
         probe, steps = ActuatorState(self.model, self.period), 1
-        while probe.take(1.0) < ANSWERED:
+        while probe.take(1.0) < HORIZON_ANSWER:
             steps += 1
         return steps
 
@@ -213,19 +213,19 @@ class ReadingGate:
 
     def passes(self, error: float) -> bool:
         """Whether to believe it; errors without the action, one for each sample."""
-        if not -LARGEST < error < LARGEST:
+        if not -MAX_READING < error < MAX_READING:
             self.refused += 1
             return False
         change = 0.0 if self._last is None else error - self._last
-        usual = self._heard >= USUAL and self._square > 0
-        if usual and change * change > GATE**2 * self._square and self._row < REFUSED_RUN:
+        usual = self._heard >= USUAL_SAMPLES and self._square > 0
+        if usual and change * change > GATE_CHANGES**2 * self._square and self._row < MAX_REFUSED:
             self._row += 1
             self.refused += 1
             return False
         # A new level says nothing of the usual change.
         if not self._row:
             self._heard += 1
-            weight = max(1 / self._heard, 1 / (20 * USUAL))
+            weight = max(1 / self._heard, 1 / (20 * USUAL_SAMPLES))
             self._square += weight * (change * change - self._square)
         self._row, self._last = 0, error
         return True

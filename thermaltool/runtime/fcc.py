@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from thermaltool.control.fcc import (
-    LARGEST,
+    MAX_READING,
     ActuatorModel,
     ActuatorState,
     Forecaster,
@@ -145,7 +145,7 @@ class Controller:
         refused, at_limit = self.control.gate.refused, limits.clip(self._wanted) != self._wanted
         answer = self.control.step(reading, taken)
         self._wanted = answer.wanted
-        good = reading is not None and -LARGEST < reading < LARGEST
+        good = reading is not None and -MAX_READING < reading < MAX_READING
         if reading is not None and good and self.control.gate.refused == refused:
             # At first the action stands for all that the gauge may come to read.
             size = max(abs(reading), 0.0 if self.samples else abs(answer.error))

@@ -9,7 +9,7 @@ from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.process import Process, Reply
 from thermaltool.runtime.rows.row import Row
 from thermaltool.runtime.settings import Settings
-from thermaltool.timeseries.recursive.arma import LARGEST, RecursiveArma
+from thermaltool.timeseries.recursive.arma import MAX_READING, RecursiveArma
 
 COLUMNS = ("forecast", "low", "high")
 # Readings whose error is above so many standard deviations are reported and count as missing.
@@ -129,7 +129,7 @@ class Forecasts(Process):
 
     def _update(self, row: Row) -> None:
         x = row.readings[0]
-        if -LARGEST < x < LARGEST:
+        if -MAX_READING < x < MAX_READING:
             before = self._model.refused
             error = self._model.update(x)
             if self._model.refused > before:

@@ -20,7 +20,7 @@ from scipy.special import chdtri
 Array = NDArray[np.float64]
 
 WHITE, FLICKER, RANDOM_WALK = 0, -1, -2
-_MIN_AVERAGES = 30  # below this the lag-1 identification of the noise kind is not reliable
+MIN_AVERAGES = 30  # means: with fewer, the lag-1 identification of the noise kind is not reliable
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def allan_deviation(
     for i, factor in enumerate(m):
         z = x[2 * factor :] - 2.0 * x[factor:-factor] + x[: -2 * factor]
         deviation[i] = np.sqrt(np.mean(z * z) / 2.0) / factor
-        if n // factor >= _MIN_AVERAGES:
+        if n // factor >= MIN_AVERAGES:
             kind = noise_kind(y, int(factor))
         kinds[i] = kind
         edf[i] = equivalent_dof(n + 1, int(factor), kind)

@@ -16,9 +16,10 @@ from scipy.special import ndtri
 Array = NDArray[np.float64]
 
 DEGREE = 3  # of the local polynomials
-_MAD_TO_SIGMA = 1.482602218505602  # 1 / Φ⁻¹(3/4)
-_MEDIAN_SPREAD = 1.1  # of white noise about its running median of 7: sqrt(1 + 0.46²)
-_LEAK = 3.0  # a block's residual variance above this many times what its noise explains has a step
+MAD_TO_SIGMA = 1.482602218505602  # 1 / Φ⁻¹(3/4)
+MEDIAN_SPREAD = 1.1  # of white noise about its running median of 7: sqrt(1 + 0.46²)
+# Of a block's residual to what its noise explains: above it the block has a step.
+MAX_VARIANCE_RATIO = 3.0
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def difference_sigma(values: ArrayLike) -> float:
     """
     second = np.diff(np.asarray(values, dtype=float), 2)
     second = second[np.isfinite(second)]
-    return float(_MAD_TO_SIGMA * np.median(np.abs(second)) / np.sqrt(6.0)) if second.size else 0.0
+    return float(MAD_TO_SIGMA * np.median(np.abs(second)) / np.sqrt(6.0)) if second.size else 0.0
 
 
 def find_outliers(values: ArrayLike, sigma: float, probability: float = 0.01) -> NDArray[np.bool_]:
@@ -71,8 +72,8 @@ def find_outliers(values: ArrayLike, sigma: float, probability: float = 0.01) ->
         return np.zeros(v.size, dtype=bool)
     deviation = np.abs(v - median_filter(v, size=7, mode="nearest"))
     # Where the signal itself is restless, or the noise larger, the neighbourhood sets the scale.
-    local = _MAD_TO_SIGMA * median_filter(deviation, size=min(101, v.size), mode="nearest")
-    threshold = -ndtri(probability / (2.0 * v.size)) * np.maximum(_MEDIAN_SPREAD * sigma, local)
+    local = MAD_TO_SIGMA * median_filter(deviation, size=min(101, v.size), mode="nearest")
+    threshold = -ndtri(probability / (2.0 * v.size)) * np.maximum(MEDIAN_SPREAD * sigma, local)
     return deviation > threshold
 
 
@@ -141,13 +142,13 @@ def smooth_blocks(
         return np.zeros(0, dtype=bool)
     variance = block_variance(time, values, starts, size)
     second = np.abs(np.diff(values[starts[:, None] + np.arange(size)], 2, axis=1))
-    rough = (_MAD_TO_SIGMA * np.median(second, axis=1)) ** 2 / 6.0
+    rough = (MAD_TO_SIGMA * np.median(second, axis=1)) ** 2 / 6.0
     # A quantized block without a majority of changes has no scale of its own: take the common one.
     rough = np.maximum(rough, max(0.5 * float(np.median(variance)), 1e-3 * float(variance.mean())))
     if not rough.any():
         return np.ones(starts.size, dtype=bool)
     ratio = variance / rough
-    return ratio <= _LEAK * max(float(np.median(ratio)), 1.0)
+    return ratio <= MAX_VARIANCE_RATIO * max(float(np.median(ratio)), 1.0)
 
 
 def longest_level_stretch(values: Array, band: float, size: int) -> slice:

@@ -17,12 +17,14 @@ from thermaltool.signals.likelihood import RestrictedLikelihood, least_on_grid
 
 Array = NDArray[np.float64]
 
-_WALK = (1e-8, 1e4)  # bounds of q = rate² · period / σ_w²: walk in a sample against white noise
-_STENCIL = 0.05  # step of the numerical curvature, in log parameters
-_CONDENSED = 3000  # samples that the search for the neighbourhood of the optimum works on
-_VAGUE = 2.0  # upper end of the white interval, over the estimate, from which it is no estimate
-_LOOSE = 1.0  # standard error of log τ from which the time constant is not told
-_DETECTION = 0.01  # chance to call white noise drifting
+# Bounds of q = rate² · period / σ_w², the walk in a sample against the white noise.
+WALK_BOUNDS = (1e-8, 1e4)
+STENCIL_STEP = 0.05  # of the numerical curvature [log parameter], far below standard errors
+MAX_SEARCH_SAMPLES = 3000  # that find the neighbourhood of the optimum, which all then refine
+# Upper end of the white interval, over the estimate, from which it is no estimate.
+MAX_WHITE_RATIO = 2.0
+MAX_LOG_TIME_ERROR = 1.0  # standard error of log τ from which the record does not bound it
+DETECTION_P_VALUE = 0.01  # chance to call white noise drifting
 
 
 @dataclass(frozen=True)
@@ -85,12 +87,14 @@ def fit_drift(
     if full.dof < 10 or full.terms(0.0, 1.0)[1] <= 0.0:
         raise ValueError("too few samples, or none that scatter")
     z = float(-ndtri((1.0 - confidence) / 2.0))
-    bounds = np.log([_WALK, (2.0 * full.period, 10.0 * full.span)])
-    search = _condense(time, values, starts, degree) if values.size > 2 * _CONDENSED else full
+    bounds = np.log([WALK_BOUNDS, (2.0 * full.period, 10.0 * full.span)])
+    search = (
+        _condense(time, values, starts, degree) if values.size > 2 * MAX_SEARCH_SAMPLES else full
+    )
     point = _search(search, bounds)
     point, curvature, gradient = _refine(full, point, bounds)
     walk, tau = (float(p) for p in np.exp(point))
-    if 2.0 * (white_log - full.negative_log(walk, tau)) < chdtri(2, _DETECTION):
+    if 2.0 * (white_log - full.negative_log(walk, tau)) < chdtri(2, DETECTION_P_VALUE):
         return _white_only(full, z)
     square = full.terms(walk, tau)[1]
     white = float(np.sqrt(square / full.dof))
@@ -101,7 +105,7 @@ def fit_drift(
     hessian[1:, 1:] = curvature
     free = np.append(True, (point > bounds[:, 0] + 0.1) & (point < bounds[:, 1] - 0.1))
     covariance = _covariance(hessian, free)
-    if covariance[2, 2] > _LOOSE**2 or not np.all(np.diag(covariance) >= 0.0):
+    if covariance[2, 2] > MAX_LOG_TIME_ERROR**2 or not np.all(np.diag(covariance) >= 0.0):
         free[2] = False  # the likelihood hardly tells the time constant
         covariance = _covariance(hessian, free)
     if not np.all(np.diag(covariance) >= 0.0):
@@ -117,7 +121,7 @@ def fit_drift(
     at_bound = not free[2] and tau > 3.0 * full.period
     rate_interval = interval(rate, 1.0, 0.5, 0.0)
     white_interval = interval(white, 1.0, 0.0, 0.0)
-    white_resolved = bool(free[1]) and white_interval[1] < _VAGUE * white
+    white_resolved = bool(free[1]) and white_interval[1] < MAX_WHITE_RATIO * white
     if not white_resolved:
         white = _white_limit(full, point, bounds, z)
         white_interval = (0.0, white)
@@ -163,7 +167,7 @@ def _refine(
     """
     offsets = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
     for _ in range(8):
-        terms = [likelihood.terms(*np.exp(point + _STENCIL * o)) for o in offsets]
+        terms = [likelihood.terms(*np.exp(point + STENCIL_STEP * o)) for o in offsets]
         logdet, square = np.array(terms).T.reshape(2, 3, 3)
         profile = 0.5 * (likelihood.dof * np.log(np.maximum(square, 1e-300)) + logdet)
         slope, bend = _derivatives(profile)
@@ -196,7 +200,7 @@ def _refine(
 
 def _derivatives(f: Array) -> tuple[Array, Array]:
     """Gradient (2,) and second derivatives (2, 2) from values on the stencil (3, 3)."""
-    h = _STENCIL
+    h = STENCIL_STEP
     slope = np.array([f[2, 1] - f[0, 1], f[1, 2] - f[1, 0]]) / (2.0 * h)
     mixed = (f[2, 2] - f[2, 0] - f[0, 2] + f[0, 0]) / (4.0 * h * h)
     first = (f[2, 1] - 2.0 * f[1, 1] + f[0, 1]) / (h * h)
@@ -264,13 +268,13 @@ def _condense(
     """
     ends = np.append(starts[1:], values.size)
     if starts.size > 1:
-        keep = np.unique(np.linspace(0, starts.size - 1, _CONDENSED // 32).astype(int))
+        keep = np.unique(np.linspace(0, starts.size - 1, MAX_SEARCH_SAMPLES // 32).astype(int))
         pieces = [slice(starts[k], ends[k]) for k in keep]
         lengths = np.array([ends[k] - starts[k] for k in keep])
         index = np.concatenate([np.arange(p.start, p.stop) for p in pieces])
         new_starts = np.concatenate(([0], np.cumsum(lengths)[:-1]))
         return RestrictedLikelihood(time[index], values[index], new_starts, degree)
-    half = _CONDENSED // 2
+    half = MAX_SEARCH_SAMPLES // 2
     m = values.size // half
     middle = slice((values.size - half) // 2, (values.size - half) // 2 + half)
     means = values[: half * m].reshape(half, m).mean(axis=1)

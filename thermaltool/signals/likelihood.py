@@ -22,7 +22,7 @@ from scipy.optimize import minimize
 
 Array = NDArray[np.float64]
 
-_PARAMETER_TOLERANCE = 0.02  # of the simplex, in log parameters: far below their standard errors
+PARAMETER_TOLERANCE = 0.02  # of the simplex [log parameter]: far below standard errors
 
 
 class ColouredNoise:
@@ -289,7 +289,7 @@ def least_on_grid(
         method="Nelder-Mead",
         options={
             "initial_simplex": start + np.array([[0.0, 0.0], [steps[0], 0.0], [0.0, steps[1]]]),
-            "xatol": _PARAMETER_TOLERANCE,
+            "xatol": PARAMETER_TOLERANCE,
             "fatol": tolerance,
             "maxfev": evaluations,
         },

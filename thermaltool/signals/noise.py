@@ -25,18 +25,19 @@ from thermaltool.signals.spectrum import Line, Spectrum, find_lines, welch_spect
 
 Array = NDArray[np.float64]
 
-MIN_SAMPLES = 50
+MIN_SAMPLES = 50  # readings: with fewer, neither level nor drift has an interval of use
 WINDOW = 33  # samples of the local polynomial
-_IDLE_BAND = 12.0  # range of the block medians, in white sigmas, that drift alone may have
-_IDLE_SAMPLES = 10 * WINDOW  # shortest stretch that tells drift from a constant
-_SPANS = 5.0  # time constants that a record must hold to tell the size of the drift
-_EVEN = 0.1  # share of the period by which a step may differ and still count as regular
-_FILLED = 10.0  # periods of a pause up to which missing readings are interpolated
-_BLOCKS = 800  # most blocks looked at
-_HELD = 10  # readings for which a switch stays, other than the flicker of a last digit
-_OUTLIER_SHARE = 0.01  # above it the signal is quick, or the noise far from Gaussian
-_QUIET = 0.8  # share of unchanged readings above which a channel that jumps is a command
-_SIGNIFICANT = 0.01
+MAX_IDLE_RANGE = 12.0  # range of the block medians, in white sigmas, that drift alone may have
+MIN_IDLE_SAMPLES = 10 * WINDOW  # shortest stretch that tells drift from a constant
+MIN_TIME_CONSTANTS = 5.0  # time constants that a record must hold to tell the size of the drift
+MAX_UNEVENNESS = 0.1  # share of the period by which a step may differ and still count as regular
+MAX_FILLED_PERIODS = 10.0  # periods of a pause up to which missing readings are interpolated
+MAX_BLOCKS = 800  # most blocks looked at
+MIN_HELD_READINGS = 10  # readings for which a switch stays, other than the flicker of a last digit
+MAX_OUTLIER_SHARE = 0.01  # above it the signal is quick, or the noise far from Gaussian
+# Share of unchanged readings above which a channel that jumps is a command.
+MIN_UNCHANGED_SHARE = 0.8
+MAX_P_VALUE = 0.01  # of a level dependence: one clean channel in a hundred is called so
 
 
 @dataclass(frozen=True)
@@ -172,16 +173,16 @@ def _noisy(
     floor = 0.0 if step is None else step / np.sqrt(12.0)
     rough = max(difference_sigma(v), floor)
     outlier = find_outliers(v, max(rough, step or 0.0))
-    if outlier.mean() > _OUTLIER_SHARE:
+    if outlier.mean() > MAX_OUTLIER_SHARE:
         notes.append("too many readings stand out for outliers: taken as they are")
         outlier[:] = False
     outlier_time, outlier_value = t[outlier], v[outlier]
     t, v = t[~outlier], v[~outlier]
     period = float(np.median(np.diff(t)))
-    gap = _FILLED * period if max_gap is None else max_gap
+    gap = MAX_FILLED_PERIODS * period if max_gap is None else max_gap
 
-    part = slice(0, v.size) if idle else longest_level_stretch(v, _IDLE_BAND * rough, WINDOW)
-    level = v[part].size >= min(_IDLE_SAMPLES, v.size)
+    part = slice(0, v.size) if idle else longest_level_stretch(v, MAX_IDLE_RANGE * rough, WINDOW)
+    level = v[part].size >= min(MIN_IDLE_SAMPLES, v.size)
     starts = _blocks(t, gap)
     if level:
         whole = v[part].size == v.size
@@ -197,7 +198,7 @@ def _noisy(
         cutoff = cutoff_per_sample(WINDOW) / period
         notes.append("the signal is present throughout: the drift rate is an upper bound")
     span = float(t[part][-1] - t[part][0])
-    unresolved = drift.at_bound or span < _SPANS * (drift.time_constant or 0.0)
+    unresolved = drift.at_bound or span < MIN_TIME_CONSTANTS * (drift.time_constant or 0.0)
     if level and unresolved:
         notes.append("drift is slower than the record tells: its rate holds, its size is a bound")
     if not drift.white_resolved:
@@ -247,10 +248,10 @@ def _is_command(v: Array, changes: Array, step: float) -> bool:
 
     Jumps of more than one step tell it, or two values of which neither flickers.
     """
-    if np.mean(changes == 0.0) <= _QUIET:
+    if np.mean(changes == 0.0) <= MIN_UNCHANGED_SHARE:
         return False
     plateaus = np.diff(np.concatenate(([0], np.flatnonzero(changes) + 1, [v.size])))
-    held = plateaus.min() >= _HELD and np.unique(v).size == 2
+    held = plateaus.min() >= MIN_HELD_READINGS and np.unique(v).size == 2
     return bool(held or np.median(changes[changes > 0.0]) > 1.5 * step)
 
 
@@ -288,7 +289,7 @@ def _blocks(t: Array, gap: float) -> NDArray[np.int64]:
     pieces = [np.arange(a, b - WINDOW + 1, WINDOW) for a, b in pairwise(edges)]
     starts = np.concatenate(pieces)
     # Some hundreds of blocks tell the white level to half a percent; more only cost time.
-    return starts[np.unique(np.linspace(0, starts.size - 1, _BLOCKS).astype(int))]
+    return starts[np.unique(np.linspace(0, starts.size - 1, MAX_BLOCKS).astype(int))]
 
 
 def _fit_blocks(t: Array, v: Array, starts: NDArray[np.int64]) -> DriftFit:
@@ -302,8 +303,8 @@ def _even(t: Array, period: float, gap: float) -> list[slice]:
     """Runs of even sampling, longest last; a few missing readings are no end of a run."""
     steps = np.diff(t) / period
     whole = np.rint(steps)
-    broken = (np.abs(steps - whole) > _EVEN) | (whole < 1.0)
-    broken |= steps > min(_FILLED, gap / period)
+    broken = (np.abs(steps - whole) > MAX_UNEVENNESS) | (whole < 1.0)
+    broken |= steps > min(MAX_FILLED_PERIODS, gap / period)
     edges = np.concatenate(([0], np.flatnonzero(broken) + 1, [t.size]))
     runs = [slice(a, b) for a, b in pairwise(edges)]
     return sorted(runs, key=lambda run: run.stop - run.start)
@@ -359,7 +360,7 @@ def _level_dependence(
     variance = block_variance(t, v, starts, WINDOW)
     usable = variance > 0.0
     low, high = np.quantile(level, (0.05, 0.95))
-    if usable.sum() < 12 or high - low < _IDLE_BAND * sigma:
+    if usable.sum() < 12 or high - low < MAX_IDLE_RANGE * sigma:
         return LevelDependence()
     x, y = level[usable] - level[usable].mean(), 0.5 * np.log(variance[usable])
     gain = float(np.dot(x, y) / np.dot(x, x))
@@ -372,5 +373,5 @@ def _level_dependence(
         p_value=p_value,
         levels=(float(low), float(high)),
         sigmas=(float(at[0]), float(at[2])),
-        significant=p_value < _SIGNIFICANT,
+        significant=p_value < MAX_P_VALUE,
     )

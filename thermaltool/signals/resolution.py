@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_MIN_STEP = 20.0  # a step below this many rounding errors is not told from rounding
-_FEW_VALUES = 0.25  # share of distinct values below which uneven codes are still a converter's
+MIN_STEP_ROUNDINGS = 20.0  # a step below this many rounding errors is not told from rounding
+# Share of distinct values below which uneven codes are still a converter's.
+MAX_DISTINCT_SHARE = 0.25
 
 
 def resolution_step(values: ArrayLike) -> float | None:
@@ -38,7 +39,7 @@ def resolution_step(values: ArrayLike) -> float | None:
     if step is not None:
         return step
     gaps = np.diff(levels)
-    return float(np.median(gaps)) if levels.size < _FEW_VALUES * v.size else None
+    return float(np.median(gaps)) if levels.size < MAX_DISTINCT_SHARE * v.size else None
 
 
 def _common_divisor(levels: NDArray[np.float64], tolerance: float) -> float | None:
@@ -48,7 +49,7 @@ def _common_divisor(levels: NDArray[np.float64], tolerance: float) -> float | No
     if gaps.size == 0:
         return None
     step = float(gaps.min())
-    while step > _MIN_STEP * tolerance:
+    while step > MIN_STEP_ROUNDINGS * tolerance:
         step = _refined(step, gaps, tolerance)
         rest = np.abs(gaps - step * np.round(gaps / step))
         if rest.max() <= 2.0 * tolerance:

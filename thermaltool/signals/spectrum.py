@@ -16,10 +16,10 @@ from scipy.special import chdtrc, chdtri
 
 Array = NDArray[np.float64]
 
-_SHORTEST, _LONGEST = 32, 16384  # samples per Fourier transform
-_AVERAGES = 8  # transforms side by side that a record is cut into
-_FLOOR_BINS = 101  # bins whose median is the local floor
-_LINE_PROBABILITY = 0.01  # chance to see a line anywhere in a spectrum without one
+MIN_SEGMENT, MAX_SEGMENT = 32, 16384  # samples per Fourier transform
+SEGMENTS_PER_RECORD = 8  # transforms side by side that a record is cut into
+FLOOR_BINS = 101  # bins whose median is the local floor
+MAX_LINE_P_VALUE = 0.01  # chance to see a line anywhere in a spectrum without one
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,13 @@ def welch_spectrum(runs: Sequence[Array], period: float) -> Spectrum | None:
     Returns
     -------
     Spectrum or None
-        None where no run holds `_SHORTEST` samples. The first two bins (mean and its leakage) are
+        None where no run holds `MIN_SEGMENT` samples. The first two bins (mean and its leakage) are
         left out.
     """
     longest = max((run.size for run in runs), default=0)
-    if longest < _SHORTEST:
+    if longest < MIN_SEGMENT:
         return None
-    size = 2 ** int(np.log2(np.clip(longest * 2 // _AVERAGES, _SHORTEST, _LONGEST)))
+    size = 2 ** int(np.log2(np.clip(longest * 2 // SEGMENTS_PER_RECORD, MIN_SEGMENT, MAX_SEGMENT)))
     window = np.hanning(size + 1)[:-1]
     power, count = np.zeros(size // 2 + 1), 0
     for run in runs:
@@ -114,11 +114,11 @@ def find_lines(
         return ()
     relative = density / shape
     centre = chdtri(spectrum.dof, 0.5) / spectrum.dof
-    floor = median_filter(relative, size=min(_FLOOR_BINS, density.size), mode="mirror") / centre
+    floor = median_filter(relative, size=min(FLOOR_BINS, density.size), mode="mirror") / centre
     ratio = relative / np.maximum(floor, np.finfo(float).tiny)
     probability = np.minimum(density.size * chdtrc(spectrum.dof, spectrum.dof * ratio), 1.0)
     padded = np.concatenate(([0.0], ratio, [0.0]))
-    peak = (ratio >= padded[:-2]) & (ratio > padded[2:]) & (probability < _LINE_PROBABILITY)
+    peak = (ratio >= padded[:-2]) & (ratio > padded[2:]) & (probability < MAX_LINE_P_VALUE)
     spacing = spectrum.frequency[1] - spectrum.frequency[0]
     # A sine's power spreads over the three bins of the Hann main lobe.
     excess = np.convolve(np.maximum(density - floor * shape, 0.0), np.ones(3), mode="same")

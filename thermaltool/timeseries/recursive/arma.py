@@ -14,16 +14,16 @@ from thermaltool.timeseries.recursive.straight import forecast_function
 # has that of 1/x²: it is taken for a series of mean square 1 and scaled to the one at hand.
 BETA = 10.0
 # Samples whose mean square (with an intercept: variance) sets that scale; then learning begins.
-START = 20
+START_SAMPLES = 20
 # Beyond this, squares of products would overflow: no reading of anything.
-LARGEST = 1e60
-SMALLEST = LARGEST**-2
+MAX_READING = 1e60
+MIN_SQUARE = MAX_READING**-2
 # Work and memory grow with the square of the order.
-LARGEST_ORDER = 200
+MAX_COEFFICIENTS = 200
 # After so many refused samples in a row the level has changed, and is followed.
-REFUSED_RUN = 3
+MAX_REFUSED = 3
 # A moving average that is not invertible is drawn in by this factor per lag until it is.
-DRAWN_IN = 0.95
+SHRINK_PER_LAG = 0.95
 
 
 class RecursiveForecast(NamedTuple):
@@ -75,7 +75,7 @@ class RecursiveArma:
         λ; memory of 1/(1 − λ) samples.
     gate : float
         A sample whose error is above this many standard deviations counts as missing, up to
-        `REFUSED_RUN` in a row.
+        `MAX_REFUSED` in a row.
     refused : int
         Samples in a row that the gate has kept out.
     """
@@ -92,10 +92,10 @@ class RecursiveArma:
             raise ValueError(f"no model of order {self.p},{self.q}")
         if not 0 < self.forgetting <= 1:
             raise ValueError(f"forgetting factor {self.forgetting:g} is not above 0 and at most 1")
-        if self.p + self.q > LARGEST_ORDER:
+        if self.p + self.q > MAX_COEFFICIENTS:
             raise ValueError(
                 f"a model of order {self.p},{self.q} is followed in no reasonable time: "
-                f"at most {LARGEST_ORDER} coefficients"
+                f"at most {MAX_COEFFICIENTS} coefficients"
             )
         self._forecast = forecast_function(self.p, self.q)
         self._size = self.p + self.q + self.intercept
@@ -139,7 +139,7 @@ class RecursiveArma:
     def ready(self) -> bool:
         """Whether there is a forecast."""
         if self._rls is None:
-            return self._heard >= START
+            return self._heard >= START_SAMPLES
         return len(self._x) >= self.p and self._weight > self._size + 1
 
     @property
@@ -170,9 +170,9 @@ class RecursiveArma:
     def update(self, x: float) -> float:
         """Take a sample; returns its error against the forecast (x itself where there is none).
 
-        A sample that is not finite, or beyond `LARGEST`, counts as missing and gives 0.
+        A sample that is not finite, or beyond `MAX_READING`, counts as missing and gives 0.
         """
-        if not -LARGEST < x < LARGEST:
+        if not -MAX_READING < x < MAX_READING:
             self.miss()
             return 0.0
         rls, lags = self._rls, self._x
@@ -208,7 +208,7 @@ class RecursiveArma:
             self.forget_lags()
             return
         mean, _ = self._forecast(self._x, self._a, self._full(), self._one, 0.0, 1)
-        if -LARGEST < mean[0] < LARGEST:
+        if -MAX_READING < mean[0] < MAX_READING:
             self._push(mean[0], 0.0)
         else:
             self.forget_lags()
@@ -240,10 +240,10 @@ class RecursiveArma:
         if self.intercept:
             self._origin += step / self._heard
         self._squares += step * (x - self._origin)
-        if self._heard < START or not self._squares:
+        if self._heard < START_SAMPLES or not self._squares:
             return
         square = self._squares / (self._heard + 1)
-        if square > SMALLEST:
+        if square > MIN_SQUARE:
             self._one = math.sqrt(square)
             self._rls = RecursiveLeastSquares(
                 self._size, BETA / square, self.forgetting, list(self._start)
@@ -255,10 +255,10 @@ class RecursiveArma:
 
     def _refuse(self) -> bool:
         """Keep a sample out; after too many in a row learn anew, from the dynamics known so far."""
-        if self._weight < START:
+        if self._weight < START_SAMPLES:
             return False
         self.refused += 1
-        if self.refused > REFUSED_RUN:
+        if self.refused > MAX_REFUSED:
             self.refused = 0
             self._start = [*self.ar, *self.ma, *([0.0] if self.intercept else [])]
             self._begin_anew()
@@ -274,6 +274,6 @@ class RecursiveArma:
         if is_invertible(ma):
             return after
         while not is_invertible(ma):
-            ma = [m * DRAWN_IN ** (j + 1) for j, m in enumerate(ma)]
+            ma = [m * SHRINK_PER_LAG ** (j + 1) for j, m in enumerate(ma)]
         rls.theta[self.p : self.p + self.q] = ma
         return x - sum(t * value for t, value in zip(rls.theta, phi, strict=True))

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
-from thermaltool.timeseries.recursive.arma import BETA, LARGEST, START
+from thermaltool.timeseries.recursive.arma import BETA, MAX_READING, START_SAMPLES
 from thermaltool.timeseries.recursive.least_squares import RecursiveLeastSquares
 
 
@@ -70,8 +70,8 @@ class DirectForecast:
         return self._rls.theta if self._rls else [0.0] * self._size
 
     def update(self, x: float) -> None:
-        """Take a sample; one beyond `LARGEST` counts as missing."""
-        if not -LARGEST < x < LARGEST:
+        """Take a sample; one beyond `MAX_READING` counts as missing."""
+        if not -MAX_READING < x < MAX_READING:
             self.miss()
             return
         self._turn()
@@ -118,7 +118,7 @@ class DirectForecast:
             self._squares += (x - base) ** 2
             self._learnt += 1
             square = self._squares / (self._learnt + 1)
-            if self._learnt >= START and square > LARGEST**-2:
+            if self._learnt >= START_SAMPLES and square > MAX_READING**-2:
                 self._rls = RecursiveLeastSquares(self._size, BETA / square, self.forgetting)
                 self._one = math.sqrt(square)
                 self._learnt = 0
