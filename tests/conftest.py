@@ -42,7 +42,8 @@ def thermaltool(monkeypatch):
         }
         data = stdin if isinstance(stdin, bytes) else stdin.encode()
         monkeypatch.setattr(sys, "argv", ["thermaltool", *map(str, arguments)])
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data), encoding="utf-8"))
+        stdin = io.BufferedReader(io.BytesIO(data))  # as the real one: with `peek`
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(stdin, encoding="utf-8"))
         monkeypatch.setattr(sys, "stdout", streams["out"])
         monkeypatch.setattr(sys, "stderr", streams["err"])
         with pytest.raises(SystemExit) as stop:
