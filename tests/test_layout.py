@@ -1,8 +1,9 @@
-"""What the layout promises and no other tool checks: imports without circles."""
+"""What the layout promises and no other tool checks: sizes, names, and imports without circles."""
 
 from __future__ import annotations
 
 import ast
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "thermaltool"
 FILES = sorted(PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_text()) for path in FILES}
+MOST_LINES, MOST_LINES_OF_A_COMMAND = 400, 120
 
 
 def module_of(path: Path) -> str:
@@ -18,6 +20,31 @@ def module_of(path: Path) -> str:
 
 
 MODULES = {module_of(path): path for path in FILES}
+
+
+def test_no_file_is_long() -> None:
+    lines = {str(path.relative_to(PACKAGE)): len(path.read_text().splitlines()) for path in FILES}
+    assert {name: n for name, n in lines.items() if n > MOST_LINES} == {}
+
+
+def test_no_command_is_long() -> None:
+    commands = {
+        path.name: len(path.read_text().splitlines())
+        for path, tree in TREES.items()
+        if path.parent.name == "cli"
+        and any(isinstance(node, ast.FunctionDef) and node.name == "command" for node in tree.body)
+    }
+    assert len(commands) == 20
+    assert {name: n for name, n in commands.items() if n > MOST_LINES_OF_A_COMMAND} == {}
+
+
+def test_no_two_classes_share_a_name() -> None:
+    places = defaultdict(list)
+    for path, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(module_of(path))
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
 def imported(tree: ast.Module) -> set[str]:
