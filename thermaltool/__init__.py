@@ -9,9 +9,12 @@ are first asked for::
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
 
+# As of `typing`, which alone would cost more than this module.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from thermaltool.api import *  # noqa: F403
     from thermaltool.record import Record as Record
 

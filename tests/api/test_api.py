@@ -32,7 +32,7 @@ RESULTS = [name for name in CLASSES if issubclass(getattr(tt, name), Result)]
 
 def test_the_import_is_quick_and_loads_no_numpy() -> None:
     code = """
-import importlib, sys, time, typing
+import sys, time
 start = time.perf_counter()
 import thermaltool
 print(time.perf_counter() - start)
