@@ -111,9 +111,11 @@ def read_pairs(path: Path) -> Iterator[tuple[str, str]]:
 
 def with_sources(cases: dict[str, str], pattern: re.Pattern[str]) -> set[str]:
     """Cases whose name matches, and those that write what they read."""
-    words = {name: set(re.findall(r"[\w./]+\.[a-z]+", pipe)) for name, pipe in cases.items()}
+    words = {name: set(re.findall(r"[\w./]+\.[a-z]+|\w+_\*", pipe)) for name, pipe in cases.items()}
     writers: dict[str, str] = {}
     for name, pipe in cases.items():
+        for family in re.findall(r"-o (\w+_)\$\(", pipe):  # of a loop; read as family_*.json
+            writers.setdefault(f"{family}*", name)
         for file in re.findall(r"(?:-o|--plot|--report|--figure|[^2]>) *([\w./$]+\.[a-z]+)", pipe):
             writers.setdefault(file, name)
     chosen = {name for name in cases if pattern.search(name)}
