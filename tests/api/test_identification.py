@@ -106,7 +106,7 @@ def test_a_structure_is_a_class_and_a_line_of_the_registry(monkeypatch: Any) -> 
             return Doubled
 
     monkeypatch.setitem(registry.STRUCTURES, "doubled", Entry("", "", "nowhere"))
-    assert registry.described().endswith("(armax), or nowhere (doubled)")
+    assert registry.described().endswith(", or nowhere (doubled)")
     found = call(record(), structure="doubled")
     assert found.frame["value"]["d_z_um"].index.tolist() == ["g1", "b1"]
     assert found.frame["value"][("d_z_um", "b1")] == pytest.approx(0.1 * (1 - POLE), rel=0.05)

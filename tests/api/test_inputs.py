@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import pandas as pd
 import pytest
 
 import thermaltool as tt
-from thermaltool.errors import LogError, UnitError
+from thermaltool.api.inputs import names
+from thermaltool.errors import LogError, ThermalToolWarning, UnitError
 
 FRAME = pd.DataFrame(
     {
@@ -67,6 +69,55 @@ def test_the_clock_may_be_a_column_or_the_index(frame: pd.DataFrame, epoch: str 
 def test_faults_of_a_frame_are_named(frame: pd.DataFrame, message: str) -> None:
     with pytest.raises(LogError, match=message):
         tt.read_log(frame)
+
+
+def test_one_bad_cell_is_named_with_its_row_like_that_of_a_file(tmp_path: Path) -> None:
+    frame = FRAME.assign(T_a_degC=[20.0, "20.5", "abc", None], Q_a_1=[" 0 ", "x", True, "inf"])
+    frame.columns = ["time_s", " T_a_degC", "Q_a_1 "]
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    of_frame, of_file = (tt.read_log(each, strict=False) for each in (frame, tmp_path / "a.csv"))
+    assert [str(problem) for problem in of_frame.problems] == [
+        "<frame>:3: T_a_degC: not a number: 'abc'",
+        "<frame>:2: Q_a_1: not a number: 'x'",
+        "<frame>:3: Q_a_1: not a number: True",
+        "<frame>:4: Q_a_1: infinite: inf",
+    ]
+    assert len(of_file.problems) == 4
+    for name in ("T_a_degC", "Q_a_1"):
+        np.testing.assert_array_equal(of_frame.columns[name], of_file.columns[name])
+    np.testing.assert_array_equal(of_frame.columns["T_a_degC"], [20.0, 20.5, np.nan, np.nan])
+    empty = FRAME.assign(T_a_degC=[None] * 4)
+    assert np.isnan(tt.read_log(empty).columns["T_a_degC"]).all()
+
+
+def test_a_string_is_one_name() -> None:
+    assert names("T_a_degC") == names(["T_a_degC"]) == ("T_a_degC",)
+    assert names(()) == ()
+    assert len(tt.read_log(FRAME, need="T_a_degC", nan_policy="omit")) == 3
+    time = np.arange(0.0, 1200.0, 10.0)
+    heat = np.where(time // 300 % 2 == 0, 0.0, 100.0)
+    frame = pd.DataFrame({"time_s": time, "Q_motor_W": heat, "d_z_um": 0.0})
+    for k in range(1, len(time)):
+        frame.loc[k, "d_z_um"] = 0.95 * frame["d_z_um"][k - 1] + 0.01 * heat[k - 1]
+    fit = tt.calibrate(frame, "Q_motor_W", deflections="d_z_um")
+    assert [output.channel for output in fit.model.outputs] == ["d_z_um"]
+    found = tt.identify(frame, "Q_motor_W", "d_z_um", orders=[(1, 1, 1)])
+    assert found.model.needs() == ("Q_motor_W",)
+    frame["d_z_um"] += np.random.default_rng(1).normal(0, 0.01, len(frame))
+    assert list(tt.noise(frame, channels="d_z_um").frame.index) == ["d_z_um"]
+
+
+def test_an_unknown_nan_policy_is_refused() -> None:
+    for data in (FRAME, tt.read_log(FRAME)):
+        with pytest.raises(ValueError, match="nan_policy 'drop': one of raise, omit, hold"):
+            tt.read_log(data, nan_policy="drop")
+
+
+def test_a_warning_points_at_the_line_of_the_caller() -> None:
+    frame = FRAME.assign(T_a_degC=20.0)
+    with pytest.warns(ThermalToolWarning) as caught, contextlib.suppress(LogError):
+        tt.noise(frame)
+    assert {each.filename for each in caught} == {__file__}
 
 
 def test_the_nan_policy_holds_for_frames_and_records() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from thermaltool.api.inputs import Reading, all_of, read_for_fit
+from thermaltool.api.inputs import Reading, all_of, names, read_for_fit
 from thermaltool.api.result import Notice, Result, notice, silent
 
 if TYPE_CHECKING:
@@ -82,10 +82,10 @@ class Calibration(Result):
 
 def calibrate(
     data: Data | Sequence[Data],
-    drives: Sequence[str],
+    drives: str | Sequence[str],
     *,
-    sensors: Sequence[str] = (),
-    deflections: Sequence[str] = (),
+    sensors: str | Sequence[str] = (),
+    deflections: str | Sequence[str] = (),
     kinds: Mapping[str, str] | None = None,
     fixed: Mapping[str, float] | None = None,
     reference: Reference | None = None,
@@ -105,11 +105,11 @@ def calibrate(
     Parameters
     ----------
     data : str, path, pandas.DataFrame, Record, or a sequence of them
-    drives : sequence of str
+    drives : str or sequence of str
         Known inputs: a heat, a voltage, or any measured channel.
-    sensors : sequence of str
+    sensors : str or sequence of str
         Outputs from which the drive will be estimated.
-    deflections : sequence of str
+    deflections : str or sequence of str
         Outputs that will be computed.
     kinds : mapping of output to kind of response, optional
         Default: conduction for sensors, deflection for deflections.
@@ -156,10 +156,11 @@ def calibrate(
     from thermaltool.fitting.calibrate import CalibrationPlan
     from thermaltool.fitting.calibrate import calibrate as fit
 
+    drives, sensors, deflections = names(drives), names(sensors), names(deflections)
     plan = CalibrationPlan(
-        tuple(drives),
-        tuple(sensors),
-        tuple(deflections),
+        drives,
+        sensors,
+        deflections,
         kinds or {},
         reference,
         None,

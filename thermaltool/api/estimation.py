@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from thermaltool.api.inputs import Reading, as_model, read_log, read_noise, warn_pauses
+from thermaltool.api.inputs import Reading, as_model, names, read_log, read_noise, warn_pauses
 from thermaltool.api.result import Notice, Result, notice, silent, to_frame
 from thermaltool.errors import ModelError
 
@@ -121,8 +121,8 @@ def regularize(
     noise: str | os.PathLike[str] | Any | None = None,
     *,
     form: Literal["auto", "kalman", "kernel"] = "auto",
-    measured: Sequence[str] = (),
-    sensors: Sequence[str] = (),
+    measured: str | Sequence[str] = (),
+    sensors: str | Sequence[str] = (),
     dt: float | None = None,
     walk: float | None = None,
     delay: float | None = None,
@@ -143,9 +143,9 @@ def regularize(
         Not needed where every drive is measured.
     form : {"auto", "kalman", "kernel"}
         "auto" takes the one with the narrower predicted band.
-    measured : sequence of str
+    measured : str or sequence of str
         Drives that are read, not estimated. All, in a model without a sensor.
-    sensors : sequence of str
+    sensors : str or sequence of str
         Only these.
     dt : float, optional [s]
         Sample period of the estimator. Default: that of the calibration.
@@ -185,7 +185,7 @@ def regularize(
     from thermaltool.estimation.design_model import DesignModel
     from thermaltool.model import only_sensors
 
-    model = as_model(model)
+    model, measured, sensors = as_model(model), names(measured), names(sensors)
     if sensors:
         model = only_sensors(model, sensors)
     if noise is None and needs_noise(model, measured):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from thermaltool.api.inputs import Reading, all_of, read_for_fit
+from thermaltool.api.inputs import Reading, all_of, names, read_for_fit
 from thermaltool.api.result import Notice, Result, notice
 from thermaltool.fitting.transfer.registry import CONTINUOUS, STRUCTURES
 
@@ -113,8 +113,8 @@ class Identification(Result):
 
 def identify(
     data: Data | Sequence[Data],
-    inputs: Sequence[str],
-    outputs: Sequence[str],
+    inputs: str | Sequence[str],
+    outputs: str | Sequence[str],
     *,
     structure: str = "oe",
     orders: Sequence[Orders | None] = (),
@@ -137,9 +137,9 @@ def identify(
     Parameters
     ----------
     data : str, path, pandas.DataFrame, Record, or a sequence of them
-    inputs : sequence of str
+    inputs : str or sequence of str
         What drives: power, speed, temperature.
-    outputs : sequence of str
+    outputs : str or sequence of str
         What follows: displacement, angle, temperature.
     structure : {"oe", "bj", "arx", "armax", "network"}
         Where the noise enters; or first-order modes that all outputs share (network).
@@ -202,6 +202,7 @@ def identify(
     from thermaltool.fitting.transfer.registry import structure_of
     from thermaltool.fitting.transfer.run import Plan
 
+    inputs, outputs = names(inputs), names(outputs)
     check_arguments(inputs, outputs, structure=structure, orders=orders, modes=modes, delay=delay,
                     noise_orders=noise_orders, continuous=continuous, real_poles=real_poles,
                     initial=initial, split=split, validate=validate)  # fmt: skip

@@ -45,7 +45,7 @@ def read_log(
     from_format: str | None = None,
     nan_policy: str = "raise",
     max_gap: float | None = None,
-    need: Sequence[str] = (),
+    need: str | Sequence[str] = (),
     strict: bool = True,
 ) -> Log:
     """A log, from a file, a data frame or a record.
@@ -63,7 +63,7 @@ def read_log(
         What a missing value in a channel of `need` does.
     max_gap : float, optional
         A pause above this [s] starts a new segment. Default: ten median periods.
-    need : sequence of str
+    need : str or sequence of str
         Channels that must be there.
     strict : bool
         Whether the first fault is raised; else faults are listed in the log's `problems`.
@@ -92,14 +92,14 @@ def read_log(
     if isinstance(data, Record):
         if columns is not None or from_format is not None:
             raise ValueError("columns and from_format say how a file or a frame is read")
-        return logs.as_log(data, nan_policy=nan_policy, max_gap=max_gap, need=need)
+        return logs.as_log(data, nan_policy=nan_policy, max_gap=max_gap, need=names(need))
     return logs.read_log(
         os.fspath(data) if isinstance(data, str | os.PathLike) else data,
         columns=columns,
         from_format=from_format,
         nan_policy=nan_policy,
         max_gap=max_gap,
-        need=need,
+        need=names(need),
         strict=strict,
     )
 
@@ -140,6 +140,11 @@ def warn_pauses(log: Log, warn: Notice, meaning: str = HELD_OVER_PAUSES) -> None
 def all_of(data: Data | Sequence[Data]) -> Sequence[Data]:
     """One or several inputs as several."""
     return data if isinstance(data, list | tuple) else [data]
+
+
+def names(wanted: str | Sequence[str]) -> tuple[str, ...]:
+    """Names of channels; a string is one name."""
+    return (wanted,) if isinstance(wanted, str) else tuple(wanted)
 
 
 def as_model(model: ModelLike) -> Model:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Unpack
 
-from thermaltool.api.inputs import Reading, read_log
+from thermaltool.api.inputs import Reading, names, read_log
 from thermaltool.api.result import Notice, Result, notice, to_frame
 from thermaltool.errors import LogError
 
@@ -73,7 +73,7 @@ class NoiseReport(Result):
 def noise(
     data: Data,
     *,
-    channels: Sequence[str] = (),
+    channels: str | Sequence[str] = (),
     start: float | None = None,
     stop: float | None = None,
     warn: Notice = notice,
@@ -87,7 +87,7 @@ def noise(
     Parameters
     ----------
     data : str, path, pandas.DataFrame or Record
-    channels : sequence of str
+    channels : str or sequence of str
         Only these; all by default.
     start, stop : float, optional [s]
         A stretch without signal, which is then taken whole.
@@ -120,7 +120,7 @@ def noise(
     log = whole.between(start, stop)
     idle = start is not None or stop is not None
     estimates: dict[str, NoiseEstimate | str] = {}
-    for name in channels or log.columns:
+    for name in names(channels) or log.columns:
         values = log.column(name)
         try:
             estimates[name] = estimate_noise(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from thermaltool.record import Record
 
 Notice = Callable[[str], None]
+PACKAGE = __name__.partition(".")[0]
 
 
 class Result:
@@ -52,7 +54,11 @@ class Result:
 
 def notice(message: str) -> None:
     """Tell what a result is to be read with, as a `ThermalToolWarning`."""
-    warnings.warn(message, ThermalToolWarning, stacklevel=3)
+    level, frame = 2, sys._getframe(1)
+    # The line to show is that of the caller outside the package.
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith(f"{PACKAGE}."):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, ThermalToolWarning, stacklevel=level)
 
 
 def silent(message: str) -> None:

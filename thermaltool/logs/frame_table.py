@@ -33,14 +33,14 @@ class FrameTable:
 
         self.file = FRAME_NAME
         self._columns: list[Any] = [frame.iloc[:, i] for i in range(frame.shape[1])]
-        self.names = [str(name) for name in frame.columns]
+        self.names = [str(name).strip() for name in frame.columns]
         index = frame.index
         if isinstance(index, pandas.DatetimeIndex):
             clock = "time"
         elif isinstance(index, pandas.TimedeltaIndex):
             clock, index = "time_s", index.total_seconds()
         else:
-            clock = str(index.name)
+            clock = str(index.name).strip()
         if clock_unit(self.names) is None and clock_unit([clock]) is not None:
             self.names.insert(0, clock)
             self._columns.insert(0, index.to_series())
@@ -62,14 +62,23 @@ class FrameTable:
         return Cells(values, np.arange(1, self._rows + 1), problems)
 
     def _numbers(self, name: str, column: Any) -> tuple[Array, list[LogError]]:
-        if column.dtype.kind not in "iuf":
+        faults: list[LogError] = []
+        if column.dtype.kind == "O":
+            array, bad = _cell_by_cell(column)
+            numbers = len(bad) < column.notna().sum() or not bad
+            cells = column.to_list()
+            faults = [LogError(f"not a number: {cells[k]!r}", self.file, k + 1, name) for k in bad]
+        else:
+            numbers = column.dtype.kind in "iuf"
+        if not numbers:
             error = LogError(
                 f"not a number: the column holds {column.dtype}", self.file, None, name
             )
             return np.full(self._rows, np.nan), [error]
-        array = column.to_numpy(dtype=np.float64, na_value=np.nan, copy=True)
+        if column.dtype.kind != "O":
+            array = column.to_numpy(dtype=np.float64, na_value=np.nan, copy=True)
         rows = np.flatnonzero(np.isinf(array))
-        faults = [LogError(f"infinite: {array[k]}", self.file, int(k) + 1, name) for k in rows]
+        faults += [LogError(f"infinite: {array[k]}", self.file, int(k) + 1, name) for k in rows]
         array[rows] = np.nan
         return array, faults
 
@@ -90,3 +99,20 @@ def _stamp(value: Any) -> str | None:
     if value is None or value != value:
         return None
     return value.isoformat() if hasattr(value, "isoformat") else str(value)
+
+
+def _cell_by_cell(column: Any) -> tuple[Array, list[int]]:
+    """Numbers of a column of text or objects, and the rows that hold none."""
+    numbers, bad = np.full(len(column), np.nan), []
+    for k, (value, missing) in enumerate(zip(column, column.isna(), strict=True)):
+        word = value.strip() if isinstance(value, str) else value
+        if missing or word == "":
+            continue
+        try:
+            # Python reads 1_000 and True as numbers; no logger means that.
+            if isinstance(word, bool | np.bool_) or "_" in str(word):
+                raise ValueError
+            numbers[k] = float(word)
+        except (TypeError, ValueError):
+            bad.append(k)
+    return numbers, bad

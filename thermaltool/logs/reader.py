@@ -21,6 +21,9 @@ from thermaltool.units import UNITS, Channel, clock_unit, parse_channel
 if TYPE_CHECKING:
     import pandas
 
+# What a missing value in a needed channel does.
+NAN_POLICIES = ("raise", "omit", "hold")
+
 
 def read_log(
     source: str | pandas.DataFrame,
@@ -262,6 +265,8 @@ def _with_angles(log: Log, mapping: ColumnMap) -> Log:
 
 def _without_gaps(log: Log, need: Sequence[str], policy: str) -> Log:
     """Apply the policy for missing values to the channels of `need`."""
+    if policy not in NAN_POLICIES:
+        raise ValueError(f"nan_policy {policy!r}: one of {', '.join(NAN_POLICIES)}")
     needed = {name: log.column(name) for name in need}
     if policy == "omit":
         bad = np.isnan(log.time)

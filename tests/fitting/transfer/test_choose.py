@@ -39,6 +39,31 @@ def test_the_delay_and_a_sufficient_order_are_found(seed):
     assert fit_percent(known.x, model.respond(known.u[None])) > 98.5
 
 
+class FixedStructure(OeStructure):
+    """OE of nb = nf = 1, whatever is asked for."""
+
+    def orders(self, nb, nf, nk):
+        return super().orders((1,) * len(nb), 1, nk)
+
+
+class RefusingStructure(OeStructure):
+    """OE that has no other orders than nb = nf = 1."""
+
+    def orders(self, nb, nf, nk):
+        if {*nb} != {1} or nf != 1:
+            raise FitError("nb = nf = 1")
+        return super().orders(nb, nf, nk)
+
+
+@pytest.mark.parametrize("structure", [FixedStructure(), RefusingStructure()])
+def test_no_candidate_is_listed_that_was_not_fitted_as_listed(structure):
+    known = case(0, 1000)
+    candidates = choose(data(known.u, known.y), structure).candidates
+    assert len(candidates) > 1
+    assert {(each.nb, each.nf) for each in candidates} == {(1, 1)}
+    assert len({each.nk for each in candidates}) == len(candidates)
+
+
 def thermal(hold, delay, dt=5.0, rows=3000, seed=3):
     rng = np.random.default_rng(seed)
     response, time = Rational2(3.0, 400.0, 1.0, 40.0, delay), dt * np.arange(rows)

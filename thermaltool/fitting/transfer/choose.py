@@ -94,7 +94,11 @@ def choose(data: TrainingData, structure: Structure) -> Choice:
     problem: FitError | None = None
     for nb, nf, delays in _grid(_delays(fitted), data.least_delays):
         try:
-            model = structure.fit(fitted, structure.orders((nb,) * len(delays), nf, delays))
+            orders = structure.orders((nb,) * len(delays), nf, delays)
+            # A structure that has fewer orders to give is not listed with those it was asked for.
+            if {*orders.nb} != {nb} or {*orders.nf} != {nf} or orders.nk != delays:
+                continue
+            model = structure.fit(fitted, orders)
         except FitError as error:
             problem = problem or error
             continue

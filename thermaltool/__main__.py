@@ -1,0 +1,5 @@
+"""The command line as ``python -m thermaltool``."""
+
+from thermaltool.cli import main
+
+main()
