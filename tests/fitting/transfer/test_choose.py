@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import re
+import sys
+import types
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from reference.random_systems import case, fit_percent
 from reference.training import training
+from scipy.signal import lfilter
 
+import thermaltool as tt
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.fitting.data import even_records
+from thermaltool.fitting.transfer import registry
 from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.continuation import continued
 from thermaltool.fitting.transfer.continuous import ContinuousOeStructure
@@ -62,6 +69,31 @@ def test_no_candidate_is_listed_that_was_not_fitted_as_listed(structure):
     assert len(candidates) > 1
     assert {(each.nb, each.nf) for each in candidates} == {(1, 1)}
     assert len({each.nk for each in candidates}) == len(candidates)
+
+
+def test_the_structure_of_the_documentation_as_it_stands(monkeypatch):
+    page = (Path(__file__).parents[3] / "docs" / "extending.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    (code,) = (block for block in blocks if "class FopdtStructure" in block)
+    (line,) = (block for block in blocks if "StructureEntry(" in block)
+    module = types.ModuleType("thermaltool.fitting.transfer.fopdt")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(compile(code, "extending.md", "exec"), module.__dict__)
+    ((name, entry),) = eval("{" + line + "}", {"StructureEntry": registry.StructureEntry}).items()
+    monkeypatch.setitem(registry.STRUCTURES, name, entry)
+    rng = np.random.default_rng(1)
+    heat = np.repeat(rng.uniform(0, 100, 20), 60)
+    heat[:30] = 0.0
+    pole = np.exp(-10 / 300)
+    y = lfilter([0, 0, 0, 0, 0.2 * (1 - pole)], [1, -pole], heat)
+    columns = {"Q_motor_W": heat, "d_z_um": y + 0.02 * rng.standard_normal(1200)}
+    log = tt.Record(10.0 * np.arange(1200), columns)
+    (model,) = tt.identify(log, "Q_motor_W", "d_z_um", structure=name).document()["models"]
+    assert model["time_constants_s"][0] == pytest.approx(300, rel=0.02)
+    assert model["terms"][0]["dead_time_s"] == 30.0
+    assert model["orders"]["nb"] == [1]
+    with pytest.raises(FitError, match="fopdt has nb = 1"):
+        tt.identify(log, "Q_motor_W", "d_z_um", structure=name, orders=[(2, 2, 4)])
 
 
 def thermal(hold, delay, dt=5.0, rows=3000, seed=3):
