@@ -23,3 +23,11 @@ def test_sigterm_leaves_the_old_file_and_nothing_beside_it(tmp_path):
     assert b"Traceback" not in err
     assert target.read_text() == "old\n"
     assert [path.name for path in tmp_path.iterdir()] == ["log.csv"]
+
+
+def test_the_package_runs_as_a_module() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "thermaltool", "simulate"], capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert "Usage: thermaltool simulate" in done.stderr
