@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from reference.measured import MAPS, published
+from reference.measured import MAPS, whole_log
 
 from thermaltool.model import simulate_response
 from thermaltool.responses.rational import Rational1, Rational2
@@ -188,7 +188,7 @@ def test_usage(thermaltool, log, extra, message):
 @pytest.mark.parametrize("structure", ["oe", "arx", "armax"])
 def test_hairdryer_delay_and_free_run(thermaltool, structure):
     """Three samples of delay; a free run over the second half at 85 % or better."""
-    done = thermaltool("identify", published("daisy/hairdryer_ljung.csv"), "--columns",
+    done = thermaltool("identify", whole_log("daisy/hairdryer_ljung.csv"), "--columns",
                        MAPS / "hairdryer.toml", "--input", "U_heater_V", "--output", "U_air_V",
                        "--structure", structure, "--split", "0.5", "--json")  # fmt: skip
     (model,) = done.json["models"]
@@ -197,7 +197,7 @@ def test_hairdryer_delay_and_free_run(thermaltool, structure):
 
 
 def test_heating_system_held_out_half(thermaltool):
-    done = thermaltool("identify", published("daisy/heating_system.csv"), "--columns",
+    done = thermaltool("identify", whole_log("daisy/heating_system.csv"), "--columns",
                        MAPS / "heating_system.toml", "--input", "U_lamp_V", "--output",
                        "T_plate_degC", "--split", "0.5", "--real-poles", "--json")  # fmt: skip
     (model,) = done.json["models"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from machines.hidden import hide
-from reference.measured import MAPS, published
+from reference.measured import MAPS, whole_log
 
 from thermaltool.diagnosis.alternatives import (
     LOG_AGAIN,
@@ -349,7 +349,7 @@ def test_a_hidden_delay():
 def test_the_first_half_of_the_heating_system():
     """Issue: 4 V and 9 V cannot identify the lamp's exponent; a third level of the lamp can."""
     log = read_log(
-        str(published("daisy/heating_system.csv")), columns=str(MAPS / "heating_system.toml")
+        str(whole_log("daisy/heating_system.csv")), columns=str(MAPS / "heating_system.toml")
     )
 
     def halved(end):

@@ -109,8 +109,8 @@ def test_two_columns_of_one_name(mapped) -> None:
         (published, "spindle/spindle_first_10min.csv", "cnc_spindle.toml", 40, 22, 15.0),
         (whole_log, "gantry/run_2021-06-13_morning.csv", "gantry.toml", 1203, 6, 4.0),
         (whole_log, "gantry/run_2021-06-13_evening.csv", "gantry.toml", 990, 6, 4.0),
-        (published, "daisy/heating_system.csv", "heating_system.toml", 801, 2, 2.0),
-        (published, "daisy/hairdryer_ljung.csv", "hairdryer.toml", 1000, 2, 0.08),
+        (whole_log, "daisy/heating_system.csv", "heating_system.toml", 801, 2, 2.0),
+        (whole_log, "daisy/hairdryer_ljung.csv", "hairdryer.toml", 1000, 2, 0.08),
     ],
 )
 def test_measured_logs_load_as_they_are(

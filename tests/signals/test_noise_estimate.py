@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reference.measured import published, whole_log
+from reference.measured import whole_log
 
 from thermaltool.signals.noise import MIN_SAMPLES, estimate_noise
 
@@ -140,7 +140,7 @@ class TestMeasured:
         assert 0.005 < temperature.drift.sigma < 0.1
 
     def test_lamp(self):
-        table = np.loadtxt(published("daisy/heating_system.csv"), delimiter=",", skiprows=1)
+        table = np.loadtxt(whole_log("daisy/heating_system.csv"), delimiter=",", skiprows=1)
         estimate = estimate_noise(table[:, 0], table[:, 2])
         assert estimate.resolution == pytest.approx(0.244)
         assert estimate.drift.white_sigma == pytest.approx(0.244 / np.sqrt(12.0))
