@@ -33,9 +33,9 @@ RESULTS = [name for name in CLASSES if issubclass(getattr(tt, name), Result)]
 def test_the_import_is_quick_and_loads_no_numpy() -> None:
     code = """
 import sys, time
-start = time.perf_counter()
+start = time.process_time()
 import thermaltool
-print(time.perf_counter() - start)
+print(time.process_time() - start)
 dir(thermaltool)
 assert "numpy" not in sys.modules
 """
@@ -207,6 +207,15 @@ def test_a_compensator_goes_on_from_its_state(files: Files) -> None:
     second = tt.Compensator(files.kalman)
     second.resume(json.loads(json.dumps(first.state())))
     pd.testing.assert_frame_equal(pd.concat([head, second.run(log.rows(slice(100, None)))]), whole)
+
+
+def test_a_time_that_is_no_number_leaves_the_setpoint_as_it_is(files: Files) -> None:
+    log = tt.read_log(files.log).rows(slice(0, 60))
+    for first in (math.nan, math.inf):
+        compensator = tt.Compensator(files.kalman, slew=math.inf, warn=lambda sentence: None)
+        assert compensator.step(first, {"dT_pair1_K": 0.0}) == {"offset_x_um": 0.0}
+        expected = tt.Compensator(files.kalman, slew=math.inf).run(log)
+        pd.testing.assert_frame_equal(compensator.run(log), expected)
 
 
 def test_a_lost_reading_is_warned_of_and_ends_in_the_safe_setpoint(files: Files) -> None:

@@ -11,6 +11,7 @@ import pytest
 import thermaltool as tt
 from thermaltool import api
 from thermaltool.errors import LogError
+from thermaltool.record import Record
 
 TIME = np.arange(0.0, 1200.0, 10.0)
 
@@ -63,3 +64,21 @@ def test_the_extended_model_goes_on(found: api.DiagnosisReport, tmp_path: Path) 
 def test_one_log_twice_is_refused(fit: api.Calibration) -> None:
     with pytest.raises(LogError, match="the same log as"):
         tt.diagnose(fit, frame(1), validate=[frame(1)])
+
+
+def test_records_that_were_not_read_are_told_apart_by_their_samples(fit: api.Calibration) -> None:
+    first, second = (
+        Record(
+            TIME, {"Q_motor_W": each["Q_motor_W"].to_numpy(), "d_z_um": each["d_z_um"].to_numpy()}
+        )
+        for each in (frame(2, -1.0), frame(3))
+    )
+    found = tt.diagnose(fit, [first, second], warn=lambda message: None)
+    assert found.frame.index.get_level_values(0)[0] == "geometry_step"
+    # What happened in one record does not act in another.
+    calm = tt.simulate(fit, frame(4), warn=lambda message: None).frame
+    after = tt.simulate(found.model, frame(4), warn=lambda message: None).frame
+    channel = next(c for c in calm.columns if c.endswith("d_z_um"))
+    assert after[channel].iloc[-1] == pytest.approx(calm[channel].iloc[-1], abs=0.5)
+    with pytest.raises(LogError, match="the same log"):
+        tt.diagnose(fit, [first, first], warn=lambda message: None)

@@ -19,7 +19,7 @@ from thermaltool.runtime.compensation import offsets
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.rows import ROW_FORMATS
 from thermaltool.runtime.settings import Settings
-from thermaltool.runtime.sinks import SINKS, open_sink
+from thermaltool.runtime.sinks import RECORDING_SINKS, SINKS, open_sink
 from thermaltool.runtime.sinks import parquet_sink as parquet_module
 from thermaltool.runtime.stream import open_stream
 
@@ -56,6 +56,16 @@ def stream_into(model, tmp_path):
 
     return run
 
+
+DEAF = """from thermaltool.errors import OutputError
+
+
+class Deaf:
+    def __init__(self, output): ...
+    def open(self, names): ...
+    def write(self, replies): raise OutputError("nobody listens")
+    def close(self): ...
+"""
 
 TOY = '''
 REPLIES, CALLS = [], []
@@ -126,11 +136,22 @@ def test_a_sink_is_closed_after_an_error(stream_into, tmp_path, monkeypatch):
     assert toy.REPLIES == [(None, [0.0, 0.0])]
 
 
+def test_messages_come_where_a_sink_fails_twice(stream_into, tmp_path, monkeypatch):
+    """The checkpoint and the messages of the end do not hang on the sink."""
+    (tmp_path / "deaf_sink.py").write_text(DEAF)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(SINKS, "deaf", "deaf_sink:Deaf")
+    with pytest.raises(OutputError, match="nobody listens"):
+        stream_into("deaf", checkpoint=str(tmp_path / "state.json"))
+    assert (tmp_path / "state.json").exists()
+
+
 @pytest.mark.parametrize("command", [compensate.command, fcc.command])
 def test_commands_offer_what_the_tables_have(command):
     choices = {option.name: option.type.choices for option in command.params
                if option.name in ("from_format", "to_format")}  # fmt: skip
-    assert tuple(choices["to_format"]) == tuple(SINKS)
+    # What moves an actuator goes out at once: a recording is no choice for it.
+    assert tuple(choices["to_format"]) == tuple(n for n in SINKS if n not in RECORDING_SINKS)
     assert tuple(choices["from_format"]) == tuple(ROW_FORMATS)
 
 

@@ -12,7 +12,7 @@ import click
 from thermaltool.cli.options import POSITIVE, columns_option, json_lines_option, quiet_option
 from thermaltool.logs.formats import FORMATS
 from thermaltool.runtime.rows import ROW_FORMATS
-from thermaltool.runtime.sinks import SINKS
+from thermaltool.runtime.sinks import RECORDING_SINKS, SINKS
 
 if TYPE_CHECKING:
     from thermaltool.runtime.messages import Messages
@@ -39,7 +39,8 @@ class Once(click.Option):
 def line_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """``--columns --from --to``: how lines are read and written."""
     for option in (
-        click.option("--to", "to_format", type=click.Choice(list(SINKS)), default="csv",
+        click.option("--to", "to_format", type=click.Choice(
+            [name for name in SINKS if name not in RECORDING_SINKS]), default="csv",
                      help="Format of the output."),
         click.option("--from", "from_format", type=click.Choice(list(ROW_FORMATS)), default="csv",
                      help="Format of the input."),

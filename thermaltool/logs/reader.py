@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
@@ -121,10 +122,20 @@ def as_log(
         own = {each.name: getattr(record, each.name) for each in fields(Record)}
         channels = {name: parse_channel(name) for name in record.columns}
         record = Log(**own, channels=channels, lines=np.arange(1, len(record) + 1))
+        if not record.digest:
+            record = replace(record, digest=samples_digest(record))
     log = _without_gaps(record, need, nan_policy)
     if faults := [*_first_missing(log, "time_s"), *_disorder(log, "time_s")]:
         raise faults[0]
     return log if max_gap is None else replace(log, segments=segments(log.time, max_gap))
+
+
+def samples_digest(record: Record) -> str:
+    """SHA-256 of names, clock and values: identifies a record that was not read from a file."""
+    digest = hashlib.sha256(record.time.tobytes())
+    for name, values in record.columns.items():
+        digest.update(name.encode() + b"\0" + values.tobytes())
+    return digest.hexdigest()
 
 
 def open_source(

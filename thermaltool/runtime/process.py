@@ -68,7 +68,8 @@ class Process:
             The rows are not what this process is for.
         """
         time = row.time
-        if time is None:
+        # A time that is no number would stay in the clock, and with it in every later setpoint.
+        if time is None or not math.isfinite(time):
             self.report("", "no time on this line: ignored")
             return self.repeat()
         seconds = self.clock.take(time)

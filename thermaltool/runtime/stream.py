@@ -185,15 +185,18 @@ class Stream:
 
     def _finish(self) -> None:
         values, last = self.process.finish(), self._replied_at
-        if values is not None:
-            # A row of its own moment, so that the output is a log with a clock that only goes on.
-            after = None if last is None else last + (self.process.period or 0.0)
-            self.sink.write([(after, values)])
-        self.messages.close()
-        if summary := self.process.summary():
-            self.messages.emit(summary)
-        if self.checkpoint:
-            self.checkpoint.close(self._state())
+        try:
+            if values is not None:
+                # A row of its own moment, so that the output is a log whose clock only goes on.
+                after = None if last is None else last + (self.process.period or 0.0)
+                self.sink.write([(after, values)])
+        finally:
+            # A sink that has failed may fail again: messages and checkpoint come all the same.
+            self.messages.close()
+            if summary := self.process.summary():
+                self.messages.emit(summary)
+            if self.checkpoint:
+                self.checkpoint.close(self._state())
 
     def _state(self) -> dict[str, Any]:
         clock = self.rows.clock.state() if self.rows.clock else self._resumed.get("clock", {})

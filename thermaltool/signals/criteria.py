@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+# In place of a loss of zero, which has no logarithm [unit²].
+SMALLEST_LOSS = 1e-300
+
 
 @dataclass(frozen=True)
 class Criteria:
@@ -33,7 +36,8 @@ class Criteria:
         loss : float [unit²]
             Sum of squared errors.
         """
-        return Criteria(rows * math.log(loss / rows), parameters, rows)
+        # An exact fit leaves nothing: the least number above zero stands for its loss.
+        return Criteria(rows * math.log(max(loss, SMALLEST_LOSS) / rows), parameters, rows)
 
     @property
     def aic(self) -> float:

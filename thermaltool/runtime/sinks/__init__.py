@@ -16,6 +16,9 @@ SINKS = {
     "parquet": "thermaltool.runtime.sinks.parquet_sink:ParquetSink",
 }
 
+# They put replies out later than at once: for recordings, not for what moves an actuator.
+RECORDING_SINKS = ("parquet",)
+
 
 class ByteOutput(Protocol):
     """Where bytes go: stdout, with signals that do not tear a line."""
