@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from reference.measured import PUBLISHED
+from reference.measured import whole_log
 
 ROOT = Path(__file__).parents[2]
 TOOLS = (f"THERMALTOOL={Path(sys.executable).with_name('thermaltool')}", f"PYTHON={sys.executable}")
@@ -48,7 +48,8 @@ def test_measured_logs_that_are_absent_are_left_out(tmp_path: Path) -> None:
 
 def test_measured_log_is_judged_on_its_second_half(tmp_path: Path) -> None:
     target = tmp_path / "heating_system.held_out.json"
-    make("measured.mk", f"DATA={PUBLISHED}", f"OUT={tmp_path}", str(target))
+    data = whole_log("daisy/heating_system.csv").parents[1]
+    make("measured.mk", f"DATA={data}", f"OUT={tmp_path}", str(target))
     held_out = json.loads(target.read_text())["T_plate_degC"]
     trained = json.loads((tmp_path / "heating_system.model.json").read_text())["outputs"][0]["fit"]
     assert (trained["rows"], held_out["rows"]) == (401, 400)
