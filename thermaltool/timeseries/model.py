@@ -82,29 +82,29 @@ class ArmaModel:
 def to_document(model: ArmaModel) -> dict[str, Any]:
     """The model as plain data."""
     entry = model.entry
-    return {
-        "format": ARMA.name,
-        "version": ARMA.version,
-        "channel": model.channel,
-        "period_s": model.period_s,
-        "difference": model.difference,
-        "ar": model.ar.tolist(),
-        "ma": model.ma.tolist(),
-        "trend": list(model.trend),
-        "trend_covariance": model.trend_covariance.tolist(),
-        "sigma2": model.sigma2,
-        "covariance": None if model.covariance is None else model.covariance.tolist(),
-        "fit": {
-            "method": model.method,
-            "samples": entry.size,
-            "loglik": -0.5 * entry.deviance,
-            "square_sum": entry.sigma2 * entry.size,
-            "aic": entry.criteria.aic,
-            "aicc": entry.criteria.aicc,
-            "bic": entry.criteria.bic,
-        },
-        "provenance": dict(model.provenance),
-    }
+    return ARMA.wrap(
+        {
+            "channel": model.channel,
+            "period_s": model.period_s,
+            "difference": model.difference,
+            "ar": model.ar.tolist(),
+            "ma": model.ma.tolist(),
+            "trend": list(model.trend),
+            "trend_covariance": model.trend_covariance.tolist(),
+            "sigma2": model.sigma2,
+            "covariance": None if model.covariance is None else model.covariance.tolist(),
+            "fit": {
+                "method": model.method,
+                "samples": entry.size,
+                "loglik": -0.5 * entry.deviance,
+                "square_sum": entry.sigma2 * entry.size,
+                "aic": entry.criteria.aic,
+                "aicc": entry.criteria.aicc,
+                "bic": entry.criteria.bic,
+            },
+            "provenance": dict(model.provenance),
+        }
+    )
 
 
 def dumps(model: ArmaModel) -> str:
