@@ -211,3 +211,46 @@ def test_a_sink_goes_with_a_stream(fitted, log, monkeypatch):
     done = CliRunner().invoke(command, [str(fitted), str(log), "--to", "udp"])
     assert (done.exit_code, done.stdout) == (2, "")
     assert "--to udp goes with --stream" in done.stderr
+
+
+def test_a_stream_takes_outliers_as_they_are(fitted, log, tmp_path):
+    """100 K above the rest, 40 standard deviations: left out, or the start of a new forecast."""
+    lines = log.read_text().splitlines(keepends=True)
+    lines[200] = f"{15 * 199},120\n"
+    spoiled = tmp_path / "spoiled.csv"
+    spoiled.write_text("".join(lines))
+
+    def after_the_outlier(*options):
+        done = streamed(fitted, spoiled, *options)
+        assert done.returncode == 0
+        rows = [line.split(",") for line in done.stdout.decode().splitlines()[1:]]
+        (value,) = (float(row[1]) for row in rows if float(row[0]) == 15 * 200)
+        return value, done.stderr.decode()
+
+    for options in ((), ("--outliers", "omit")):
+        value, messages = after_the_outlier(*options)
+        assert abs(value - 20) < 10
+        assert "taken for an outlier" in messages
+    value, messages = after_the_outlier("--outliers", "keep")
+    assert value > 80
+    assert "outlier" not in messages
+
+
+def test_a_stream_forgets_the_samples_before_a_pause(fitted, log, tmp_path):
+    """A pause of 4 samples: bridged by default, as of 10 in a batch; not above --max-gap."""
+    lines = log.read_text().splitlines(keepends=True)
+    paused = tmp_path / "paused.csv"
+    paused.write_text("".join([*lines[:200], *lines[203:]]))
+    for options, told in (
+        ((), False),
+        (("--max-gap", 60), False),
+        (("--max-gap", 59), True),
+    ):
+        done = streamed(fitted, paused, *options)
+        assert done.returncode == 0
+        assert ("a pause of 60 s: lags forgotten" in done.stderr.decode()) == told
+    long = tmp_path / "long.csv"
+    long.write_text("".join([*lines[:200], *lines[220:]]))
+    for options, told in (((), True), (("--max-gap", 1000), False)):
+        done = streamed(fitted, long, *options)
+        assert ("lags forgotten" in done.stderr.decode()) == told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -55,7 +56,7 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
     samples that stand alone count as missing, as in ``fit``.
     With --stream each line of LOG is answered by the forecast of the sample --steps ahead, from a
     model that starts as fitted and learns on (recursive least squares); with --period LOG has no
-    clock.
+    clock. A pause above --max-gap makes it forget the samples before.
     """
     one_thread()
     from thermaltool.cli.options import keep_inputs, one_stdin
@@ -104,7 +105,8 @@ def _stream(model: ArmaModel, log: str, quiet: int, options: dict[str, Any]) -> 
 
     def process(messages: Messages) -> Process:
         orders = model.ar.size, model.ma.size
-        arma = RecursiveArma(*orders, bool(model.trend), options["forgetting"], GATE)
+        gate = GATE if options["outliers"] == "omit" else math.inf
+        arma = RecursiveArma(*orders, bool(model.trend), options["forgetting"], gate)
         arma.begin(model, model.entry.size)
         steps, level = options["steps"], options["level"]
         return Forecasts(options["column"], arma, settings, messages, steps, level)

@@ -35,7 +35,8 @@ class Forecasts(Process):
     model : RecursiveArma
         It learns on; at its start it may be a fitted one.
     settings : Settings
-        `hold` counts in samples of `period`; without a period that is the clock's.
+        `hold` counts in samples of `period`; without a period that is the clock's. After a pause
+        above `max_gap` the lags are forgotten.
     messages : Messages
     steps : int
         Which sample ahead is written.
@@ -119,9 +120,9 @@ class Forecasts(Process):
             self._pause(seconds, self.period)
 
     def _pause(self, seconds: float, period: float) -> None:
-        lacking = seconds / period - 1
-        if lacking <= self._hold - self._missed:
-            for _ in range(round(lacking)):
+        longest = self._settings.max_gap or (self._hold + 1) * period
+        if seconds <= longest - self._missed * period:
+            for _ in range(round(seconds / period - 1)):
                 self._model.miss()
         else:
             self.report("", f"a pause of {seconds:g} s: lags forgotten")
