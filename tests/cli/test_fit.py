@@ -39,16 +39,15 @@ def test_the_printed_model_has_its_mode_where_its_roots_are(bar, tmp_path):
     table = run(bar, "-C", "d_bar_um", "--order", "2,1", "-o", target).stdout
     model = loads(target.read_text())
     mode = modes(model)[0]
-    value, low, high = mode.natural
+    natural = mode.natural
     # The roots of the printed coefficients: 2225 rad/s and 0.1685, not the printed 2478 and 0.15.
     root = np.roots([1.0, -PHI1, -PHI2])[0]
     assert abs(np.log(root)) / PERIOD == pytest.approx(2225, abs=0.5)
-    assert low < 2225 < high
-    assert high < 2478
-    assert value == pytest.approx(2225, rel=0.01)
-    damping, low, high = mode.damping
-    assert damping == pytest.approx(0.1685, rel=0.05)
-    assert low < 0.1685 < high
+    assert natural.low < 2225 < natural.high
+    assert natural.high < 2478
+    assert natural.value == pytest.approx(2225, rel=0.01)
+    assert mode.damping.value == pytest.approx(0.1685, rel=0.05)
+    assert mode.damping.low < 0.1685 < mode.damping.high
     assert "omega_n [rad/s]" in table
     assert model.ar == pytest.approx([PHI1, PHI2], abs=0.02)
     assert model.ma[0] == pytest.approx(-THETA, abs=0.03)
@@ -74,7 +73,7 @@ def test_intervals_cover():
         noise = np.random.default_rng(seed).standard_normal(700)
         x = lfilter([1.0, -THETA], [1.0, -PHI1, -PHI2], noise)[200:]
         natural = modes(fit_arma(even_record(x), 2, 1, period_s=PERIOD))[0].natural
-        hits += natural[1] < 2224.6 < natural[2]
+        hits += natural.low < 2224.6 < natural.high
     assert 88 <= hits <= 100
 
 

@@ -19,6 +19,7 @@ from thermaltool.report.style import (
     time_unit,
 )
 from thermaltool.report.text import aligned
+from thermaltool.signals.intervals import Estimate
 from thermaltool.timeseries.cancellation import NeedlessPair, needless_pairs
 from thermaltool.timeseries.criteria import CRITERIA, OrderCriteria
 from thermaltool.timeseries.likelihood import ArmaLikelihood
@@ -172,25 +173,21 @@ _MODE_HEAD = ["AR root", "|root|", "omega_n [rad/s]", "f_n [Hz]", "damping", "ti
 
 
 def _mode_row(mode: Mode) -> list[str]:
-    frequency = None if mode.natural is None else _scaled(mode.natural, 1.0 / (2.0 * np.pi))
     return [
         _root(mode.root),
         f"{abs(mode.root):.4f}",
         _interval(mode.natural),
-        _interval(frequency),
+        _interval(mode.natural, 0.5 / np.pi),
         _interval(mode.damping),
         _interval(mode.time_constant) + (" alternating" if mode.alternates else ""),
     ]
 
 
-def _scaled(values: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
-    return values[0] * factor, values[1] * factor, values[2] * factor
-
-
-def _interval(values: tuple[float, float, float] | None) -> str:
-    if values is None:
+def _interval(estimate: Estimate | None, scale: float = 1.0) -> str:
+    if estimate is None:
         return "-"
-    return f"{values[0]:.5g} ({values[1]:.4g}..{values[2]:.4g})"
+    value, low, high = (scale * each for each in (estimate.value, estimate.low, estimate.high))
+    return f"{value:.5g} ({low:.4g}..{high:.4g})"
 
 
 def _error(value: float) -> str:

@@ -1,4 +1,4 @@
-"""Values with 95 % intervals: normal in the value, or in its logarithm."""
+"""Values with intervals, of 95 % by default: normal in the value, or in its logarithm."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MAX_EXPONENT = 700.0
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 95 % interval.
+    """A value with its interval, 95 % where nothing else is asked for.
 
     Attributes
     ----------
@@ -48,7 +48,9 @@ def normal_estimate(value: float, error: float, unit: str = "") -> Estimate:
     return Estimate(value, value - half, value + half, unit)
 
 
-def log_normal_estimate(value: float, error: float, unit: str = "") -> Estimate:
+def log_normal_estimate(
+    value: float, error: float, unit: str = "", quantile: float = NORMAL_95
+) -> Estimate:
     """A positive value, normal in the logarithm.
 
     Parameters
@@ -56,8 +58,10 @@ def log_normal_estimate(value: float, error: float, unit: str = "") -> Estimate:
     value : float [unit]
     error : float
         Standard error of ln(value).
+    quantile : float
+        Half the width of the interval in standard errors.
     """
-    spread = math.exp(min(NORMAL_95 * error, _MAX_EXPONENT))
+    spread = math.exp(min(quantile * error, _MAX_EXPONENT))
     return Estimate(value, value / spread, value * spread, unit)
 
 

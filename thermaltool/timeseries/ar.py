@@ -16,13 +16,14 @@ P. J. Brockwell, R. A. Davis, Introduction to Time Series and Forecasting (2002)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
 from thermaltool.record import Record
+from thermaltool.signals.criteria import Criteria
 from thermaltool.timeseries.lagged import inner, lagged_products, lagged_sums
 from thermaltool.timeseries.runs import pieces, places, runs, samples
 
@@ -44,31 +45,29 @@ class ArOrders:
         Innovation variance [unit²].
     samples : int
         N.
-    parameters : int
-        Besides the coefficients (1 where a mean was taken off).
-    errors : ndarray (P + 1,) or None
-        Burg alone: mean square of the forward and backward errors, the other usual estimate.
     """
 
     coefficients: tuple[Array, ...]
     variance: Array
     samples: int
-    parameters: int
-    errors: Array | None = None
 
     @property
-    def aic(self) -> Array:
-        """N ln(variance) + 2 (order + parameters), ndarray (P + 1,)."""
-        order = np.arange(self.variance.size)
-        return self.samples * np.log(self.variance) + 2.0 * (order + self.parameters)
+    def criteria(self) -> tuple[Criteria, ...]:
+        """Of every order, with a mean: AIC is N ln(variance) + 2 (order + 1)."""
+        deviance = (self.samples * np.log(self.variance)).tolist()
+        return tuple(Criteria(d, k, self.samples) for k, d in enumerate(deviance, 1))
 
     @property
     def best(self) -> int:
         """Order of the least AIC."""
-        return int(np.argmin(self.aic))
+        return int(np.argmin([each.aic for each in self.criteria]))
+
+    def whitening(self, order: int) -> Array:
+        """1 - ar B ..., ndarray (order + 1,): the filter that leaves the innovations."""
+        return np.concatenate(([1.0], -self.coefficients[order]))
 
 
-def burg(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
+def burg(record: Record, max_order: int) -> ArOrders:
     """Burg's method: reflections from forward and backward errors of all runs together.
 
     Parameters
@@ -77,8 +76,6 @@ def burg(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
         Even, of one channel without mean; runs shorter than an order do not count for it.
     max_order : int
         At least 0, below the length of the longest run.
-    parameters : int
-        Besides the coefficients.
 
     Raises
     ------
@@ -88,10 +85,8 @@ def burg(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
     all_runs = _long_enough(record, max_order)
     forward = [run.copy() for run in all_runs]
     backward = [run.copy() for run in all_runs]
-    phi = np.empty(0)
     size = sum(run.size for run in all_runs)
-    coefficients, variance = [phi], [sum(inner(run, run) for run in all_runs) / size]
-    errors = variance.copy()
+    orders = _Levinson(sum(inner(run, run) for run in all_runs) / size)
     for _ in range(max_order):
         forward = [f[1:] for f in forward if f.size > 1]
         backward = [b[:-1] for b in backward if b.size > 1]
@@ -102,15 +97,11 @@ def burg(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
             before = f * r
             f -= r * b
             b -= before
-        both = sum(inner(f, f) + inner(b, b) for f, b in zip(forward, backward, strict=True))
-        errors.append(both / (2 * sum(f.size for f in forward)))
-        phi = np.append(phi - r * phi[::-1], r)
-        coefficients.append(phi)
-        variance.append(variance[-1] * (1.0 - r * r))
-    return replace(_orders(coefficients, variance, size, parameters), errors=np.array(errors))
+        orders.reflect(r)
+    return _orders(orders.coefficients, orders.variance, size)
 
 
-def yule_walker(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
+def yule_walker(record: Record, max_order: int) -> ArOrders:
     """Levinson-Durbin recursion on the autocovariances (sums over pairs, divided by N).
 
     Parameters
@@ -119,8 +110,6 @@ def yule_walker(record: Record, max_order: int, parameters: int = 1) -> ArOrders
         Even, of one channel without mean.
     max_order : int
         At least 0, below the length of the longest run.
-    parameters : int
-        Besides the coefficients.
 
     Raises
     ------
@@ -129,17 +118,14 @@ def yule_walker(record: Record, max_order: int, parameters: int = 1) -> ArOrders
     """
     size = sum(run.size for run in _long_enough(record, max_order))
     covariance = autocovariance(record, max_order)
-    phi = np.empty(0)
-    coefficients, variance = [phi], [float(covariance[0])]
+    orders = _Levinson(float(covariance[0]))
     for k in range(1, max_order + 1):
-        r = (covariance[k] - phi @ covariance[k - 1 : 0 : -1]) / variance[-1]
-        phi = np.append(phi - r * phi[::-1], r)
-        coefficients.append(phi)
-        variance.append(variance[-1] * (1.0 - r * r))
-    return _orders(coefficients, variance, size, parameters)
+        predicted = orders.coefficients[-1] @ covariance[k - 1 : 0 : -1]
+        orders.reflect((covariance[k] - predicted) / orders.variance[-1])
+    return _orders(orders.coefficients, orders.variance, size)
 
 
-def least_squares(record: Record, max_order: int, parameters: int = 1) -> ArOrders:
+def least_squares(record: Record, max_order: int) -> ArOrders:
     """Regression on the last k values and a constant, on the samples that have all of them.
 
     As R's `ar.ols`, order k uses the samples after the first k of each run, and its criterion
@@ -151,8 +137,6 @@ def least_squares(record: Record, max_order: int, parameters: int = 1) -> ArOrde
         Even, of one channel.
     max_order : int
         At least 0, below the length of the longest run.
-    parameters : int
-        Besides the coefficients.
 
     Raises
     ------
@@ -183,7 +167,7 @@ def least_squares(record: Record, max_order: int, parameters: int = 1) -> ArOrde
         coefficients.append(beta[1:])
         variance.append(float(gram[1, 1] - beta @ gram[index, 1]) / gram[0, 0])
     size = sum(run.size for run in all_runs)
-    return _orders(coefficients[::-1], variance[::-1], size, parameters)
+    return _orders(coefficients[::-1], variance[::-1], size)
 
 
 def autocovariance(record: Record, lags: int) -> Array:
@@ -216,11 +200,21 @@ def _lagged(x: Array, lag: int) -> float:
     return inner(x[lag:], x[: x.size - lag]) if lag < x.size else 0.0
 
 
-def _orders(
-    coefficients: list[Array], variance: list[float], size: int, parameters: int
-) -> ArOrders:
-    least = np.finfo(float).tiny
-    return ArOrders(tuple(coefficients), np.maximum(variance, least), size, parameters)
+class _Levinson:
+    """Coefficients and innovation variance of orders 0, 1, ..., by one reflection after another."""
+
+    def __init__(self, variance: float) -> None:
+        self.coefficients, self.variance = [np.empty(0)], [variance]
+
+    def reflect(self, r: float) -> None:
+        """Go on to the next order, whose last coefficient is `r`."""
+        phi = self.coefficients[-1]
+        self.coefficients.append(np.append(phi - r * phi[::-1], r))
+        self.variance.append(self.variance[-1] * (1.0 - r * r))
+
+
+def _orders(coefficients: list[Array], variance: list[float], size: int) -> ArOrders:
+    return ArOrders(tuple(coefficients), np.maximum(variance, np.finfo(float).tiny), size)
 
 
 def _long_enough(record: Record, max_order: int) -> list[Array]:

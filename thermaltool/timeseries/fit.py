@@ -19,7 +19,7 @@ from thermaltool.timeseries.innovations import innovations
 from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.maximum import Maximum, climb, information
 from thermaltool.timeseries.model import ArmaModel
-from thermaltool.timeseries.polynomials import is_stationary
+from thermaltool.timeseries.polynomials import is_stationary, is_stationary_and_invertible
 from thermaltool.timeseries.runs import difference as differences
 from thermaltool.timeseries.runs import runs
 from thermaltool.timeseries.starts import all_starts
@@ -155,7 +155,7 @@ def _maximum(likelihood: ArmaLikelihood, p: int, q: int, begin: Maximum | None) 
 
 def _judged(likelihood: ArmaLikelihood, ar: Array, ma: Array) -> Maximum:
     """Likelihood of an estimate that was not made by it."""
-    if not (is_stationary(ar) and is_stationary(-ma)):
+    if not is_stationary_and_invertible(ar, ma):
         what = "stationary" if not is_stationary(ar) else "invertible"
         raise FitError(f"the estimate is not {what}: --method ml keeps inside, or --difference 1")
     return Maximum(ar, ma, likelihood.at(ar, ma), False)

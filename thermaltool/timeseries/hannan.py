@@ -23,7 +23,7 @@ from thermaltool.errors import FitError
 from thermaltool.record import Record
 from thermaltool.timeseries.ar import yule_walker
 from thermaltool.timeseries.lagged import lagged_products
-from thermaltool.timeseries.polynomials import is_stationary, reflected
+from thermaltool.timeseries.polynomials import is_stationary_and_invertible, reflected
 from thermaltool.timeseries.runs import pieces
 
 Array = NDArray[np.float64]
@@ -151,9 +151,8 @@ def hannan_rissanen(
 
 def _admissible(ar: Array, ma: Array) -> tuple[Array, Array]:
     """Stationary and invertible, by reflecting roots where need be."""
-    if is_stationary(ar) and is_stationary(-ma):
-        return ar, ma
-    return reflected(ar), -reflected(-ma)
+    good = is_stationary_and_invertible(ar, ma)
+    return (ar, ma) if good else (reflected(ar), -reflected(-ma))
 
 
 def corrected(record: Record, ar: Array, ma: Array) -> HannanFit:
@@ -177,8 +176,8 @@ def corrected(record: Record, ar: Array, ma: Array) -> HannanFit:
     gram[p:, :p] = gram[:p, p:].T
     step = np.linalg.lstsq(gram, right)[0]
     better = ar + step[:p], ma + step[p:]
-    good = is_stationary(better[0]) and is_stationary(-better[1])
-    return HannanFit(better[0], better[1], True) if good else HannanFit(ar, ma, False)
+    good = is_stationary_and_invertible(*better)
+    return HannanFit(*better, True) if good else HannanFit(ar, ma, False)
 
 
 def _sensitivities(run: Array, ar: Array, ma: Array) -> tuple[Array, Array, Array]:

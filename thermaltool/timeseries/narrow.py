@@ -38,35 +38,39 @@ MIN_GAIN = 2.0  # [deviance] below which a line does not pay for one coefficient
 
 
 @dataclass(frozen=True)
-class Narrow:
+class NarrowLine:
     """A factor (1 - ar B...)/(1 + ma B...) and what it gains.
 
     Attributes
     ----------
-    ar, ma : ndarray (1,) or (2,)
-        Of a real root at the ends of the spectrum, else of a pair.
     gain : float
         Fall of the deviance before anything else is adjusted.
     angle : float
         [rad]
+    width : float
+        Distance of the MA root from the unit circle.
+    ar_root, ma_root : complex
+        Real at the ends of the spectrum, else one of a pair.
     """
 
-    ar: Array
-    ma: Array
-    gain: float
-    angle: float
-
-
-@dataclass(frozen=True)
-class _Line:
     gain: float
     angle: float
     width: float
     ar_root: complex
     ma_root: complex
 
+    @property
+    def ar(self) -> Array:
+        """Its AR coefficients, ndarray (1,) or (2,)."""
+        return -_factor(self.ar_root)[1:]
 
-def narrow_factors(innovations: Array) -> list[Narrow]:
+    @property
+    def ma(self) -> Array:
+        """Its MA coefficients, ndarray (1,) or (2,)."""
+        return _factor(self.ma_root)[1:]
+
+
+def narrow_factors(innovations: Array) -> list[NarrowLine]:
     """Factors that promise to lower the deviance, best first, at most one for each line.
 
     Parameters
@@ -81,20 +85,16 @@ def narrow_factors(innovations: Array) -> list[Narrow]:
         found += _lines(spectrum, width)
         width *= WIDTH_RATIO
     found.sort(key=lambda line: -line.gain)
-    kept: list[_Line] = []
+    kept: list[NarrowLine] = []
     for line in found:
         if all(not _same(line, other, n) for other in kept):
             kept.append(line)
-    return [
-        Narrow(-_factor(line.ar_root)[1:], _factor(line.ma_root)[1:], line.gain, line.angle)
-        for line in kept
-    ]
+    return kept
 
 
-def _same(one: _Line, other: _Line, n: int) -> bool:
-    return abs(one.angle - other.angle) < MIN_DISTANCE_WIDTHS * max(
-        min(one.width, other.width), 1.0 / n
-    )
+def _same(one: NarrowLine, other: NarrowLine, n: int) -> bool:
+    width = max(min(one.width, other.width), 1.0 / n)
+    return abs(one.angle - other.angle) < MIN_DISTANCE_WIDTHS * width
 
 
 class _Sums:
@@ -116,13 +116,12 @@ class _Sums:
         return self.against(rfft(weights * self.e, self.length))
 
 
-def _lines(sums: _Sums, width: float) -> list[_Line]:
+def _lines(sums: _Sums, width: float) -> list[NarrowLine]:
     """The largest gains over the angles for MA roots at `width` from the circle."""
     e, n = sums.e, sums.e.size
     r, lags = 1.0 - width, min(int(REACH_TIME_CONSTANTS / width) + 1, sums.lags)
-    length = 2 * next_fast_len(
-        ANGLES_PER_RESOLVED * lags // 2, real=True
-    )  # even: the last angle is π
+    # Even: the last angle is π.
+    length = 2 * next_fast_len(ANGLES_PER_RESOLVED * lags // 2, real=True)
     decay = r ** np.arange(lags)
     span = 1.0 - r * r
     weights = -np.expm1(2.0 * np.log(r) * (n - 1.0 - np.arange(n))) / span  # Σ r^2k to the end
@@ -149,7 +148,7 @@ def _lines(sums: _Sums, width: float) -> list[_Line]:
     left = np.maximum(1.0 + count * square / sums.covariance[0], 1e-3)
     gain = -n * np.log(left) - count * np.log1p(variance * hh)
     return [
-        _Line(float(gain[i]), float(angle[i]), width, complex(ar_root[i]), complex(root[i]))
+        NarrowLine(float(gain[i]), float(angle[i]), width, complex(ar_root[i]), complex(root[i]))
         for i in _peaks(gain, angle, MIN_DISTANCE_WIDTHS * max(width, 1.0 / n))
     ]
 
@@ -170,8 +169,7 @@ def _factor(root: complex) -> Array:
     return np.array([1.0, -2.0 * root.real, abs(root) ** 2])
 
 
-def with_line(ar: Array, ma: Array, line: Narrow) -> tuple[Array, Array]:
+def with_line(ar: Array, ma: Array, line: NarrowLine) -> tuple[Array, Array]:
     """`ar` and `ma` of a model times a narrow line."""
-    phi, theta = np.concatenate(([1.0], -ar)), np.concatenate(([1.0], ma))
-    larger = -np.convolve(phi, np.concatenate(([1.0], -line.ar)))[1:]
-    return larger, np.convolve(theta, np.concatenate(([1.0], line.ma)))[1:]
+    larger = -np.convolve(np.concatenate(([1.0], -ar)), _factor(line.ar_root))[1:]
+    return larger, np.convolve(np.concatenate(([1.0], ma)), _factor(line.ma_root))[1:]

@@ -29,7 +29,7 @@ from thermaltool.timeseries.narrow import narrow_factors, with_line
 from thermaltool.timeseries.polynomials import (
     CANCELLING,
     cancelling,
-    is_stationary,
+    is_stationary_and_invertible,
     without_root,
 )
 from thermaltool.timeseries.runs import pieces
@@ -343,7 +343,7 @@ class _OrderSearch:
             gain = -0.5 * float(wide.gradient[index] @ step)
             more = both[index] + step
             ar, ma = more[: pair_more[0]], more[pair_more[0] :]
-            if not (is_stationary(ar) and is_stationary(-ma)):
+            if not is_stationary_and_invertible(ar, ma):
                 gain = min(gain, GAIN_MARGIN)  # nothing is known of the likelihood out there
             self._propose(pair_more, ar, ma, fit.deviance - gain - 0.5)
         if own:

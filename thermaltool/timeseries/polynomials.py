@@ -68,6 +68,11 @@ def is_stationary(ar: Array) -> bool:
     return bool(np.all(np.abs(to_partial(ar)) < 1.0))
 
 
+def is_stationary_and_invertible(ar: Array, ma: Array) -> bool:
+    """All AR and MA roots inside the unit circle."""
+    return is_stationary(ar) and is_stationary(-ma)
+
+
 def to_free(ar: Array) -> Array:
     """Unbounded coordinates u of a stationary `ar`, r = u / sqrt(1 + u²) its partials (Monahan).
 

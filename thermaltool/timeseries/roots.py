@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from thermaltool.signals.intervals import Estimate, log_normal_estimate, standard_error
 from thermaltool.timeseries.model import ArmaModel
 from thermaltool.timeseries.polynomials import characteristic_roots
 
@@ -26,19 +27,19 @@ class Mode:
     ----------
     root : complex
         λ, with imaginary part >= 0.
-    natural : (float, float, float) or None
-        Natural frequency ω_n = |ln λ| / Δ of a pair, low, high [rad/s].
-    damping : (float, float, float) or None
-        ξ = -Re ln λ / |ln λ| of a pair, low, high.
-    time_constant : (float, float, float) or None
-        -Δ / ln|λ|, low, high [s]. A negative real root alternates: it has no such equivalent, and
-        this is the decay of its amplitude.
+    natural : Estimate or None
+        Natural frequency ω_n = |ln λ| / Δ of a pair [rad/s].
+    damping : Estimate or None
+        ξ = -Re ln λ / |ln λ| of a pair.
+    time_constant : Estimate
+        -Δ / ln|λ| [s]. A negative real root alternates: it has no such equivalent, and this is the
+        decay of its amplitude.
     """
 
     root: complex
-    natural: tuple[float, float, float] | None
-    damping: tuple[float, float, float] | None
-    time_constant: tuple[float, float, float]
+    natural: Estimate | None
+    damping: Estimate | None
+    time_constant: Estimate
 
     @property
     def alternates(self) -> bool:
@@ -54,45 +55,31 @@ def modes(model: ArmaModel, level: float = 0.95) -> tuple[Mode, ...]:
     """
     p = model.ar.size
     polynomial = np.concatenate(([1.0], -model.ar))
-    found = []
+    covariance = np.full((p, p), np.nan)
+    if model.covariance is not None:
+        covariance = model.covariance[:p, :p]
     quantile = float(ndtri(0.5 + 0.5 * level))
+
+    def positive(value: float, gradient: Array, unit: str) -> Estimate:
+        error = standard_error(gradient, covariance) / value
+        return log_normal_estimate(value, error, unit, quantile)
+
+    found = []
     for root in characteristic_roots(model.ar):
         if root.imag < 0.0 or root == 0.0:
             continue
         slope = np.polyval(np.polyder(polynomial), root)
         with np.errstate(divide="ignore", invalid="ignore"):
-            change = root ** np.arange(p - 1.0, -1.0, -1.0) / slope / root
-        found.append(_mode(complex(root), change, model, quantile))
+            ds = root ** np.arange(p - 1.0, -1.0, -1.0) / slope / root / model.period_s
+        s = complex(np.log(root) / model.period_s)
+        size, natural, damping = abs(s), None, None
+        time_constant = positive(-1.0 / s.real, ds.real / s.real**2, "s")
+        if root.imag != 0.0:
+            d_size = (s.real * ds.real + s.imag * ds.imag) / size
+            natural = positive(size, d_size, "rad/s")
+            damping = positive(-s.real / size, s.real * d_size / size**2 - ds.real / size, "")
+        found.append(Mode(complex(root), natural, damping, time_constant))
     return tuple(sorted(found, key=lambda mode: -abs(mode.root)))
-
-
-def _mode(root: complex, change: NDArray[np.complex128], model: ArmaModel, z: float) -> Mode:
-    s = np.log(root) / model.period_s
-    ds = change / model.period_s
-    p = model.ar.size
-    covariance = np.full((p, p), np.nan)
-    if model.covariance is not None:
-        covariance = model.covariance[:p, :p]
-
-    def interval(value: float, gradient: Array) -> tuple[float, float, float]:
-        half = z * float(np.sqrt(np.abs(gradient @ covariance @ gradient)))
-        # Positive quantities: the interval is symmetric in the logarithm.
-        spread = np.exp(min(half / abs(value), 700.0)) if value else np.nan
-        return value, float(value / spread), float(value * spread)
-
-    decay = interval(float(-s.real), -ds.real)
-    time = (1.0 / decay[0], 1.0 / decay[2], 1.0 / decay[1]) if s.real else (np.inf,) * 3
-    if root.imag == 0.0:
-        return Mode(root, None, None, time)
-    size = abs(s)
-    d_size = (s.real * ds.real + s.imag * ds.imag) / size
-    d_damping = -ds.real / size + s.real * d_size / size**2
-    return Mode(
-        root,
-        interval(float(size), d_size),
-        interval(float(-s.real / size), d_damping),
-        time,
-    )
 
 
 def near_unit(ar: Array, size: int, degree: int = 0) -> bool:

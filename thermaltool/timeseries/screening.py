@@ -9,6 +9,7 @@ from scipy.special import ndtri
 
 from thermaltool.errors import FitError
 from thermaltool.record import Record
+from thermaltool.signals.detrend import MAD_TO_SIGMA
 from thermaltool.timeseries.ar import burg
 from thermaltool.timeseries.lagged import lagged_products, lagged_sums
 from thermaltool.timeseries.runs import (
@@ -23,7 +24,6 @@ from thermaltool.timeseries.runs import (
 Array = NDArray[np.float64]
 
 MAX_SIZE = 1e100  # [unit]: squares of larger numbers, and sums of them, overflow
-MAD_TO_SIGMA = 1.482602218505602  # 1 / Φ⁻¹(3/4), of Gaussian noise
 CLIP_SIGMAS = 5.0  # of the level: samples beyond are cut for the robust fit
 OUTLIER_MARGIN = 1.25  # over the largest of so many Gaussian innovations
 MAX_OUTLIER_SHARE = 0.01  # of the samples; more is the nature of the series
@@ -135,7 +135,7 @@ def find_outliers(record: Record) -> NDArray[np.intp]:
     longest = max(run.size for run in all_runs)
     clipped = with_samples(record, np.clip(samples(record) - level, -cut, cut))
     model = burg(clipped, min(MAX_ROBUST_ORDER, longest // 4))
-    weights = np.concatenate(([1.0], -model.coefficients[model.best]))
+    weights = model.whitening(model.best)
     e = np.concatenate([lfilter(weights, [1.0], run - level) for run in all_runs])
     # The first samples of a run are predicted by nothing: they vary as the series does.
     unpredicted = np.concatenate([np.arange(run.size) < weights.size - 1 for run in all_runs])

@@ -59,8 +59,5 @@ def error_colour(runs: Sequence[Array]) -> tuple[Array, float] | None:
     if most < 1:
         return None
     table = burg(joined(long), most)
-    bic = table.samples * np.log(table.variance) + np.log(table.samples) * np.arange(most + 1.0)
-    best = int(np.argmin(bic))
-    if not best:
-        return None
-    return np.concatenate([[1.0], -table.coefficients[best]]), float(table.variance[best])
+    best = int(np.argmin([each.bic for each in table.criteria]))
+    return (table.whitening(best), float(table.variance[best])) if best else None

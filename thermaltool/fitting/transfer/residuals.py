@@ -91,5 +91,5 @@ def _whitened(series: list[Array]) -> list[Array]:
     if most < 1 or not any(np.any(x) for x in series):
         return series
     table = burg(joined(series), most)
-    polynomial = np.concatenate([[1.0], -table.coefficients[table.best]])
+    polynomial = table.whitening(table.best)
     return [np.asarray(lfilter(polynomial, [1.0], x)) for x in series]
