@@ -16,14 +16,11 @@ if TYPE_CHECKING:
     from typing import Any
 
     from thermaltool.api import *  # noqa: F403
-    from thermaltool.record import Record as Record
 
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    if name == "Record":
-        return importlib.import_module("thermaltool.record").Record
     api = importlib.import_module("thermaltool.api")
     if name not in api.__all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -31,4 +28,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *importlib.import_module("thermaltool.api").__all__, "Record"]
+    return [*globals(), *importlib.import_module("thermaltool.api").__all__]

@@ -11,7 +11,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.errors import LogError
+from thermaltool.errors import LogError, UnitError
+from thermaltool.units import parse_channel
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -20,7 +21,23 @@ Rows = NDArray[np.bool_]
 MAX_UNEVENNESS = 0.02
 
 
+# Gaps that are printed one by one.
+MAX_PRINTED_GAPS = 5
+
+
 @dataclass(frozen=True)
+class ChannelSummary:
+    """One channel: what its name says, its range, and the share of missing values."""
+
+    name: str
+    quantity: str
+    unit: str
+    minimum: float
+    maximum: float
+    missing: float
+
+
+@dataclass(frozen=True, repr=False)
 class Record:
     """Named channels against one clock.
 
@@ -60,6 +77,21 @@ class Record:
         if not self.segments and len(self.time):
             object.__setattr__(self, "segments", (slice(0, len(self.time)),))
 
+    def __repr__(self) -> str:
+        """Rows, period, gaps and channels with their ranges and units."""
+        count = len(self.segments)
+        size = f"{len(self)} rows, {self.duration if len(self) else 0.0:g} s"
+        lines = [f"{self.name}: {size}, {count} segment{'' if count == 1 else 's'}"]
+        if len(self) > 1:
+            lines.append(f"period {self.period:.6g} s")
+        starts = [part.start for part in self.segments[1:]]
+        for k in starts[:MAX_PRINTED_GAPS]:
+            gap = self.time[k] - self.time[k - 1]
+            lines.append(f"gap of {gap:g} s after {self.time[k - 1]:.10g} s")
+        if len(starts) > MAX_PRINTED_GAPS:
+            lines.append(f"{len(starts) - MAX_PRINTED_GAPS} more gaps")
+        return "\n".join([*lines, *channel_table(self.channel_summaries())])
+
     def __len__(self) -> int:
         return len(self.time)
 
@@ -78,6 +110,10 @@ class Record:
     def line(self, row: int) -> int | None:
         """The line of a row in the file that it was read from; None where there is no file."""
         return None
+
+    def channel_summaries(self) -> tuple[ChannelSummary, ...]:
+        """Range and share of missing values of each channel."""
+        return tuple(_summary(name, values) for name, values in self.columns.items())
 
     def matrix(self, channels: Sequence[str]) -> Array:
         """Samples of several channels, shape (channels, n); raises as `column`."""
@@ -161,6 +197,30 @@ class Record:
             for piece in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
                 if len(piece) > 1:
                     yield self.rows(slice(int(piece[0]), int(piece[-1]) + 1))
+
+
+def _summary(name: str, values: Array) -> ChannelSummary:
+    present = values[np.isfinite(values)]
+    low, high = (float(present.min()), float(present.max())) if present.size else (np.nan, np.nan)
+    share = 1.0 - present.size / values.size if values.size else 0.0
+    try:
+        channel = parse_channel(name)
+    except UnitError:
+        return ChannelSummary(name, "?", "?", low, high, share)
+    return ChannelSummary(name, channel.quantity, channel.unit, low, high, share)
+
+
+def channel_table(channels: Sequence[ChannelSummary]) -> list[str]:
+    """Lines of a table: the heading, and one for each channel."""
+    width = max((len(channel.name) for channel in channels), default=7)
+    return [
+        f"{'channel':<{width}}  {'min':>12}  {'max':>12}  {'unit':<5}  missing",
+        *(
+            f"{c.name:<{width}}  {c.minimum:>12.6g}  {c.maximum:>12.6g}  {c.unit:<5}  "
+            f"{100 * c.missing:.3g} %{'  constant' if c.minimum == c.maximum else ''}"
+            for c in channels
+        ),
+    ]
 
 
 def hint(name: str, known: Iterable[str]) -> str:

@@ -8,7 +8,7 @@ absent (``T_degC``) and may contain underscores.
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Literal
@@ -122,6 +122,11 @@ def clock_unit(names: Container[str]) -> str | None:
     return "iso" if "time" in names else None
 
 
+def names(wanted: str | Sequence[str]) -> tuple[str, ...]:
+    """Names of channels; a string is one name."""
+    return (wanted,) if isinstance(wanted, str) else tuple(wanted)
+
+
 def symbol(unit: str) -> str:
     """A unit as it is printed."""
     return _SYMBOLS.get(unit, unit)
@@ -130,5 +135,5 @@ def symbol(unit: str) -> str:
 def printed(unit: str) -> str:
     """A unit, composed or not, as it is printed: ``um/degC`` is µm/°C, ``um/1`` is µm."""
     first, *rest = [symbol(part) for part in unit.split("/")]
-    told = "/".join([first, *(part for part in rest if part != "1")])
-    return "" if told == "1" else told
+    text = "/".join([first, *(part for part in rest if part != "1")])
+    return "" if text == "1" else text

@@ -63,7 +63,7 @@ def test_functions_are_documented_with_an_example(name: str) -> None:
 
 
 def modules() -> list[ModuleType]:
-    return [importlib.import_module(f"thermaltool.api.{name}") for name in api.PUBLIC]
+    return [importlib.import_module(f"thermaltool.{name}") for name in api.PUBLIC]
 
 
 @pytest.mark.parametrize("module", modules(), ids=lambda module: module.__name__.rpartition(".")[2])
@@ -81,11 +81,14 @@ def test_results_say_what_they_hold_and_print(name: str) -> None:
     assert "Attributes\n---" in (inspect.getdoc(found) or "")
     assert found.table is not Result.table
     assert found.draw is not Result.draw
+    assert found.frame is not Result.frame
 
 
 def test_a_check_prints_and_draws() -> None:
     result = tt.check("data_samples/frame_step100_first10min.csv")
     assert result.passed
+    assert list(result.frame) == ["kind", "line", "column", "message"]
+    assert result.frame.empty
     assert str(result).splitlines()[-1] == "nothing wrong"
     assert repr(result) == str(result) == result.table()
     assert len(result.plot().axes) == 4
@@ -129,7 +132,8 @@ def fit(frame: pd.DataFrame) -> api.Calibration:
 def test_a_calibration_prints_its_table_and_draws_the_log(
     fit: api.Calibration, frame: pd.DataFrame
 ) -> None:
-    head, row = str(fit).splitlines()
+    head, row, *notes = str(fit).splitlines()
+    assert notes == list(fit.notes)
     assert head.split()[:2] == ["output", "rmse"]
     assert row.startswith("d_z_um")
     assert set(fit.frame.index.get_level_values("output")) == {"d_z_um"}
@@ -137,6 +141,50 @@ def test_a_calibration_prints_its_table_and_draws_the_log(
     assert fit.exceeds(0.001)
     assert not fit.exceeds(1.0)
     assert [ax.get_title("left") for ax in fit.plot().axes] == ["d_z_um, from rest", ""]
+
+
+def test_what_a_fit_leaves_open_is_printed_below_its_table(fit: api.Calibration) -> None:
+    assert fit.notes
+    assert str(fit) == repr(fit) == "\n".join([fit.table(), *fit.notes])
+    said: list[str] = []
+    walk = pd.DataFrame({"time_s": np.arange(300.0)})
+    walk["x"] = np.cumsum(np.random.default_rng(1).standard_normal(300))
+    arma = tt.fit(walk, "x", (1, 0), warn=said.append)
+    assert arma.notes == (said[-1].removeprefix("<frame>: x: "),)
+    assert "as good as 1" in arma.notes[0]
+    assert str(arma).endswith(arma.notes[0])
+    orders = tt.order(walk, "x", max_p=1, max_q=0, criteria=["bic"], warn=said.append)
+    assert orders.notes
+    assert str(orders) == "\n".join([orders.table(), *orders.notes])
+
+
+def test_findings_coefficients_and_choices_are_frames(files: Files) -> None:
+    bad = pd.DataFrame({"time_s": [0.0, 1.0, 2.0], "T_a_degC": [20.0, -300.0, 20.1]})
+    found = tt.check(bad)
+    assert found.frame.loc[0].tolist() == [
+        "implausible", 2, "T_a_degC", "-300 degC is below absolute zero",
+    ]  # fmt: skip
+    noise = pd.DataFrame({"time_s": np.arange(300.0)})
+    noise["x"] = np.random.default_rng(1).standard_normal(300)
+    fit = tt.fit(noise, "x", (2, 1), warn=lambda message: None)
+    assert fit.frame.index.tolist() == ["ar1", "ar2", "ma1"]
+    np.testing.assert_array_equal(fit.frame["value"], [*fit.model.ar, *fit.model.ma])
+    np.testing.assert_array_equal(fit.frame["standard_error"], fit.model.errors)
+    design = tt.regularize(files.model, files.noise, form="kalman", walk=0.01, dt=10.0)
+    best = design.design.best
+    assert best is not None
+    assert design.frame["walk_per_sqrt_s"].tolist() == [0.01]
+    assert design.frame["band_d_x_um"].tolist() == [best.prediction.band[0]]
+    assert design.frame["chosen"].all()
+
+
+@pytest.mark.parametrize("name", ["calibrate", "check", "diagnose", "estimate", "fit", "forecast",
+                                  "identify", "noise", "order", "simulate"])  # fmt: skip
+def test_an_unknown_argument_is_refused_in_the_name_of_the_stage(name: str) -> None:
+    with pytest.raises(
+        TypeError, match=rf"^{name}\(\) takes no argument 'max_gab' \(near: max_gap"
+    ):
+        getattr(tt, name)(max_gab=1.0)
 
 
 def test_several_logs_are_calibrated_together(frame: pd.DataFrame) -> None:

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 import thermaltool as tt
-from thermaltool.api.inputs import names
 from thermaltool.errors import LogError, ThermalToolWarning, UnitError
+from thermaltool.units import names
 
 FRAME = pd.DataFrame(
     {
@@ -105,6 +105,93 @@ def test_a_string_is_one_name() -> None:
     assert found.model.needs() == ("Q_motor_W",)
     frame["d_z_um"] += np.random.default_rng(1).normal(0, 0.01, len(frame))
     assert list(tt.noise(frame, channels="d_z_um").frame.index) == ["d_z_um"]
+
+
+FOREIGN = FRAME.rename(columns={"time_s": "t", "T_a_degC": "Temp 1"}).assign(note=list("abcd"))
+COLUMNS = {"t": "time_s", "Temp 1": "T_a_degC", "note": False}
+
+
+def test_a_column_map_may_be_a_dict_of_names(tmp_path: Path) -> None:
+    FOREIGN.to_csv(tmp_path / "a.csv", index=False)
+    expected = tt.read_log(FRAME)
+    for data in (FOREIGN, tmp_path / "a.csv"):
+        log = tt.read_log(data, columns=COLUMNS)
+        np.testing.assert_array_equal(log.time, expected.time)
+        assert log.columns.keys() == expected.columns.keys()
+        np.testing.assert_array_equal(log.columns["T_a_degC"], expected.columns["T_a_degC"])
+    scaled = {**COLUMNS, "Temp 1": {"name": "T_a_degC", "offset": 1.0}}
+    assert tt.read_log(FOREIGN, columns=scaled).columns["T_a_degC"][0] == 21.0
+    assert tt.check(FOREIGN, columns=COLUMNS).inspection.rows == 4
+    values = np.random.default_rng(1).normal(size=300)
+    series = pd.DataFrame({"t": 60.0 * np.arange(300), "Temp 1": values, "note": "a"})
+    fit = tt.fit(series, "T_a_degC", (1, 0), columns=COLUMNS)
+    assert (fit.model.channel, fit.model.period_s) == ("T_a_degC", 60.0)
+
+
+@pytest.mark.parametrize(
+    ("columns", "error", "message"),
+    [
+        (
+            {"Temp 2": "T_a_degC"},
+            LogError,
+            r"<columns>: <frame> has no column Temp 2 \(near: Temp 1",
+        ),
+        ({"Temp 1": "T_a_degF"}, LogError, "<columns>: T_a_degF: unknown unit"),
+        ({"Temp 1": 3}, LogError, "<columns>: columns.Temp 1 must be a name"),
+        (5, TypeError, "columns: a file, or a dict of names to names, not 5"),
+    ],
+)
+def test_faults_of_a_dict_of_names_are_named(columns, error, message) -> None:
+    with pytest.raises(error, match=message):
+        tt.read_log(FOREIGN, columns=columns)
+
+
+@pytest.mark.parametrize("write", ["csv", "ndjson", "frame"])
+def test_words_for_missing_values_hold_in_every_format(tmp_path: Path, write: str) -> None:
+    frame = FRAME.assign(T_a_degC=[20.0, "n/a", "-999", None], Q_a_1=[0.0, -999.0, 1.0, 1.0])
+    data: object = frame
+    if write == "csv":
+        frame.assign(Q_a_1=[0, -999, 1, 1]).to_csv(tmp_path / "a.csv", index=False)
+        data = tmp_path / "a.csv"
+    elif write == "ndjson":
+        frame.to_json(tmp_path / "a.ndjson", orient="records", lines=True)
+        data = tmp_path / "a.ndjson"
+    (tmp_path / "map.toml").write_text("missing = ['n/a', '-999']")
+    log = tt.read_log(data, columns=str(tmp_path / "map.toml"))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(log.columns["T_a_degC"], [20.0, np.nan, np.nan, np.nan])
+    np.testing.assert_array_equal(log.columns["Q_a_1"], [0.0, np.nan, 1.0, 1.0])
+    with pytest.raises(LogError, match="n/a"):
+        tt.read_log(data)  # type: ignore[arg-type]
+
+
+def test_numbers_for_missing_values_hold_in_parquet(tmp_path: Path) -> None:
+    FRAME.assign(Q_a_1=[0, -999, 1, 1]).to_parquet(tmp_path / "a.parquet")
+    (tmp_path / "map.toml").write_text("missing = ['n/a', '-999']")
+    log = tt.read_log(tmp_path / "a.parquet", columns=tmp_path / "map.toml")
+    np.testing.assert_array_equal(log.columns["Q_a_1"], [0.0, np.nan, 1.0, 1.0])
+
+
+def test_a_log_prints_as_a_short_table() -> None:
+    time = np.array([0.0, 10.0, 20.0, 7200.0])
+    log = tt.read_log(FRAME.assign(time_s=time))
+    assert (
+        str(log).splitlines()
+        == repr(log).splitlines()
+        == [
+            "<frame>: 4 rows, 7200 s, 2 segments",
+            "period 10 s",
+            "gap of 7180 s after 20 s",
+            "channel            min           max  unit   missing",
+            "T_a_degC            20            21  degC   25 %",
+            "Q_a_1                0             1  1      0 %",
+        ]
+    )
+    record = tt.Record(np.arange(60.0) ** 2, {"x": np.zeros(60)})
+    gaps = tt.Record(record.time, record.columns, tuple(slice(k, k + 1) for k in range(60)))
+    assert str(gaps).splitlines()[-3:-1] == [
+        "54 more gaps", "channel           min           max  unit   missing",
+    ]  # fmt: skip
+    assert str(tt.Record(np.empty(0), {})).startswith("<record>: 0 rows, 0 s, 0 segments")
 
 
 def test_an_unknown_nan_policy_is_refused() -> None:

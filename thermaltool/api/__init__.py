@@ -22,44 +22,26 @@ if TYPE_CHECKING:
     from thermaltool.api.orders import *  # noqa: F403
     from thermaltool.api.result import *  # noqa: F403
     from thermaltool.api.simulation import *  # noqa: F403
+    from thermaltool.logs.reader import read_log as read_log
+    from thermaltool.record import Record as Record
 
-# module -> what it offers
+# module of the package -> what it offers
 PUBLIC = {
-    "arma": ("ArmaFit", "SeriesForecast", "fit", "forecast"),
-    "calibration": (
-        "Calibration",
-        "calibrate",
-    ),
-    "diagnosis": (
-        "DiagnosisReport",
-        "diagnose",
-    ),
-    "compensator": ("Compensator",),
-    "estimation": ("DesignReport", "LogEstimate", "estimate", "regularize"),
-    "identification": ("Identification", "identify"),
-    "inputs": (
-        "read_log",
-        "read_model",
-        "write_model",
-    ),
-    "laplace_inversion": (
-        "LaplaceInversion",
-        "invert_laplace",
-    ),
-    "log_check": (
-        "LogCheck",
-        "check",
-    ),
-    "noise_report": (
-        "NoiseReport",
-        "noise",
-    ),
-    "orders": ("OrderReport", "order"),
-    "result": ("to_frame",),
-    "simulation": (
-        "Simulation",
-        "simulate",
-    ),
+    "api.arma": ("ArmaFit", "SeriesForecast", "fit", "forecast"),
+    "api.calibration": ("Calibration", "calibrate"),
+    "api.compensator": ("Compensator",),
+    "api.diagnosis": ("DiagnosisReport", "diagnose"),
+    "api.estimation": ("DesignReport", "LogEstimate", "estimate", "regularize"),
+    "api.identification": ("Identification", "identify"),
+    "api.inputs": ("read_model", "write_model"),
+    "api.laplace_inversion": ("LaplaceInversion", "invert_laplace"),
+    "api.log_check": ("LogCheck", "check"),
+    "api.noise_report": ("NoiseReport", "noise"),
+    "api.orders": ("OrderReport", "order"),
+    "api.result": ("to_frame",),
+    "api.simulation": ("Simulation", "simulate"),
+    "logs.reader": ("read_log",),
+    "record": ("Record",),
 }
 
 __all__ = [name for names in PUBLIC.values() for name in names]
@@ -68,5 +50,5 @@ __all__ = [name for names in PUBLIC.values() for name in names]
 def __getattr__(name: str) -> Any:
     for module, names in PUBLIC.items():
         if name in names:
-            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+            return getattr(importlib.import_module(f"thermaltool.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
+from thermaltool.api.inputs import reads
 from thermaltool.api.result import Notice, Result, notice, to_frame
-from thermaltool.api.series import outlier_messages, place_of, prepared, read_even
+from thermaltool.api.series import SeriesReading, outlier_messages, place_of, prepared, read_even
 from thermaltool.errors import FitError, LogError
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from thermaltool.api.inputs import Data
+    from thermaltool.logs.reader import Data
     from thermaltool.signals.whiteness import PortmanteauTest
     from thermaltool.timeseries.model import ArmaModel
 
@@ -40,11 +41,24 @@ class ArmaFit(Result):
         Ljung-Box test of the innovations.
     level : float
         Of the intervals in the table.
+    notes : tuple of str
+        What is not as it should be, each a sentence.
     """
 
     model: ArmaModel
     whiteness: PortmanteauTest
     level: float = 0.95
+    notes: tuple[str, ...] = ()
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """Coefficients with their standard errors, one row each; NaN where undetermined."""
+        import pandas
+
+        ar, ma = self.model.ar, self.model.ma
+        names = [f"ar{k + 1}" for k in range(ar.size)] + [f"ma{k + 1}" for k in range(ma.size)]
+        values = {"value": [*ar, *ma], "standard_error": self.model.errors}
+        return pandas.DataFrame(values, index=pandas.Index(names, name="coefficient"))
 
     def document(self) -> dict[str, Any]:
         """What ``thermaltool fit -o`` writes and `forecast` reads."""
@@ -65,6 +79,7 @@ class ArmaFit(Result):
         return draw_roots(self.model)
 
 
+@reads(SeriesReading)
 def fit(
     data: Data,
     column: str,
@@ -79,7 +94,7 @@ def fit(
     difference: int | None = None,
     outliers: str = "omit",
     warn: Notice = notice,
-    **reading: Any,
+    **reading: Unpack[SeriesReading],
 ) -> ArmaFit:
     """An AR or ARMA model of a series: x_t - m = Σ ar_i (x_{t-i} - m) + a_t + Σ ma_j a_{t-j}.
 
@@ -159,9 +174,10 @@ def fit(
         )
     except FitError as error:
         raise FitError(f"{place}: {error}") from error
-    for message in fit_warnings(model, changed, degree):
+    notes = tuple(fit_warnings(model, changed, degree))
+    for message in notes:
         warn(f"{place}: {message}")
-    return ArmaFit(model, whiteness(model, changed, degree), level)
+    return ArmaFit(model, whiteness(model, changed, degree), level, notes)
 
 
 @dataclass(frozen=True, repr=False)
@@ -203,6 +219,7 @@ class SeriesForecast(Result):
         return to_frame(self.columns())
 
 
+@reads(SeriesReading)
 def forecast(
     model: ArmaFit | ArmaModel | str | os.PathLike[str],
     data: Data,
@@ -212,7 +229,7 @@ def forecast(
     level: float = 0.95,
     outliers: str = "omit",
     warn: Notice = notice,
-    **reading: Any,
+    **reading: Unpack[SeriesReading],
 ) -> SeriesForecast:
     """Forecasts of a fitted model beyond the end of a series, with intervals.
 

@@ -6,15 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from thermaltool.api.inputs import Reading, all_of, names, read_for_fit
+from thermaltool.api.inputs import Reading, all_of, read_for_fit, reads
 from thermaltool.api.result import Notice, Result, notice, silent
+from thermaltool.units import names
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from thermaltool.api.inputs import Data
     from thermaltool.logs import Log
+    from thermaltool.logs.reader import Data
     from thermaltool.model import Model
     from thermaltool.units import Reference
 
@@ -80,6 +81,7 @@ class Calibration(Result):
         return draw_comparison(self.model, self.logs[0])
 
 
+@reads(Reading)
 def calibrate(
     data: Data | Sequence[Data],
     drives: str | Sequence[str],

@@ -6,13 +6,15 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from thermaltool.api.inputs import Reading, as_model, read_log
+from thermaltool.api.inputs import Reading, as_model, reads
 from thermaltool.api.result import Notice, notice, to_frame
+from thermaltool.logs import read_log
 
 if TYPE_CHECKING:
     import pandas
 
-    from thermaltool.api.inputs import Data, ModelLike
+    from thermaltool.api.inputs import ModelLike
+    from thermaltool.logs.reader import Data
 
 Interval = tuple[float, float]
 
@@ -139,6 +141,7 @@ class Compensator:
         assert reply is not None
         return dict(zip(self.names, reply[1], strict=False))
 
+    @reads(Reading)
     def run(self, data: Data, **reading: Unpack[Reading]) -> pandas.DataFrame:
         """Setpoints of every row of a log, going on from the rows before.
 

@@ -7,16 +7,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
-from thermaltool.api.inputs import Reading, all_of, as_model, read_log, source_name, warn_pauses
+from thermaltool.api.inputs import Reading, all_of, as_model, reads, source_name, warn_pauses
 from thermaltool.api.result import Notice, Result, notice, silent
+from thermaltool.logs import read_log
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from thermaltool.api.inputs import Data, ModelLike
+    from thermaltool.api.inputs import ModelLike
     from thermaltool.diagnosis.result import Diagnosis
     from thermaltool.logs import Log
+    from thermaltool.logs.reader import Data
     from thermaltool.model import Model
 
 
@@ -126,6 +128,7 @@ def _sources(logs: Sequence[Log]) -> list[dict[str, str]]:
     return [{"name": log.name, "sha256": log.digest} for log in logs]
 
 
+@reads(Reading)
 def diagnose(
     model: ModelLike,
     data: Data | Sequence[Data],

@@ -7,19 +7,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from thermaltool.api.inputs import Reading, as_model, names, read_log, read_noise, warn_pauses
+from thermaltool.api.inputs import Reading, as_model, read_noise, reads, warn_pauses
 from thermaltool.api.result import Notice, Result, notice, silent, to_frame
 from thermaltool.errors import ModelError
+from thermaltool.logs import read_log
+from thermaltool.units import names
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from thermaltool.api.inputs import Data, ModelLike
+    from thermaltool.api.inputs import ModelLike
     from thermaltool.estimation.batch import EstimatedRecord
     from thermaltool.estimation.design import EstimatorDesign
     from thermaltool.logs import Log
+    from thermaltool.logs.reader import Data
     from thermaltool.model import Model
     from thermaltool.signals.agreement import Agreement
 
@@ -39,6 +42,22 @@ class DesignReport(Result):
     def model(self) -> Model:
         """The model with its design."""
         return self.design.model
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """Every choice with its settings, lag [s], and band and noise of each deflection."""
+        import pandas
+
+        rows = []
+        for form, choices in self.design.choices.items():
+            for choice in choices:
+                predicted = choice.prediction
+                row = {"form": form, **choice.settings, "lag_s": predicted.lag}
+                for k, name in enumerate(self.design.problem.outputs):
+                    row[f"band_{name}"] = predicted.band[k]
+                    row[f"noise_{name}"] = predicted.noise_sigma[k]
+                rows.append(row | {"chosen": choice is self.design.best})
+        return pandas.DataFrame(rows)
 
     def document(self) -> dict[str, Any]:
         """The whole trade-off, JSON-ready."""
@@ -205,6 +224,7 @@ def regularize(
     return DesignReport(design)
 
 
+@reads(Reading)
 def estimate(
     model: ModelLike,
     data: Data,

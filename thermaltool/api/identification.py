@@ -7,19 +7,20 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from thermaltool.api.inputs import Reading, all_of, names, read_for_fit
+from thermaltool.api.inputs import Reading, all_of, read_for_fit, reads
 from thermaltool.api.result import Notice, Result, notice
 from thermaltool.fitting.transfer.registry import CONTINUOUS, STRUCTURES
+from thermaltool.units import names
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from thermaltool.api.inputs import Data
     from thermaltool.fitting.fit import Fit
     from thermaltool.fitting.network.run import IdentifiedNetwork
     from thermaltool.fitting.transfer.run import Identified
     from thermaltool.logs import Log
+    from thermaltool.logs.reader import Data
     from thermaltool.model import Model
     from thermaltool.record import Record
     from thermaltool.units import Reference
@@ -111,6 +112,7 @@ class Identification(Result):
         return draw_comparison(self.model, self.logs[0])
 
 
+@reads(Reading)
 def identify(
     data: Data | Sequence[Data],
     inputs: str | Sequence[str],

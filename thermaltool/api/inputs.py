@@ -1,107 +1,69 @@
-"""What the stages read: logs, data frames and records; model and noise documents."""
+"""What the stages read: logs for a fit; model and noise documents."""
 
 from __future__ import annotations
 
+import functools
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar, Unpack, cast
 
 from thermaltool.api.result import Notice, notice
 from thermaltool.documents import NOISE, Part, atomic_output, finite, mapping, read_text
 from thermaltool.errors import LogError, ModelError
 
 if TYPE_CHECKING:
-    import pandas
-
     from thermaltool.estimation.estimator import SensorNoise
     from thermaltool.logs import Log
+    from thermaltool.logs.columns import Columns
+    from thermaltool.logs.reader import Data
     from thermaltool.model import Model
-    from thermaltool.record import Record
 
-    Data: TypeAlias = str | os.PathLike[str] | pandas.DataFrame | Record
     ModelLike: TypeAlias = str | os.PathLike[str] | Model | Any
+
+
+Stage = TypeVar("Stage", bound=Callable[..., Any])
 
 
 class Reading(TypedDict, total=False):
     """How a log is read: the options of `read_log` that all stages share."""
 
-    columns: str | None
+    columns: Columns | None
     from_format: str | None
     nan_policy: str
     max_gap: float | None
+
+
+def reads(options: type) -> Callable[[Stage], Stage]:
+    """A stage whose further keywords are `options` of how data are read.
+
+    Others are refused in the name of the stage, not of a function below it.
+    """
+
+    def decorate(stage: Stage) -> Stage:
+        own = stage.__code__.co_varnames[: stage.__code__.co_argcount]
+        known = (*own, *(stage.__kwdefaults__ or ()), *options.__annotations__)
+
+        @functools.wraps(stage)
+        def checked(*args: Any, **keywords: Any) -> Any:
+            for name in keywords:
+                if name not in known:
+                    from thermaltool.record import hint
+
+                    raise TypeError(
+                        f"{stage.__qualname__}() takes no argument {name!r}{hint(name, known)}"
+                    )
+            return stage(*args, **keywords)
+
+        return cast(Stage, checked)
+
+    return decorate
 
 
 # What a pause means where nothing else is said.
 HELD_OVER_PAUSES = "the drive is taken as held over it"
 # Time constant given to a drift of which the log tells only the rate [s].
 BOUNDED_DRIFT_TIME = 3600.0
-
-
-def read_log(
-    data: Data,
-    *,
-    columns: str | None = None,
-    from_format: str | None = None,
-    nan_policy: str = "raise",
-    max_gap: float | None = None,
-    need: str | Sequence[str] = (),
-    strict: bool = True,
-) -> Log:
-    """A log, from a file, a data frame or a record.
-
-    Parameters
-    ----------
-    data : str, path, pandas.DataFrame or Record
-        A file (CSV, NDJSON, Parquet; ``-`` is stdin), or a frame with columns named as in logs
-        (``T_spindle_degC``) and a clock: a column ``time_s`` or ``time``, or a `DatetimeIndex`.
-    columns : str, optional
-        A column map (TOML) for foreign names.
-    from_format : str, optional
-        Format of the file. Default: by its suffix, else CSV.
-    nan_policy : {"raise", "omit", "hold"}
-        What a missing value in a channel of `need` does.
-    max_gap : float, optional
-        A pause above this [s] starts a new segment. Default: ten median periods.
-    need : str or sequence of str
-        Channels that must be there.
-    strict : bool
-        Whether the first fault is raised; else faults are listed in the log's `problems`.
-
-    Returns
-    -------
-    Log
-
-    Raises
-    ------
-    LogError
-        A file or frame that cannot be read; with file, line and column.
-    UnitError
-        A column of a record whose name has no known unit.
-
-    Examples
-    --------
-    >>> import pandas as pd, thermaltool as tt
-    >>> frame = pd.DataFrame({"time_s": [0.0, 10.0, 20.0], "T_spindle_degC": [20.0, 20.4, 20.7]})
-    >>> tt.read_log(frame).column("T_spindle_degC")
-    array([20. , 20.4, 20.7])
-    """
-    from thermaltool import logs
-    from thermaltool.record import Record
-
-    if isinstance(data, Record):
-        if columns is not None or from_format is not None:
-            raise ValueError("columns and from_format say how a file or a frame is read")
-        return logs.as_log(data, nan_policy=nan_policy, max_gap=max_gap, need=names(need))
-    return logs.read_log(
-        os.fspath(data) if isinstance(data, str | os.PathLike) else data,
-        columns=columns,
-        from_format=from_format,
-        nan_policy=nan_policy,
-        max_gap=max_gap,
-        need=names(need),
-        strict=strict,
-    )
 
 
 def read_for_fit(
@@ -122,6 +84,8 @@ def read_for_fit(
     LogError
         As `read_log`; too few rows to say anything of the `subject`.
     """
+    from thermaltool.logs import read_log
+
     log = read_log(data, **reading, need=need).between(*span)
     if len(log) < min_rows:
         raise LogError(f"{len(log)} rows say nothing of a {subject}", log.name)
@@ -140,11 +104,6 @@ def warn_pauses(log: Log, warn: Notice, meaning: str = HELD_OVER_PAUSES) -> None
 def all_of(data: Data | Sequence[Data]) -> Sequence[Data]:
     """One or several inputs as several."""
     return data if isinstance(data, list | tuple) else [data]
-
-
-def names(wanted: str | Sequence[str]) -> tuple[str, ...]:
-    """Names of channels; a string is one name."""
-    return (wanted,) if isinstance(wanted, str) else tuple(wanted)
 
 
 def as_model(model: ModelLike) -> Model:

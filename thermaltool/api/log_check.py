@@ -5,16 +5,18 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Unpack
 
-from thermaltool.api.inputs import Reading, read_log
+from thermaltool.api.inputs import Reading, reads
 from thermaltool.api.result import Result
 from thermaltool.documents import jsonable
+from thermaltool.logs import read_log
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.figure import Figure
 
-    from thermaltool.api.inputs import Data
     from thermaltool.logs import Log
     from thermaltool.logs.inspect import Finding, Inspection
+    from thermaltool.logs.reader import Data
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,6 +43,15 @@ class LogCheck(Result):
         """Whether nothing is wrong."""
         return not self.findings
 
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """What is wrong, one row each."""
+        import pandas
+
+        columns = ["kind", "line", "column", "message"]
+        rows = [[getattr(each, name) for name in columns] for each in self.findings]
+        return pandas.DataFrame(rows, columns=columns)
+
     def document(self) -> dict[str, Any]:
         """The check as JSON-ready data; null for what is not finite."""
         log = {"log": self.log.name, "sha256": self.log.digest, "epoch": self.log.epoch}
@@ -60,6 +71,7 @@ class LogCheck(Result):
         return draw_log(self.log)
 
 
+@reads(Reading)
 def check(data: Data, **reading: Unpack[Reading]) -> LogCheck:
     """What is in a log (rows, clock, channels) and what is wrong with it.
 

@@ -6,15 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Unpack
 
-from thermaltool.api.inputs import Reading, names, read_log
+from thermaltool.api.inputs import Reading, reads
 from thermaltool.api.result import Notice, Result, notice, to_frame
 from thermaltool.errors import LogError
+from thermaltool.logs import read_log
+from thermaltool.units import names
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from thermaltool.api.inputs import Data
+    from thermaltool.logs.reader import Data
     from thermaltool.signals.noise import NoiseEstimate
 
 
@@ -70,6 +72,7 @@ class NoiseReport(Result):
         return frame.astype(float)
 
 
+@reads(Reading)
 def noise(
     data: Data,
     *,

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
+from thermaltool.api.inputs import reads
 from thermaltool.api.result import Notice, Result, notice, to_frame
-from thermaltool.api.series import place_of, prepared, read_even
+from thermaltool.api.series import SeriesReading, place_of, prepared, read_even
 from thermaltool.errors import FitError
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from thermaltool.api.inputs import Data
+    from thermaltool.logs.reader import Data
     from thermaltool.timeseries.order import OrderTable
 
 
@@ -29,11 +30,14 @@ class OrderReport(Result):
     orders : OrderTable
     criteria : tuple of str
         What the best orders were looked for by.
+    notes : tuple of str
+        What to know before the best orders are believed, each a sentence.
     """
 
     name: str
     orders: OrderTable
     criteria: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     def best(self, criterion: str = "bic") -> tuple[int, int]:
         """The order (p, q) of the least `criterion`."""
@@ -65,6 +69,7 @@ class OrderReport(Result):
         return to_frame({key: [row[key] for row in rows] for key in rows[0]})
 
 
+@reads(SeriesReading)
 def order(
     data: Data,
     column: str,
@@ -77,7 +82,7 @@ def order(
     difference: int | None = None,
     outliers: str = "omit",
     warn: Notice = notice,
-    **reading: Any,
+    **reading: Unpack[SeriesReading],
 ) -> OrderReport:
     """Which AR or ARMA order a series has: every order up to (max_p, max_q) at once.
 
@@ -142,6 +147,7 @@ def order(
         orders = select_order(changed, max_p, max_q, degree, names, budget)
     except FitError as error:
         raise FitError(f"{place}: {error}") from error
-    for message in order_warnings(orders, names, changed, degree, times):
+    notes = tuple(order_warnings(orders, names, changed, degree, times))
+    for message in notes:
         warn(f"{place}: {message}")
-    return OrderReport(f"{column}, {record.name}", orders, names)
+    return OrderReport(f"{column}, {record.name}", orders, names, notes)

@@ -22,8 +22,19 @@ PACKAGE = __name__.partition(".")[0]
 class Result:
     """A result that prints as the table of its command and draws itself.
 
-    A subclass gives `table`, and `draw` where there is a figure.
+    A subclass gives `table` and `frame`, `notes` where there are any, and `draw` where there is a
+    figure.
     """
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to know before using the result, each a sentence; printed below the table."""
+        return ()
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """The result as a data frame."""
+        raise NotImplementedError
 
     def table(self) -> str:
         """The result as text, the table that the command prints."""
@@ -45,11 +56,8 @@ class Result:
         with common_style():
             return self.draw()
 
-    def __str__(self) -> str:
-        return self.table()
-
     def __repr__(self) -> str:
-        return self.table()
+        return "\n".join([self.table(), *self.notes])
 
 
 def notice(message: str) -> None:

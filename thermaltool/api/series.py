@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, TypedDict, Unpack
 
 from thermaltool.api.result import Notice
@@ -12,7 +11,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from thermaltool.api.inputs import Data
+    from thermaltool.logs.columns import Columns
+    from thermaltool.logs.reader import Data
     from thermaltool.record import Record
 
     Index = NDArray[np.intp]
@@ -36,7 +36,7 @@ class SeriesReading(TypedDict, total=False):
         First and last time taken.
     """
 
-    columns: str | None
+    columns: Columns | None
     from_format: str | None
     max_gap: float | None
     period: float | None
@@ -68,8 +68,7 @@ def read_even(
     """The even record of a column, and its period [s]."""
     from thermaltool.logs.series import read_series
 
-    source = os.fspath(data) if isinstance(data, str | os.PathLike) else data
-    record, counted = read_series(source, column, **reading)
+    record, counted = read_series(data, column, **reading)
     period = reading.get("period")
     if counted and period is None:
         warn(

@@ -6,16 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
-from thermaltool.api.inputs import Reading, as_model, read_log, warn_pauses
+from thermaltool.api.inputs import Reading, as_model, reads, warn_pauses
 from thermaltool.api.result import Notice, Result, notice, to_frame
+from thermaltool.logs import read_log
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from thermaltool.api.inputs import Data, ModelLike
+    from thermaltool.api.inputs import ModelLike
     from thermaltool.logs import Log
+    from thermaltool.logs.reader import Data
     from thermaltool.model import Model
     from thermaltool.signals.agreement import Agreement
 
@@ -73,6 +75,7 @@ class Simulation(Result):
         return draw_simulation(replace(self.log, columns=columns))
 
 
+@reads(Reading)
 def simulate(
     model: ModelLike,
     data: Data,

@@ -126,7 +126,7 @@ def _defaults(
 
 
 def main() -> None:
-    """OrderCriteria point: every way out has its exit code and at most one line on stderr."""
+    """Entry point: every way out has its exit code and at most one line on stderr."""
     # As an exception, so that a half-written file is taken away.
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(TERMINATED))
     debug = "--debug" in sys.argv[1:]

@@ -8,19 +8,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from thermaltool.logs.clock import Sampling, resample
     from thermaltool.logs.log import Log
-    from thermaltool.logs.reader import as_log, read_log
+    from thermaltool.logs.reader import read_log
     from thermaltool.logs.writer import write_table
 
 # Loaded when it is asked for: the table of formats and the maps of a stream need none of it.
 _MODULES = {
     "Log": "log",
     "Sampling": "clock",
-    "as_log": "reader",
     "read_log": "reader",
     "resample": "clock",
     "write_table": "writer",
 }
-__all__ = ["Log", "Sampling", "as_log", "read_log", "resample", "write_table"]
+__all__ = ["Log", "Sampling", "read_log", "resample", "write_table"]
 
 
 def __getattr__(name: str) -> Any:

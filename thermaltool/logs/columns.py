@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from thermaltool.errors import LogError, UnitError
 from thermaltool.record import Array, hint
-from thermaltool.units import UNITS, parse_channel
+from thermaltool.units import UNITS, clock_unit, parse_channel
+
+# Where a column map is: in a file, or the entries of its table ``[columns]``, the clock among them.
+Columns: TypeAlias = str | os.PathLike[str] | Mapping[Any, Any]
 
 
 @dataclass(frozen=True)
@@ -86,23 +90,31 @@ class ColumnMap:
                 raise LogError(f"{log} has no column {wanted}{hint(wanted, names)}", self.file)
 
 
-def read_map(path: str) -> ColumnMap:
-    """Read a column map.
+def read_map(source: Columns) -> ColumnMap:
+    """A column map, from its file or from names by foreign names, that of the clock among them.
 
     Raises
     ------
     LogError
         Not TOML, an unknown key, a value of the wrong type, or a name without a known unit.
+    TypeError
+        `source` is neither.
     """
-    import tomllib
-
-    try:
-        with open(path, "rb") as stream:
-            document = tomllib.load(stream)
-    except OSError as error:
-        raise LogError(f"cannot be read: {error.strerror or error}", path) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise LogError(f"not TOML: {error}", path) from error
+    if isinstance(source, Mapping):
+        path = "<columns>"
+        columns = {str(name): entry for name, entry in source.items()}
+        document: dict[str, Any] = {"columns": columns}
+        for name, entry in columns.items():
+            if isinstance(entry, str) and (unit := clock_unit([entry])):
+                document = {
+                    "time": {"column": name, "unit": unit},
+                    "columns": {other: columns[other] for other in columns if other != name},
+                }
+    elif isinstance(source, str | os.PathLike):
+        path = os.fspath(source)
+        document = _toml(path)
+    else:
+        raise TypeError(f"columns: a file, or a dict of names to names, not {source!r:.60}")
     try:
         _keys("the map", document, _KEYS)
         columns = _typed("columns", document.get("columns", {}), dict)
@@ -117,10 +129,20 @@ def read_map(path: str) -> ColumnMap:
                 for name, entry in _typed("angles", document.get("angles", {}), dict).items()
             ),
         )
-    except UnitError as error:
+    except (UnitError, _MapError) as error:
         raise LogError(str(error), path) from error
-    except _MapError as error:
-        raise LogError(str(error), path) from error
+
+
+def _toml(path: str) -> dict[str, Any]:
+    import tomllib
+
+    try:
+        with open(path, "rb") as stream:
+            return tomllib.load(stream)
+    except OSError as error:
+        raise LogError(f"cannot be read: {error.strerror or error}", path) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise LogError(f"not TOML: {error}", path) from error
 
 
 _KEYS = ("time", "columns", "unmapped", "angles", *Dialect.__dataclass_fields__)

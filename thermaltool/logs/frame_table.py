@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thermaltool.errors import LogError
-from thermaltool.logs.table import Cells, Kind, Values, first_faults
+from thermaltool.logs.table import Cells, Kind, Values, first_faults, marked_missing
 from thermaltool.record import Array
 from thermaltool.units import clock_unit
 
@@ -23,15 +23,16 @@ class FrameTable:
     """A data frame as a table; its index counts as a column where it is the clock.
 
     A `DatetimeIndex` is the ISO clock ``time``, a `TimedeltaIndex` the clock ``time_s``, and an
-    index that has a clock's name is that clock, unless a column is.
+    index that has a clock's name is that clock, unless a column is. `missing` are words for a
+    missing value, beside those of pandas.
     """
 
     header_line = None
 
-    def __init__(self, frame: pandas.DataFrame) -> None:
+    def __init__(self, frame: pandas.DataFrame, missing: Sequence[str] = ()) -> None:
         import pandas
 
-        self.file = FRAME_NAME
+        self.file, self._missing = FRAME_NAME, missing
         self._columns: list[Any] = [frame.iloc[:, i] for i in range(frame.shape[1])]
         self.names = [str(name).strip() for name in frame.columns]
         index = frame.index
@@ -64,7 +65,7 @@ class FrameTable:
     def _numbers(self, name: str, column: Any) -> tuple[Array, list[LogError]]:
         faults: list[LogError] = []
         if column.dtype.kind == "O":
-            array, bad = _cell_by_cell(column)
+            array, bad = _cell_by_cell(column, self._missing)
             numbers = len(bad) < column.notna().sum() or not bad
             cells = column.to_list()
             faults = [LogError(f"not a number: {cells[k]!r}", self.file, k + 1, name) for k in bad]
@@ -77,6 +78,7 @@ class FrameTable:
             return np.full(self._rows, np.nan), [error]
         if column.dtype.kind != "O":
             array = column.to_numpy(dtype=np.float64, na_value=np.nan, copy=True)
+        array = marked_missing(array, self._missing)
         rows = np.flatnonzero(np.isinf(array))
         faults += [LogError(f"infinite: {array[k]}", self.file, int(k) + 1, name) for k in rows]
         array[rows] = np.nan
@@ -101,12 +103,12 @@ def _stamp(value: Any) -> str | None:
     return value.isoformat() if hasattr(value, "isoformat") else str(value)
 
 
-def _cell_by_cell(column: Any) -> tuple[Array, list[int]]:
+def _cell_by_cell(column: Any, words: Sequence[str]) -> tuple[Array, list[int]]:
     """Numbers of a column of text or objects, and the rows that hold none."""
     numbers, bad = np.full(len(column), np.nan), []
     for k, (value, missing) in enumerate(zip(column, column.isna(), strict=True)):
         word = value.strip() if isinstance(value, str) else value
-        if missing or word == "":
+        if missing or word == "" or word in words:
             continue
         try:
             # Python reads 1_000 and True as numbers; no logger means that.

@@ -11,7 +11,7 @@ from thermaltool.errors import LogError
 from thermaltool.logs.clock import BURST_PERIODS, Sampling, sampling
 from thermaltool.logs.log import Log
 from thermaltool.logs.table import MAX_LISTED
-from thermaltool.record import Array
+from thermaltool.record import Array, ChannelSummary
 
 ABSOLUTE_ZERO = -273.15  # [degC]
 # Steps may differ by this share of the period before the clock counts as uneven.
@@ -32,18 +32,6 @@ class Finding:
     message: str
     line: int | None = None
     column: str | None = None
-
-
-@dataclass(frozen=True)
-class ChannelSummary:
-    """One channel: what its name says, its range, and the share of missing values."""
-
-    name: str
-    quantity: str
-    unit: str
-    minimum: float
-    maximum: float
-    missing: float
 
 
 @dataclass(frozen=True)
@@ -86,22 +74,13 @@ def inspect(log: Log) -> Inspection:
         duration=float(finite[-1] - finite[0]) if finite.size else 0.0,
         segments=len(log.segments),
         clock=clock,
-        channels=tuple(_summary(log, name) for name in log.columns),
+        channels=log.channel_summaries(),
         findings=tuple(findings),
     )
 
 
 def _reading(problem: LogError) -> Finding:
     return Finding("reading", problem.message, problem.line, problem.column)
-
-
-def _summary(log: Log, name: str) -> ChannelSummary:
-    values, channel = log.columns[name], log.channels.get(name)
-    present = values[np.isfinite(values)]
-    low, high = (float(present.min()), float(present.max())) if present.size else (np.nan, np.nan)
-    share = 1.0 - present.size / values.size if values.size else 0.0
-    quantity, unit = (channel.quantity, channel.unit) if channel else ("?", "?")
-    return ChannelSummary(name, quantity, unit, low, high, share)
 
 
 def _capped(findings: Iterator[Finding]) -> list[Finding]:

@@ -14,7 +14,7 @@ from thermaltool.record import Record, Rows
 from thermaltool.units import Channel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Log(Record):
     """A record as it was read.
 

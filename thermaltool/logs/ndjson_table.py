@@ -12,14 +12,22 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs.columns import ColumnMap
-from thermaltool.logs.table import UNFINISHED, Cells, InputBytes, Kind, Values, first_faults
+from thermaltool.logs.table import (
+    UNFINISHED,
+    Cells,
+    InputBytes,
+    Kind,
+    Values,
+    first_faults,
+    marked_missing,
+)
 from thermaltool.logs.text import row_lines
 from thermaltool.record import Array
 
 
 def open_table(source: InputBytes, mapping: ColumnMap) -> NdjsonTable:
-    """The objects of an NDJSON text, which has no dialect."""
-    return NdjsonTable(source)
+    """The objects of an NDJSON text; of the dialect of the map the words for missing values."""
+    return NdjsonTable(source, mapping.dialect.missing)
 
 
 def write_columns(columns: Mapping[str, np.ndarray], stream: BinaryIO) -> None:
@@ -40,8 +48,8 @@ class NdjsonTable:
 
     header_line = None
 
-    def __init__(self, source: InputBytes) -> None:
-        self.file = source.name
+    def __init__(self, source: InputBytes, missing: Sequence[str] = ()) -> None:
+        self.file, self._missing = source.name, missing
         self.lines: list[int] = []
         self.faults: list[LogError] = []
         self.unfinished: LogError | None = None
@@ -79,7 +87,7 @@ class NdjsonTable:
         for name, kind, column in zip(self.names, kinds, columns, strict=True):
             if kind == "number":
                 array, faults = self._numbers(name, column)
-                values.append(array)
+                values.append(marked_missing(array, self._missing))
                 problems += first_faults(faults)
             elif kind == "text":
                 values.append([None if cell is None else str(cell) for cell in column])
@@ -97,7 +105,7 @@ class NdjsonTable:
         for i, cell in enumerate(column):
             if type(cell) is float and abs(cell) != np.inf:
                 values[i] = cell
-            elif cell is not None:
+            elif cell is not None and cell not in self._missing:
                 what = "infinite" if type(cell) is float else "not a number"
                 faults.append(self._fault(what, name, i, cell))
         return values, faults

@@ -9,13 +9,13 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs.columns import ColumnMap
-from thermaltool.logs.table import Cells, InputBytes, Kind, Values, first_faults
+from thermaltool.logs.table import Cells, InputBytes, Kind, Values, first_faults, marked_missing
 from thermaltool.record import Array
 
 
 def open_table(source: InputBytes, mapping: ColumnMap) -> ParquetTable:
-    """The columns of a Parquet file, which has no dialect."""
-    return ParquetTable(source)
+    """The columns of a Parquet file; of the dialect of the map the words for missing values."""
+    return ParquetTable(source, mapping.dialect.missing)
 
 
 def write_columns(columns: Mapping[str, np.ndarray], stream: BinaryIO) -> None:
@@ -38,11 +38,11 @@ class ParquetTable:
 
     header_line = None
 
-    def __init__(self, source: InputBytes) -> None:
+    def __init__(self, source: InputBytes, missing: Sequence[str] = ()) -> None:
         import pyarrow
         from pyarrow import parquet
 
-        self.file = source.name
+        self.file, self._missing = source.name, missing
         if not source.data:
             raise LogError("the file is empty", self.file)
         try:
@@ -80,6 +80,7 @@ class ParquetTable:
             error = LogError(f"not a number: the column holds {column.type}", self.file, None, name)
             return np.full(len(column), np.nan), [error]
         array = column.cast("float64", safe=False).to_numpy().astype(np.float64, copy=True)
+        array = marked_missing(array, self._missing)
         rows = np.flatnonzero(np.isinf(array))
         faults = [LogError(f"infinite: {array[k]}", self.file, int(k) + 1, name) for k in rows]
         array[rows] = np.nan

@@ -3,60 +3,67 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
 
 from thermaltool.errors import LogError, UnitError
 from thermaltool.logs.clock import segments
-from thermaltool.logs.columns import Clock, ColumnMap, Rename, read_map
+from thermaltool.logs.columns import Clock, ColumnMap, Columns, Rename, read_map
 from thermaltool.logs.formats import format_of, load_format
 from thermaltool.logs.log import Log
 from thermaltool.logs.table import Cells, Kind, Table, first_faults, read_source
 from thermaltool.record import Array, Record, hint
-from thermaltool.units import UNITS, Channel, clock_unit, parse_channel
+from thermaltool.units import UNITS, Channel, clock_unit, names, parse_channel
 
 if TYPE_CHECKING:
     import pandas
+
+    TableSource: TypeAlias = str | os.PathLike[str] | pandas.DataFrame
+    Data: TypeAlias = TableSource | Record
 
 # What a missing value in a needed channel does.
 NAN_POLICIES = ("raise", "omit", "hold")
 
 
 def read_log(
-    source: str | pandas.DataFrame,
+    data: Data,
     *,
-    columns: str | None = None,
+    columns: Columns | None = None,
     from_format: str | None = None,
     nan_policy: str = "raise",
     max_gap: float | None = None,
-    need: Sequence[str] = (),
+    need: str | Sequence[str] = (),
     strict: bool = True,
 ) -> Log:
-    """Read a log from a file, from stdin or out of a data frame.
+    """A log, from a file, a data frame or a record.
 
     Parameters
     ----------
-    source : str or pandas.DataFrame
-        A file; ``-`` is stdin. Of a frame the clock may be the index (`FrameTable`).
-    columns : str, optional
-        A column map (TOML) for foreign names.
+    data : str, path, pandas.DataFrame or Record
+        A file (CSV, NDJSON, Parquet; ``-`` is stdin), or a frame with columns named as in logs
+        (``T_spindle_degC``) and a clock: a column ``time_s`` or ``time``, or a `DatetimeIndex`.
+    columns : str, path or dict, optional
+        A column map for foreign names: a file (TOML), or names by foreign names
+        (``{"Temp 1": "T_spindle_degC", "t": "time_s", "comment": False}``).
     from_format : str, optional
-        A key of `thermaltool.logs.formats.FORMATS`. Default: by the file's suffix, else CSV.
+        Format of the file. Default: by its suffix, else CSV.
     nan_policy : {"raise", "omit", "hold"}
         What a missing value in a channel of `need` does: raise, leave the row out, or take the
         channel's last value. Other channels keep NaN.
     max_gap : float, optional
         A pause above this [s] starts a new segment. Default: ten median periods, or ten pauses
-        where the log is sampled in bursts.
-    need : sequence of str
+        where the log is sampled in bursts; the segments of a record stay.
+    need : str or sequence of str
         Channels that must be there.
     strict : bool
         True raises at the first fault. False reads around faults and lists them in
-        `Log.problems`: a bad cell is NaN, a ragged line is left out, a clock is kept as it is.
+        `Log.problems`: a bad cell is NaN, a ragged line is left out, a clock is kept as it is. A
+        record is always read strictly.
 
     Returns
     -------
@@ -69,9 +76,26 @@ def read_log(
         With file, line and column: unreadable, empty, truncated, ragged, text or infinity in a
         number, unknown unit, column missing or there twice, clock absent, backward or repeated,
         a missing value under ``raise``.
+    UnitError
+        A column of a record whose name has no known unit.
+
+    Examples
+    --------
+    >>> import pandas as pd, thermaltool as tt
+    >>> frame = pd.DataFrame({"time_s": [0.0, 10.0, 20.0], "T_spindle_degC": [20.0, 20.4, 20.7]})
+    >>> tt.read_log(frame)
+    <frame>: 3 rows, 20 s, 1 segment
+    period 10 s
+    channel                  min           max  unit   missing
+    T_spindle_degC            20          20.7  degC   0 %
     """
+    need = names(need)
+    if isinstance(data, Record):
+        if columns is not None or from_format is not None:
+            raise ValueError("columns and from_format say how a file or a frame is read")
+        return _of_record(data, nan_policy, max_gap, need)
     mapping = ColumnMap() if columns is None else read_map(columns)
-    name, digest, table = open_source(source, from_format, mapping)
+    name, digest, table = open_source(data, from_format, mapping)
     mapping.check(table.names, name)
     plan = _plan(name, table, mapping)
     cells = table.cells(plan.kinds)
@@ -102,35 +126,21 @@ def read_log(
     return replace(log, segments=segments(log.time, max_gap), problems=tuple(problems))
 
 
-def as_log(
-    record: Record,
-    *,
-    nan_policy: str = "raise",
-    max_gap: float | None = None,
-    need: Sequence[str] = (),
-) -> Log:
-    """A record, read already, as `read_log` would give it with these options.
-
-    Its own segments stay where no `max_gap` is given, and so do its lines in a file.
-
-    Raises
-    ------
-    LogError
-        As `read_log`.
-    """
+def _of_record(record: Record, nan_policy: str, max_gap: float | None, need: Sequence[str]) -> Log:
+    """A record as a log; it keeps its lines in a file, and its segments but for a `max_gap`."""
     if not isinstance(record, Log):
         own = {each.name: getattr(record, each.name) for each in fields(Record)}
         channels = {name: parse_channel(name) for name in record.columns}
         record = Log(**own, channels=channels, lines=np.arange(1, len(record) + 1))
         if not record.digest:
-            record = replace(record, digest=samples_digest(record))
+            record = replace(record, digest=_samples_digest(record))
     log = _without_gaps(record, need, nan_policy)
     if faults := [*_first_missing(log, "time_s"), *_disorder(log, "time_s")]:
         raise faults[0]
     return log if max_gap is None else replace(log, segments=segments(log.time, max_gap))
 
 
-def samples_digest(record: Record) -> str:
+def _samples_digest(record: Record) -> str:
     """SHA-256 of names, clock and values: identifies a record that was not read from a file."""
     digest = hashlib.sha256(record.time.tobytes())
     for name, values in record.columns.items():
@@ -139,16 +149,17 @@ def samples_digest(record: Record) -> str:
 
 
 def open_source(
-    source: str | pandas.DataFrame, from_format: str | None, mapping: ColumnMap
+    source: TableSource, from_format: str | None, mapping: ColumnMap
 ) -> tuple[str, str, Table]:
     """The name and digest of an input, and its table."""
-    if isinstance(source, str):
+    if isinstance(source, str | os.PathLike):
+        source = os.fspath(source)
         raw = read_source(source)
         table: Table = load_format(format_of(source, from_format)).open_table(raw, mapping)
         return raw.name, raw.digest, table
     from thermaltool.logs.frame_table import FrameTable
 
-    frame = FrameTable(source)
+    frame = FrameTable(source, mapping.dialect.missing)
     return frame.file, frame.digest, frame
 
 

@@ -17,7 +17,8 @@ from thermaltool.record import Array, Record, hint
 from thermaltool.units import UNITS, clock_unit
 
 if TYPE_CHECKING:
-    import pandas
+    from thermaltool.logs.columns import Columns
+    from thermaltool.logs.reader import Data, TableSource
 
 # Share of the period by which a step may differ from a whole number of periods: jitter, and the
 # rounding of printed times.
@@ -25,10 +26,10 @@ MAX_UNEVENNESS = 0.25
 
 
 def read_series(
-    source: str | pandas.DataFrame | Record,
+    data: Data,
     column: str,
     *,
-    columns: str | None = None,
+    columns: Columns | None = None,
     from_format: str | None = None,
     period: float | None = None,
     max_gap: float | None = None,
@@ -42,7 +43,7 @@ def read_series(
 
     Parameters
     ----------
-    source, columns, from_format, max_gap
+    data, columns, from_format, max_gap
         As for `read_log`.
     column : str
     period : float, optional
@@ -63,15 +64,15 @@ def read_series(
     LogError
         As `read_log`; uneven sampling; no row left.
     """
-    if isinstance(source, Record):
-        name, digest, lines = source.name, source.digest, np.arange(1, len(source) + 1)
-        time, values, counted = source.time, source.column(column), False
+    if isinstance(data, Record):
+        name, digest, lines = data.name, data.digest, np.arange(1, len(data) + 1)
+        time, values, counted = data.time, data.column(column), False
     elif columns is not None:
-        log = read_log(source, columns=columns, from_format=from_format, max_gap=max_gap)
+        log = read_log(data, columns=columns, from_format=from_format, max_gap=max_gap)
         name, digest, lines = log.name, log.digest, log.lines
         time, values, counted = log.time, log.column(column), False
     else:
-        name, digest, lines, found, values = _lenient(source, column, from_format)
+        name, digest, lines, found, values = _lenient(data, column, from_format)
         counted = found is None
         time = (period or 1.0) * np.arange(float(values.size)) if found is None else found
     rows = np.ones(time.size, dtype=bool)
@@ -128,7 +129,7 @@ def _filled(
 
 
 def _lenient(
-    source: str | pandas.DataFrame, column: str, from_format: str | None
+    source: TableSource, column: str, from_format: str | None
 ) -> tuple[str, str, NDArray[np.intp], Array | None, Array]:
     name, digest, table = open_source(source, from_format, ColumnMap())
     if column not in table.names:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import sys
 from collections.abc import Sequence
@@ -75,6 +76,15 @@ def read_source(source: str) -> InputBytes:
         raise LogError("this is a folder, not a log", source) from error
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror or error}", source) from error
+
+
+def marked_missing(values: Array, words: Sequence[str]) -> Array:
+    """The numbers, NaN where one is that of a word for a missing value (``-999``)."""
+    numbers = []
+    for word in words:
+        with contextlib.suppress(ValueError):
+            numbers.append(float(word))
+    return np.where(np.isin(values, numbers), np.nan, values) if numbers else values
 
 
 def first_faults(problems: list[LogError]) -> list[LogError]:

@@ -38,7 +38,7 @@ class InputLog(Protocol):
 class Read(Protocol):
     """From a file, or ``-`` for stdin, and the channels that it must have to a log."""
 
-    def __call__(self, source: str, *, need: Sequence[str]) -> InputLog: ...
+    def __call__(self, source: str, /, *, need: Sequence[str]) -> InputLog: ...
 
 
 def run(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from thermaltool.errors import LogError
 from thermaltool.logs import Log
 from thermaltool.logs.inspect import Inspection
+from thermaltool.record import channel_table
 
 
 def check_table(log: Log, inspection: Inspection) -> str:
@@ -19,13 +20,7 @@ def check_table(log: Log, inspection: Inspection) -> str:
         lines.append(f"period {clock.period:.6g} s, jitter {clock.jitter:.3g} s")
     if clock.burst_rows:
         lines[-1] += f", in bursts of {clock.burst_rows} rows every {clock.burst_period:g} s"
-    width = max((len(channel.name) for channel in inspection.channels), default=7)
-    lines.append(f"{'channel':<{width}}  {'min':>12}  {'max':>12}  {'unit':<5}  missing")
-    for c in inspection.channels:
-        lines.append(
-            f"{c.name:<{width}}  {c.minimum:>12.6g}  {c.maximum:>12.6g}  {c.unit:<5}  "
-            f"{100 * c.missing:.3g} %{'  constant' if c.minimum == c.maximum else ''}"
-        )
+    lines += channel_table(inspection.channels)
     if not inspection.findings:
         return "\n".join([*lines, "nothing wrong"])
     wrong = [str(LogError(f.message, log.name, f.line, f.column)) for f in inspection.findings]
