@@ -49,7 +49,6 @@ class ActuatorSaturation(Effect):
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
-        for drive in scene.drives:
-            if level := scene.level(drive):
-                for share in (0.2, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9, 0.96):
-                    yield cls(drive, {"limit": share * level, "level": level})
+        for drive, level in scene.levels().items():
+            for share in (0.2, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9, 0.96):
+                yield cls(drive, {"limit": share * level, "level": level})

@@ -39,15 +39,6 @@ class AmbientDrift(HeatSource):
     }
 
     def unlogged(self, name: str, record: Record, memory: Memory = None) -> Float | float:
-        """What air that nobody logged adds to an output.
-
-        Parameters
-        ----------
-        name : str
-        record : Record
-        memory : dict, optional
-            As in `drive`.
-        """
         swing = self.parameters.get(f"swing[{name}]")
         if swing is None:
             return 0.0

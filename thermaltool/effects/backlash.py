@@ -33,7 +33,6 @@ class Backlash(Effect):
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
-        for drive in scene.drives:
-            if level := scene.level(drive):
-                for share in (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8):
-                    yield cls(drive, {"width": share * level})
+        for drive, level in scene.levels().items():
+            for share in (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8):
+                yield cls(drive, {"width": share * level})

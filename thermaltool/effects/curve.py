@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 
@@ -202,5 +202,5 @@ class OutputCurve(Curve):
     signature: ClassVar[str] = "residuals are a bent function of the output, at every rate alike"
     source: ClassVar[str] = "Wiener (static nonlinearity behind a linear block)"
 
-    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
-        return self.bent(outputs[name]) if name == self.channel else outputs[name]
+    def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
+        return self.bent(y)

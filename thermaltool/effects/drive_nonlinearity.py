@@ -60,10 +60,7 @@ class DriveNonlinearity(Effect):
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
-        for drive in scene.drives:
-            level = scene.level(drive)
-            if not level:
-                continue
+        for drive, level in scene.levels().items():
             for exponent in (0.5, 0.7, 0.9, 1.1, 1.5, 2.0, 3.0):
                 yield cls(drive, {"exponent": exponent, "level": level})
             for share in (0.02, 0.05, 0.1, 0.2, 0.4):

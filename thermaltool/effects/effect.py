@@ -1,10 +1,11 @@
 """What every physical cause has in common: parameters, the physics, and trial sizes.
 
 An effect acts at one place of the model: on a drive before its terms (`Effect.drive`), on the
-rate at which heat is lost (`Effect.loss`), or on an output (`Effect.output`). All three are the
-identity unless a cause says otherwise, so a cause is one file that overrides what it changes, lists
-its parameters, and says in `probes` at which places and sizes it is worth a trial. A causal effect
-takes a record whole or row by row: what it has to know of the rows before is in `Memory`.
+rate at which heat is lost (`Effect.loss`), or on outputs (`Effect.output`, `Effect.reading` for one
+alone). All are the identity unless a cause says otherwise, so a cause is one file that overrides
+what it changes, lists its parameters, and says in `probes` at which places and sizes it is worth a
+trial. A causal effect takes a record whole or row by row: what it has to know of the rows before is
+in `Memory`.
 """
 
 from __future__ import annotations
@@ -113,6 +114,10 @@ class Scene:
     def level(self, drive: str) -> float:
         """Largest absolute value of a drive in any log."""
         return max(float(np.max(np.abs(driven[drive]))) for driven in self.driven)
+
+    def levels(self) -> dict[str, float]:
+        """Levels of the drives that act in some log."""
+        return {drive: level for drive in self.drives if (level := self.level(drive))}
 
     def reach(self, output: str) -> float:
         """Largest absolute simulated value of an output in any log."""
@@ -226,7 +231,7 @@ class Effect:
         return None
 
     def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
-        """What is read in place of ``outputs[name]``, relative to rest.
+        """What is read in place of ``outputs[name]``, relative to rest: `reading` at `channel`.
 
         `record` and `memory` as for `drive`; every output has a memory of its own.
 
@@ -238,7 +243,20 @@ class Effect:
         memory : dict, optional
             As in `drive`.
         """
-        return outputs[name]
+        y = outputs[name]
+        return self.reading(y, record, memory) if name == self.channel else y
+
+    def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
+        """What is read in place of the output `y` at `channel`; `record`, `memory` as for `drive`.
+
+        Parameters
+        ----------
+        y : ndarray, shape (n,)
+        record : Record
+        memory : dict, optional
+            As in `drive`.
+        """
+        return y
 
     # What a stream asks for, in which readings come in and drives are unknown.
 

@@ -52,7 +52,6 @@ class Hysteresis(Effect):
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
-        for drive in scene.drives:
-            if level := scene.level(drive):
-                for part in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0, MAX_RELATIVE_WIDTH):
-                    yield cls(drive, {"width": part * level, "share": 1.0})
+        for drive, level in scene.levels().items():
+            for part in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0, MAX_RELATIVE_WIDTH):
+                yield cls(drive, {"width": part * level, "share": 1.0})

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 # A displacement that goes less far the other way shows nothing of the other sign.
@@ -40,10 +40,7 @@ class JointContact(Effect):
         "asymmetry": Parameter("1", low=-0.95, high=0.95, linear=True),
     }
 
-    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
-        y = outputs[name]
-        if name != self.channel:
-            return y
+    def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
         size = np.abs(y)
         curvature = self.parameters.get("curvature", 0.0)
         return y + curvature * y * size + self.parameters.get("asymmetry", 0.0) * size

@@ -51,15 +51,6 @@ class SecondSource(HeatSource):
         return super().unit(name)
 
     def unlogged(self, name: str, record: Record, memory: Memory = None) -> Float | float:
-        """What a source that nobody logged adds to an output.
-
-        Parameters
-        ----------
-        name : str
-        record : Record
-        memory : dict, optional
-            As in `drive`.
-        """
         gain = self.parameters.get(f"gain[{name}]", 0.0)
         since = np.maximum(record.time - self.parameters["start"], 0.0)
         return -gain * np.expm1(-since / self.parameters["time_constant"])

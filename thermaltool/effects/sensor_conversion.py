@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -35,10 +35,7 @@ class SensorConversion(Effect):
         "curvature": Parameter("1/{channel}", linear=True),
     }
 
-    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
-        y = outputs[name]
-        if name != self.channel:
-            return y
+    def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
         return y * self.parameters.get("gain", 1.0) + self.parameters["curvature"] * y**2
 
     def undone(self, values: Float) -> Float:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import HOUR, elapsed
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -23,11 +23,8 @@ class SensorDrift(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {"rate": Parameter("{channel}/h", linear=True)}
 
-    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
-        if name != self.channel:
-            return outputs[name]
-        hours = elapsed(record.time, memory) / HOUR
-        return outputs[name] + self.parameters["rate"] * hours
+    def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
+        return y + self.parameters["rate"] * elapsed(record.time, memory) / HOUR
 
     def plausible(self, scene: Scene) -> bool:
         # Beyond a tenth of what is measured it is no drift of a sensor in use.

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 # Fewer equal readings in a row than this, or than this many times what is usual in the log, are
@@ -39,10 +39,10 @@ class SensorFrozen(Effect):
         "stop": Parameter("s", fixed=True),
     }
 
-    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
-        y, time = outputs[name], record.time
+    def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
+        time = record.time
         first = int(np.searchsorted(time, self.parameters["start"]))
-        if name != self.channel or first == len(time):
+        if first == len(time):
             return y
         memory = {} if memory is None else memory
         frozen = memory.setdefault("reading", float(y[first]))

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 
@@ -24,9 +24,8 @@ class SensorGain(Effect):
     memoryless: ClassVar[bool] = True
     known: ClassVar = {"gain": Parameter("1", neutral=1.0, linear=True)}
 
-    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
-        y = outputs[name]
-        return y * self.parameters["gain"] if name == self.channel else y
+    def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
+        return y * self.parameters["gain"]
 
     def undone(self, values: Float) -> Float:
         gain = self.parameters["gain"]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import lagged, time_constants
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 
 # On clean logs of simulated machines the error of a response's shape had up to this much evidence
@@ -28,11 +28,9 @@ class SensorLag(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {"time_constant": Parameter("s", low=0.0, high=1e6, log=True)}
 
-    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
-        y, tau = outputs[name], self.parameters["time_constant"]
-        if name != self.channel or tau <= 0:
-            return y
-        return lagged(record.time, y, tau, "first", float(y[0]), memory)
+    def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
+        tau = self.parameters["time_constant"]
+        return lagged(record.time, y, tau, "first", float(y[0]), memory) if tau > 0 else y
 
     @property
     def odds(self) -> float:

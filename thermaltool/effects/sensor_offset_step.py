@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
 from thermaltool.units import is_displacement
 
@@ -30,10 +30,8 @@ class SensorOffsetStep(Effect):
         # A displacement that jumps is more often the machine's doing than its probe's.
         return super().odds * (0.5 if is_displacement(self.channel) else 1.0)
 
-    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
-        if name != self.channel:
-            return outputs[name]
-        return outputs[name] + self.parameters["step"] * (record.time >= self.parameters["time"])
+    def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
+        return y + self.parameters["step"] * (record.time >= self.parameters["time"])
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
