@@ -331,13 +331,17 @@ def test_a_restart_after_a_safe_end_comes_back_at_the_slew_rate(run, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: "{}", "not a checkpoint: remove it to start from rest"),
-        (lambda d: d[: len(d) // 2], "not a checkpoint: remove it"),
-        (lambda d: d.replace('"version": 1', '"version": 2'), "of another version: remove it"),
+        (lambda d: "{}", "not a checkpoint .*; remove the file to start from rest"),
+        (lambda d: d[: len(d) // 2], "json:1: not JSON: .* .not a checkpoint.; remove the file"),
+        (lambda d: "\0\xff", "not JSON: .* .not a checkpoint.; remove the file"),
+        (lambda d: d.replace('-checkpoint"', '-model"'), "-model. is not thermal"),
+        (lambda d: d.replace('"version": 1', '"version": 2'), "version 2 is newer"),
+        (lambda d: d.replace('"version": 1', '"versions": 1'), "no version of the format"),
+        (lambda d: d.replace('"state"', '"states"'), "json: 'state' is missing; remove the file"),
         (lambda d: d.replace('"design_sha256": "', '"design_sha256": "0'), "of another model"),
-        (lambda d: d.replace('"estimator": [', '"estimator": [0.0, '), "damaged: remove it"),
-        (lambda d: d.replace('"time_s"', '"time"'), "damaged: remove it"),
-        (lambda d: d.replace('"clock"', '"clocks"'), "damaged: remove it"),
+        (lambda d: d.replace('"estimator": [', '"estimator": [0.0, '), "damaged; remove the file"),
+        (lambda d: d.replace('"time_s"', '"time"'), "damaged; remove the file"),
+        (lambda d: d.replace('"clock"', '"clocks"'), "damaged; remove the file"),
     ],
 )
 def test_a_checkpoint_that_does_not_fit_is_an_error_that_names_the_mend(

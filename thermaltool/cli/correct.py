@@ -9,7 +9,7 @@ import click
 from thermaltool.api.inputs import read_for_fit, read_model, write_model
 from thermaltool.cli.messages import command_line, warn
 from thermaltool.cli.options import (
-    Source,
+    InputPath,
     json_option,
     keep_inputs,
     log_options,
@@ -42,7 +42,7 @@ MIN_ROWS = 3
               "[default: 6, 2]")  # fmt: skip
 @click.option("--refit", is_flag=True,
               help="Search time constants and gains again, together with the curves.")  # fmt: skip
-@click.option("--validate", "validation", type=Source(), metavar="LOG",
+@click.option("--validate", "validation", type=InputPath(), metavar="LOG",
               help="Judge on another log, too.")  # fmt: skip
 @log_options
 @output_option

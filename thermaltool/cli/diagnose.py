@@ -11,8 +11,8 @@ import click
 
 from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progress, warn
 from thermaltool.cli.options import (
+    InputPath,
     NumberRange,
-    Source,
     keep_inputs,
     log_options,
     logs_argument,
@@ -33,7 +33,7 @@ from thermaltool.documents import check_folder, write_json
     "--validate",
     "validate",
     multiple=True,
-    type=Source(),
+    type=InputPath(),
     metavar="LOG",
     help="Measure the gain on this log, which no fit sees; repeatable.  "
     "[default: stretches of the LOGs, held out in turn]",

@@ -8,7 +8,7 @@ import click
 
 from thermaltool.cli.messages import warn
 from thermaltool.cli.options import (
-    Source,
+    InputPath,
     initial_option,
     json_option,
     keep_inputs,
@@ -26,7 +26,7 @@ from thermaltool.documents import write_json
     epilog="Example: thermaltool plant frame --input duty | thermaltool estimate model.json - -q"
 )
 @model_argument
-@click.argument("log", type=Source(), default="-")
+@click.argument("log", type=InputPath(), default="-")
 @log_options
 @output_option
 @to_option

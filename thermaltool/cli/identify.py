@@ -10,8 +10,8 @@ from thermaltool.cli.fit import Order
 from thermaltool.cli.messages import command_line, warn
 from thermaltool.cli.options import (
     NUMBER,
+    InputPath,
     NumberRange,
-    Source,
     json_option,
     keep_inputs,
     log_options,
@@ -61,7 +61,7 @@ from thermaltool.fitting.transfer.registry import STRUCTURES, described
 @click.option("--split", type=NumberRange(min=0, max=1, min_open=True, max_open=True),
               metavar="SHARE", help="Fit on this first share of the rows, validate on the "
               "rest.")  # fmt: skip
-@click.option("--validate", type=Source(), metavar="LOG",
+@click.option("--validate", type=InputPath(), metavar="LOG",
               help="Validate on another log.")  # fmt: skip
 @click.option("--reference", metavar="first|NUMBER",
               help="What counts as no input in the model file.  [default: first for T_..._degC, "

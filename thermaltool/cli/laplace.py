@@ -8,7 +8,14 @@ from typing import Any
 import click
 
 from thermaltool.cli.messages import DID_NOT_PASS, warn
-from thermaltool.cli.options import NUMBER, POSITIVE, Source, json_option, output_option, to_option
+from thermaltool.cli.options import (
+    NUMBER,
+    POSITIVE,
+    InputPath,
+    json_option,
+    output_option,
+    to_option,
+)
 from thermaltool.cli.types import Assignment, TimeGrid
 from thermaltool.documents import atomic_output
 
@@ -20,7 +27,7 @@ METHODS = ("auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest")
     "--times 1:1e4:200:log | thermaltool plot -"
 )
 @click.argument("expression")
-@click.argument("file", type=Source(), required=False)
+@click.argument("file", type=InputPath(), required=False)
 @click.option("--times", "grid", type=TimeGrid(), metavar="START:STOP:COUNT[:log]",
               help="Grid of times [s]; log for geometric.")  # fmt: skip
 @click.option("--time", "single", type=POSITIVE, metavar="SECONDS", multiple=True,
@@ -94,7 +101,7 @@ def _times(
         start, stop, count, is_log = grid
         parts.insert(0, (np.geomspace if is_log else np.linspace)(start, stop, count))
     elif not single and file is None:
-        file = Source().convert("-", None, ctx)
+        file = InputPath().convert("-", None, ctx)
     if file is not None:
         log = read_log(file)
         if (log.time <= 0).any():

@@ -19,7 +19,7 @@ from thermaltool.units import Reference
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
-class Source(click.Path):
+class InputPath(click.Path):
     """A readable file, or ``-`` for stdin; a terminal on stdin is a usage error."""
 
     name = "file"
@@ -56,9 +56,9 @@ class NumberRange(click.FloatRange):
 NUMBER = Number()
 POSITIVE, NOT_NEGATIVE = NumberRange(min=0, min_open=True), NumberRange(min=0)
 
-log_argument: Decorator = click.argument("log", type=Source(), default="-")
-logs_argument: Decorator = click.argument("logs", type=Source(), nargs=-1, default=("-",))
-model_argument: Decorator = click.argument("model", type=Source())
+log_argument: Decorator = click.argument("log", type=InputPath(), default="-")
+logs_argument: Decorator = click.argument("logs", type=InputPath(), nargs=-1, default=("-",))
+model_argument: Decorator = click.argument("model", type=InputPath())
 output_option: Decorator = click.option(
     "-o", "--output", default="-", metavar="FILE", help="Where the result goes; - is stdout."
 )

@@ -7,7 +7,7 @@ import sys
 import click
 
 from thermaltool.cli.options import (
-    Source,
+    InputPath,
     json_option,
     keep_inputs,
     log_options,
@@ -20,9 +20,9 @@ from thermaltool.documents import write_json
     epilog="Example: thermaltool estimate model.json log.csv -q | "
     "thermaltool plot - --against log.csv -o estimate.png"
 )
-@click.argument("files", type=Source(), nargs=-1, metavar="[FILE]...")
+@click.argument("files", type=InputPath(), nargs=-1, metavar="[FILE]...")
 @click.option(
-    "--against", type=Source(), metavar="LOG", help="What was measured: shows the error of FILE."
+    "--against", type=InputPath(), metavar="LOG", help="What was measured: shows the error of FILE."
 )
 @click.option(
     "--channel", "channels", multiple=True, metavar="NAME", help="Only this one; repeat for more."
@@ -63,7 +63,7 @@ def command(
     if output != "-":
         figure_format(output)
     keep_inputs(output, *files)
-    sources = files or (Source().convert("-", None, ctx),)
+    sources = files or (InputPath().convert("-", None, ctx),)
     if [*sources, against].count("-") > 1:
         raise click.UsageError("stdin can be only one of the files")
     documents = {name for name in sources if is_document(name, from_format)}

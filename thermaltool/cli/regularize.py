@@ -11,7 +11,7 @@ from thermaltool.cli.options import (
     NOT_NEGATIVE,
     NUMBER,
     POSITIVE,
-    Source,
+    InputPath,
     json_option,
     keep_inputs,
     model_argument,
@@ -29,7 +29,7 @@ from thermaltool.documents import write_json
 @model_argument
 @click.option(
     "--noise",
-    type=Source(),
+    type=InputPath(),
     help="What thermaltool noise -o wrote; not needed where every drive is measured.",
 )
 @click.option("--form", type=click.Choice(["auto", "kalman", "kernel"]), default="auto",

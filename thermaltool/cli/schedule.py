@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from thermaltool.cli.messages import command_line
-from thermaltool.cli.options import Source, keep_inputs, one_stdin, output_option
+from thermaltool.cli.options import InputPath, keep_inputs, one_stdin, output_option
 from thermaltool.cli.types import Levels
 
 
@@ -13,7 +13,7 @@ from thermaltool.cli.types import Levels
     epilog="Example: thermaltool schedule at20.json at40.json at60.json --by Q_heater_W "
     "-o scheduled.json"
 )
-@click.argument("models", type=Source(), nargs=-1, required=True)
+@click.argument("models", type=InputPath(), nargs=-1, required=True)
 @click.option("--by", required=True, metavar="CHANNEL",
               help="What chooses: the drive, or another channel of the log.")  # fmt: skip
 @click.option("--levels", type=Levels(),

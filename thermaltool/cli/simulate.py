@@ -10,7 +10,7 @@ import click
 from thermaltool.cli.messages import DID_NOT_PASS, warn
 from thermaltool.cli.options import (
     NUMBER,
-    Source,
+    InputPath,
     json_option,
     keep_inputs,
     log_options,
@@ -27,7 +27,7 @@ from thermaltool.documents import write_json
     epilog="Example: thermaltool plant frame --input duty | thermaltool simulate model.json - -q"
 )
 @model_argument
-@click.argument("log", type=Source(), default="-")
+@click.argument("log", type=InputPath(), default="-")
 @click.option("--start", type=NUMBER, metavar="SECONDS", help="Judge from this time on [s].")
 @click.option("--stop", type=NUMBER, metavar="SECONDS", help="Judge up to this time [s].")
 @click.option(

@@ -5,14 +5,14 @@ from __future__ import annotations
 import click
 
 from thermaltool.cli.messages import command_line
-from thermaltool.cli.options import Source, keep_inputs, one_stdin, output_option
+from thermaltool.cli.options import InputPath, keep_inputs, one_stdin, output_option
 
 
 @click.command(
     epilog="Example: thermaltool superpose causal.json stabilization.json | "
     "thermaltool simulate - run.csv"
 )
-@click.argument("models", type=Source(), nargs=-1, required=True)
+@click.argument("models", type=InputPath(), nargs=-1, required=True)
 @output_option
 def command(models: tuple[str, ...], output: str) -> None:
     """The sum of several MODELS: one for each heat source, found in a run of its own.

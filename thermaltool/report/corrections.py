@@ -17,15 +17,15 @@ MAX_OFF_SHARE = 0.01
 
 def correction_warnings(model: Model, record: Record) -> list[str]:
     """Drives that are on where a record begins, each a sentence."""
-    told = []
+    sentences = []
     for drive in model.drives:
         first = relative(record.column(drive.channel), drive.reference)[0]
         if abs(first) > MAX_OFF_SHARE * max(map(abs, drive.range)):
-            told.append(
+            sentences.append(
                 f"{record.name}: begins with {drive.channel} {first:g} away from rest: it is taken "
                 "as switched on there, which misleads the fit where it was on before"
             )
-    return told
+    return sentences
 
 
 def correction_table(found: Corrected, model: Model, fresh: Record | None) -> list[list[str]]:

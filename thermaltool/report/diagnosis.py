@@ -124,10 +124,10 @@ def _where(report: Document, output: str) -> Iterator[str]:
             key=lambda c: c["power"] - c["time"] + (c["channel"] is None) * MIN_EXCESS / 2,
         )
         if worst["power"] - worst["time"] > MIN_EXCESS:
-            told = (
+            excess = (
                 f"{percent(worst['power'])} of the misfit in {percent(worst['time'])} of the time"
             )
-            line = f"It is wrong mostly while {condition_name(worst)} ({told})"
+            line = f"It is wrong mostly while {condition_name(worst)} ({excess})"
     bands = [band for band in report["bands"] if band["power"] > MIN_BAND_SHARE]
     if bands:
         line += f", {percent(bands[0]['power'])} of it {band_name(bands[0])}"
@@ -141,9 +141,9 @@ def _where(report: Document, output: str) -> Iterator[str]:
 
 def _cause(document: Document, cause: Document, count: int) -> str:
     number_of = f" {document['causes'].index(cause) + 1} of {count}" if count > 1 else ""
-    told = [_parameter(name, each) for name, each in cause["parameters"].items()]
+    values = [_parameter(name, each) for name, each in cause["parameters"].items()]
     where = f", in {_log_name(document, cause['log'])} alone" if cause["log"] else ""
-    parameters = f": {', '.join(told)}" if told else ""
+    parameters = f": {', '.join(values)}" if values else ""
     return (
         f"Cause{number_of}: {called(cause['name'], cause['channel'])}, "
         f"{cause['explanation'].partition(':')[0]}{where}{parameters}; "
@@ -193,18 +193,18 @@ def _worth(document: Document) -> Iterator[str]:
 
     best = min((c for c in channels if sure[c]), key=left)
     unit = channel_unit(best)
-    told = []
+    gains = []
     for cause in sure[best]:
         gain = cause["gain"][best]
         low, high = (number(end) for end in gain["interval"])
         name = "it" if len(causes) == 1 else called(cause["name"], cause["channel"])
-        told.append(
+        gains.append(
             f"{name} takes the residual of {best} from {number(gain['rms_before'])} to "
             f"{number(gain['rms_after'])} {unit} RMS (gain {low} to {high} {unit}, 95 %)"
         )
     others = [c for c in channels if not sure[c]]
     nothing = f"; no sure gain on {', '.join(others)}" if others else ""
-    yield f"On {held_out(document)}, knowing {'; knowing '.join(told)}{nothing}."
+    yield f"On {held_out(document)}, knowing {'; knowing '.join(gains)}{nothing}."
 
 
 def _no_cause(document: Document) -> Iterator[str]:

@@ -112,17 +112,17 @@ def draw_curves(output: str, record: Record, document: Document) -> Figure:
     if "extended" in record.columns:
         names = "\n".join(dict.fromkeys(cause["name"] for cause in document["causes"]))
         models.append(("after", f"model with\n{names}", record.column("extended"), COMPUTED))
-    told = []
+    spreads = []
     for when, name, values, color in models:
         residual = measured - values
         shift = float(np.nanmedian(residual))
-        told.append(f"{when} {with_unit(float(np.nanstd(residual)), unit)}")
+        spreads.append(f"{when} {with_unit(float(np.nanstd(residual)), unit)}")
         for ax, curve, what, width in ((top, values + shift, name, 1.2),
                                        (bottom, residual - shift, when, 0.9)):  # fmt: skip
             trace(ax, record.time, curve, record.segments, per=per, color=color, lw=width,
                   label=what)  # fmt: skip
     legend_beside(top)
-    bottom.set(title=f"Residual, measured − computed.  RMS about the mean: {', '.join(told)}",
+    bottom.set(title=f"Residual, measured − computed.  RMS about the mean: {', '.join(spreads)}",
                ylabel=f"residual [{unit}]", xlabel=f"time [{label}]")  # fmt: skip
     report = document["residuals"].get(output)
     if report is not None:

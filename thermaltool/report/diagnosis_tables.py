@@ -188,8 +188,8 @@ def _causes(document: Document) -> Section:
                 rows.append([*head, name, "", "", ""])
                 continue
             interval = each["interval"]
-            told = "given" if interval is None else " to ".join(number(end) for end in interval)
-            rows.append([*head, name, number(each["value"]), told, printed(each["unit"])])
+            bounds = "given" if interval is None else " to ".join(number(end) for end in interval)
+            rows.append([*head, name, number(each["value"]), bounds, printed(each["unit"])])
             head = ["", "", "", ""]
     return Section("Causes", rows)
 

@@ -61,9 +61,9 @@ def draw(contents: Sequence[Content], channels: Sequence[str] = ()) -> Figure:
     ordered = sorted(contents, key=lambda content: (content.kind == "reference", content.kind))
     kinds = tuple(content.kind for content in ordered)
     if kinds not in FIGURES:
-        told = " and ".join(f"{content.name} ({content.kind})" for content in contents)
+        given = " and ".join(f"{content.name} ({content.kind})" for content in contents)
         raise LogError(
-            f"no figure of {told}: draw one file, or a model with a log, a kernel or a trade-off, "
+            f"no figure of {given}: draw one file, or a model with a log, a kernel or a trade-off, "
             "or a result of estimate or compensate --against a log"
         )
     try:

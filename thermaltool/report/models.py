@@ -73,9 +73,9 @@ def _draw_term(ax: Axes, term: Term, time: Array, per: float) -> None:
     if term.covariance is not None:
         half = NORMAL_95 * step_sigma(term, time)
         hidden = ", within the line" if half.max() < MIN_BAND_SHARE * np.ptp(step) else ""
-        told = f"95 % of the fit, ± {half.max():.2g} {unit}\nat most{hidden}"
+        band = f"95 % of the fit, ± {half.max():.2g} {unit}\nat most{hidden}"
         ax.fill_between(time / per, step - half, step + half, color=MEASURED, alpha=0.6, lw=0,
-                        label=told)  # fmt: skip
+                        label=band)  # fmt: skip
     ax.plot(time / per, step, color=COMPUTED, label="unit step")
     steady = response.dc_gain()
     ax.axhline(steady, color=MARK, lw=0.8, ls="--", label=f"steady {steady:.4g} {unit}")

@@ -27,20 +27,20 @@ from thermaltool.units import printed
 
 def network_warnings(found: IdentifiedNetwork) -> list[str]:
     """What a user should know before using the model, each a sentence."""
-    told, span = [], found.data.duration
+    sentences, span = [], found.data.duration
     if not found.network.converged:
-        told.append("the search for the time constants did not converge")
+        sentences.append("the search for the time constants did not converge")
     undetermined = found.network.undetermined()
     for e in found.network.outputs[0].time_constant_estimates():
         if e in undetermined:
-            told.append(
+            sentences.append(
                 f"the data do not tell the time constant of {e.value:.3g} s "
                 f"({interval_text(e)}): take fewer modes"
             )
         elif e.value > span:
             endless = e.value > 0.99 * LONGEST_IN_RECORDS * span
-            told.append(longer_than_record(e.value, span, endless))
-    return told
+            sentences.append(longer_than_record(e.value, span, endless))
+    return sentences
 
 
 def network_document(found: IdentifiedNetwork) -> dict[str, Any]:

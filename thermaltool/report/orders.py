@@ -80,7 +80,7 @@ def order_warnings(
     """What a user must know before believing the best orders."""
     messages = []
     likelihood = ArmaLikelihood(record, degree)
-    told: set[tuple[int, int]] = set()
+    judged: set[tuple[int, int]] = set()
     for name in names:
         best = table.best(name)
         if table.at_edge(best):
@@ -89,8 +89,8 @@ def order_warnings(
                 "--max-p or --max-q may be better"
             )
         fit = table.fits[best.p, best.q]
-        if (best.p, best.q) not in told:
-            told.add((best.p, best.q))
+        if (best.p, best.q) not in judged:
+            judged.add((best.p, best.q))
             of = f"the model {best.p},{best.q} (best by {name}): "
             pairs = needless_pairs(likelihood, fit.ar, fit.ma, best.deviance)
             messages += [of + _needless(pair) for pair in pairs]

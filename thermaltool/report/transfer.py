@@ -37,18 +37,18 @@ _LISTED = 5
 
 def warnings_of(found: Identified) -> list[str]:
     """What a user should know before using the model, each a sentence."""
-    m, target, told = found.model, found.model.target, []
+    m, target, sentences = found.model, found.model.target, []
     if not m.converged:
-        told.append(f"{target}: the search did not converge ({m.method})")
+        sentences.append(f"{target}: the search did not converge ({m.method})")
     if m.structure.name == "oe" and FALLBACK in m.method and SEPARATE not in m.method:
-        told.append(f"{target}: refined instrumental variables did not settle: {m.method}")
-    for way in found.continued:
-        if isinstance(way, str):
-            told.append(way)
-        elif way.mismatch > MISMATCH:
-            told.append(
+        sentences.append(f"{target}: refined instrumental variables did not settle: {m.method}")
+    for continued in found.continued:
+        if isinstance(continued, str):
+            sentences.append(continued)
+        elif continued.mismatch > MISMATCH:
+            sentences.append(
                 f"{target}: in continuous time the step differs by up to "
-                f"{100 * way.mismatch:.2g} % from the discrete model"
+                f"{100 * continued.mismatch:.2g} % from the discrete model"
             )
     span = found.data.longest * m.dt
     # What grows is told above: it has no continuous form.
@@ -62,8 +62,8 @@ def warnings_of(found: Identified) -> list[str]:
     if slowest > span:
         limit = 0.99 * m.dt / (1 - LARGEST_POLE)
         endless = slowest > min(INTEGRATING * span, limit)
-        told.append(f"{target}: {longer_than_record(slowest, span, endless)}")
-    return told
+        sentences.append(f"{target}: {longer_than_record(slowest, span, endless)}")
+    return sentences
 
 
 def longer_than_record(tau: float, span: float, endless: bool) -> str:
@@ -158,7 +158,7 @@ def _model_document(found: Identified) -> dict[str, Any]:
 
 
 def _term(found: Identified, k: int) -> dict[str, Any]:
-    m, way = found.model, found.continued[k]
+    m, continued = found.model, found.continued[k]
     term: dict[str, Any] = {
         "input": m.names[k],
         "delay_s": m.orders.nk[k] * m.dt,
@@ -174,14 +174,14 @@ def _term(found: Identified, k: int) -> dict[str, Any]:
         "numerator": m.B[k].tolist(),
         "denominator": m.denominator(k).tolist(),
     }
-    if isinstance(way, str):
-        return {**term, "continuous": None, "why_not_continuous": way}
-    response = way.response
+    if isinstance(continued, str):
+        return {**term, "continuous": None, "why_not_continuous": continued}
+    response = continued.response
     names = parameter_names(response.kind)
     term["continuous"] = {
         "kind": response.kind,
         "parameters": {name: getattr(response, name) for name in names},
-        "mismatch": way.mismatch,
+        "mismatch": continued.mismatch,
     }
     return term
 
@@ -242,8 +242,8 @@ def transfer_table(found: Identified) -> str:
                  with_interval(m.gain(k)), printed(gain_unit(m.target, name))]  # fmt: skip
         constants = _constants(m, m.group_of(k))
         weights = _weights(found.continued[k], len(constants))
-        for j, (told, weight) in enumerate(zip(constants, weights, strict=True)):
-            rows.append([*(first if not j else [""] * 5), told, weight])
+        for j, (constant, weight) in enumerate(zip(constants, weights, strict=True)):
+            rows.append([*(first if not j else [""] * 5), constant, weight])
         if not constants:
             rows.append([*first, "", ""])
     c = f"AIC {m.criteria.aic:.1f}  BIC {m.criteria.bic:.1f}  YIC {m.yic(found.variance):.2f}"
@@ -255,15 +255,15 @@ def transfer_table(found: Identified) -> str:
 
 def _constants(m: TransferModel, group: int) -> list[str]:
     """What the table says of each pole; of a pair the envelope, then what swings."""
-    told = []
+    texts = []
     for z, e in zip(m.poles(group), m.time_constants(group), strict=True):
         if z.imag < 0 and oscillates(z):
-            told.append(_pair(z.conjugate(), m.dt))
+            texts.append(_pair(z.conjugate(), m.dt))
         elif abs(z) >= 1:
-            told.append(f"none, |z| = {abs(z):.6g} does not settle")
+            texts.append(f"none, |z| = {abs(z):.6g} does not settle")
         else:
-            told.append(with_interval(e))
-    return told
+            texts.append(with_interval(e))
+    return texts
 
 
 def _pair(z: complex, dt: float) -> str:
@@ -271,11 +271,11 @@ def _pair(z: complex, dt: float) -> str:
     return f"pair: period {2 * np.pi / s.imag:.5g} s, damping {-s.real / abs(s):.3g}"
 
 
-def _weights(way: Continued | str, count: int) -> list[str]:
+def _weights(continued: Continued | str, count: int) -> list[str]:
     """Weights of real lags, slowest first as the time constants are."""
-    if isinstance(way, str) or way.response.kind.startswith("oscillation"):
+    if isinstance(continued, str) or continued.response.kind.startswith("oscillation"):
         return [""] * count
-    return [f"{getattr(way.response, f'K{j + 1}'):.4g}" for j in range(count)]
+    return [f"{getattr(continued.response, f'K{j + 1}'):.4g}" for j in range(count)]
 
 
 def with_interval(e: Estimate) -> str:

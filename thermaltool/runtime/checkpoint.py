@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from thermaltool.documents import CHECKPOINT, atomic_output
+from thermaltool.documents import CHECKPOINT, Part, atomic_output, mapping, text
 from thermaltool.errors import ModelError, OutputError
 
-REMEDY = "remove it to start from rest"
+REMEDY = "remove the file to start from rest"
 
 
 def design_digest(design: Mapping[str, Any]) -> str:
@@ -53,25 +53,20 @@ class Checkpoint:
         if Path(self.path).exists() and not Path(self.path).is_file():
             raise OutputError(f"{self.path}: not a file that could hold a state")
         try:
-            document = json.loads(Path(self.path).read_bytes())
+            content = Path(self.path).read_bytes().decode(errors="replace")
         except FileNotFoundError:
             if not Path(self.path).absolute().parent.is_dir():
                 raise OutputError(f"{self.path}: the folder does not exist") from None
             return None
         except OSError as error:
             raise OutputError(f"{self.path}: {error.strerror}") from error
-        except ValueError as error:
-            raise ModelError(f"{self.path}: not a checkpoint: {REMEDY}") from error
-        if not isinstance(document, dict) or not CHECKPOINT.matches(document):
-            raise ModelError(f"{self.path}: not a checkpoint: {REMEDY}")
-        if document.get("version") != CHECKPOINT.version:
-            raise ModelError(f"{self.path}: a checkpoint of another version: {REMEDY}")
-        if document.get("design_sha256") != self.design:
-            raise ModelError(f"{self.path}: a checkpoint of another model or design: {REMEDY}")
-        state = document.get("state")
-        if not isinstance(state, dict):
-            raise ModelError(f"{self.path}: not a checkpoint: {REMEDY}")
-        return state
+        try:
+            part = Part(CHECKPOINT.loads(content, self.path), self.path)
+            if part.read("design_sha256", text) != self.design:
+                raise ModelError(f"{self.path}: a checkpoint of another model or design")
+            return part.read("state", mapping)
+        except ModelError as error:
+            raise ModelError(f"{error}; {REMEDY}") from error
 
     def save(self, state: dict[str, Any]) -> None:
         """Write `state` whole, in the background: a slow disk does not keep the stream waiting.

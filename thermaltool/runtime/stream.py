@@ -226,4 +226,4 @@ class Stream:
             yield
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             path = self.checkpoint.path if self.checkpoint else ""
-            raise ModelError(f"{path}: a checkpoint that is damaged: {REMEDY}") from error
+            raise ModelError(f"{path}: a checkpoint that is damaged; {REMEDY}") from error
