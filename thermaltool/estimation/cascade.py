@@ -1,6 +1,8 @@
-"""A response read through a first-order lag, as modes again."""
+"""A response read through first-order lags, as modes again."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,21 +14,28 @@ from thermaltool.responses.modes import Modes
 DOUBLE_POLE_TOLERANCE = 1e-3
 
 
-def lagged_modes(modes: Modes, time_constant: float) -> Modes:
-    """``modes`` times a/(s + a), a = 1/`time_constant`, by partial fractions.
+def lagged_modes(modes: Modes, *time_constants: float) -> Modes:
+    """``modes`` times a/(s + a), a = 1/time constant, for each of them, by partial fractions.
 
     Parameters
     ----------
     modes : Modes
-    time_constant : float [s], above 0
+    *time_constants : float [s], above 0
 
     Returns
     -------
     Modes
         Of the same steady state.
     """
+    for time_constant in time_constants:
+        modes = _lagged(modes, time_constant)
+    return modes
+
+
+def _lagged(modes: Modes, time_constant: float) -> Modes:
     if isinstance(modes, DelayedModes):
-        return modes.like(lagged_modes(modes.prompt(), time_constant))
+        late = _lagged(modes.prompt(), time_constant)
+        return replace(modes, poles=late.poles, weights=late.weights, double=late.double)
     a = 1 / time_constant
     poles, weights, double = list(modes.poles), list(modes.weights), list(modes.double)
     # A triple pole has no place in this form: the lag moves aside.

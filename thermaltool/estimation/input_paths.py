@@ -46,13 +46,11 @@ class InputPaths:
         ----------
         term : Term
         """
-        modes = term.response.modes(self.dt)
-        return modes if term.output in self.outputs else self._read(modes, term.output)
+        return lagged_modes(term.response.modes(self.dt), *self._sensor_lags(term.output))
 
-    def _read(self, modes: Modes, sensor: str) -> Modes:
-        for time_constant in sensor_time_constants(self.model, sensor):
-            modes = lagged_modes(modes, time_constant)
-        return modes
+    def _sensor_lags(self, target: str) -> list[float]:
+        """Time constants of the sensor that reads `target`; a deflection is not read."""
+        return [] if target in self.outputs else sensor_time_constants(self.model, target)
 
     @cached_property
     def known(self) -> tuple[KnownInput, ...]:
@@ -106,14 +104,12 @@ class InputPaths:
     def _first_order(self, target: str, gain: float, time_constant: float) -> Modes | float:
         """A first-order lag, or a gain at once, as it is read."""
         lags = [time_constant] if time_constant > 0 else []
-        lags += [] if target in self.outputs else sensor_time_constants(self.model, target)
+        lags += self._sensor_lags(target)
         if not lags:
             return gain
         first, *others = lags
         modes = Modes(np.array([-1 / first], complex), np.array([gain / first], complex))
-        for each in others:
-            modes = lagged_modes(modes, each)
-        return modes
+        return lagged_modes(modes, *others)
 
 
 def _source(effect: Effect) -> KnownInput:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -147,17 +148,9 @@ class EstimatorPipeline:
         -------
         ndarray, shape (n, n_estimates)
         """
-        acting = [
-            apply_maps(c.to_acting, true_values[:, k]) for k, c in enumerate(self.input_columns)
-        ]
-        taken = np.empty((len(true_values), len(self.inputs)))
-        for k, each in enumerate(self.inputs):
-            share = 1.0 if each.band is None else each.band.share(true_values[:, each.chooser])
-            taken[:, k] = acting[each.column] * share
+        taken = np.column_stack(self.estimator_inputs([*true_values.T]))
         estimates = self.estimator.run(time, taken, settled)
-        for k, maps in enumerate(self.estimate_maps):
-            estimates[:, k] = apply_maps(maps, estimates[:, k])
-        return estimates
+        return np.column_stack(self.given_out([*estimates.T]))
 
     @property
     def passes_inputs(self) -> bool:
@@ -165,36 +158,40 @@ class EstimatorPipeline:
         mapped = any(each.to_acting for each in self.input_columns)
         return not mapped and all(each.band is None for each in self.inputs)
 
-    def estimator_inputs(self, true_values: Sequence[float]) -> list[float]:
-        """What the estimator takes of the true values of one sample.
+    def estimator_inputs(self, true_values: Sequence[Any]) -> list[Any]:
+        """What the estimator takes of the true values of one sample, or of whole columns.
 
         Parameters
         ----------
-        true_values : sequence of float
+        true_values : sequence of float or of ndarray, shape (n,)
             Of the input columns, relative to rest.
         """
         maps = (each.to_acting for each in self.input_columns)
-        acting = [_at_once(each, value) for each, value in zip(maps, true_values, strict=True)]
+        acting = [_mapped(each, value) for each, value in zip(maps, true_values, strict=True)]
         return [
             acting[each.column]
             if each.band is None
-            else acting[each.column] * float(each.band.share(np.array(true_values[each.chooser])))
+            else _mapped((each.band.share,), true_values[each.chooser]) * acting[each.column]
             for each in self.inputs
         ]
 
-    def given_out(self, estimates: Sequence[float]) -> list[float]:
-        """What is given out of the estimates of one sample.
+    def given_out(self, estimates: Sequence[Any]) -> list[Any]:
+        """What is given out of the estimates of one sample, or of whole columns.
 
         Parameters
         ----------
-        estimates : sequence of float
+        estimates : sequence of float or of ndarray, shape (n,)
         """
         pairs = zip(self.estimate_maps, estimates, strict=True)
-        return [_at_once(maps, value) for maps, value in pairs]
+        return [_mapped(maps, value) for maps, value in pairs]
 
 
-def _at_once(maps: tuple[StaticMap, ...], value: float) -> float:
-    return float(apply_maps(maps, np.array(value))) if maps else value
+def _mapped(maps: tuple[StaticMap, ...], value: Any) -> Any:
+    """A number, or a column, through static maps."""
+    if not maps:
+        return value
+    mapped = apply_maps(maps, np.asarray(value))
+    return mapped if mapped.ndim else float(mapped)
 
 
 def _known_columns(

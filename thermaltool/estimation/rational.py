@@ -1,4 +1,4 @@
-"""RationalInverse of a rational transfer function: angle in, power out, behind a filter.
+"""Inverse of a rational transfer function: angle in, power out, behind a filter.
 
 A response that falls off at high frequencies has an inverse that grows without bound. The filter
 F(s) = Π 1/(τ_k s + 1) has one lag more than the response's relative degree, so that F/H falls off
@@ -155,11 +155,11 @@ def inverse_model(
         and as `inverted`.
     """
     found = [t for t in model.terms if output in (None, t.output) and drive in (None, t.drive)]
-    ways = list(dict.fromkeys(f"{t.drive} → {t.output}" for t in found or model.terms))
-    if not found or len(ways) > 1:
+    paths = list(dict.fromkeys(f"{t.drive} → {t.output}" for t in found or model.terms))
+    if not found or len(paths) > 1:
         problem = "several ways" if found else "no such way"
-        raise ModelError(f"{problem}: {', '.join(ways)}: choose with --drive and --sensor")
-    term, (place,) = found[0], ways
+        raise ModelError(f"{problem}: {', '.join(paths)}: choose with --drive and --sensor")
+    term, (place,) = found[0], paths
     if term.band is not None or model.effects:
         what = "a schedule" if term.band is not None else f"the effect {model.effects[0].name}"
         raise ModelError(f"{place}: {what} has no inverse transfer function; compensate --heater "

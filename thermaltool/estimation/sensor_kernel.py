@@ -107,9 +107,7 @@ def sensor_kernel(
     modes = response.modes(period)
     if isinstance(modes, DelayedModes):
         raise ModelError(f"{chosen}: a response with a delay has no causal inverse")
-    for time_constant in lags:
-        modes = lagged_modes(modes, time_constant)
-    invert_modes(modes, shape)  # raises where the inverse is unstable
+    invert_modes(lagged_modes(modes, *lags), shape)  # raises where the inverse is unstable
 
     def transfer(s: Complex) -> Complex:
         late = np.prod([1 + s * time_constant for time_constant in lags], axis=0)

@@ -103,15 +103,6 @@ class DelayedModes(Modes):
         y[samples:] += d1 * u[1 : len(u) - samples + 1]
         return y
 
-    def like(self, modes: Modes) -> DelayedModes:
-        """Other modes behind the same delay.
-
-        Parameters
-        ----------
-        modes : Modes
-        """
-        return DelayedModes(modes.poles, modes.weights, modes.double, self.delay)
-
     def document(self) -> dict[str, Any]:
         """As JSON: the lists of the modes, and ``delay`` [s]."""
         return {**self.prompt().document(), "delay": self.delay}
