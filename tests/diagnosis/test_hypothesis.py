@@ -12,13 +12,12 @@ from thermaltool.diagnosis.diagnose import RELEASED
 from thermaltool.diagnosis.fit import CandidateProducts, CauseCandidate, evaluate, profile
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.select import fit_candidate
-from thermaltool.diagnosis.simulation import RowGroups
 from thermaltool.diagnosis.validate import judge
 from thermaltool.effects import effect_class
-from thermaltool.fitting.discrepancy import MAX_ROWS
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
+from thermaltool.signals.row_groups import MAX_ROWS, RowGroups
 
 HEAT, Z = "Q_main_1", "d_z_um"
 TIME = 5.0 * np.arange(800)

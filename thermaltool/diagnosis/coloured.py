@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import erfc, ndtri
 
-from thermaltool.diagnosis.simulation import RowGroups
 from thermaltool.effects.effect import Float
 from thermaltool.record import Record
 from thermaltool.signals.likelihood import RestrictedLikelihood, least_on_grid
+from thermaltool.signals.row_groups import RowGroups
 from thermaltool.signals.whiteness import ljung_box
 
 # A p-value below this rejects.
@@ -66,7 +66,7 @@ class ColouredTests:
     def __init__(self, time: Float, about: Float, records: Sequence[slice]) -> None:
         self.records = records
         logs = [Record(time[r], {}) for r in records]
-        groups = RowGroups.of(logs, [np.ones(len(log), bool) for log in logs])
+        groups = RowGroups.of(logs)
         assert groups is not None
         self.groups, self.period, self.size = groups, groups.noise.period, len(time)
         self.clock = self._means(time)

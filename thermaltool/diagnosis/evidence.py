@@ -16,9 +16,9 @@ from functools import cached_property
 
 import numpy as np
 
-from thermaltool.diagnosis.simulation import Index, RowGroups
 from thermaltool.effects.effect import Float
 from thermaltool.signals.likelihood import Factor
+from thermaltool.signals.row_groups import Index, RowGroups
 
 # What is left free: groups of nuisance in use ("offset", "accepted", "tight" or "released",
 # "initial"), and "white" where what is left over is taken for white noise.

@@ -14,9 +14,10 @@ import numpy as np
 
 from thermaltool.diagnosis.evidence import Assumptions, NullFit, ProjectedProducts
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.simulation import Changes, Index
+from thermaltool.diagnosis.simulation import Changes
 from thermaltool.effects.effect import Effect, Float, reference_of
 from thermaltool.errors import ModelError
+from thermaltool.signals.row_groups import Index
 
 Signatures = Mapping[str, Changes]  # of one trial, by amplitude
 

@@ -14,11 +14,12 @@ import numpy as np
 from thermaltool.diagnosis.correction import uncorrected
 from thermaltool.diagnosis.evidence import Assumptions, OutputEvidence
 from thermaltool.diagnosis.nuisance import OutputNuisance
-from thermaltool.diagnosis.simulation import Mask, RowGroups, Series, SimulatedLogs
+from thermaltool.diagnosis.simulation import Mask, Series, SimulatedLogs
 from thermaltool.effects.effect import Float, Scene
 from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.signals.intervals import NORMAL_95
+from thermaltool.signals.row_groups import RowGroups
 
 # The model's own parameters are searched in so many steps at most, until none moves by more (of a
 # logarithm, or a gain's unit); each goes this far at most (of a logarithm), whole or in part, and

@@ -18,11 +18,12 @@ from scipy.linalg import block_diag
 
 from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.evidence import Assumptions
-from thermaltool.diagnosis.simulation import RowGroups, Series, SimulatedLogs
+from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.model import Model
 from thermaltool.signals.detrend import difference_sigma
+from thermaltool.signals.row_groups import RowGroups
 
 # A wide prior: what a parameter may be where nothing was calibrated before. Of a logarithm, and
 # of a gain relative to the response's largest one.

@@ -17,13 +17,14 @@ from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Cause, Gain
 from thermaltool.diagnosis.select import fit_candidate
-from thermaltool.diagnosis.simulation import Index, Series
+from thermaltool.diagnosis.simulation import Series
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.signals.agreement import agreement
 from thermaltool.signals.likelihood import ColouredNoise
+from thermaltool.signals.row_groups import Index
 from thermaltool.units import is_displacement
 
 # Parts of a log of which each is held out once.

@@ -16,12 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.signals.detrend import difference_sigma
-from thermaltool.signals.likelihood import ColouredNoise
+from thermaltool.signals.row_groups import RowGroups
 
-# The likelihood works on so many rows at most: more are averaged in groups.
-MAX_ROWS = 3000
 # Prior size of a lag's weight, in units of the white noise; drift over white, in variance; number
 # of time constants of the drift: the grid on which the marginal likelihood is compared.
 SIZES = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
@@ -81,19 +80,15 @@ def discrepancy(
     span : ndarray, shape (p,)
         Size of each parameter (1 for a logarithm).
     """
-    group = -(-len(time) // MAX_ROWS)
-    first = np.concatenate([np.flatnonzero(record == k)[::group] for k in np.unique(record)])
-    counts = np.diff(np.append(first, len(time)))
-    table = np.column_stack([time, residual, own, lags, free])
-    means = np.add.reduceat(table, first, axis=0) / counts[:, None]
-    starts = np.flatnonzero(np.diff(record[first], prepend=-1))
-    period = float(np.median(np.abs(np.diff(time))))
-    noise = ColouredNoise(means[:, 0], starts, 1.0 / counts, period)
-    rows = means[:, 1:]
+    members = [record == k for k in np.unique(record)]
+    groups = RowGroups.of([Record(time[each], {}) for each in members])
+    assert groups is not None
+    table = np.column_stack([residual, own, lags, free])
+    rows, noise = groups.means([table[each] for each in members]), groups.noise
     p, q = own.shape[1], lags.shape[1]
     sigma = max(difference_sigma(residual), 1e-3 * float(np.std(residual)), 1e-12)
     best = (np.inf, (0.0, 1.0), SIZES[0], sigma)
-    taus = np.geomspace(5 * period, max(noise.span / 2, 10 * period), DRIFT_TIMES)
+    taus = np.geomspace(5 * noise.period, max(noise.span / 2, 10 * noise.period), DRIFT_TIMES)
     for ratio in RATIOS:
         for tau in taus if ratio else taus[:1]:
             factor = noise.factor(ratio, float(tau))
