@@ -12,7 +12,15 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs.columns import ColumnMap, Dialect
-from thermaltool.logs.table import UNFINISHED, Cells, InputBytes, Kind, Values, first_faults
+from thermaltool.logs.table import (
+    UNFINISHED,
+    Cells,
+    InputBytes,
+    Kind,
+    Values,
+    first_faults,
+    read_columns,
+)
 from thermaltool.logs.text import row_lines
 from thermaltool.record import Array
 
@@ -133,18 +141,14 @@ class CsvTable:
                 unfinished = LogError(UNFINISHED, self.file, last)
                 del rows[-1], lines[-1]
         columns = list(zip(*rows, strict=True)) if rows else [()] * width
-        values: Values = []
-        problems = first_faults(ragged)
-        for name, kind, column in zip(self.names, kinds, columns, strict=True):
-            if kind == "number":
-                array, faults = self._numbers(name, column, lines)
-                values.append(array)
-                problems += first_faults(faults)
-            elif kind == "text":
-                values.append([cell if cell.strip() else None for cell in column])
-            else:
-                values.append(None)
-        return Cells(values, np.array(lines, dtype=np.intp), problems, unfinished)
+        values, problems = read_columns(
+            self.names,
+            kinds,
+            lambda i, name: self._numbers(name, columns[i], lines),
+            lambda i: [cell if cell.strip() else None for cell in columns[i]],
+        )
+        lines_read = np.array(lines, dtype=np.intp)
+        return Cells(values, lines_read, first_faults(ragged) + problems, unfinished)
 
     def _ragged(self, cells: list[str], width: int) -> str:
         message = f"{len(cells)} cells where the header has {width}"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thermaltool.errors import LogError
-from thermaltool.logs.table import Cells, Kind, Values, first_faults, marked_missing
+from thermaltool.logs.table import Cells, Kind, read_columns, without_infinity
 from thermaltool.record import Array
 from thermaltool.units import clock_unit
 
@@ -49,21 +49,14 @@ class FrameTable:
 
     def cells(self, kinds: Sequence[Kind]) -> Cells:
         """The columns as wanted; every fault is a problem with its row and column."""
-        values: Values = []
-        problems: list[LogError] = []
-        for name, column, kind in zip(self.names, self._columns, kinds, strict=True):
-            if kind == "number":
-                array, faults = self._numbers(name, column)
-                values.append(array)
-                problems += first_faults(faults)
-            elif kind == "text":
-                values.append([_stamp(value) for value in column])
-            else:
-                values.append(None)
+        values, problems = read_columns(self.names, kinds, self._numbers, self._text, self._missing)
         return Cells(values, np.arange(1, self._rows + 1), problems)
 
-    def _numbers(self, name: str, column: Any) -> tuple[Array, list[LogError]]:
-        faults: list[LogError] = []
+    def _text(self, i: int) -> list[str | None]:
+        return [_stamp(value) for value in self._columns[i]]
+
+    def _numbers(self, i: int, name: str) -> tuple[Array, list[LogError]]:
+        column, faults = self._columns[i], []
         if column.dtype.kind == "O":
             array, bad = _cell_by_cell(column, self._missing)
             numbers = len(bad) < column.notna().sum() or not bad
@@ -77,12 +70,9 @@ class FrameTable:
             )
             return np.full(self._rows, np.nan), [error]
         if column.dtype.kind != "O":
-            array = column.to_numpy(dtype=np.float64, na_value=np.nan, copy=True)
-        array = marked_missing(array, self._missing)
-        rows = np.flatnonzero(np.isinf(array))
-        faults += [LogError(f"infinite: {array[k]}", self.file, int(k) + 1, name) for k in rows]
-        array[rows] = np.nan
-        return array, faults
+            array = column.to_numpy(dtype=np.float64, na_value=np.nan)
+        array, infinite = without_infinity(array, self.file, name)
+        return array, faults + infinite
 
     @property
     def digest(self) -> str:

@@ -17,9 +17,8 @@ from thermaltool.logs.table import (
     Cells,
     InputBytes,
     Kind,
-    Values,
     first_faults,
-    marked_missing,
+    read_columns,
 )
 from thermaltool.logs.text import row_lines
 from thermaltool.record import Array
@@ -81,19 +80,16 @@ class NdjsonTable:
 
     def cells(self, kinds: Sequence[Kind]) -> Cells:
         """The columns as wanted; every fault is a problem with its line and column."""
-        values: Values = []
-        problems = first_faults(self.faults)
-        columns = zip_longest(*self.records)
-        for name, kind, column in zip(self.names, kinds, columns, strict=True):
-            if kind == "number":
-                array, faults = self._numbers(name, column)
-                values.append(marked_missing(array, self._missing))
-                problems += first_faults(faults)
-            elif kind == "text":
-                values.append([None if cell is None else str(cell) for cell in column])
-            else:
-                values.append(None)
-        return Cells(values, np.array(self.lines, dtype=np.intp), problems, self.unfinished)
+        columns = list(zip_longest(*self.records))
+        values, problems = read_columns(
+            self.names,
+            kinds,
+            lambda i, name: self._numbers(name, columns[i]),
+            lambda i: [None if cell is None else str(cell) for cell in columns[i]],
+            self._missing,
+        )
+        lines = np.array(self.lines, dtype=np.intp)
+        return Cells(values, lines, first_faults(self.faults) + problems, self.unfinished)
 
     def _numbers(self, name: str, column: Sequence[Any]) -> tuple[Array, list[LogError]]:
         if {float, type(None)}.issuperset(map(type, column)):

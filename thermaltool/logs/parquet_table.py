@@ -9,7 +9,7 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs.columns import ColumnMap
-from thermaltool.logs.table import Cells, InputBytes, Kind, Values, first_faults, marked_missing
+from thermaltool.logs.table import Cells, InputBytes, Kind, read_columns, without_infinity
 from thermaltool.record import Array
 
 
@@ -54,20 +54,14 @@ class ParquetTable:
 
     def cells(self, kinds: Sequence[Kind]) -> Cells:
         """The columns as wanted; every fault is a problem with its row and column."""
-        values: Values = []
-        problems: list[LogError] = []
-        for i, (name, kind) in enumerate(zip(self.names, kinds, strict=True)):
-            if kind == "number":
-                array, faults = self._numbers(name, i)
-                values.append(array)
-                problems += first_faults(faults)
-            elif kind == "text":
-                values.append(self.table.column(i).cast("string").to_pylist())
-            else:
-                values.append(None)
+        values, problems = read_columns(self.names, kinds, self._numbers, self._text, self._missing)
         return Cells(values, np.arange(1, self.table.num_rows + 1), problems)
 
-    def _numbers(self, name: str, i: int) -> tuple[Array, list[LogError]]:
+    def _text(self, i: int) -> list[str | None]:
+        stamps: list[str | None] = self.table.column(i).cast("string").to_pylist()
+        return stamps
+
+    def _numbers(self, i: int, name: str) -> tuple[Array, list[LogError]]:
         import pyarrow
 
         column = self.table.column(i)
@@ -79,9 +73,5 @@ class ParquetTable:
         if not numeric:
             error = LogError(f"not a number: the column holds {column.type}", self.file, None, name)
             return np.full(len(column), np.nan), [error]
-        array = column.cast("float64", safe=False).to_numpy().astype(np.float64, copy=True)
-        array = marked_missing(array, self._missing)
-        rows = np.flatnonzero(np.isinf(array))
-        faults = [LogError(f"infinite: {array[k]}", self.file, int(k) + 1, name) for k in rows]
-        array[rows] = np.nan
-        return array, faults
+        array = column.cast("float64", safe=False).to_numpy().astype(np.float64, copy=False)
+        return without_infinity(array, self.file, name)

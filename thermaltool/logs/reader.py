@@ -231,11 +231,11 @@ def _clock(
         return (clock.period or 1.0) * np.arange(len(cells.lines), dtype=np.float64), None, []
     values = cells.values[table.names.index(clock.column)]
     if clock.unit == "iso":
-        return _iso(file, clock, cast(list[str | None], values), cells.lines.tolist())
+        return iso_clock(file, clock, cast(list[str | None], values), cells.lines.tolist())
     return cast(Array, values) * UNITS[clock.unit][1], None, []
 
 
-def _iso(
+def iso_clock(
     file: str, clock: Clock, stamps: list[str | None], lines: list[int]
 ) -> tuple[Array, str | None, list[LogError]]:
     """Seconds from the first time stamp; a stamp that cannot be read is NaN and a fault."""

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import LogError
 from thermaltool.logs.clock import segments
-from thermaltool.logs.columns import ColumnMap
-from thermaltool.logs.reader import open_source, read_log
+from thermaltool.logs.columns import Clock, ColumnMap
+from thermaltool.logs.reader import iso_clock, open_source, read_log
 from thermaltool.logs.table import Kind
 from thermaltool.record import Array, Record, hint
 from thermaltool.units import UNITS, clock_unit
@@ -166,18 +166,10 @@ def _clock(names: list[str]) -> tuple[int | None, str]:
 
 def _stamps(file: str, stamps: list[str | None], lines: NDArray[np.intp]) -> Array | None:
     """Seconds of ISO 8601 stamps; None where ``time`` holds plain numbers (years, an index)."""
-    from datetime import datetime
-
     first = next((stamp for stamp in stamps if stamp), None)
     if first is None or first.strip().lstrip("+-").replace(".", "", 1).isdigit():
         return None
-    moments = []
-    for stamp, line in zip(stamps, lines.tolist(), strict=True):
-        try:
-            moments.append(datetime.fromisoformat((stamp or "").strip()))
-        except ValueError as error:
-            raise LogError(f"not an ISO 8601 time: {stamp!r}", file, line, "time") from error
-    try:
-        return np.array([(moment - moments[0]).total_seconds() for moment in moments])
-    except TypeError as error:
-        raise LogError("time stamps with and without a time zone", file, None, "time") from error
+    time, _, faults = iso_clock(file, Clock("time", "iso"), stamps, lines.tolist())
+    if faults:
+        raise faults[0]
+    return time

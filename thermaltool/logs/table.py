@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -65,6 +65,48 @@ class Table(Protocol):
         """The values, one kind per name."""
 
 
+# What a format makes of a wanted column: numbers with the faults of its cells, or text.
+ReadNumbers = Callable[[int, str], tuple[Array, list[LogError]]]
+ReadText = Callable[[int], list[str | None]]
+
+
+def read_columns(
+    names: Sequence[str],
+    kinds: Sequence[Kind],
+    numbers: ReadNumbers,
+    text: ReadText,
+    missing: Sequence[str] = (),
+) -> tuple[Values, list[LogError]]:
+    """The columns as wanted, and the faults of their cells; infinity is one.
+
+    Parameters
+    ----------
+    numbers, text : callable
+        Read a column by its place.
+    missing : sequence of str
+        Words for a missing value, the numbers among them.
+    """
+    values: Values = []
+    problems: list[LogError] = []
+    for i, (name, kind) in enumerate(zip(names, kinds, strict=True)):
+        if kind == "number":
+            array, faults = numbers(i, name)
+            values.append(_marked_missing(array, missing))
+            problems += first_faults(faults)
+        else:
+            values.append(text(i) if kind else None)
+    return values, problems
+
+
+def without_infinity(array: Array, file: str, name: str) -> tuple[Array, list[LogError]]:
+    """Numbers by row, NaN in the place of infinity, and where that is."""
+    infinite = np.isinf(array)
+    faults = [
+        LogError(f"infinite: {array[k]}", file, int(k) + 1, name) for k in np.flatnonzero(infinite)
+    ]
+    return np.where(infinite, np.nan, array), faults
+
+
 def read_source(source: str) -> InputBytes:
     """All bytes of a file, or of stdin for ``-``; a file that cannot be read is a LogError."""
     try:
@@ -78,7 +120,7 @@ def read_source(source: str) -> InputBytes:
         raise LogError(f"cannot be read: {error.strerror or error}", source) from error
 
 
-def marked_missing(values: Array, words: Sequence[str]) -> Array:
+def _marked_missing(values: Array, words: Sequence[str]) -> Array:
     """The numbers, NaN where one is that of a word for a missing value (``-999``)."""
     numbers = []
     for word in words:
