@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.cli.options import NOT_NEGATIVE, POSITIVE
+from thermaltool.cli.options import NOT_NEGATIVE, POSITIVE, together
 from thermaltool.cli.types import PairsType
 
 if TYPE_CHECKING:
@@ -21,25 +21,21 @@ SAME_PERIOD = 0.01
 USUAL_DAMPING = 0.707
 
 
-def actuator_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``--delay --gain --low-pass --hysteresis --identify``: from command to reading."""
-    for option in (
-        click.option("--identify", type=click.Path(exists=True, dir_okay=False), metavar="LOG",
-                     help="Log of a trial with the columns of error and command: gives --delay and "
-                     "--hysteresis."),
-        click.option("--hysteresis", type=PairsType("R:W,R:W,..."), metavar="R:W,R:W,...",
-                     help="Plays of the actuator in place of --gain: thresholds from 0 up, in "
-                     "units of the command, and their weights."),
-        click.option("--low-pass", type=PairsType("OMEGA:DAMPING", single=True),
-                     metavar="OMEGA:DAMPING", help="Second-order low-pass between command and "
-                     "reading [rad/s].  [default: none]"),
-        click.option("--gain", type=POSITIVE,
-                     help="Error per unit of the command.  [default: 1]"),
-        click.option("--delay", type=NOT_NEGATIVE, metavar="S",
-                     help="Of measuring, computing and acting, low-pass aside [s]."),
-    ):  # fmt: skip
-        function = option(function)
-    return function
+# From command to reading.
+actuator_options = together(
+    click.option("--delay", type=NOT_NEGATIVE, metavar="S",
+                 help="Of measuring, computing and acting, low-pass aside [s]."),
+    click.option("--gain", type=POSITIVE, help="Error per unit of the command.  [default: 1]"),
+    click.option("--low-pass", type=PairsType("OMEGA:DAMPING", single=True),
+                 metavar="OMEGA:DAMPING", help="Second-order low-pass between command and "
+                 "reading [rad/s].  [default: none]"),
+    click.option("--hysteresis", type=PairsType("R:W,R:W,..."), metavar="R:W,R:W,...",
+                 help="Plays of the actuator in place of --gain: thresholds from 0 up, in "
+                 "units of the command, and their weights."),
+    click.option("--identify", type=click.Path(exists=True, dir_okay=False), metavar="LOG",
+                 help="Log of a trial with the columns of error and command: gives --delay and "
+                 "--hysteresis."),
+)  # fmt: skip
 
 
 def actuator_of(

@@ -9,17 +9,17 @@ import click
 
 from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progress, warn
 from thermaltool.cli.options import (
-    NUMBER,
+    check_files,
     json_option,
-    keep_inputs,
     log_options,
     logs_argument,
     number_of,
-    one_stdin,
     output_option,
     pair_of,
     quiet_option,
     reference_of,
+    rmse_option,
+    span_options,
 )
 from thermaltool.documents import write_json
 
@@ -46,14 +46,12 @@ from thermaltool.documents import write_json
               help="What counts as no drive.  [default: first for T_..._degC, else 0]")  # fmt: skip
 @click.option("--initial", type=click.Choice(["rest", "free"]), default="rest",
               help="State at the first row: at rest, or coming from an unknown level.")  # fmt: skip
-@click.option("--start", type=NUMBER, metavar="SECONDS", help="Fit from this time on [s].")
-@click.option("--stop", type=NUMBER, metavar="SECONDS", help="Fit up to this time [s].")
+@span_options("Fit from", "Fit up to")
 @click.option("--loss", type=click.Choice(["huber", "linear"]), default="huber",
               help="huber counts outliers less.")  # fmt: skip
 @click.option("--starts", type=click.IntRange(1, 50), default=6,
               help="Starts of the search that are refined.")  # fmt: skip
-@click.option("--max-rmse", type=NUMBER, metavar="VALUE",
-              help="Exit 3 when an output's RMSE is above this [unit of the output].")  # fmt: skip
+@rmse_option
 @log_options
 @output_option
 @json_option
@@ -76,12 +74,9 @@ def command(
     """
     from thermaltool import api
 
-    if as_json and output == "-":
-        raise click.UsageError("--json reports on stdout: give the model a file with -o")
+    check_files(output, *logs, as_json=as_json)
     kinds = dict(pair_of(item, "--response") for item in responses)
     constants = {n: number_of(value, "--fix") for n, value in (pair_of(i, "--fix") for i in fixed)}
-    one_stdin(*logs)
-    keep_inputs(output, *logs)
     fit = api.calibrate(logs, **options, kinds=kinds, fixed=constants,
                         reference=reference_of(reference), warn=warn,
                         progress=terminal_progress("calibrate"))  # fmt: skip

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 from thermaltool.cli.messages import DID_NOT_PASS
 from thermaltool.cli.options import (
     POSITIVE,
-    columns_option,
-    from_option,
-    gap_option,
     json_option,
     log_argument,
+    table_options,
     to_option,
 )
 
@@ -21,9 +21,7 @@ from thermaltool.cli.options import (
     epilog="Example: thermaltool plant frame --input step | thermaltool check --json - | jq .rows",
 )
 @log_argument
-@columns_option
-@from_option
-@gap_option
+@table_options
 @json_option
 @click.option(
     "-o",
@@ -42,13 +40,11 @@ from thermaltool.cli.options import (
 def command(
     ctx: click.Context,
     log: str,
-    columns: str | None,
-    from_format: str | None,
-    max_gap: float | None,
     as_json: bool,
     output: str | None,
     to_format: str | None,
     resample: float | None,
+    **options: Any,
 ) -> None:
     """What is in LOG (rows, clock, channels) and what is wrong with it, one line each.
 
@@ -61,7 +57,7 @@ def command(
 
     if resample and not output:
         raise click.UsageError("--resample needs -o: where to write the resampled log")
-    result = api.check(log, columns=columns, from_format=from_format, max_gap=max_gap)
+    result = api.check(log, **options)
     report = to_json(result.document(), indent=2).rstrip() if as_json else result.table()
     click.echo(report, err=output == "-")
     if output:

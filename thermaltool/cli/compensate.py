@@ -10,10 +10,11 @@ from thermaltool.cli import streaming
 from thermaltool.cli.options import (
     NOT_NEGATIVE,
     POSITIVE,
+    check_files,
     initial_option,
     log_argument,
     model_argument,
-    one_stdin,
+    one_thread,
 )
 from thermaltool.cli.types import IntervalType, SafeType
 
@@ -88,11 +89,11 @@ def command(model: str, log: str, **options: Any) -> None:
     drives, and the power of the heater comes out that brings --target to zero after --lead, for the
     limits that it has. Here the safe setpoint is no power.
     """
-    streaming.one_thread()
+    one_thread()
     from thermaltool.api.inputs import read_model
     from thermaltool.runtime.compensation import heater_power, offsets
 
-    one_stdin(model, log)
+    check_files(None, model, log)
     heater, settled = options["heater"], options["initial"] == "settled"
     if heater is None and (options["target"] or options["lead"]):
         raise click.UsageError("--target and --lead go with --heater")

@@ -10,12 +10,11 @@ from thermaltool.api.inputs import read_for_fit, read_model, write_model
 from thermaltool.cli.messages import command_line, warn
 from thermaltool.cli.options import (
     InputPath,
+    check_files,
     json_option,
-    keep_inputs,
     log_options,
     logs_argument,
     model_argument,
-    one_stdin,
     output_option,
     quiet_option,
 )
@@ -76,11 +75,8 @@ def command(
         correction_warnings,
     )
 
-    if as_json and output == "-":
-        raise click.UsageError("--json reports on stdout: give the model a file with -o")
     every = (*logs, *([] if validation is None else [validation]))
-    one_stdin(model, *every)
-    keep_inputs(output, model, *every)
+    check_files(output, model, *every, as_json=as_json)
     document = read_model(model)
     if not at:
         if len(document.drives) != 1:

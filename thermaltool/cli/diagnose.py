@@ -13,11 +13,11 @@ from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progre
 from thermaltool.cli.options import (
     InputPath,
     NumberRange,
+    check_files,
     keep_inputs,
     log_options,
     logs_argument,
     model_argument,
-    one_stdin,
     quiet_option,
 )
 from thermaltool.documents import check_folder, write_json
@@ -85,8 +85,7 @@ def command(
         raise click.UsageError("stdout takes the JSON: give the extended model a file with -o")
     if report == "-":
         raise click.UsageError("stdout takes the JSON: give --report a file, FILE.md")
-    one_stdin(*inputs)
-    keep_inputs(output or "-", *inputs)
+    check_files(output, *inputs)
     _keep(report, inputs, output)
     found = api.diagnose(model, logs, validate=validate, **reading,
                          warn=silent if quiet else warn,

@@ -8,13 +8,12 @@ import click
 
 from thermaltool.cli.messages import warn
 from thermaltool.cli.options import (
-    InputPath,
+    check_files,
     initial_option,
     json_option,
-    keep_inputs,
+    log_argument,
     log_options,
     model_argument,
-    one_stdin,
     output_option,
     quiet_option,
     to_option,
@@ -26,7 +25,7 @@ from thermaltool.documents import write_json
     epilog="Example: thermaltool plant frame --input duty | thermaltool estimate model.json - -q"
 )
 @model_argument
-@click.argument("log", type=InputPath(), default="-")
+@log_argument
 @log_options
 @output_option
 @to_option
@@ -52,8 +51,7 @@ def command(
     from thermaltool import api
     from thermaltool.logs import write_table
 
-    one_stdin(model, log)
-    keep_inputs(output, model, log)
+    check_files(output, model, log)
     result = api.estimate(model, log, **options, warn=warn)
     if output != "-" or not as_json:
         write_table(result.columns, output, to_format)

@@ -13,6 +13,7 @@ from thermaltool.cli.options import (
     NOT_NEGATIVE,
     POSITIVE,
     log_argument,
+    one_thread,
 )
 from thermaltool.cli.types import ErrorModelType, IntervalType, SafeType
 
@@ -73,7 +74,7 @@ def command(log: str, channel: str, spindle: str | None, **options: Any) -> None
     of the actuator, forecast, and cancelled. Bad readings are bridged by the forecast; after --hold
     the safe command is written until good ones return, and it is also the last line.
     """
-    streaming.one_thread()
+    one_thread()
     from thermaltool.runtime.fcc import ErrorModel, error_control
 
     settings = streaming.settings_of(

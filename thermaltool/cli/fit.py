@@ -6,8 +6,8 @@ from typing import Any
 
 import click
 
-from thermaltool.cli.options import json_option, log_argument
-from thermaltool.cli.series import column_of, model_options, one_thread, series_options
+from thermaltool.cli.options import check_files, json_option, log_argument, one_thread
+from thermaltool.cli.series import column_of, model_options, series_options
 
 METHODS = (
     "ml", "burg", "yule-walker", "least-squares", "hannan-rissanen", "innovations"
@@ -74,11 +74,9 @@ def command(log: str, order: tuple[int, int] | None, method: str, long_order: in
     one_thread()
     from thermaltool import api
     from thermaltool.cli.messages import command_line, warn
-    from thermaltool.cli.options import keep_inputs
     from thermaltool.documents import write_json
 
-    if output is not None:
-        keep_inputs(output, log)
+    check_files(output, log)
     result = api.fit(
         log, column_of(options), order, method=method, long_order=long_order,
         correct=regressions == "3", level=level, command=command_line(), warn=warn, **options,

@@ -10,12 +10,14 @@ import click
 from thermaltool.cli import streaming
 from thermaltool.cli.options import (
     POSITIVE,
+    check_files,
     log_argument,
     model_argument,
+    one_thread,
     output_option,
     quiet_option,
 )
-from thermaltool.cli.series import one_thread, outliers_option, series_options
+from thermaltool.cli.series import outliers_option, series_options
 from thermaltool.logs.formats import FORMATS
 
 if TYPE_CHECKING:
@@ -59,12 +61,10 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
     clock. A pause above --max-gap makes it forget the samples before.
     """
     one_thread()
-    from thermaltool.cli.options import keep_inputs, one_stdin
     from thermaltool.documents import read_text
     from thermaltool.timeseries.model import loads
 
-    one_stdin(model, log)
-    keep_inputs(output, model, log)
+    check_files(output, model, log)
     fitted = loads(read_text(model), "<stdin>" if model == "-" else model)
     options["column"] = options["column"] or fitted.channel
     if stream:

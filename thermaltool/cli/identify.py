@@ -9,19 +9,18 @@ import click
 from thermaltool.cli.fit import Order
 from thermaltool.cli.messages import command_line, warn
 from thermaltool.cli.options import (
-    NUMBER,
     InputPath,
     NumberRange,
+    check_files,
     json_option,
-    keep_inputs,
     log_options,
     logs_argument,
-    one_stdin,
+    one_thread,
     quiet_option,
     reference_of,
+    span_options,
     usage_errors,
 )
-from thermaltool.cli.series import one_thread
 from thermaltool.cli.types import MAX_TRANSFER_ORDER, DeadTime, TransferOrder
 from thermaltool.documents import write_json
 from thermaltool.fitting.transfer.registry import STRUCTURES, described
@@ -66,8 +65,7 @@ from thermaltool.fitting.transfer.registry import STRUCTURES, described
 @click.option("--reference", metavar="first|NUMBER",
               help="What counts as no input in the model file.  [default: first for T_..._degC, "
               "else 0]")  # fmt: skip
-@click.option("--start", type=NUMBER, metavar="SECONDS", help="Rows from this time on [s].")
-@click.option("--stop", type=NUMBER, metavar="SECONDS", help="Rows up to this time [s].")
+@span_options("Rows from", "Rows up to")
 @log_options
 @click.option("-o", "model_file", metavar="FILE", help="Model file, for simulate and others.")
 @json_option
@@ -95,11 +93,8 @@ def command(
 
     with usage_errors():
         check_arguments(inputs, outputs, **options)
-    every = (*logs, *([] if options["validate"] is None else [options["validate"]]))
     rest = reference_of(reference)
-    one_stdin(*every)
-    if model_file is not None:
-        keep_inputs(model_file, *every)
+    check_files(model_file, *logs, options["validate"])
     found = api.identify(logs, inputs, outputs, reference=rest, warn=warn, **options)
     if model_file is not None:
         api.write_model(found, model_file, command_line())

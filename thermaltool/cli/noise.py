@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 from thermaltool.cli.messages import warn
 from thermaltool.cli.options import (
     NUMBER,
-    columns_option,
-    from_option,
-    gap_option,
+    check_files,
     json_option,
-    keep_inputs,
     log_argument,
     output_option,
+    table_options,
 )
 
 
 @click.command(epilog="Example: thermaltool noise idle.csv -o noise.json --plot noise.png")
 @log_argument
-@columns_option
-@from_option
-@gap_option
+@table_options
 @click.option(
-    "--channel", "names", multiple=True, metavar="NAME", help="Only this one; repeat for more."
+    "--channel", "channels", multiple=True, metavar="NAME", help="Only this one; repeat for more."
 )
 @click.option(
     "--start", type=NUMBER, metavar="SECONDS", help="Take the log from this time on as idle [s]."
@@ -34,15 +32,10 @@ from thermaltool.cli.options import (
 @json_option
 def command(
     log: str,
-    columns: str | None,
-    from_format: str | None,
-    max_gap: float | None,
-    names: tuple[str, ...],
-    start: float | None,
-    stop: float | None,
     plot: str | None,
     output: str,
     as_json: bool,
+    **options: Any,
 ) -> None:
     """Noise of every channel: resolution, white, drift, lines, outliers.
 
@@ -57,11 +50,8 @@ def command(
 
     if plot is not None:
         figure_format(plot)
-    keep_inputs(output, log)
-    result = api.noise(
-        log, channels=names, start=start, stop=stop, warn=warn,
-        columns=columns, from_format=from_format, max_gap=max_gap,
-    )  # fmt: skip
+    check_files(output, log)
+    result = api.noise(log, **options, warn=warn)
     document = to_json(result.document())
     for target in [output] * (output != "-") + ["-"] * as_json:
         with atomic_output(target) as stream:

@@ -105,13 +105,41 @@ initial_option: Decorator = click.option(
     help="The machine at the first row: cold, or settled at the first readings.",
 )
 quiet_option: Decorator = click.option("-q", "--quiet", count=True, help="Less on stderr.")
+rmse_option: Decorator = click.option(
+    "--max-rmse",
+    type=NUMBER,
+    metavar="VALUE",
+    help="Exit 3 when an output's RMSE is above this [unit of the output].",
+)
 
 
-def log_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``--columns --from --nan-policy --max-gap``: everything that reading a log takes."""
-    for option in (gap_option, nan_option, from_option, columns_option):
-        function = option(function)
-    return function
+def together(*options: Decorator) -> Decorator:
+    """Several options as one decorator, in the order of the help."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return decorate
+
+
+def span_options(start: str, stop: str) -> Decorator:
+    """``--start --stop``: a stretch of a log, and what it is for."""
+    return together(
+        click.option("--start", type=NUMBER, metavar="SECONDS", help=f"{start} this time on [s]."),
+        click.option("--stop", type=NUMBER, metavar="SECONDS", help=f"{stop} this time [s]."),
+    )
+
+
+# How a table is read, and what reading a log takes beside that.
+table_options = together(columns_option, from_option, gap_option)
+log_options = together(columns_option, from_option, nan_option, gap_option)
+
+
+def one_thread() -> None:
+    """Small products and long sums: threads would only wait. Read when numpy is loaded."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def number_of(text: str, option: str) -> float:
@@ -140,14 +168,22 @@ def reference_of(text: str | None) -> Reference | None:
     return number_of(text, "--reference")
 
 
-def one_stdin(*paths: str) -> None:
-    """Refuse a second ``-``: there is one stdin."""
-    if paths.count("-") > 1:
+def check_files(output: str | None, *inputs: str | None, as_json: bool = False) -> None:
+    """Refuse a second ``-`` among the inputs, two results on stdout, and what `keep_inputs` does.
+
+    Files that are not given are None.
+    """
+    given = [name for name in inputs if name is not None]
+    if as_json and output == "-":
+        raise click.UsageError("--json reports on stdout: give the model a file with -o")
+    if given.count("-") > 1:
         raise click.UsageError("only one input can be -: name a file for the others")
+    if output is not None:
+        keep_inputs(output, *given)
 
 
 def keep_inputs(output: str, *inputs: str) -> None:
-    """Refuse an output that would replace what the command reads."""
+    """Refuse an output that cannot be written, or would replace what the command reads."""
     for name in inputs:
         both = "-" not in (output, name) and os.path.exists(output) and os.path.exists(name)
         if both and os.path.samefile(output, name):

@@ -6,8 +6,15 @@ from typing import Any
 
 import click
 
-from thermaltool.cli.options import POSITIVE, json_option, log_argument
-from thermaltool.cli.series import column_of, model_options, one_thread, series_options
+from thermaltool.cli.options import (
+    POSITIVE,
+    check_files,
+    json_option,
+    log_argument,
+    one_thread,
+    usage_errors,
+)
+from thermaltool.cli.series import column_of, model_options, series_options
 
 
 @click.command(
@@ -45,7 +52,6 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
     one_thread()
     from thermaltool import api
     from thermaltool.cli.messages import warn
-    from thermaltool.cli.options import keep_inputs, usage_errors
     from thermaltool.documents import write_json
     from thermaltool.report.style import figure_format, write_figure
     from thermaltool.timeseries.criteria import criteria_named
@@ -54,7 +60,7 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
         criteria = criteria_named(criterion.split(","))
     if figure is not None:
         figure_format(figure)
-        keep_inputs(figure, log)
+        check_files(figure, log)
     result = api.order(
         log, column_of(options), max_p=max_p, max_q=max_q, criteria=criteria, effort=effort,
         warn=warn, **options,

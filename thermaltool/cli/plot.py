@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import Any
 
 import click
 
@@ -36,12 +37,9 @@ def command(
     files: tuple[str, ...],
     against: str | None,
     channels: tuple[str, ...],
-    columns: str | None,
-    from_format: str | None,
-    nan_policy: str,
-    max_gap: float | None,
     output: str,
     as_json: bool,
+    **options: Any,
 ) -> None:
     """Figure of any log or result, PNG, SVG or PDF by the suffix of -o; stdout is PNG.
 
@@ -66,11 +64,9 @@ def command(
     sources = files or (InputPath().convert("-", None, ctx),)
     if [*sources, against].count("-") > 1:
         raise click.UsageError("stdin can be only one of the files")
-    documents = {name for name in sources if is_document(name, from_format)}
+    documents = {name for name in sources if is_document(name, options["from_format"])}
     contents = [read_document(name) for name in sources if name in documents]
     need = [d.channel for c in contents if c.kind == "model" for d in c.data.drives]
-    options = {"columns": columns, "from_format": from_format, "max_gap": max_gap}
-    options["nan_policy"] = nan_policy
     # With --against the map is that log's: what is judged was written under mapped names.
     own = options if against is None else {**options, "columns": None}
     contents += [read_table(n, own, need) for n in sources if n not in documents]

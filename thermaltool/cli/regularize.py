@@ -12,10 +12,9 @@ from thermaltool.cli.options import (
     NUMBER,
     POSITIVE,
     InputPath,
+    check_files,
     json_option,
-    keep_inputs,
     model_argument,
-    one_stdin,
     output_option,
     quiet_option,
 )
@@ -77,11 +76,8 @@ def command(
     from thermaltool.estimation.design import needs_noise
     from thermaltool.model import only_sensors
 
-    if as_json and output == "-":
-        raise click.UsageError("--json reports on stdout: give the model a file with -o")
-    if noise is not None:
-        one_stdin(model, noise)
-        keep_inputs(output, noise)
+    check_files(None, model, noise)
+    check_files(output, noise, as_json=as_json)
     document = api.read_model(model)
     if sensors:
         document = only_sensors(document, sensors)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
 from typing import Any
 
 import click
 
 from thermaltool.api.series import TRENDS
-from thermaltool.cli.options import NUMBER, POSITIVE, columns_option, from_option, gap_option
+from thermaltool.cli.options import (
+    POSITIVE,
+    columns_option,
+    from_option,
+    gap_option,
+    span_options,
+    together,
+)
 
 column_option = click.option(
     "-C", "--column", metavar="NAME", help="The column; any name will do without --columns."
@@ -28,43 +33,29 @@ period_option = click.option(
 )
 
 
-def series_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Everything that reading a series takes."""
-    for option in (
-        gap_option,
-        click.option("--stop", type=NUMBER, metavar="SECONDS", help="Up to this time [s]."),
-        click.option("--start", type=NUMBER, metavar="SECONDS", help="From this time on [s]."),
-        period_option,
-        from_option,
-        columns_option,
-        column_option,
-    ):
-        function = option(function)
-    return function
-
-
-def model_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """How the series is prepared."""
-    for option in (
-        outliers_option,
-        click.option(
-            "--difference",
-            type=click.IntRange(0, 3),
-            help="Difference the series so often first.  [default: 0]",
-        ),
-        click.option(
-            "--detrend",
-            type=click.Choice(list(TRENDS)),
-            help="What is estimated along.  [default: mean; none with --difference]",
-        ),
-    ):
-        function = option(function)
-    return function
-
-
-def one_thread() -> None:
-    """Long sums over few rows: threads would only wait. Read when numpy is loaded."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Everything that reading a series takes.
+series_options = together(
+    column_option,
+    columns_option,
+    from_option,
+    period_option,
+    span_options("From", "Up to"),
+    gap_option,
+)
+# How the series is prepared.
+model_options = together(
+    click.option(
+        "--detrend",
+        type=click.Choice(list(TRENDS)),
+        help="What is estimated along.  [default: mean; none with --difference]",
+    ),
+    click.option(
+        "--difference",
+        type=click.IntRange(0, 3),
+        help="Difference the series so often first.  [default: 0]",
+    ),
+    outliers_option,
+)
 
 
 def column_of(options: dict[str, Any]) -> str:

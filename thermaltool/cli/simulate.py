@@ -9,15 +9,15 @@ import click
 
 from thermaltool.cli.messages import DID_NOT_PASS, warn
 from thermaltool.cli.options import (
-    NUMBER,
-    InputPath,
+    check_files,
     json_option,
-    keep_inputs,
+    log_argument,
     log_options,
     model_argument,
-    one_stdin,
     output_option,
     quiet_option,
+    rmse_option,
+    span_options,
     to_option,
 )
 from thermaltool.documents import write_json
@@ -27,15 +27,9 @@ from thermaltool.documents import write_json
     epilog="Example: thermaltool plant frame --input duty | thermaltool simulate model.json - -q"
 )
 @model_argument
-@click.argument("log", type=InputPath(), default="-")
-@click.option("--start", type=NUMBER, metavar="SECONDS", help="Judge from this time on [s].")
-@click.option("--stop", type=NUMBER, metavar="SECONDS", help="Judge up to this time [s].")
-@click.option(
-    "--max-rmse",
-    type=NUMBER,
-    metavar="VALUE",
-    help="Exit 3 when an output's RMSE is above this [unit of the output].",
-)
+@log_argument
+@span_options("Judge from", "Judge up to")
+@rmse_option
 @log_options
 @output_option
 @to_option
@@ -61,8 +55,7 @@ def command(
     from thermaltool.errors import LogError
     from thermaltool.logs import write_table
 
-    one_stdin(model, log)
-    keep_inputs(output, model, log)
+    check_files(output, model, log)
     result = api.simulate(api.read_model(model), log, **options, warn=warn)
     if output != "-" or not as_json:
         write_table(result.columns, output, to_format)

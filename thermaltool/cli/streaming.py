@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.cli.options import POSITIVE, columns_option, json_lines_option, quiet_option
+from thermaltool.cli.options import (
+    POSITIVE,
+    columns_option,
+    json_lines_option,
+    quiet_option,
+    together,
+)
 from thermaltool.logs.formats import FORMATS
 from thermaltool.runtime.rows import ROW_FORMATS
 from thermaltool.runtime.sinks import RECORDING_SINKS, SINKS
@@ -36,18 +42,15 @@ class Once(click.Option):
         return super().consume_value(ctx, {**opts, str(self.name): given[0]} if given else opts)
 
 
-def line_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``--columns --from --to``: how lines are read and written."""
-    for option in (
-        click.option("--to", "to_format", type=click.Choice(
-            [name for name in SINKS if name not in RECORDING_SINKS]), default="csv",
-                     help="Format of the output."),
-        click.option("--from", "from_format", type=click.Choice(list(ROW_FORMATS)), default="csv",
-                     help="Format of the input."),
-        columns_option,
-    ):  # fmt: skip
-        function = option(function)
-    return function
+# How lines are read and written.
+line_options = together(
+    columns_option,
+    click.option("--from", "from_format", type=click.Choice(list(ROW_FORMATS)), default="csv",
+                 help="Format of the input."),
+    click.option("--to", "to_format", type=click.Choice(
+        [name for name in SINKS if name not in RECORDING_SINKS]), default="csv",
+                 help="Format of the output."),
+)  # fmt: skip
 
 
 # Of a command that also runs in batch: what either can write.
@@ -59,26 +62,15 @@ to_option = click.option(
 )
 
 
-def short_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``--json -q``."""
-    return json_lines_option(quiet_option(function))
+short_options = together(json_lines_option, quiet_option)
 
-
-def checkpoint_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``--checkpoint --checkpoint-every``: where the state is kept, and how often."""
-    for option in (
-        click.option("--checkpoint-every", type=POSITIVE, metavar="S", default=10.0,
-                     help="Time between two states kept [s]."),
-        click.option("--checkpoint", type=click.Path(dir_okay=False), metavar="FILE",
-                     help="Keep the state here; a restart goes on from it."),
-    ):  # fmt: skip
-        function = option(function)
-    return function
-
-
-def one_thread() -> None:
-    """One small product per line: threads would only cost memory. Read when numpy is loaded."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Where the state is kept, and how often.
+checkpoint_options = together(
+    click.option("--checkpoint", type=click.Path(dir_okay=False), metavar="FILE",
+                 help="Keep the state here; a restart goes on from it."),
+    click.option("--checkpoint-every", type=POSITIVE, metavar="S", default=10.0,
+                 help="Time between two states kept [s]."),
+)  # fmt: skip
 
 
 def settings_of(options: dict[str, Any], **changed: Any) -> Settings:

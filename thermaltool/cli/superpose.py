@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from thermaltool.cli.messages import command_line
-from thermaltool.cli.options import InputPath, keep_inputs, one_stdin, output_option
+from thermaltool.cli.options import InputPath, check_files, output_option
 
 
 @click.command(
@@ -26,7 +26,6 @@ def command(models: tuple[str, ...], output: str) -> None:
     from thermaltool.api.inputs import read_model, source_name, write_model
     from thermaltool.model.combine import superposed
 
-    one_stdin(*models)
-    keep_inputs(output, *models)
+    check_files(output, *models)
     parts, names = [read_model(path) for path in models], [source_name(path) for path in models]
     write_model(superposed(parts, names), output, command_line())
