@@ -301,8 +301,8 @@ class ForecastingControl:
         ahead = self.forecaster.ahead(self.horizon)
         # Until something is known of it the error is expected to stay.
         forecast = self.error if ahead is None or not math.isfinite(ahead) else ahead
-        standing = self._answer.held(self._action, self._ahead)
-        action = self._action - (forecast + standing) / self._ahead.fresh
+        response = self._answer.held(self._action, self._ahead)
+        action = self._action - (forecast + response) / self._ahead.fresh
         return Answer(self._inverse.value(action), self.error, forecast)
 
     def forget_lags(self, taken: float) -> None:

@@ -68,8 +68,8 @@ def slewed(value: float, target: float, reach: float) -> float:
     reach : float
         At least 0.
     """
-    way = target - value
-    return target if abs(way) <= reach else value + math.copysign(reach, way)
+    distance = target - value
+    return target if abs(distance) <= reach else value + math.copysign(reach, distance)
 
 
 def quantized(level: float, wanted: float, step: float) -> float:

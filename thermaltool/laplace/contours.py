@@ -6,9 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from thermaltool.laplace.sampling import ComplexArray, RealArray, Sampler
-
-EPS = float(np.finfo(float).eps)
+from thermaltool.laplace.sampling import EPS, ComplexArray, RealArray, Sampler
 
 # Last over first time of a window, and its largest size (which bounds the memory).
 MAX_TIME_RATIO, MAX_WINDOW_SIZE = 16.0, 4096

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermaltool.laplace.sampling import ComplexArray, RealArray, Sampler
-
-EPS = float(np.finfo(float).eps)
+from thermaltool.laplace.sampling import EPS, ComplexArray, RealArray, Sampler
 
 # Aliasing: the series returns f(t) + Σ e^(−2kγT) f(t + 2kT); these are e^(−2γT) in the series
 # that answers and in the one that checks it, different so that the check sees the aliases.

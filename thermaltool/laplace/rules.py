@@ -11,9 +11,7 @@ from math import comb, factorial, log
 
 import numpy as np
 
-from thermaltool.laplace.sampling import ComplexArray, RealArray, Sampler
-
-EPS = float(np.finfo(float).eps)
+from thermaltool.laplace.sampling import EPS, ComplexArray, RealArray, Sampler
 
 
 @lru_cache

@@ -13,6 +13,8 @@ ComplexArray = NDArray[np.complex128]
 RealArray = NDArray[np.float64]
 Transfer = Callable[[ComplexArray], ComplexArray]
 
+EPS = float(np.finfo(float).eps)
+
 
 class Sampler:
     """F(s + abscissa) as an array function that counts its evaluations.

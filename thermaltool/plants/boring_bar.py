@@ -221,7 +221,7 @@ class _State:
         self._step = p.period / SUBSTEPS
         self._lag = -math.expm1(-p.amplifier_corner * self._step)
         self._slope = _slope(p)
-        self._most = p.amplifier_slew * self._step
+        self._max_move = p.amplifier_slew * self._step
         self._bar = _second_order(p.natural, p.damping, self._step)
         self._filter = _second_order(p.filter_natural, p.filter_damping, self._step)
         self.y = self._speed = self.filtered = self._rate = 0.0
@@ -237,7 +237,7 @@ class _State:
         y, speed, filtered, rate = self.y, self._speed, self.filtered, self._rate
         for _ in range(SUBSTEPS):
             move = self._lag * (target - self._volts)
-            move = min(max(move, -self._most), self._most)
+            move = min(max(move, -self._max_move), self._max_move)
             self._volts += move
             self._z = _bouc_wen(self._z, move, p)
             # the wall pushes back on what the cutter takes, where it takes something

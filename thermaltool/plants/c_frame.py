@@ -16,18 +16,18 @@ from __future__ import annotations
 from thermaltool.plants.heated import Film, HeatedPlant, Regulator, assemble, pad
 from thermaltool.plants.tubes import Chain, Metal, Tube
 
-FULL = 70.0  # [W]
-CAUSAL, STABILIZATION = Regulator(FULL, 1.1, 0.5), Regulator(FULL, 1.6, 0.5)
-AROUND = 0.5
+FULL_POWER = 70.0  # [W]
+CAUSAL, STABILIZATION = Regulator(FULL_POWER, 1.1, 0.5), Regulator(FULL_POWER, 1.6, 0.5)
+GIRTH_CONDUCTION = 0.5
 
 
 def build() -> HeatedPlant:
     """The C-frame; the chain goes from the table back, up and forward again."""
     width, wall = 0.2, 0.03
     tubes = [
-        Tube((0.3, 0.0), (0.0, 0.0), width, wall, 7, square=True, around=AROUND),
-        Tube((0.0, 0.0), (0.0, 0.55), width, wall, 12, square=True, around=AROUND),
-        Tube((0.0, 0.55), (0.4, 0.55), width, wall, 9, square=True, around=AROUND),
+        Tube((0.3, 0.0), (0.0, 0.0), width, wall, 7, square=True, around=GIRTH_CONDUCTION),
+        Tube((0.0, 0.0), (0.0, 0.55), width, wall, 12, square=True, around=GIRTH_CONDUCTION),
+        Tube((0.0, 0.55), (0.4, 0.55), width, wall, 9, square=True, around=GIRTH_CONDUCTION),
     ]
     chain = Chain(tubes, Metal(), foot=0.1)
 

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Generator = np.random.Generator
 
 HOUR, MINUTE = 3600.0, 60.0
-SETTLED = 8 * HOUR  # of each step of spectrum A
+STEP_HOLD = 8 * HOUR  # of each step of spectrum A
 _LEVELS = np.arange(1, 8) / 7  # 10 to 70 W on the C-frame
 _QUICK_SHARE = 0.1  # of spectrum B
 _AIR_TIME = 4 * HOUR
@@ -29,7 +29,7 @@ _AIR_TIME = 4 * HOUR
 def spectrum_a(time: Array, rng: Generator) -> Array:
     """The seven levels in any order, each held for 8 h."""
     order = itertools.cycle(rng.permutation(_LEVELS).tolist())
-    return held(time, ((level, SETTLED) for level in order))
+    return held(time, ((level, STEP_HOLD) for level in order))
 
 
 def spectrum_b(time: Array, rng: Generator) -> Array:

@@ -40,7 +40,7 @@ PROBE_PAIRS = {
 HOTTEST_PROBE = 0.007
 DEFLECTIONS = ("d_x_um", "d_y_um", "d_z_um")
 OUTPUTS = ("T_column_degC", *PROBE_PAIRS, "d_x_um", "d_y_um")
-_TINY = 1e-6  # smaller than any feature of the mesh [m]
+_MESH_TOLERANCE = 1e-6  # smaller than any feature of the mesh [m]
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ def pad_facets(mesh: MeshHex, facets: Facets, geometry: FrameGeometry) -> Facets
     """Those of `facets` that the pads cover, on both side walls."""
     x, y, z = _facet_centres(mesh, facets)
     pad = geometry.pad
-    side = np.abs(np.abs(z) - geometry.tube / 2) < _TINY
+    side = np.abs(np.abs(z) - geometry.tube / 2) < _MESH_TOLERANCE
     covered = (pad.x[0] < x) & (x < pad.x[1]) & (pad.y[0] < y) & (y < pad.y[1])
     return facets[side & covered]
 

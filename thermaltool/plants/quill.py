@@ -14,8 +14,8 @@ from __future__ import annotations
 from thermaltool.plants.heated import Film, HeatedPlant, Regulator, assemble, pad
 from thermaltool.plants.tubes import Chain, Metal, Tube
 
-FULL = 90.0  # [W]
-CAUSAL, STABILIZATION = Regulator(FULL, 1.2, 0.3), Regulator(FULL, 1.5, 0.3)
+FULL_POWER = 90.0  # [W]
+CAUSAL, STABILIZATION = Regulator(FULL_POWER, 1.2, 0.3), Regulator(FULL_POWER, 1.5, 0.3)
 
 
 def build() -> HeatedPlant:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 SECTORS = 8
-MICRO = 1e6
+MICROMETRES = 1e6
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class Chain:
                 arm = np.subtract(point, middle)
                 rows.append([t.along[0] * stretch + arm[1] * turn,
                              t.along[1] * stretch - arm[0] * turn, turn])  # fmt: skip
-        return MICRO * np.concatenate(rows, axis=1)
+        return MICROMETRES * np.concatenate(rows, axis=1)
 
 
 def _join(G: Array, a: int, b: int, value: float) -> None:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 # In place of a loss of zero, which has no logarithm [unit²].
-SMALLEST_LOSS = 1e-300
+MIN_LOSS = 1e-300
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Criteria:
             Sum of squared errors.
         """
         # An exact fit leaves nothing: the least number above zero stands for its loss.
-        return Criteria(rows * math.log(max(loss, SMALLEST_LOSS) / rows), parameters, rows)
+        return Criteria(rows * math.log(max(loss, MIN_LOSS) / rows), parameters, rows)
 
     @property
     def aic(self) -> float:

@@ -19,7 +19,7 @@ P = TypeVar("P")
 # Directions of normal equations below this share of the largest, once scaled, are rounding.
 MIN_DIRECTION = 1e-13
 # Damping, as a share of the diagonal: at first; after many good steps; where no step is left.
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-12, 1e8
+FIRST_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-3, 1e-12, 1e8
 # Factor of the damping after a bad step; its inverse after a good one.
 DAMPING_STEP = 10.0
 
@@ -71,17 +71,11 @@ class Minimum(Generic[P]):
     value : float
     converged : bool
         No step is left that gains more than the tolerance.
-    iterations : int
-        Linearizations that it took.
-    promised : float
-        Fall of the value that a full step promised at the last of them.
     """
 
     point: P
     value: float
     converged: bool
-    iterations: int
-    promised: float
 
 
 def minimize(
@@ -114,24 +108,23 @@ def minimize(
     abandoned : callable
         Whether to give up at a point.
     """
-    here, level, damping, promised = start, value(start), FIRST_DAMPING, float("inf")
-    for k in range(1, max_iterations + 1):
+    here, level, damping = start, value(start), FIRST_DAMPING
+    for _ in range(max_iterations):
         matrix, score = normal_equations(here)
         enough = tolerance(here)
-        promised = float(score @ solve(matrix, score))
-        if promised <= enough:
-            return Minimum(here, level, True, k, promised)
+        if float(score @ solve(matrix, score)) <= enough:
+            return Minimum(here, level, True)
         diagonal = np.diag(np.diag(matrix))
         while True:
             there = moved(here, solve(matrix + damping * diagonal, score))
             reached = value(there)
-            if reached < level or damping > MOST_DAMPING:
+            if reached < level or damping > MAX_DAMPING:
                 break
             damping *= DAMPING_STEP
         if not level - reached > enough:
-            return Minimum(here, level, True, k, promised)
+            return Minimum(here, level, True)
         here, level = there, reached
         if abandoned(here):
-            return Minimum(here, level, False, k, promised)
-        damping = max(damping / DAMPING_STEP, LEAST_DAMPING)
-    return Minimum(here, level, False, max_iterations, promised)
+            return Minimum(here, level, False)
+        damping = max(damping / DAMPING_STEP, MIN_DAMPING)
+    return Minimum(here, level, False)

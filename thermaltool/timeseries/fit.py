@@ -39,7 +39,7 @@ MAX_LAGS = 25
 
 # Rounds of the search from several starts: how many go on, and their steps. Most starts lead to
 # the same maximum, and most of the others fall behind soon.
-ROUNDS = ((8, 5), (3, 45))
+SEARCH_ROUNDS = ((8, 5), (3, 45))
 ROUND_TOLERANCE = 1e-3  # [deviance] of these rounds; the last climb goes on to its own
 
 
@@ -146,7 +146,7 @@ def _maximum(likelihood: ArmaLikelihood, p: int, q: int, begin: Maximum | None) 
     begins = all_starts(likelihood, p, q)
     if begin is not None:
         begins.append(replace(begin, converged=p + q == 0))
-    for count, steps in ROUNDS:
+    for count, steps in SEARCH_ROUNDS:
         begins = sorted(begins, key=lambda each: each.deviance)[:count]
         begins = [climb(likelihood, each, steps, ROUND_TOLERANCE)[0] for each in begins]
     best = min(begins, key=lambda each: each.deviance)

@@ -27,7 +27,7 @@ from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.maximum import Maximum, climb, start
 from thermaltool.timeseries.narrow import narrow_factors, with_line
 from thermaltool.timeseries.polynomials import (
-    CANCELLING,
+    MAX_CANCELLING_DISTANCE,
     cancelling,
     is_stationary_and_invertible,
     without_root,
@@ -57,9 +57,9 @@ MAX_SMALL_ORDER = 7  # p + q: up to this all are looked at, there are 36
 MIN_WANDER_CORRELATION = 0.9  # of neighbours: from here the series may be a running sum
 SAMPLES_PER_PARAMETER = 3  # with fewer, a maximum means little and AICc has no correction
 # Samples below which a record has more maxima, and its best few small models start again.
-SHORT_RECORD, RESTARTED_MODELS = 500, 3
+SHORT_RECORD_SAMPLES, RESTARTED_MODELS = 500, 3
 # Each run costs a filter of its own: with more runs, only orders p + q up to this are looked at.
-MAX_FEW_RUNS, MAX_TINY_ORDER = 20, 2
+MAX_FEW_RUNS, MAX_ORDER_OF_MANY_RUNS = 20, 2
 MIN_VARIANCE_SHARE = 1e-14  # of the mean square: what no regression can reach, rounding leaves
 
 
@@ -130,10 +130,9 @@ def select_order(
 class _Proposal:
     """A model to be fitted, the deviance and criteria that it may reach; its fit where known."""
 
-    pair: Pair
     ar: Array
     ma: Array
-    hope: float
+    expected: float
     values: tuple[float, ...]
     known: Maximum | None = None
 
@@ -175,7 +174,7 @@ class _OrderSearch:
         for p in range(1, self.max_p + 1):
             starts[p, 0] = autoregressions.coefficients[p], np.empty(0)
         few = len(all_runs) <= MAX_FEW_RUNS
-        small = MAX_SMALL_ORDER if few else MAX_TINY_ORDER
+        small = MAX_SMALL_ORDER if few else MAX_ORDER_OF_MANY_RUNS
         chosen = {pair for pair in starts if sum(pair) <= small}
         for name in self.criteria:
             value = CRITERIA[name]
@@ -185,15 +184,13 @@ class _OrderSearch:
             chosen.add((pure, 0))
         for pair in sorted(chosen):
             ar, ma = starts[pair]
-            if pair[
-                1
-            ]:  # the third regression comes much nearer where roots are close to the circle
+            if ma.size:  # the third regression comes nearer where roots are close to the circle
                 better = corrected(centred, ar, ma)
                 ar, ma = better.ar, better.ma
             at, _ = climb(self.likelihood, start(self.likelihood, ar, ma), SEED_STEPS, TOLERANCE)
-            self._keep(pair, at)
-            hope = at.deviance - max(GAIN_MARGIN, 1.5 * at.promise)
-            self._propose(pair, at.ar, at.ma, hope, at)
+            self._keep(at)
+            expected = at.deviance - max(GAIN_MARGIN, 1.5 * at.predicted_fall)
+            self._propose(at.ar, at.ma, expected, at)
 
     def _differences(self) -> None:
         """Where the series wanders, models with an MA root at 1 from the orders of its sum."""
@@ -216,30 +213,29 @@ class _OrderSearch:
         for pair in sorted(chosen):
             better = corrected(sums, *found[pair][:2])
             at = start(self.likelihood, better.ar, as_difference(better.ma))
-            self._propose(pair, at.ar, at.ma, at.deviance - GAIN_MARGIN)
+            self._propose(at.ar, at.ma, at.deviance - GAIN_MARGIN)
 
     def _entry(self, pair: Pair, deviance: float, sigma2: float, exact: bool) -> OrderCriteria:
         size, regressors = self.likelihood.size, self.likelihood.regressors
         return OrderCriteria(*pair, float(deviance), float(sigma2), size, regressors, exact)
 
-    def _keep(self, pair: Pair, fit: Maximum) -> bool:
+    def _keep(self, fit: Maximum) -> None:
         """Keep a fit that is better than what is known of its pair."""
+        pair = fit.order
         known = self.fits.get(pair)
         if known is not None and known.deviance <= fit.deviance:
-            return False
+            return
         self.fits[pair] = fit
         entry = self.entries[pair] = self._entry(pair, fit.deviance, fit.at.sigma2, fit.converged)
         for name in self.criteria:
             self.best[name] = min(self.best[name], CRITERIA[name](entry))
-        return True
 
-    def _propose(
-        self, pair: Pair, ar: Array, ma: Array, hope: float, known: Maximum | None = None
-    ) -> None:
-        if min(pair) >= 0 and pair in self.entries:
-            entry = self._entry(pair, hope, self._sigma2(hope), True)
+    def _propose(self, ar: Array, ma: Array, expected: float, known: Maximum | None = None) -> None:
+        pair = ar.size, ma.size
+        if pair in self.entries:
+            entry = self._entry(pair, expected, self._sigma2(expected), True)
             values = tuple(CRITERIA[name](entry) for name in self.criteria)
-            self.proposals.append(_Proposal(pair, ar, ma, hope, values, known))
+            self.proposals.append(_Proposal(ar, ma, expected, values, known))
 
     def _excess(self, name: str, pair: Pair, deviance: float) -> float:
         """By how much a deviance misses the best in one criterion."""
@@ -266,7 +262,7 @@ class _OrderSearch:
 
     def _finish(self, value: Callable[[OrderCriteria], float]) -> None:
         """Climb on until the best model is at its maximum; the best few of a short record anew."""
-        count = RESTARTED_MODELS if self.likelihood.size <= SHORT_RECORD else 1
+        count = RESTARTED_MODELS if self.likelihood.size <= SHORT_RECORD_SAMPLES else 1
         while True:
             leading = sorted(self.fits, key=lambda each: value(self.entries[each]))[:count]
             left = [pair for pair in leading if pair not in self.finished]
@@ -277,14 +273,14 @@ class _OrderSearch:
     def _complete(self, pair: Pair) -> None:
         fit = replace(self.fits.pop(pair), converged=sum(pair) == 0)
         few = self.likelihood.runs <= MAX_FEW_RUNS
-        if few and self.likelihood.size <= SHORT_RECORD and sum(pair) <= MAX_SMALL_ORDER:
+        if few and self.likelihood.size <= SHORT_RECORD_SAMPLES and sum(pair) <= MAX_SMALL_ORDER:
             others = [climb(self.likelihood, each, VISIT_STEPS, TOLERANCE)[0]
                       for each in all_starts(self.likelihood, *pair)]  # fmt: skip
             fit = min(fit, *others, key=lambda each: each.deviance)
             fit = replace(fit, converged=sum(pair) == 0)
         fit, _ = climb(self.likelihood, fit, FINAL_STEPS, FINAL_TOLERANCE)
         # A maximum on the unit circle is approached for ever: this near will do.
-        self._keep(pair, replace(fit, converged=True))
+        self._keep(replace(fit, converged=True))
         self.finished.add(pair)
 
     def _search(self, budget: int) -> bool:
@@ -302,78 +298,77 @@ class _OrderSearch:
 
     def _visit(self, proposal: _Proposal) -> int:
         """Fit one proposal and let it propose others; the slopes that it took."""
-        pair = proposal.pair
         begin = proposal.known or start(self.likelihood, proposal.ar, proposal.ma)
-        false = begin.deviance > proposal.hope + MAX_MISS
+        false = begin.deviance > proposal.expected + MAX_MISS
         steps = MISSED_STEPS if false else VISIT_STEPS
         fit, slopes = climb(self.likelihood, begin, steps, TOLERANCE)
+        pair = fit.order
         known = self.fits.get(pair)
         fresh = known is None or known.deviance > fit.deviance + TOLERANCE or pair not in self.seen
         self.seen.add(pair)
-        self._keep(pair, fit)
+        self._keep(fit)
         if not fit.converged:
-            won = begin.deviance - fit.deviance
-            hope = fit.deviance - min(won, fit.promise, MAX_MISS)
-            self._propose(pair, fit.ar, fit.ma, hope, fit)
+            fall = begin.deviance - fit.deviance
+            expected = fit.deviance - min(fall, fit.predicted_fall, MAX_MISS)
+            self._propose(fit.ar, fit.ma, expected, fit)
         excess = min(self._excess(name, pair, fit.deviance) for name in self.criteria)
         if fresh and excess < MAX_PARENT_EXCESS:
-            self._neighbours(pair, fit)
+            self._neighbours(fit)
             slopes += 1
         return slopes * (1 + self.likelihood.runs // MAX_FEW_RUNS)
 
-    def _neighbours(self, pair: Pair, fit: Maximum) -> None:
+    def _neighbours(self, fit: Maximum) -> None:
         """Models with one coefficient more or less, and with one narrow line more."""
-        p, q = pair
+        p, q = fit.order
         if p + 2 <= self.max_p and q + 2 <= self.max_q:
             self._lines(fit)
-        for root, other in cancelling(fit.ar, fit.ma, 2.0 * CANCELLING):
+        for root, other in cancelling(fit.ar, fit.ma, 2.0 * MAX_CANCELLING_DISTANCE):
             fewer = 1 + (root.imag != 0.0)
             if (p - fewer, q - fewer) in self.seen:
                 continue
             less = start(self.likelihood, without_root(fit.ar, root), -without_root(-fit.ma, other))
-            pair_less = less.ar.size, less.ma.size
-            self._propose(pair_less, less.ar, less.ma, less.deviance - GAIN_MARGIN)
+            self._propose(less.ar, less.ma, less.deviance - GAIN_MARGIN)
         # One slope at the model with a zero coefficient more on both sides serves all.
         wide = self.likelihood.slope(np.append(fit.ar, 0.0), np.append(fit.ma, 0.0))
         own = [*range(p), *range(p + 1, p + 1 + q)]
         both = np.concatenate((fit.ar, [0.0], fit.ma, [0.0]))
-        for pair_more, extra in (((p + 1, q), p), ((p, q + 1), p + q + 1)):
+        for larger_p, extra in ((p + 1, p), (p, p + q + 1)):
             index = np.array(sorted([*own, extra]))
             step = -np.linalg.solve(_ridged(wide.curvature, index), wide.gradient[index])
             gain = -0.5 * float(wide.gradient[index] @ step)
             more = both[index] + step
-            ar, ma = more[: pair_more[0]], more[pair_more[0] :]
+            ar, ma = more[:larger_p], more[larger_p:]
             if not is_stationary_and_invertible(ar, ma):
                 gain = min(gain, GAIN_MARGIN)  # nothing is known of the likelihood out there
-            self._propose(pair_more, ar, ma, fit.deviance - gain - 0.5)
+            self._propose(ar, ma, fit.deviance - gain - 0.5)
         if own:
             inverse = np.asarray(np.linalg.inv(_ridged(wide.curvature, np.array(own))), float)
-            self._smaller(pair, fit, inverse)
+            self._smaller(fit, inverse)
 
     def _lines(self, fit: Maximum) -> None:
         """Models with one narrow line more, and with the first few lines at once."""
         e = self.likelihood.innovations(fit.ar, fit.ma, fit.at.coefficients)
-        several, hope, angles = (fit.ar, fit.ma), fit.deviance - LINE_GAIN_MARGIN, np.empty(0)
+        several, expected, angles = (fit.ar, fit.ma), fit.deviance - LINE_GAIN_MARGIN, np.empty(0)
         for line in narrow_factors(e):
             ar, ma = with_line(fit.ar, fit.ma, line)
-            self._propose((ar.size, ma.size), ar, ma, fit.deviance - line.gain - LINE_GAIN_MARGIN)
+            self._propose(ar, ma, fit.deviance - line.gain - LINE_GAIN_MARGIN)
             if np.any(np.abs(angles - line.angle) < MIN_LINE_DISTANCE / self.likelihood.size):
                 continue
             angles = np.append(angles, line.angle)
-            several, hope = with_line(*several, line), hope - line.gain
+            several, expected = with_line(*several, line), expected - line.gain
             if angles.size > 1:
-                self._propose((several[0].size, several[1].size), *several, hope)
+                self._propose(*several, expected)
 
-    def _smaller(self, pair: Pair, fit: Maximum, inverse: Array) -> None:
-        p, q = pair
+    def _smaller(self, fit: Maximum, inverse: Array) -> None:
+        """Models without the last AR or MA coefficient, the others where they are then best."""
+        p, q = fit.order
         values = np.concatenate((fit.ar, fit.ma))
-        for less, last in (((p - 1, q), p - 1), ((p, q - 1), p + q - 1)):
-            if min(less) < 0:
-                continue
-            share = values[last] / inverse[last, last]
-            rest = np.delete(values - inverse[:, last] * share, last)
-            self._propose(less, rest[: less[0]], rest[less[0] :],
-                          fit.deviance + 0.5 * values[last] * share - 0.5)  # fmt: skip
+        for there, smaller_p, last in ((p, p - 1, p - 1), (q, p, p + q - 1)):
+            if there:
+                multiplier = values[last] / inverse[last, last]
+                rest = np.delete(values - inverse[:, last] * multiplier, last)
+                rise = 0.5 * values[last] * multiplier - 0.5
+                self._propose(rest[:smaller_p], rest[smaller_p:], fit.deviance + rise)
 
 
 def _ridged(curvature: Array, index: NDArray[np.intp]) -> Array:

@@ -14,7 +14,8 @@ from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 
-CANCELLING = 0.1  # distance of roots in the unit circle; nearer ones leave a narrow line alone
+# Of roots in the unit circle; nearer ones leave a narrow line alone.
+MAX_CANCELLING_DISTANCE = 0.1
 MAX_PARTIAL = 1.0 - 5e-7  # partial autocorrelation: nearer to 1, the state's variance is rounding
 MAX_MADE_PARTIAL = 0.995  # of a model that had to be made stationary: well inside, to climb from
 
@@ -121,7 +122,9 @@ def decayed_response(denominator: Array, limit: int, tolerance: float = 1e-10) -
         size *= 4
 
 
-def cancelling(ar: Array, ma: Array, distance: float = CANCELLING) -> list[tuple[complex, complex]]:
+def cancelling(
+    ar: Array, ma: Array, distance: float = MAX_CANCELLING_DISTANCE
+) -> list[tuple[complex, complex]]:
     """Pairs of an AR and an MA root nearer than `distance`; of conjugates one."""
     pairs = []
     free = list(characteristic_roots(-ma))

@@ -46,7 +46,7 @@ def update_function(n: int) -> Update:
     for j in range(n):
         dot = "".join(f" + u{i}_{j}*p{i}" for i in range(j))
         lines += [f"f = p{j}{dot}", f"g = d{j}*f", "b = a", "a = b + f*g"]
-        lines += [f"d{j} = d{j}*b/(a*forgetting)", f"if d{j} > most: d{j} = most"]
+        lines += [f"d{j} = d{j}*b/(a*forgetting)", f"if d{j} > bound: d{j} = bound"]
         if j:
             lines.append("m = -f/b")
         for i in range(j):
@@ -55,7 +55,7 @@ def update_function(n: int) -> Update:
     lines.append("s = error/a")
     theta = ", ".join(f"t{k} + s*k{k}" for k in range(n))
     lines.append(f"return [{theta}], [{_names('d', n)}], [{columns}], s*forgetting")
-    function: Update = _compiled("update", "phi, error, forgetting, most, theta, D, U", lines)
+    function: Update = _compiled("update", "phi, error, forgetting, bound, theta, D, U", lines)
     return function
 
 
