@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from thermaltool.errors import FitError
 from thermaltool.record import Record
 from thermaltool.signals.criteria import Criteria
-from thermaltool.timeseries.lagged import inner, lagged_products, lagged_sums
+from thermaltool.timeseries.lagged import inner, lagged_products
 from thermaltool.timeseries.runs import pieces, places, runs, samples
 
 Array = NDArray[np.float64]
@@ -149,7 +149,8 @@ def least_squares(record: Record, max_order: int) -> ArOrders:
         if run.size <= max_order:
             continue
         gram[1:, 1:] += lagged_products(run, run, max_order, max_order, max_order)
-        gram[0, 1:] += lagged_sums(run, max_order, max_order)
+        ones = np.ones(run.size)
+        gram[0, 1:] += lagged_products(ones, run, 0, max_order, max_order)[0]
         gram[0, 0] += run.size - max_order
     gram[1:, 0] = gram[0, 1:]
     coefficients, variance = [], []

@@ -34,13 +34,6 @@ def lagged_products(u: Array, v: Array, rows: int, columns: int, first: int) -> 
     return M
 
 
-def lagged_sums(u: Array, rows: int, first: int) -> Array:
-    """Σ_{t >= first} u_{t-i}, ndarray (rows + 1,)."""
-    i = np.arange(rows)
-    steps = u[first - 1 - i] - u[u.size - 1 - i]
-    return float(u[first:].sum()) + np.concatenate(([0.0], np.cumsum(steps)))
-
-
 def inner(u: Array, v: Array) -> float:
     """u'v of two vectors, in blocks.
 

@@ -215,17 +215,10 @@ class ArmaLikelihood:
             return self._differenced(ar, ma)
         phi, theta = padded(ar, ma)
         order, p, q = phi.size - 1, ar.size, ma.size
-        columns, size = self._columns[0], self.size
-        h = decayed_response(theta, size)
-        past = Shifted(h, order, size)
-        covariance = state_covariance(-phi[1:], theta[1:])
-        root, G = root_of(covariance), past.gram()
-        A = np.eye(order) + root.T @ G @ root
-        a0 = lfilter(phi, theta, columns, axis=1)
-        products = _smoothed(a0, past, root, A)[1]
-        at = _concentrated(products, float(np.linalg.slogdet(A)[1]), size)
-
-        x, a = _without(columns, at.coefficients), _without(a0, at.coefficients)
+        (run,), columns, size = self._filtered(ar, ma), self._columns[0], self.size
+        past, root, G, A = run.past, run.root, run.gram, run.A
+        at = _concentrated(run.products, run.logdet, size)
+        x, a = _without(columns, at.coefficients), _without(run.innovations, at.coefficients)
         w = past.against(a[None])[:, 0]
         u, v = lfilter([1.0], theta, np.stack((x, a))) if q else (x, a)
         slopes = [inner(a[i:], u[: size - i]) for i in range(1, p + 1)]
@@ -234,7 +227,7 @@ class ArmaLikelihood:
         on_covariance = G - G @ posterior @ G - size / at.square * w[:, None] * w
         gradient = -2.0 * size / at.square * np.array(slopes)
         kept = np.concatenate((np.arange(p), order + np.arange(q)))
-        gradient += _through_covariance(phi, theta, covariance, on_covariance)[kept]
+        gradient += _through_covariance(phi, theta, run.prior, on_covariance)[kept]
         if q:
             gradient[p:] += _through_responses(theta, past, posterior)[:q]
         curvature = 2.0 * size / at.square * lagged_gram(u, v, p, q)
@@ -270,13 +263,22 @@ class ArmaLikelihood:
 
 @dataclass(frozen=True)
 class _Filtered:
-    """One run: innovations (of samples and regressors), their products, log determinant, state."""
+    """One run: innovations (of samples and regressors), their products, log determinant, state.
+
+    `prior` is the covariance Ω = root root' of the state before it, `past` the responses to that
+    state, `gram` G of them, A = I + root' G root.
+    """
 
     innovations: Array
     products: Array
     logdet: float
     mean: Array
     covariance: Array
+    prior: Array
+    root: Array
+    past: Shifted
+    gram: Array
+    A: Array
 
 
 def _filter(columns: Array, phi: Array, theta: Array, mean: Array, covariance: Array) -> _Filtered:
@@ -286,15 +288,18 @@ def _filter(columns: Array, phi: Array, theta: Array, mean: Array, covariance: A
     a, state = lfilter(phi, theta, columns, axis=1, zi=-mean.T)
     h = decayed_response(theta, size)
     past = Shifted(h, order, size)
-    root = root_of(covariance)
-    A = np.eye(order) + root.T @ past.gram() @ root
+    root, gram = root_of(covariance), past.gram()
+    A = np.eye(order) + root.T @ gram @ root
     z, products = _smoothed(a, past, root, A)
     mean_after, covariance_after = -state.T, np.zeros((order, order))
     if h.size == size:  # the run was too short to forget what came before it
         passed = np.linalg.matrix_power(companion(-theta[1:]), size) @ root
         mean_after = mean_after + passed @ z
         covariance_after = passed @ np.linalg.solve(A, passed.T)
-    return _Filtered(a, products, float(np.linalg.slogdet(A)[1]), mean_after, covariance_after)
+    logdet = float(np.linalg.slogdet(A)[1])
+    return _Filtered(
+        a, products, logdet, mean_after, covariance_after, covariance, root, past, gram, A
+    )
 
 
 def _smoothed(a: Array, past: Shifted, root: Array, A: Array) -> tuple[Array, Array]:

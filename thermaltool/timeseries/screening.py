@@ -11,7 +11,6 @@ from thermaltool.errors import FitError
 from thermaltool.record import Record
 from thermaltool.signals.detrend import MAD_TO_SIGMA
 from thermaltool.timeseries.ar import burg
-from thermaltool.timeseries.lagged import lagged_products, lagged_sums
 from thermaltool.timeseries.runs import (
     difference,
     even_record,
@@ -193,24 +192,14 @@ def unit_root_statistic(record: Record, degree: int = 0) -> float:
     scale = float(np.abs(x).max())
     lags = burg(even_record(change), min(MAX_UNIT_ROOT_LAGS, x.size // 10)).best
     first = max(lags, 1)
-    # Products of (Δ_t, Δ_{t-1}, ..., Δ_{t-k}), of x_{t-1}, and a constant.
-    dd = lagged_products(change, change, lags, lags, first)
-    level = x[:-1]
-    dx = lagged_products(change, level, lags, 0, first)[:, 0]
-    xx = lagged_products(level, level, 0, 0, first)[0, 0]
-    sums = lagged_sums(change, lags, first)
-    rows = change.size - first
-    size = lags + 2
-    gram, right = np.empty((size, size)), np.empty(size)
-    gram[0, 0], right[0] = xx, dx[0]
-    gram[0, 1 : lags + 1] = gram[1 : lags + 1, 0] = dx[1:]
-    gram[1 : lags + 1, 1 : lags + 1], right[1 : lags + 1] = dd[1:, 1:], dd[0, 1:]
-    gram[-1, 0] = gram[0, -1] = level[first:].sum()
-    gram[-1, 1:-1] = gram[1:-1, -1] = sums[1:]
-    gram[-1, -1], right[-1] = rows, sums[0]
-    gram[np.diag_indices(size)] += 1e-14 * scale**2 * rows
+    windows = np.lib.stride_tricks.sliding_window_view(change, lags + 1)[first - lags :]
+    after = windows[:, -1]
+    columns = np.column_stack([x[first:-1], windows[:, :-1], np.ones(after.size)])
+    gram = columns.T @ columns
+    gram[np.diag_indices(lags + 2)] += 1e-14 * scale**2 * after.size
     inverse = np.linalg.inv(gram)
-    beta = inverse @ right
-    variance = max(float(dd[0, 0] - beta @ right), 0.0) / max(rows - size, 1)
+    beta = inverse @ (columns.T @ after)
+    left = after - columns @ beta
+    variance = float(left @ left) / max(after.size - beta.size, 1)
     error = np.sqrt(variance * abs(inverse[0, 0]))
     return float(beta[0] / error) if error > 0.0 else float("nan")
