@@ -48,26 +48,6 @@ def is_part(channel: str) -> bool:
     return _speaks_of(channel, PART_WORDS)
 
 
-def air_channels(scene: Scene) -> list[str]:
-    """Channels beside the model that are the air.
-
-    Parameters
-    ----------
-    scene : Scene
-    """
-    return [c for c in scene.extra if is_air(c)]
-
-
-def part_channels(scene: Scene) -> list[str]:
-    """Channels beside the model that are the workpiece.
-
-    Parameters
-    ----------
-    scene : Scene
-    """
-    return [c for c in scene.extra if is_part(c)]
-
-
 def source_channels(scene: Scene) -> list[str]:
     """Channels beside the model, neither air nor workpiece, with which heat may go.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar
 
-from thermaltool.effects.channels import part_channels
+from thermaltool.effects.channels import is_part
 from thermaltool.effects.dynamics import from_rest
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.record import Record
@@ -44,5 +44,5 @@ class PartTemperature(Effect):
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         coefficients = {f"coefficient[{output}]": 1.0 for output in scene.displacements()}
         if coefficients:
-            for channel in part_channels(scene):
+            for channel in filter(is_part, scene.extra):
                 yield cls(channel, coefficients)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -81,6 +81,10 @@ class NoiseEstimate:
         an upper bound, and its size stands for times within the separation window only.
     stretch : tuple of float
         First and last time of the readings that drift and Allan deviation come from [s].
+    time, residual : ndarray (m,)
+        What is left of the readings without slow signal [s], [unit]; NaN where not separable.
+    notes : tuple of str
+        What a reader of the figures must know, one line each.
     separation_cutoff : float or None
         Where a signal is present: frequency above which the noise is told from it [Hz].
     allan : AllanDeviation or None
@@ -95,10 +99,6 @@ class NoiseEstimate:
     outlier_time, outlier_value : ndarray (k,)
         [s], [unit].
     level_dependence : LevelDependence
-    time, residual : ndarray (m,)
-        What is left of the readings without slow signal [s], [unit]; NaN where not separable.
-    notes : tuple of str
-        What a reader of the figures must know, one line each.
     """
 
     samples: int
@@ -107,18 +107,18 @@ class NoiseEstimate:
     drift: DriftFit
     upper_bound: bool
     stretch: tuple[float, float]
-    separation_cutoff: float | None
-    allan: AllanDeviation | None
-    allan_model: Array | None
-    spectrum: Spectrum | None
-    density_model: Array | None
-    lines: tuple[Line, ...]
-    outlier_time: Array
-    outlier_value: Array
-    level_dependence: LevelDependence
     time: Array
     residual: Array
     notes: tuple[str, ...]
+    separation_cutoff: float | None = None
+    allan: AllanDeviation | None = None
+    allan_model: Array | None = None
+    spectrum: Spectrum | None = None
+    density_model: Array | None = None
+    lines: tuple[Line, ...] = ()
+    outlier_time: Array = field(default_factory=lambda: np.empty(0))
+    outlier_value: Array = field(default_factory=lambda: np.empty(0))
+    level_dependence: LevelDependence = LevelDependence()
 
 
 def estimate_noise(
@@ -159,10 +159,10 @@ def estimate_noise(
 
     step = resolution_step(v)
     if step is None and np.ptp(v) == 0.0:
-        return _silent(t, v, None, "constant: no noise seen, its resolution cannot be told")
+        return _silent(t, v, "constant: no noise seen, its resolution cannot be told")
     changes = np.abs(np.diff(v))
     if step is not None and _is_command(v, changes, step):
-        return _silent(t, v, None, "changes in jumps only, like a command: no noise seen")
+        return _silent(t, v, "changes in jumps only, like a command: no noise seen")
     return _noisy(t, v, step, idle, max_gap)
 
 
@@ -255,26 +255,16 @@ def _is_command(v: Array, changes: Array, step: float) -> bool:
     return bool(held or np.median(changes[changes > 0.0]) > 1.5 * step)
 
 
-def _silent(t: Array, v: Array, step: float | None, note: str) -> NoiseEstimate:
+def _silent(t: Array, v: Array, note: str) -> NoiseEstimate:
     """A channel in which no noise is seen."""
     none = DriftFit(0.0, (0.0, 0.0), True, 0.0, (0.0, 0.0), None, None, 0.0, None, False)
-    empty = np.empty(0)
     return NoiseEstimate(
         samples=v.size,
         sample_period=float(np.median(np.diff(t))),
-        resolution=step,
+        resolution=None,
         drift=none,
         upper_bound=False,
         stretch=(float(t[0]), float(t[-1])),
-        separation_cutoff=None,
-        allan=None,
-        allan_model=None,
-        spectrum=None,
-        density_model=None,
-        lines=(),
-        outlier_time=empty,
-        outlier_value=empty,
-        level_dependence=LevelDependence(),
         time=t,
         residual=np.zeros_like(v),
         notes=(note,),

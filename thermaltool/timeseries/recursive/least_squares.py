@@ -63,12 +63,3 @@ class RecursiveLeastSquares:
             phi, error, self.forgetting, self.beta, self.theta, self._D, self._U
         )
         return after
-
-    def covariance(self) -> list[list[float]]:
-        """P, (n, n), for reports and tests."""
-        n, at, columns = self.size, 0, []
-        for j in range(n):
-            columns.append([*self._U[at : at + j], 1.0, *[0.0] * (n - j - 1)])
-            at += j
-        pairs = list(zip(self._D, columns, strict=True))
-        return [[sum(d * c[i] * c[k] for d, c in pairs) for k in range(n)] for i in range(n)]
