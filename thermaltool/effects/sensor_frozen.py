@@ -34,10 +34,7 @@ class SensorFrozen(Effect):
     )
     source: ClassVar[str] = "Isermann 2006, Fault-Diagnosis Systems (sensor faults)"
     causal: ClassVar[bool] = True
-    known: ClassVar = {
-        "start": Parameter("s", fixed=True),
-        "stop": Parameter("s", fixed=True),
-    }
+    known: ClassVar = {"start": Parameter("s", fixed=True), "stop": Parameter("s", fixed=True)}
 
     def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
         time = record.time

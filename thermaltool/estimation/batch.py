@@ -9,14 +9,7 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.estimation.pipeline import EstimatorPipeline
-from thermaltool.model import (
-    Excursion,
-    Model,
-    away_from_rest,
-    excursions,
-    extrapolated,
-    relative,
-)
+from thermaltool.model import Excursion, Model, away_from_rest, excursions, extrapolated, relative
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.signals.agreement import Agreement, agreement

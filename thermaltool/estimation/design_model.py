@@ -112,10 +112,7 @@ class DesignModel:
 
     @staticmethod
     def of(
-        model: Model,
-        noise: Mapping[str, SensorNoise],
-        dt: float,
-        measured: Sequence[str] = (),
+        model: Model, noise: Mapping[str, SensorNoise], dt: float, measured: Sequence[str] = ()
     ) -> DesignModel:
         """The machine of a model document, for samples of `dt` [s].
 

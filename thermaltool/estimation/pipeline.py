@@ -14,11 +14,7 @@ import numpy as np
 
 from thermaltool.effects.band import ScheduleBand
 from thermaltool.errors import ModelError
-from thermaltool.estimation.estimator import (
-    Estimator,
-    KalmanEstimator,
-    load_estimator,
-)
+from thermaltool.estimation.estimator import Estimator, KalmanEstimator, load_estimator
 from thermaltool.estimation.known_inputs import KnownInput, KnownInputEstimator
 from thermaltool.estimation.permanent_effects import (
     InputColumn,

@@ -156,11 +156,7 @@ def _audited(
     if method == "dehoog":
         return series, series_error, np.ones(t.size, dtype=bool)
     replaced = (audited > target) & (series_error < audited) & (method == "auto")
-    return (
-        np.where(replaced, series, values),
-        np.where(replaced, series_error, audited),
-        replaced,
-    )
+    return (np.where(replaced, series, values), np.where(replaced, series_error, audited), replaced)
 
 
 def _contour(sample: Sampler, t: RealArray, method: str) -> tuple[RealArray, RealArray]:

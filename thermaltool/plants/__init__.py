@@ -49,10 +49,7 @@ PLANTS = {
     "quill": Offer("quill", _HEATED, _DUTIES, _HALF_A_DAY),
     "c-frame": Offer("c_frame", _HEATED, _DUTIES, _HALF_A_DAY),
     "boring-bar": Offer(
-        "boring_bar",
-        frozenset({"speed", "part", "commands"}),
-        (),
-        {"duration": 4.0},
+        "boring_bar", frozenset({"speed", "part", "commands"}), (), {"duration": 4.0}
     ),
 }
 

@@ -244,10 +244,7 @@ class _State:
             taken = depth + y
             force = p.cutting_stiffness * taken * factor if taken > 0 else 0.0
             pushed = self._slope * (self._volts - self._z) + (push - force) / p.stiffness
-            filtered, rate = (
-                g * filtered + h * rate + m * y,
-                i * filtered + j * rate + n * y,
-            )
+            filtered, rate = (g * filtered + h * rate + m * y, i * filtered + j * rate + n * y)
             y, speed = a * y + b * speed + e * pushed, c * y + d * speed + f * pushed
         self.y, self._speed, self.filtered, self._rate = y, speed, filtered, rate
 

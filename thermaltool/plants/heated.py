@@ -13,14 +13,13 @@ of the rise, radiation nearly with the rise itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.plants.noise import Sensor
-from thermaltool.plants.tubes import Chain
+from thermaltool.plants.tubes import Chain, join
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -154,20 +153,6 @@ class HeatedPlant:
             run.advance(setting, float(now))
         return dict(zip(OUTPUTS, samples.T, strict=True))
 
-    def steady(self, powers: Pair) -> Mapping[str, float]:
-        """Where constant settings end [K and µm above rest]."""
-        heat = np.zeros(len(self.capacity))
-        heat[-2:] = [
-            float(r.power(np.array(p))) for r, p in zip(self.regulators, powers, strict=True)
-        ]
-        rise = np.zeros(len(heat))
-        for _ in range(200):
-            before = rise
-            rise = np.asarray(np.linalg.solve(self.balance, heat - self._bent(before)), float)
-            if np.max(np.abs(rise - before)) < 1e-9:
-                break
-        return dict(zip(OUTPUTS, (self.rows @ rise).tolist(), strict=True))
-
     def _bent(self, rise: Array) -> Array:
         """Loss beyond that of the film at its usual rise, shape (n,) [W]."""
         factor = np.sqrt(np.sqrt(np.abs(rise) / _FILM_RISE)) - 1.0
@@ -211,12 +196,7 @@ class HeatedRun:
 
 
 def pad(
-    chain: Chain,
-    tube: int,
-    first: int,
-    sectors: tuple[int, int],
-    probe: int,
-    regulator: Regulator,
+    chain: Chain, tube: int, first: int, sectors: tuple[int, int], probe: int, regulator: Regulator
 ) -> Pad:
     """A heater of 150 J/K with a contact of 4 W/K, chosen, on two segments of a tube.
 
@@ -236,10 +216,7 @@ def pad(
 
 
 def assemble(
-    chain: Chain,
-    film: Film,
-    pads: tuple[Pad, Pad],
-    probes: tuple[Pair, Pair],
+    chain: Chain, film: Film, pads: tuple[Pad, Pad], probes: tuple[Pair, Pair]
 ) -> HeatedPlant:
     """The plant of a chain of tubes with two heaters.
 
@@ -261,9 +238,7 @@ def assemble(
     for number, pad in enumerate(pads):
         heater = pieces + number
         for piece in pad.pieces:
-            share = pad.contact / len(pad.pieces)
-            balance[[heater, piece], [heater, piece]] += share
-            balance[[heater, piece], [piece, heater]] -= share
+            join(balance, heater, piece, pad.contact / len(pad.pieces))
     whole = (film.natural + film.steady) * surface
     balance += np.diag(whole)
     near, far = probes

@@ -142,16 +142,16 @@ class Chain:
             for segment in range(t.segments):
                 for sector in range(SECTORS):
                     here, beside = (self.at(number, segment, s) for s in (sector, sector + 1))
-                    _join(G, here, beside, t.around * k * t.wall * length / width)
+                    join(G, here, beside, t.around * k * t.wall * length / width)
                     if segment:
                         before = self.at(number, segment - 1, sector)
-                        _join(G, here, before, k * t.wall * width / length)
+                        join(G, here, before, k * t.wall * width / length)
             if number:
                 last = self.tubes[number - 1]
                 halves = (last.piece[0] / last.piece[1] / last.wall + length / width / t.wall) / 2
                 for sector in range(SECTORS):
                     ends = self.at(number - 1, -1, sector), self.at(number, 0, sector)
-                    _join(G, *ends, k / halves)
+                    join(G, *ends, k / halves)
         first = self.tubes[0]
         for sector in range(SECTORS):
             here = self.at(0, 0, sector)
@@ -176,6 +176,14 @@ class Chain:
         return MICROMETRES * np.concatenate(rows, axis=1)
 
 
-def _join(G: Array, a: int, b: int, value: float) -> None:
+def join(G: Array, a: int, b: int, value: float) -> None:
+    """Put a conductance between two pieces into G, shape (n, n), in place.
+
+    Parameters
+    ----------
+    G : ndarray, shape (n, n) [W/K]
+    a, b : int
+    value : float [W/K]
+    """
     G[[a, b], [a, b]] += value
     G[[a, b], [b, a]] -= value

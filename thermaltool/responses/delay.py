@@ -135,9 +135,7 @@ def _shifted(modes: Modes, ahead: float) -> Modes:
         return modes
     grown = np.exp(modes.poles * ahead)
     return Modes(
-        modes.poles,
-        (modes.weights + modes.double * ahead) * grown,
-        modes.double * grown.real,
+        modes.poles, (modes.weights + modes.double * ahead) * grown, modes.double * grown.real
     )
 
 

@@ -48,10 +48,7 @@ class AllanDeviation:
 
 
 def allan_deviation(
-    values: ArrayLike,
-    period: float,
-    factors: ArrayLike | None = None,
-    confidence: float = 0.95,
+    values: ArrayLike, period: float, factors: ArrayLike | None = None, confidence: float = 0.95
 ) -> AllanDeviation:
     """Overlapping Allan deviation (NIST SP 1065, eq. 10) with χ² limits (eq. 45).
 

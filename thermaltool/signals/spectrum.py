@@ -123,11 +123,7 @@ def find_lines(
     # A sine's power spreads over the three bins of the Hann main lobe.
     excess = np.convolve(np.maximum(density - floor * shape, 0.0), np.ones(3), mode="same")
     lines = [
-        Line(
-            float(frequency[k]),
-            float(np.sqrt(2.0 * spacing * excess[k])),
-            float(probability[k]),
-        )
+        Line(float(frequency[k]), float(np.sqrt(2.0 * spacing * excess[k])), float(probability[k]))
         for k in np.flatnonzero(peak)
     ]
     return tuple(sorted(lines, key=lambda line: (line.p_value, -line.amplitude))[:limit])
@@ -142,7 +138,4 @@ def thin(spectrum: Spectrum, points: int = 200) -> tuple[Array, Array]:
     band = np.searchsorted(edges, f, side="right")
     starts = np.flatnonzero(np.diff(band, prepend=-1))
     counts = np.diff(np.append(starts, f.size))
-    return (
-        np.add.reduceat(f, starts) / counts,
-        np.add.reduceat(spectrum.density, starts) / counts,
-    )
+    return (np.add.reduceat(f, starts) / counts, np.add.reduceat(spectrum.density, starts) / counts)

@@ -30,21 +30,9 @@ from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
 from thermaltool.record import Record
-from thermaltool.timeseries.lagged import (
-    Shifted,
-    inner,
-    lagged_gram,
-    products_of,
-)
+from thermaltool.timeseries.lagged import Shifted, inner, lagged_gram, products_of
 from thermaltool.timeseries.polynomials import decayed_response
-from thermaltool.timeseries.runs import (
-    NEW_START,
-    gaps,
-    places,
-    runs,
-    samples,
-    with_samples,
-)
+from thermaltool.timeseries.runs import NEW_START, gaps, places, runs, samples, with_samples
 from thermaltool.timeseries.state import (
     accumulated,
     companion,

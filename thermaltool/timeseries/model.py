@@ -9,15 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.documents import (
-    ARMA,
-    Part,
-    above_zero,
-    finite,
-    items,
-    mapping,
-    to_json,
-)
+from thermaltool.documents import ARMA, Part, above_zero, finite, items, mapping, to_json
 from thermaltool.documents import text as text_of
 from thermaltool.errors import ModelError
 from thermaltool.timeseries.criteria import OrderCriteria
