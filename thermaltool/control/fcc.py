@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 from thermaltool.control.hysteresis import PrandtlIshlinskii
+from thermaltool.timeseries.recursive.arma import MAX_READING
 
 # A reading that leaves the last one by so many times the usual change is refused, up to so many in
 # a row: then the level has changed, and is followed. Learnt over so many samples.
 GATE_CHANGES, MAX_REFUSED, USUAL_SAMPLES = 15.0, 3, 50
-# Beyond this, squares of products would overflow: no reading of anything.
-MAX_READING = 1e60
 # A delay of more samples is another sample period.
 MAX_DELAY_SAMPLES = 20_000
 # The default horizon is the first at which the low-pass has answered by this part.

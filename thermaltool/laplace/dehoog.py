@@ -9,7 +9,7 @@ from thermaltool.laplace.sampling import EPS, ComplexArray, RealArray, Sampler
 # Aliasing: the series returns f(t) + Σ e^(−2kγT) f(t + 2kT); these are e^(−2γT) in the series
 # that answers and in the one that checks it, different so that the check sees the aliases.
 ALIASING, CHECK_ALIASING = 1e-14, 1e-13
-TAIL_ORDER = 20
+TAIL_ORDER = 20  # pairs of terms of the accelerated tail
 # Heads are multiples of this.
 BLOCK_TERMS = 32
 

@@ -38,7 +38,7 @@ from scipy.signal import lfilter
 Array = NDArray[np.float64]
 Controller = Callable[[float], float | None]
 
-SUBSTEPS = 5
+SUBSTEPS = 5  # of a sample: 0.1 ms, a thirtieth of the period of the bar
 TAPER_SLOPE = 5.75  # [µm of radius per mm]: 103.5 µm over 18 mm, table 6.1
 
 

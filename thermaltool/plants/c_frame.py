@@ -18,7 +18,7 @@ from thermaltool.plants.tubes import Chain, Metal, Tube
 
 FULL_POWER = 70.0  # [W]
 CAUSAL, STABILIZATION = Regulator(FULL_POWER, 1.1, 0.5), Regulator(FULL_POWER, 1.6, 0.5)
-GIRTH_CONDUCTION = 0.5
+GIRTH_CONDUCTION = 0.5  # [solid metal] around the girth: the tubes are bolted of plates
 
 
 def build() -> HeatedPlant:

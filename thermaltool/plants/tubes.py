@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SECTORS = 8
-MICROMETRES = 1e6
+SECTORS = 8  # pieces around the girth: two a side of a square tube
+MICROMETRES = 1e6  # per metre
 
 
 @dataclass(frozen=True)

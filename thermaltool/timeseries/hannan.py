@@ -165,15 +165,13 @@ def corrected(record: Record, ar: Array, ma: Array) -> HannanFit:
         if run.size <= 2 * top:
             continue
         z, v, w = _sensitivities(run, ar, ma)
-        first = 2 * top
-        vv, ww = lagged_products(v, v, p, p, first), lagged_products(w, w, q, q, first)
-        vw = lagged_products(v, w, p, q, first)
-        gram[:p, :p] += vv[1:, 1:]
-        gram[p:, p:] += ww[1:, 1:]
-        gram[:p, p:] += vw[1:, 1:]
-        right[:p] += lagged_products(v, z, p, 0, first)[1:, 0]
-        right[p:] += lagged_products(w, z, q, 0, first)[1:, 0]
-    gram[p:, :p] = gram[:p, p:].T
+        vv, vw, ww = (
+            lagged_products(one, other, rows, columns, 2 * top)[1:, 1:]
+            for one, other, rows, columns in ((v, v, p, p), (v, w, p, q), (w, w, q, q))
+        )
+        gram += np.block([[vv, vw], [vw.T, ww]])
+        right[:p] += lagged_products(v, z, p, 0, 2 * top)[1:, 0]
+        right[p:] += lagged_products(w, z, q, 0, 2 * top)[1:, 0]
     step = np.linalg.lstsq(gram, right)[0]
     better = ar + step[:p], ma + step[p:]
     good = is_stationary_and_invertible(*better)
