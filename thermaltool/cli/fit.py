@@ -8,30 +8,11 @@ import click
 
 from thermaltool.cli.options import check_files, json_option, log_argument, one_thread
 from thermaltool.cli.series import column_of, model_options, series_options
+from thermaltool.cli.types import Order
 
 METHODS = (
     "ml", "burg", "yule-walker", "least-squares", "hannan-rissanen", "innovations"
 )  # fmt: skip
-
-
-# As far as `order` goes.
-MAX_ORDER = 200
-
-
-class Order(click.ParamType):
-    """P or P,Q."""
-
-    name = "P,Q"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        p, comma, q = value.partition(",")
-        if value.isascii() and p.strip().isdigit() and (q.strip().isdigit() or not comma):
-            if max(int(p), int(q or 0)) > MAX_ORDER:
-                self.fail(f"{value!r}: orders go up to {MAX_ORDER}", param, ctx)
-            return int(p), int(q or 0)
-        self.fail(f"{value!r} is not {self.name}", param, ctx)
 
 
 @click.command(epilog="Example: sensors | thermaltool fit -C d_z_um --order 2,1 -o arma.json")

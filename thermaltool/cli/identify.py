@@ -6,7 +6,6 @@ from typing import Any
 
 import click
 
-from thermaltool.cli.fit import Order
 from thermaltool.cli.messages import command_line, warn
 from thermaltool.cli.options import (
     InputPath,
@@ -21,7 +20,7 @@ from thermaltool.cli.options import (
     span_options,
     usage_errors,
 )
-from thermaltool.cli.types import MAX_TRANSFER_ORDER, DeadTime, TransferOrder
+from thermaltool.cli.types import MAX_TRANSFER_ORDER, DeadTime, Order, TransferOrder
 from thermaltool.documents import write_json
 from thermaltool.fitting.transfer.registry import STRUCTURES, described
 

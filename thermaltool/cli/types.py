@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from math import inf
+from math import inf, isfinite
 from typing import Any
 
 import click
@@ -12,145 +11,173 @@ from thermaltool.cli.options import NUMBER
 
 # From the tenth order on the search leaves the range of numbers (--continuous first).
 MAX_TRANSFER_ORDER = 9
+# As far as `order` goes.
+MAX_ARMA_ORDER = 200
 
 
-class TimeGrid(click.ParamType):
+class ValueRefusedError(ValueError):
+    """What is wrong with a value that has the right form."""
+
+
+class Parsed(click.ParamType):
+    """A value that `parse` reads off its text.
+
+    Attributes
+    ----------
+    name : str
+        The form, for the help.
+    form : str
+        The form as a message says it: what the text "is not", `name` by default.
+    """
+
+    form = ""
+
+    def parse(self, text: str) -> Any:
+        """The value; ValueError where the text has another form or says what cannot be."""
+        raise NotImplementedError
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        # A number of a config file is one as it would be typed.
+        if not isinstance(value, str | int | float):
+            return value
+        try:
+            return self.parse(str(value))
+        except ValueRefusedError as error:
+            self.fail(f"{value!r}{error}", param, ctx)
+        except ValueError:
+            self.fail(f"{value!r} is not {self.form or self.name}", param, ctx)
+
+
+class TimeGrid(Parsed):
     """START:STOP:COUNT[:log] as a tuple (start, stop, count, is_log)."""
 
     name = "start:stop:count[:log]"
+    form = "START:STOP:COUNT or START:STOP:COUNT:log"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if isinstance(value, tuple):
-            return value
-        try:
-            start, stop, count, *scale = value.split(":")
-            grid = float(start), float(stop), int(count), scale == ["log"]
-        except ValueError:
-            self.fail(f"{value!r} is not START:STOP:COUNT or START:STOP:COUNT:log", param, ctx)
+    def parse(self, text: str) -> tuple[float, float, int, bool]:
+        start, stop, count, *scale = text.split(":")
+        grid = float(start), float(stop), int(count), scale == ["log"]
         if scale not in ([], ["log"], ["lin"]) or not 0 < grid[0] <= grid[1] < inf or grid[2] < 1:
-            self.fail(f"{value!r}: needs 0 < START <= STOP, COUNT >= 1, log or lin", param, ctx)
+            raise ValueRefusedError(": needs 0 < START <= STOP, COUNT >= 1, log or lin")
         return grid
 
 
-class Assignment(click.ParamType):
+class Assignment(Parsed):
     """NAME=VALUE as a tuple (name, value)."""
 
-    name = "name=value"
+    name, form = "name=value", "NAME=NUMBER"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if isinstance(value, tuple):
-            return value
-        name, _, number = value.partition("=")
-        try:
-            return name.strip(), float(number)
-        except ValueError:
-            self.fail(f"{value!r} is not NAME=NUMBER", param, ctx)
+    def parse(self, text: str) -> tuple[str, float]:
+        name, _, number = text.partition("=")
+        return name.strip(), float(number)
 
 
-class Levels(click.ParamType):
+class Levels(Parsed):
     """Numbers parted by commas, as a tuple."""
 
     name = "x1,x2,..."
 
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        try:
-            return tuple(float(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not {self.name}", param, ctx)
+    def parse(self, text: str) -> tuple[float, ...]:
+        return tuple(map(float, text.split(",")))
 
 
-class IntervalType(click.ParamType):
+class IntervalType(Parsed):
     """LOW:HIGH, or CHANNEL=LOW:HIGH; an end left empty is open."""
 
     def __init__(self, channel: bool = False) -> None:
         self.channel, self.name = channel, "CHANNEL=LOW:HIGH" if channel else "LOW:HIGH"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        channel, equals, interval = value.rpartition("=")
+    def parse(self, text: str) -> Any:
+        channel, equals, interval = text.rpartition("=")
         low, colon, high = interval.partition(":")
-        with contextlib.suppress(ValueError):
-            ends = float(low or "-inf"), float(high or "inf")
-            if colon and ends[0] <= ends[1] and bool(equals) == self.channel:
-                return (channel, ends) if self.channel else ends
-        self.fail(f"{value!r} is not {self.name}", param, ctx)
+        ends = float(low or "-inf"), float(high or "inf")
+        if not (colon and ends[0] <= ends[1] and bool(equals) == self.channel):
+            raise ValueError
+        return (channel, ends) if self.channel else ends
 
 
-class SafeType(click.ParamType):
+class SafeType(Parsed):
     """The safe setpoint: a number, or ``hold`` for the one before."""
 
     name = "hold|zero|VALUE"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        with contextlib.suppress(ValueError):
-            number = 0.0 if value == "zero" else float(value)
-            if abs(number) < float("inf"):
-                return number
-        return value if value == "hold" else self.fail(f"{value!r} is not {self.name}", param, ctx)
+    def parse(self, text: str) -> float | str:
+        if text == "hold":
+            return text
+        number = 0.0 if text == "zero" else float(text)
+        if not isfinite(number):
+            raise ValueError
+        return number
 
 
-class PairsType(click.ParamType):
+class PairsType(Parsed):
     """Numbers A:B, several of them with commas between."""
 
     def __init__(self, name: str, single: bool = False) -> None:
         self.name, self.single = name, single
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        with contextlib.suppress(ValueError):
-            pairs = [tuple(map(float, part.split(":"))) for part in value.split(",")]
-            if all(len(pair) == 2 for pair in pairs) and (len(pairs) == 1 or not self.single):
-                return pairs[0] if self.single else pairs
-        self.fail(f"{value!r} is not {self.name}", param, ctx)
+    def parse(self, text: str) -> Any:
+        pairs = [tuple(map(float, part.split(":"))) for part in text.split(",")]
+        if any(len(pair) != 2 for pair in pairs) or (self.single and len(pairs) > 1):
+            raise ValueError
+        return pairs[0] if self.single else pairs
 
 
-class ErrorModelType(click.ParamType):
+class Order(Parsed):
+    """P or P,Q."""
+
+    name = "P,Q"
+
+    def parse(self, text: str) -> tuple[int, int]:
+        p, comma, q = text.partition(",")
+        if not (text.isascii() and p.strip().isdigit() and (q.strip().isdigit() or not comma)):
+            raise ValueError
+        if max(int(p), int(q or 0)) > MAX_ARMA_ORDER:
+            raise ValueRefusedError(f": orders go up to {MAX_ARMA_ORDER}")
+        return int(p), int(q or 0)
+
+
+class ErrorModelType(Parsed):
     """``direct``, or the order of an ARMA model."""
 
     name = "direct|P|P,Q"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if value == "direct" or not isinstance(value, str):
-            return value
-        with contextlib.suppress(ValueError):
-            p, _, q = value.partition(",")
-            if int(p) >= 0 <= int(q or 0) and int(p) + int(q or 0):
-                return int(p), int(q or 0)
-        self.fail(f"{value!r} is not {self.name}", param, ctx)
+    def parse(self, text: str) -> str | tuple[int, int]:
+        if text == "direct":
+            return text
+        p, _, q = text.partition(",")
+        order = int(p), int(q or 0)
+        if min(order) < 0 or not any(order):
+            raise ValueError
+        return order
 
 
-class TransferOrder(click.ParamType):
+class TransferOrder(Parsed):
     """nb,nf,nk as a tuple, or None for auto."""
 
     name = "nb,nf,nk"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        parts = [part.strip() for part in value.split(",")]
-        if value == "auto":
+    def parse(self, text: str) -> tuple[int, int, int] | None:
+        if text == "auto":
             return None
+        parts = [part.strip() for part in text.split(",")]
         if len(parts) != 3 or not all(part.isascii() and part.isdigit() for part in parts):
-            self.fail(f"{value!r} is neither {self.name} nor auto", param, ctx)
+            raise ValueRefusedError(f" is neither {self.name} nor auto")
         nb, nf, nk = map(int, parts)
         if max(nb, nf) > MAX_TRANSFER_ORDER:
-            self.fail(f"{value!r}: nb and nf go up to {MAX_TRANSFER_ORDER}", param, ctx)
+            raise ValueRefusedError(f": nb and nf go up to {MAX_TRANSFER_ORDER}")
         return nb, nf, nk
 
 
-class DeadTime(click.ParamType):
+class DeadTime(Parsed):
     """Seconds, or "auto"."""
 
     name = "SECONDS|auto"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if value == "auto" or not isinstance(value, str):
-            return value
-        seconds = NUMBER.convert(value, param, ctx)
+    def parse(self, text: str) -> float | str:
+        if text == "auto":
+            return text
+        seconds: float = NUMBER.convert(text, None, None)
         if seconds < 0:
-            self.fail(f"{value!r} is below 0", param, ctx)
+            raise ValueRefusedError(" is below 0")
         return seconds

@@ -20,12 +20,13 @@ from thermaltool.report.style import (
     channel_unit,
     legend_beside,
     new_figure,
+    panels,
     plain,
     quantity_label,
     render,
     span_of,
     time_unit,
-    trace,
+    trace_record,
     with_unit,
 )
 from thermaltool.units import parse_channel
@@ -100,14 +101,12 @@ def draw_curves(output: str, record: Record, document: Document) -> Figure:
     document : mapping
         The diagnosis as JSON.
     """
-    unit, (label, per) = channel_unit(output), time_unit(span_of(record.time))
+    unit, label = channel_unit(output), time_unit(span_of(record.time))[0]
     measured = record.column("measured")
-    figure = new_figure(f"{output} in {Path(record.name).name}", 11.0, 6.5)
-    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    figure, (top, bottom) = panels(f"{output} in {Path(record.name).name}", (3.0, 2.0), 6.5)
     top.set(title="Measured and computed, the zero fitted",
             ylabel=quantity_label(parse_channel(output).unit))  # fmt: skip
-    trace(top, record.time, measured, record.segments, per=per, color=MEASURED, lw=3.0,
-          label="measured")  # fmt: skip
+    trace_record(top, record, measured, color=MEASURED, lw=3.0, label="measured")
     models = [("before", "model as it is", record.column("simulated"), ERROR)]
     if "extended" in record.columns:
         names = "\n".join(dict.fromkeys(cause["name"] for cause in document["causes"]))
@@ -119,8 +118,7 @@ def draw_curves(output: str, record: Record, document: Document) -> Figure:
         spreads.append(f"{when} {with_unit(float(np.nanstd(residual)), unit)}")
         for ax, curve, what, width in ((top, values + shift, name, 1.2),
                                        (bottom, residual - shift, when, 0.9)):  # fmt: skip
-            trace(ax, record.time, curve, record.segments, per=per, color=color, lw=width,
-                  label=what)  # fmt: skip
+            trace_record(ax, record, curve, color=color, lw=width, label=what)
     legend_beside(top)
     bottom.set(title=f"Residual, measured − computed.  RMS about the mean: {', '.join(spreads)}",
                ylabel=f"residual [{unit}]", xlabel=f"time [{label}]")  # fmt: skip

@@ -17,7 +17,7 @@ from thermaltool.report.style import (
     Array,
     channel_unit,
     choose,
-    new_figure,
+    panels,
     time_unit,
     trace,
 )
@@ -53,8 +53,8 @@ def draw_kernel(
         term = _inverted_term(model, name, channels)
         target = 1 / term.response.dc_gain()
         unit = f"{channel_unit(term.drive)}/{channel_unit(term.output)}"
-    figure = new_figure(f"Kernel of the inverse model, {Path(name).name}", 11.0, 6.0)
-    top, bottom = figure.subplots(2, 1, sharex=True)
+    title = f"Kernel of the inverse model, {Path(name).name}"
+    figure, (top, bottom) = panels(title, (1.0, 1.0), 6.0)
     top.set(
         title=f"Weight of each sample.  A0 = {kernel['A0']:.5g},  A1 = {kernel['A1_s']:.5g} s",
         ylabel=f"weight [{unit}]",
@@ -110,8 +110,8 @@ def draw_inversion(
         raise LogError("no times: nothing to draw", name)
     order = np.argsort(time, kind="stable")
     time, value, error = time[order], value[order], error[order]
-    figure = new_figure(f"Inverse Laplace transform, {Path(name).name}", 11.0, 6.0)
-    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    title = f"Inverse Laplace transform, {Path(name).name}"
+    figure, (top, bottom) = panels(title, (2.0, 1.0), 6.0)
     unit, per = ("s", 1.0) if _geometric(time) else time_unit(float(time[-1] - time[0]))
     top.set(title="Value", ylabel="value [1]")
     trace(top, time, value, per=per, color=COMPUTED)

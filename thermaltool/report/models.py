@@ -21,6 +21,7 @@ from thermaltool.report.style import (
     choose,
     legend_beside,
     new_figure,
+    panels,
     plain,
     quantity,
     time_unit,
@@ -50,10 +51,8 @@ def draw_model(model: Model, name: str, channels: Sequence[str] = ()) -> Figure:
     """
     outputs = choose((o.channel for o in model.outputs), channels, name)
     terms = [term for output in outputs for term in model.terms if term.output == output]
-    figure = new_figure(
-        f"Response of {Path(name).name} to a unit step", 11.0, 0.8 + 2.6 * len(terms)
-    )
-    axes = figure.subplots(len(terms), 1, sharex=True, squeeze=False)[:, 0]
+    title = f"Response of {Path(name).name} to a unit step"
+    figure, axes = panels(title, [1.0] * len(terms), 0.8 + 2.6 * len(terms))
     time = np.linspace(0.0, max(settling_time(t.response) for t in terms), 600)
     unit, per = time_unit(time[-1])
     for ax, term in zip(axes, terms, strict=True):

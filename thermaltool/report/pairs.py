@@ -20,12 +20,10 @@ from thermaltool.report.style import (
     Array,
     choose,
     legend_beside,
-    new_figure,
+    panels,
     plain,
     quantity_label,
-    span_of,
-    time_unit,
-    trace,
+    trace_record,
     with_unit,
 )
 from thermaltool.signals.agreement import agreement
@@ -148,32 +146,29 @@ def draw_pairs(
         What measured minus computed is called.
     """
     heights = [h for pair in pairs for h in ((2.0,) if pair.measured is None else (2.0, 1.0))]
-    figure = new_figure(title, 11.0, 0.8 + 1.35 * sum(heights))
-    axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-    per = time_unit(span_of(log.time))[1]
-    panels = iter(axes)
+    figure, axes = panels(title, heights, 0.8 + 1.35 * sum(heights))
+    following = iter(axes)
     for pair in pairs:
-        _draw_both(next(panels), log, pair, what, per)
+        _draw_both(next(following), log, pair, what)
         if pair.measured is not None:
             error = pair.measured - pair.computed
             label = difference or f"measured − {what}"
-            ax = next(panels)
-            trace(ax, log.time, error, log.segments, per=per, color=ERROR, lw=0.8, label=label)
+            ax = next(following)
+            trace_record(ax, log, error, color=ERROR, lw=0.8, label=label)
             _mark_band(ax, pair.unit, pair.measured, pair.computed)
     label_time(axes[-1], log)
     return figure
 
 
-def _draw_both(ax: Axes, log: Log, pair: Pair, what: str, per: float) -> None:
+def _draw_both(ax: Axes, log: Log, pair: Pair, what: str) -> None:
     """Both traces, the rougher one below so that neither hides the other."""
     ax.set(title=plain(pair.title), ylabel=quantity_label(pair.unit))
     above = 0.0
     if pair.measured is not None:
         above = np.sign(_roughness(pair.computed) - _roughness(pair.measured))
-        trace(ax, log.time, pair.measured, log.segments, per=per, color=MEASURED,
-              lw=2.5, zorder=3.0 + 0.5 * above, label="measured")  # fmt: skip
-    trace(ax, log.time, pair.computed, log.segments, per=per, color=COMPUTED,
-          zorder=3.0 - 0.5 * above, label=what)  # fmt: skip
+        trace_record(ax, log, pair.measured, color=MEASURED, lw=2.5, zorder=3.0 + 0.5 * above,
+                     label="measured")  # fmt: skip
+    trace_record(ax, log, pair.computed, color=COMPUTED, zorder=3.0 - 0.5 * above, label=what)
     legend_beside(ax)
 
 

@@ -14,11 +14,11 @@ from thermaltool.report.style import (
     MEASURED,
     choose,
     legend_beside,
-    new_figure,
+    panels,
     quantity_label,
     span_of,
     time_unit,
-    trace,
+    trace_record,
 )
 from thermaltool.units import parse_channel
 
@@ -42,8 +42,7 @@ def draw_log(log: Log, channels: Sequence[str] = ()) -> Figure:
     if not names:
         raise LogError("no channels besides the clock: nothing to draw", log.name)
     units = _by_unit(names)
-    figure = new_figure(Path(log.name).name, 11.0, 1.0 + 2.4 * len(units))
-    axes = figure.subplots(len(units), 1, sharex=True, squeeze=False)[:, 0]
+    figure, axes = panels(Path(log.name).name, [1.0] * len(units), 1.0 + 2.4 * len(units))
     _draw_units(axes, log, units)
     label_time(axes[-1], log)
     return figure
@@ -62,15 +61,13 @@ def draw_setpoints(log: Log, channels: Sequence[str] = ()) -> Figure:
     followed = [deflection_of(name) for name in setpoints]
     units = _by_unit([n for n in names if n not in setpoints and n not in followed])
     count = len(setpoints) + len(units)
-    figure = new_figure(f"Setpoints, {Path(log.name).name}", 11.0, 1.0 + 2.4 * count)
-    axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
-    per = time_unit(span_of(log.time))[1]
+    figure, axes = panels(f"Setpoints, {Path(log.name).name}", [1.0] * count, 1.0 + 2.4 * count)
     for ax, name, deflection in zip(axes, setpoints, followed, strict=False):
         if deflection in log.columns:
             negative = -log.columns[deflection]
-            trace(ax, log.time, negative, log.segments, per=per, color=MEASURED,
-                  lw=2.5, label=f"−{deflection}, estimated")  # fmt: skip
-        trace(ax, log.time, log.columns[name], log.segments, per=per, color=COMPUTED, label=name)
+            label = f"−{deflection}, estimated"
+            trace_record(ax, log, negative, color=MEASURED, lw=2.5, label=label)
+        trace_record(ax, log, log.columns[name], color=COMPUTED, label=name)
         ax.set(ylabel=quantity_label(parse_channel(name).unit))
         legend_beside(ax)
     _draw_units(axes[len(setpoints) :], log, units)
@@ -90,12 +87,10 @@ def label_time(ax: Axes, log: Log) -> None:
 
 
 def _draw_units(axes: Iterable[Axes], log: Log, units: dict[str, list[str]]) -> None:
-    per = time_unit(span_of(log.time))[1]
     for ax, (unit, names) in zip(axes, units.items(), strict=True):
         for k, name in enumerate(names):
-            style = ("-", "--", ":")[k // len(CYCLE) % 3]
-            trace(ax, log.time, log.columns[name], log.segments, per=per, label=name,
-                  color=CYCLE[k % len(CYCLE)], ls=style)  # fmt: skip
+            look = {"color": CYCLE[k % len(CYCLE)], "ls": ("-", "--", ":")[k // len(CYCLE) % 3]}
+            trace_record(ax, log, log.columns[name], label=name, **look)
         ax.set(ylabel=quantity_label(unit))
         legend_beside(ax)
 

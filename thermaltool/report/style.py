@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from thermaltool.documents import atomic_output
 from thermaltool.errors import LogError, OutputError
-from thermaltool.record import hint
+from thermaltool.record import Record, hint
 from thermaltool.units import UNITS, parse_channel, symbol
 
 if TYPE_CHECKING:
@@ -227,6 +227,19 @@ def trace(
         style = {"marker": ".", **style}
     text = plain(label) if len(t) else f"{plain(label)} (no values)"
     ax.plot(t / per, v, label=text, rasterized=len(t) > 2 * MAX_BINS, **style)
+
+
+def panels(title: str, heights: Sequence[float], height: float) -> tuple[Figure, list[Axes]]:
+    """A figure of so many inches, and its panels one below the other against one clock."""
+    figure = new_figure(title, 11.0, height)
+    axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)
+    return figure, list(axes[:, 0])
+
+
+def trace_record(ax: Axes, record: Record, values: Array, **style: Any) -> None:
+    """Draw values on the clock of a record, in the unit that suits its length."""
+    per = time_unit(span_of(record.time))[1]
+    trace(ax, record.time, values, record.segments, per=per, **style)
 
 
 def span_of(time: Array) -> float:
