@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from thermaltool.timeseries.recursive.least_squares import RecursiveLeastSquares
 from thermaltool.timeseries.recursive.straight import forecast_function
+
+if TYPE_CHECKING:
+    from thermaltool.timeseries.model import ArmaModel
 
 # The source's P(0) = βI has β = 10 Σx²/(N + 1) for "large N". That has the unit of x², where P
 # has that of 1/x²: it is taken for a series of mean square 1 and scaled to the one at hand.
@@ -31,19 +34,6 @@ class RecursiveForecast(NamedTuple):
 
     mean: list[float]
     variance: list[float]
-
-
-class KnownModel(Protocol):
-    """Where a recursion may begin: a fitted model, x − mean = Σ ar (x − mean) + a + Σ ma a."""
-
-    @property
-    def ar(self) -> Iterable[float]: ...
-    @property
-    def ma(self) -> Iterable[float]: ...
-    @property
-    def mean(self) -> float: ...
-    @property
-    def sigma2(self) -> float: ...
 
 
 def is_invertible(ma: Sequence[float]) -> bool:
@@ -111,7 +101,7 @@ class RecursiveArma:
         self._loss = self._weight = 0.0  # Σ λ^(t−k) a², Σ λ^(t−k)
         self.forget_lags()
 
-    def begin(self, model: KnownModel, samples: float) -> None:
+    def begin(self, model: ArmaModel, samples: float) -> None:
         """Start from a model that was fitted to so many samples, with orders p and q.
 
         Raises ValueError where the orders differ.
