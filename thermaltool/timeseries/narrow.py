@@ -23,6 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
+from thermaltool.timeseries.polynomials import root_factor
+
 Array = NDArray[np.float64]
 
 # Distances of the MA root from the circle that are tried: the narrowest [1/samples], the ratio to
@@ -62,12 +64,12 @@ class NarrowLine:
     @property
     def ar(self) -> Array:
         """Its AR coefficients, ndarray (1,) or (2,)."""
-        return -_factor(self.ar_root)[1:]
+        return -root_factor(self.ar_root)[1:]
 
     @property
     def ma(self) -> Array:
         """Its MA coefficients, ndarray (1,) or (2,)."""
-        return _factor(self.ma_root)[1:]
+        return root_factor(self.ma_root)[1:]
 
 
 def narrow_factors(innovations: Array) -> list[NarrowLine]:
@@ -127,6 +129,7 @@ def _lines(sums: _Sums, width: float) -> list[NarrowLine]:
     weights = -np.expm1(2.0 * np.log(r) * (n - 1.0 - np.arange(n))) / span  # Σ r^2k to the end
     angle = 2.0 * np.pi * np.arange(length // 2 + 1) / length
     root = r * np.exp(1j * angle)
+    root.imag[-1] = 0.0  # as exactly real as the first, and as the transforms there
     # <s, e>, <s, s>, <β^t, e>, <β^t, s>, <β^t, β^t>.
     se = rfft(sums.covariance[1:lags] * decay[:-1], length)
     halved = sums.weighted(weights, width)[:lags] * decay
@@ -162,14 +165,7 @@ def _peaks(gain: Array, angle: Array, margin: float) -> list[int]:
     return [i for i in (0, *peaks.tolist(), gain.size - 1) if gain[i] > MIN_GAIN]
 
 
-def _factor(root: complex) -> Array:
-    """1 - root B of a real root, else the factor of the pair."""
-    if abs(root.imag) < 1e-9:
-        return np.array([1.0, -root.real])
-    return np.array([1.0, -2.0 * root.real, abs(root) ** 2])
-
-
 def with_line(ar: Array, ma: Array, line: NarrowLine) -> tuple[Array, Array]:
     """`ar` and `ma` of a model times a narrow line."""
-    larger = -np.convolve(np.concatenate(([1.0], -ar)), _factor(line.ar_root))[1:]
-    return larger, np.convolve(np.concatenate(([1.0], ma)), _factor(line.ma_root))[1:]
+    larger = -np.convolve(np.concatenate(([1.0], -ar)), root_factor(line.ar_root))[1:]
+    return larger, np.convolve(np.concatenate(([1.0], ma)), root_factor(line.ma_root))[1:]

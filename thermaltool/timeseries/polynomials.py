@@ -139,11 +139,16 @@ def cancelling(
     return pairs
 
 
+def root_factor(root: complex) -> Array:
+    """1 - root B of a real root, else the factor of it and its conjugate, ndarray (2,) or (3,)."""
+    if root.imag == 0.0:
+        return np.array([1.0, -root.real])
+    return np.array([1.0, -2.0 * root.real, abs(root) ** 2])
+
+
 def without_root(ar: Array, root: complex) -> Array:
     """`ar` without `root`, and without its conjugate."""
-    factor = [1.0, -root.real]
-    if root.imag != 0.0:
-        factor = [1.0, -2.0 * root.real, abs(root) ** 2]
+    factor = root_factor(root)
     # The first terms of the power series are the quotient.
     quotient = lfilter([1.0], factor, np.concatenate(([1.0], -ar)))
-    return -np.asarray(quotient[1 : ar.size + 2 - len(factor)], dtype=float)
+    return -np.asarray(quotient[1 : ar.size + 2 - factor.size], dtype=float)
