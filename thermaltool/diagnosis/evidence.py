@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from thermaltool.effects.effect import Float
-from thermaltool.signals.likelihood import Factor
+from thermaltool.signals.likelihood import Factor, StackedFactors
 from thermaltool.signals.row_groups import Index, RowGroups
 
 # What is left free: groups of nuisance in use ("offset", "accepted", "tight" or "released",
@@ -66,16 +66,14 @@ class NoiseLevel:
         Logarithm of the odds against it.
     factor : Factor
         The covariance.
-    solved : ndarray, shape (n, 1 + c)
-        Its inverse times the columns.
     gram : ndarray, shape (1 + c, 1 + c)
+        Of the columns under its inverse.
     """
 
     ratio: float
     tau: float
     odds: float
     factor: Factor
-    solved: Float
     gram: Float
 
 
@@ -213,6 +211,10 @@ class OutputEvidence:
     independence: float = 1.0
 
     @cached_property
+    def _factors(self) -> StackedFactors:
+        return StackedFactors([level.factor for level in self.levels])
+
+    @cached_property
     def _null_fits(self) -> dict[Assumptions, NullFit]:
         return {}
 
@@ -227,12 +229,11 @@ class OutputEvidence:
 
     def _level(self, ratio: float, tau: float) -> NoiseLevel:
         factor = self.groups.noise.factor(ratio, tau)
-        solved = factor.solve(self.columns)
         odds = 0.0
         if self.expected is not None and ratio:
             over = np.log(np.sqrt(ratio) * self.white / self.expected(tau))
             odds = 0.5 * float(max(over, 0.0) / DISCREPANCY_SPREAD) ** 2
-        return NoiseLevel(ratio, tau, odds, factor, solved, self.columns.T @ solved)
+        return NoiseLevel(ratio, tau, odds, factor, self.columns.T @ factor.solve(self.columns))
 
     def null(self, assumptions: Assumptions) -> NullFit:
         """The output explained by the nuisance of some assumptions alone.
@@ -322,23 +323,21 @@ class OutputEvidence:
         ----------
         signatures : ndarray, shape (n, k)
         groups : sequence of sequence of int
-            Signatures of one candidate, whose inner products are wanted too.
+            Signatures of each candidate, ascending; their inner products are wanted too.
         """
-        wanted = [(i, j) for group in groups for i in group for j in group if i < j]
-        left = np.array([i for i, _ in wanted], int)
-        right = np.array([j for _, j in wanted], int)
-        nuisance, own, pairs = [], [], []
-        for level in self.levels:
-            solved = level.factor.solve(signatures)
-            nuisance.append(signatures.T @ level.solved)
-            own.append(np.einsum("ij,ij->j", signatures, solved))
-            pairs.append(np.einsum("ij,ij->j", signatures[:, left], solved[:, right]))
-        table = np.array(pairs)
-        return SignatureProducts(
-            np.array(nuisance),
-            np.array(own),
-            {pair: table[:, k] for k, pair in enumerate(wanted)},
-        )
+        levels, (_, width) = len(self.levels), self.columns.shape
+        own = np.empty((levels, signatures.shape[1]))
+        nuisance = np.empty((levels, signatures.shape[1], width))
+        pairs: dict[tuple[int, int], Float] = {}
+        for group in groups:
+            for k, i in enumerate(group):
+                partners = list(group[k + 1 :])
+                solved = self._factors.solve(signatures[:, i])
+                nuisance[:, i] = solved @ self.columns
+                found = solved @ signatures[:, [i, *partners]]
+                own[:, i] = found[:, 0]
+                pairs |= {(i, j): found[:, 1 + m] for m, j in enumerate(partners)}
+        return SignatureProducts(nuisance, own, pairs)
 
     def projected(self, assumptions: Assumptions, products: SignatureProducts) -> ProjectedProducts:
         """The same products with the nuisance of some assumptions projected out.
@@ -349,31 +348,22 @@ class OutputEvidence:
         products : SignatureProducts
         """
         null = self.null(assumptions)
-        left = np.array([i for i, _ in products.pairs], int)
-        right = np.array([j for _, j in products.pairs], int)
-        b, own, pairs = [], [], []
-        products_pairs = np.array(list(products.pairs.values())).T
-        products_pairs = products_pairs.reshape(len(self.levels), -1)
-        for g in range(len(self.levels)):
-            cross = products.nuisance[g][:, null.active + 1]
-            through = cross @ null.whitening[g]
-            left_over = products.own[g] - np.einsum("ij,ij->i", through, through)
-            # What the nuisance can say as well is no evidence.
-            seen = left_over > MIN_SHARE_LEFT * products.own[g]
-            with_residual = products.nuisance[g][:, 0] - through @ null.pull[g]
-            b.append(np.where(seen, with_residual, 0.0))
-            own.append(np.where(seen, left_over, products.own[g]))
-            pairs.append(
-                np.where(
-                    seen[left] & seen[right],
-                    products_pairs[g] - np.einsum("ij,ij->i", through[left], through[right]),
-                    0.0,
-                )
+        # Combinations of the nuisance under each level; fewer of them where some are singular.
+        through = [
+            cross @ whitening
+            for cross, whitening in zip(
+                products.nuisance[:, :, null.active + 1], null.whitening, strict=True
             )
-        table = np.array(pairs)
-        return ProjectedProducts(
-            null,
-            np.array(b),
-            np.array(own),
-            {pair: table[:, k] for k, pair in enumerate(products.pairs)},
-        )
+        ]
+        left_over = products.own - np.array([np.einsum("ij,ij->i", t, t) for t in through])
+        # What the nuisance can say as well is no evidence.
+        seen = left_over > MIN_SHARE_LEFT * products.own
+        pulled = np.array([t @ pull for t, pull in zip(through, null.pull, strict=True)])
+        b = np.where(seen, products.nuisance[:, :, 0] - pulled, 0.0)
+        pairs = {
+            (i, j): np.where(
+                seen[:, i] & seen[:, j], both - np.array([t[i] @ t[j] for t in through]), 0.0
+            )
+            for (i, j), both in products.pairs.items()
+        }
+        return ProjectedProducts(null, b, np.where(seen, left_over, products.own), pairs)

@@ -213,8 +213,13 @@ class CandidateProducts:
     def square(self, amplitudes: Float) -> Float:
         """Sum of squares that is left with a candidate's amplitudes, shape (levels,)."""
         a = amplitudes[self.amplitudes]
-        explained = 2 * self.b @ a - np.einsum("i,gij,j->g", a, self.C, a)
-        return np.asarray(self.null.square - explained)
+        return np.asarray(self.null.square - (2 * self.b - self.C @ a) @ a)
+
+    def variance(self, amplitudes: Float, level: int) -> float:
+        """White variance that is left with a candidate's amplitudes at one noise level."""
+        a = amplitudes[self.amplitudes]
+        square = float(self.null.square[level] - (2 * self.b[level] - self.C[level] @ a) @ a)
+        return max(square, self.null.least) / self.null.dof
 
     def best_level(self) -> int:
         """Noise level at which the candidate would explain this output best by itself."""
@@ -267,14 +272,14 @@ def profile(
         H, h = np.zeros((size, size)), np.zeros(size)
         for each, g in zip(outputs, levels, strict=True):
             rows = each.amplitudes
-            square = float(each.square(amplitudes)[g])
-            variance = max(square, each.null.least) / each.null.dof
-            H[np.ix_(rows, rows)] += each.C[g] / variance
+            variance = each.variance(amplitudes, g)
+            H[rows[:, None], rows] += each.C[g] / variance
             h[rows] += each.b[g] / variance
         before = amplitudes
         amplitudes = _inverse(H) @ h if fixed is None else fixed
         new = [int(np.argmin(each.negative_log(amplitudes))) for each in outputs]
-        agreed = new == levels and np.allclose(before, amplitudes, rtol=PROFILE_TOLERANCE)
+        moved = np.abs(amplitudes - before) > PROFILE_TOLERANCE * np.abs(amplitudes)
+        agreed = new == levels and not moved.any()
         levels = new
         if agreed:
             break

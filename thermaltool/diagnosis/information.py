@@ -105,9 +105,8 @@ def noise_after(
         return found
     after = profile(list(products.values()), 1, np.ones(1))
     for (output, each), g in zip(products.items(), after.levels, strict=True):
-        square = float(each.null.square[g] - 2 * each.b[g].sum() + each.C[g].sum())
         evidence = hypothesis.evidence[output]
-        variance = max(square, each.null.least) / each.null.dof / evidence.independence
+        variance = each.variance(np.ones(1), g) / evidence.independence
         found[output] = ReadingNoise(evidence.levels[g], variance)
     return found
 

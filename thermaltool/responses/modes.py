@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,8 @@ Range = tuple[float, float]
 
 # Two samples whose lengths differ by less than this count as equal [s].
 CLOCK_STEP = 1e-6
-# Samples of a block of `Recursion.run`: longer ones make its matrices larger than they save.
+# Samples of a block of `Recursion.run`, a power of two: longer ones make its matrices larger than
+# they save.
 BLOCK = 64
 
 
@@ -71,28 +73,23 @@ class Recursion:
         x = np.zeros(len(self.F)) if x is None else np.asarray(x, float)
         if not len(u):
             return np.empty((0, len(self.C))), x
-        held = not np.any(self.G1)
-        gain = self.G0 if held else np.hstack([self.G0, self.G1])
-        drive = u[:-1] if held else np.hstack([u[:-1], u[1:]])
-        y = np.empty((len(u), len(self.C)))
-        y[0] = self.C @ x
-        steps, block = len(drive), BLOCK
-        whole = steps // block * block
-        if whole:
-            power, to_state, from_state, to_output = self._unroll(gain, block)
-            chunks = np.ascontiguousarray(drive[:whole]).reshape(-1, block * gain.shape[1])
-            carried = chunks @ to_state
-            borders = np.empty((len(chunks) + 1, len(x)))
-            borders[0] = x
-            for k, added in enumerate(carried):
-                borders[k + 1] = power @ borders[k] + added
-            inside = borders[:-1] @ from_state + chunks @ to_output
-            y[1 : whole + 1] = inside.reshape(whole, -1)
-            x = borders[-1]
-        for k in range(whole, steps):
-            x = self.F @ x + gain @ drive[k]
-            y[k + 1] = self.C @ x
-        return y, x
+        gain, (power, to_state, from_state, to_output) = self._gain, self._unrolled
+        drive = u[:-1] if gain is self.G0 else np.hstack([u[:-1], u[1:]])
+        steps, m = len(drive), gain.shape[1]
+        # The last block is filled up with an input of zero.
+        chunks = np.zeros((-(-steps // BLOCK), BLOCK * m))
+        chunks.reshape(-1, m)[:steps] = drive
+        carried = chunks @ to_state
+        borders = np.empty((len(chunks) + 1, len(x)))
+        borders[0] = x
+        for k, added in enumerate(carried):
+            borders[k + 1] = power @ borders[k] + added
+        inside = borders[:-1] @ from_state + chunks @ to_output
+        y = np.concatenate([(self.C @ x)[None, :], inside.reshape(-1, len(self.C))[:steps]])
+        if not (rest := steps % BLOCK):
+            return y, borders[-1]
+        last = chunks[-1, : rest * m] @ to_state[(BLOCK - rest) * m :]
+        return y, np.linalg.matrix_power(self.F, rest) @ borders[-2] + last
 
     def settled(self, u: Float) -> Float:
         """The state in which an input that has stood at `u` for ever leaves the system.
@@ -108,27 +105,31 @@ class Recursion:
         still = np.eye(len(self.F)) - self.F
         return np.asarray(np.linalg.solve(still, (self.G0 + self.G1) @ u))
 
-    def _unroll(self, gain: Float, block: int) -> tuple[Float, Float, Float, Float]:
-        """F^block, and what inputs and first state of a block do to its last state and outputs."""
-        n, m, p = len(self.F), gain.shape[1], len(self.C)
-        to_state = np.empty((block, m, n))
-        from_state = np.empty((n, block, p))
-        markov = np.empty((block, p, m))
-        reach, seen = gain, self.C
-        for k in range(block):
-            to_state[block - 1 - k] = reach.T
-            markov[k] = self.C @ reach
-            reach = self.F @ reach
-            seen = seen @ self.F
-            from_state[:, k] = seen.T
-        to_output = np.zeros((block, m, block, p))
-        for k in range(block):
-            to_output[k, :, k:] = np.moveaxis(markov[: block - k], (0, 1, 2), (1, 2, 0))
+    @cached_property
+    def _gain(self) -> Float:
+        """Weights of the inputs that act in a sample: of the earlier ones, and of both."""
+        return np.hstack([self.G0, self.G1]) if np.any(self.G1) else self.G0
+
+    @cached_property
+    def _unrolled(self) -> tuple[Float, Float, Float, Float]:
+        """F^BLOCK, and what inputs and first state of a block do to its last state and outputs."""
+        gain, (n, m, p) = self._gain, (len(self.F), self._gain.shape[1], len(self.C))
+        power = self.F
+        reach, seen = gain[None], (self.C @ self.F)[None]  # F^k gain, and C F^(k + 1)
+        while len(reach) < BLOCK:
+            reach, seen = (
+                np.concatenate([reach, power @ reach]),
+                np.concatenate([seen, seen @ power]),
+            )
+            power = power @ power
+        markov = np.concatenate([self.C @ reach, np.zeros((1, p, m))])
+        lag = np.arange(BLOCK) - np.arange(BLOCK)[:, None]
+        to_output = markov[np.where(lag < 0, BLOCK, lag)].transpose(0, 3, 1, 2)
         return (
-            np.linalg.matrix_power(self.F, block),
-            to_state.reshape(block * m, n),
-            from_state.reshape(n, block * p),
-            to_output.reshape(block * m, block * p),
+            power,
+            reach[::-1].transpose(0, 2, 1).reshape(BLOCK * m, n),
+            seen.transpose(2, 0, 1).reshape(n, BLOCK * p),
+            to_output.reshape(BLOCK * m, BLOCK * p),
         )
 
 
@@ -149,6 +150,9 @@ class Modes:
     poles: Complex
     weights: Complex
     double: Float = field(default_factory=lambda: np.zeros(0))
+    _recursions: dict[tuple[float, Hold], Recursion] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         if not len(self.double):
@@ -211,6 +215,11 @@ class Modes:
         hold : "zero" or "first"
             The input between samples: constant at the earlier value, or a straight line.
         """
+        if (dt, hold) not in self._recursions:
+            self._recursions[dt, hold] = self._discretized(dt, hold)
+        return self._recursions[dt, hold]
+
+    def _discretized(self, dt: float, hold: Hold) -> Recursion:
         phi, g0, g1 = _propagate(self.poles, dt, hold)
         d0, d1 = _propagate_double(self.poles.real, dt, hold)
         single = (self.poles.imag == 0) & (self.double == 0)
@@ -245,7 +254,7 @@ class Modes:
         """
         steps = np.diff(time)
         if len(steps) and np.ptp(steps) < CLOCK_STEP and (hold == "zero" or not u[0]):
-            return self._filtered(float(np.mean(steps)), u, hold)
+            return self.discretize(float(np.mean(steps)), hold).run(u[:, None])[0][:, 0]
         return self._stepped(steps, u, hold)
 
     def _stepped(self, steps: Float, u: Float, hold: Hold) -> Float:
@@ -265,32 +274,6 @@ class Modes:
                 before = np.concatenate([[0.0], first[:-1]])
                 passed = dt[which, 0] * rows * before + d0[k] * u[:-1] + d1[k] * u[1:]
                 y[1:] += double * _recursion(rows, passed)
-        return y
-
-    def _filtered(self, dt: float, u: Float, hold: Hold) -> Float:
-        """One digital filter of first or second order for each mode, on an even clock."""
-        # Imported on use: the stream steps through its recursions and needs no filter.
-        from scipy.signal import lfilter
-
-        whole = self.discretize(dt, hold)
-        y, at = np.zeros(len(u)), 0
-        single = int(np.sum((self.poles.imag == 0) & (self.double == 0)))
-        while at < len(whole.F):
-            part = slice(at, at + (1 if at < single else 2))
-            F, G0, G1, C = (
-                whole.F[part, part],
-                whole.G0[part, 0],
-                whole.G1[part, 0],
-                whole.C[0, part],
-            )
-            if len(F) == 1:
-                y += lfilter([C[0] * G1[0], C[0] * G0[0]], [1.0, -F[0, 0]], u)
-            else:
-                a1, a2 = -float(np.trace(F)), float(F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0])
-                now, then = float(C @ G1), G0 + F @ G1
-                h1, h2 = float(C @ then), float(C @ F @ then)
-                y += lfilter([now, h1 + a1 * now, h2 + a1 * h1 + a2 * now], [1.0, a1, a2], u)
-            at = part.stop
         return y
 
     def document(self) -> dict[str, list[float]]:

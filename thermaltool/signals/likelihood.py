@@ -11,7 +11,7 @@ J. Am. Stat. Assoc. 72 (1977) 320 (restricted likelihood).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,16 +92,19 @@ class ColouredNoise:
 class Drift:
     """The inverse covariance of an Ornstein-Uhlenbeck drift, as what each step adds.
 
+    Of one drift, or of several in the rows of its arrays. Time runs along the last axis.
+
     Attributes
     ----------
     triangle : (ndarray, ndarray)
-        Factors of its tridiagonal sum with that of the white noise.
-    decay, lost : ndarray (n - 1,)
+        Factors of its tridiagonal sum with that of the white noise; of several drifts one after
+        the other.
+    decay, lost : ndarray (..., n - 1)
         What is left of a value at the next sample, and one less that.
-    inverse : ndarray (n - 1,)
+    inverse : ndarray (..., n - 1)
         One over the variance of a step; zero between blocks.
     starts : ndarray (b,) of int
-    ratio : float
+    ratio : float or ndarray (..., 1)
         Variance of the first sample of a block.
     """
 
@@ -110,34 +113,41 @@ class Drift:
     lost: Array
     inverse: Array
     starts: NDArray[np.int64]
-    ratio: float
+    ratio: float | Array
 
-    def times(self, columns: Array) -> Array:
-        """The inverse covariance times `columns`, ndarray (n, c), from differences of neighbours.
+    def times(self, rows: Array) -> Array:
+        """The inverse covariance times `rows`, ndarray (..., n), from differences of neighbours.
 
         The tridiagonal matrix itself would take nearly equal numbers from each other, and the
         slow signals that are compared here would lose half of their digits.
         """
-        steps = self._steps(columns)
-        steps *= self.inverse[:, None]
-        result = np.zeros(columns.shape, order="F")
-        result[self.starts] = columns[self.starts] / self.ratio
-        result[1:] += steps
-        steps *= self.decay[:, None]
-        result[:-1] -= steps
+        steps = self._steps(rows)
+        steps *= self.inverse
+        result = np.zeros((*steps.shape[:-1], rows.shape[-1]))
+        result[..., self.starts] = rows[..., self.starts] / self.ratio
+        result[..., 1:] += steps
+        steps *= self.decay
+        result[..., :-1] -= steps
         return result
 
-    def whitened(self, columns: Array) -> Array:
-        """Rows (n, c) whose products are those of `columns` under the inverse covariance."""
-        result = np.empty(columns.shape)
-        result[1:] = self._steps(columns) * np.sqrt(self.inverse)[:, None]
-        result[self.starts] = columns[self.starts] / np.sqrt(self.ratio)
+    def divided(self, rows: Array) -> Array:
+        """The inverse of the tridiagonal sum with the white noise, times `rows` (..., n)."""
+        d, e = self.triangle
+        # LAPACK wants one system a column: several drifts are one long system without coupling.
+        solved, _ = dpttrs(d, e, rows.reshape(-1, d.size).T, overwrite_b=True)
+        return np.asarray(solved.T.reshape(rows.shape))
+
+    def whitened(self, rows: Array) -> Array:
+        """Rows (..., n) whose products are those of `rows` under the inverse covariance."""
+        result = np.empty(rows.shape)
+        result[..., 1:] = self._steps(rows) * np.sqrt(self.inverse)
+        result[..., self.starts] = rows[..., self.starts] / np.sqrt(self.ratio)
         return result
 
-    def _steps(self, columns: Array) -> Array:
+    def _steps(self, rows: Array) -> Array:
         """What each sample has that the one before does not leave."""
-        steps = np.diff(columns, axis=0)
-        steps += self.lost[:, None] * columns[:-1]
+        steps = self.lost * rows[..., :-1]
+        steps += rows[..., 1:] - rows[..., :-1]
         return steps
 
 
@@ -161,9 +171,8 @@ class Factor:
         """Inverse covariance times `columns`, ndarray (n, c)."""
         if self.drift is None:
             return columns / self.weight[:, None]
-        columns = np.asfortranarray(columns)
-        solved, _ = dpttrs(*self.drift.triangle, self.drift.times(columns), overwrite_b=True)
-        return np.asarray(solved / self.weight[:, None])
+        rows = np.ascontiguousarray(columns.T)
+        return np.asarray((self.drift.divided(self.drift.times(rows)) / self.weight).T)
 
     def whitened(self, columns: Array) -> Array:
         """Rows whose products are those of `columns` (n, c) under the inverse covariance.
@@ -171,12 +180,48 @@ class Factor:
         Above what is left beside the drift that explains a column best, below the steps of that
         drift: (2n, c), or (n, c) for white noise alone.
         """
-        root = np.sqrt(self.weight)[:, None]
+        root = np.sqrt(self.weight)
         if self.drift is None:
-            return np.asarray(columns / root)
-        right = np.asfortranarray(columns / self.weight[:, None])
-        slow, _ = dpttrs(*self.drift.triangle, right, overwrite_b=True)
-        return np.concatenate([(columns - slow) / root, self.drift.whitened(slow)])
+            return np.asarray(columns / root[:, None])
+        rows = np.ascontiguousarray(columns.T)
+        slow = self.drift.divided(rows / self.weight)
+        return np.concatenate([(rows - slow) / root, self.drift.whitened(slow)], axis=-1).T
+
+
+class StackedFactors:
+    """Several factored covariances of one noise: one column under all of them at once.
+
+    Parameters
+    ----------
+    factors : sequence of Factor
+        Of one `ColouredNoise`.
+    """
+
+    def __init__(self, factors: Sequence[Factor]) -> None:
+        self.weight = factors[0].weight
+        self.coloured = np.array([f.drift is not None for f in factors])
+        drifts = [f.drift for f in factors if f.drift is not None]
+        self.drift: Drift | None = None
+        if drifts:
+            d = np.concatenate([each.triangle[0] for each in drifts])
+            e = np.concatenate([np.append(each.triangle[1], 0.0) for each in drifts])[:-1]
+            self.drift = Drift(
+                (d, e),
+                np.stack([each.decay for each in drifts]),
+                np.stack([each.lost for each in drifts]),
+                np.stack([each.inverse for each in drifts]),
+                drifts[0].starts,
+                np.array([[each.ratio] for each in drifts]),
+            )
+
+    def solve(self, column: Array) -> Array:
+        """Inverse covariances times one column (n,), ndarray (factors, n)."""
+        result = np.empty((self.coloured.size, column.size))
+        result[~self.coloured] = column
+        if self.drift is not None:
+            result[self.coloured] = self.drift.divided(self.drift.times(column))
+        result /= self.weight
+        return result
 
 
 class RestrictedLikelihood:
