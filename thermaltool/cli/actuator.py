@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.cli.options import NOT_NEGATIVE, POSITIVE, together
-from thermaltool.cli.types import PairsType
+from thermaltool.cli import shared
+from thermaltool.cli.types import NOT_NEGATIVE, POSITIVE, PairsType
 
 if TYPE_CHECKING:
     from thermaltool.control.fcc import ActuatorModel
@@ -22,7 +22,7 @@ USUAL_DAMPING = 0.707
 
 
 # From command to reading.
-actuator_options = together(
+actuator_options = shared.together(
     click.option("--delay", type=NOT_NEGATIVE, metavar="S",
                  help="Of measuring, computing and acting, low-pass aside [s]."),
     click.option("--gain", type=POSITIVE, help="Error per unit of the command.  [default: 1]"),

@@ -7,20 +7,8 @@ from typing import Any
 
 import click
 
+from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progress, warn
-from thermaltool.cli.options import (
-    check_files,
-    json_option,
-    log_options,
-    logs_argument,
-    number_of,
-    output_option,
-    pair_of,
-    quiet_option,
-    reference_of,
-    rmse_option,
-    span_options,
-)
 from thermaltool.documents import write_json
 
 
@@ -28,7 +16,7 @@ from thermaltool.documents import write_json
     epilog="Example: thermaltool plant frame --input step | thermaltool calibrate - "
     "--drive Q_main_1 --sensor dT_pair1_K --deflection d_y_um -o model.json"
 )
-@logs_argument
+@shared.logs_argument
 @click.option("--drive", "drives", multiple=True, required=True, metavar="CHANNEL",
               help="Known input: a heat, a voltage, or any measured channel; "
               "repeatable.")  # fmt: skip
@@ -46,16 +34,16 @@ from thermaltool.documents import write_json
               help="What counts as no drive.  [default: first for T_..._degC, else 0]")  # fmt: skip
 @click.option("--initial", type=click.Choice(["rest", "free"]), default="rest",
               help="State at the first row: at rest, or coming from an unknown level.")  # fmt: skip
-@span_options("Fit from", "Fit up to")
+@shared.span_options("Fit from", "Fit up to")
 @click.option("--loss", type=click.Choice(["huber", "linear"]), default="huber",
               help="huber counts outliers less.")  # fmt: skip
 @click.option("--starts", type=click.IntRange(1, 50), default=6,
               help="Starts of the search that are refined.")  # fmt: skip
-@rmse_option
-@log_options
-@output_option
-@json_option
-@quiet_option
+@shared.rmse_option
+@shared.log_options
+@shared.output_option
+@shared.json_option
+@shared.quiet_option
 def command(
     logs: tuple[str, ...],
     responses: tuple[str, ...],
@@ -74,11 +62,14 @@ def command(
     """
     from thermaltool import api
 
-    check_files(output, *logs, as_json=as_json)
-    kinds = dict(pair_of(item, "--response") for item in responses)
-    constants = {n: number_of(value, "--fix") for n, value in (pair_of(i, "--fix") for i in fixed)}
+    shared.check_files(output, *logs, as_json=as_json)
+    kinds = dict(shared.pair_of(item, "--response") for item in responses)
+    constants = {
+        n: shared.number_of(value, "--fix")
+        for n, value in (shared.pair_of(i, "--fix") for i in fixed)
+    }
     fit = api.calibrate(logs, **options, kinds=kinds, fixed=constants,
-                        reference=reference_of(reference), warn=warn,
+                        reference=shared.reference_of(reference), warn=warn,
                         progress=terminal_progress("calibrate"))  # fmt: skip
     api.write_model(fit.model, output, command_line())
     if as_json:

@@ -6,30 +6,25 @@ from typing import Any
 
 import click
 
+from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS
-from thermaltool.cli.options import (
-    POSITIVE,
-    json_option,
-    log_argument,
-    table_options,
-    to_option,
-)
+from thermaltool.cli.types import POSITIVE
 
 
 @click.command(
     "check",
     epilog="Example: thermaltool plant frame --input step | thermaltool check --json - | jq .rows",
 )
-@log_argument
-@table_options
-@json_option
+@shared.log_argument
+@shared.table_options
+@shared.json_option
 @click.option(
     "-o",
     "--output",
     metavar="FILE",
     help="Write the log under its mapped names, time in s; with -o - the report goes to stderr.",
 )
-@to_option
+@shared.to_option
 @click.option(
     "--resample",
     type=POSITIVE,

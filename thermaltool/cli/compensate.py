@@ -6,17 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.cli import streaming
-from thermaltool.cli.options import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    check_files,
-    initial_option,
-    log_argument,
-    model_argument,
-    one_thread,
-)
-from thermaltool.cli.types import IntervalType, SafeType
+from thermaltool.cli import shared, streaming
+from thermaltool.cli.types import NOT_NEGATIVE, POSITIVE, IntervalType, SafeType
 
 if TYPE_CHECKING:
     from thermaltool.runtime.messages import Messages
@@ -24,8 +15,8 @@ if TYPE_CHECKING:
 
 
 @click.command(epilog="Example: tail -n +1 -f temps.csv | thermaltool compensate model.json")
-@model_argument
-@log_argument
+@shared.model_argument
+@shared.log_argument
 @streaming.line_options
 @click.option("--period", type=POSITIVE, metavar="S",
               help="Period of an input without a clock [s].")  # fmt: skip
@@ -71,7 +62,7 @@ if TYPE_CHECKING:
               help="Setpoint while readings are lost and at the end: the last one, or a value "
               "[um]; not with --heater.")  # fmt: skip
 @streaming.checkpoint_options
-@initial_option
+@shared.initial_option
 @streaming.short_options
 def command(model: str, log: str, **options: Any) -> None:
     """Setpoints from sensor lines: one line in, one line out, at once.
@@ -89,11 +80,11 @@ def command(model: str, log: str, **options: Any) -> None:
     drives, and the power of the heater comes out that brings --target to zero after --lead, for the
     limits that it has. Here the safe setpoint is no power.
     """
-    one_thread()
+    shared.one_thread()
     from thermaltool.api.inputs import read_model
     from thermaltool.runtime.compensation import heater_power, offsets
 
-    check_files(None, model, log)
+    shared.check_files(None, model, log)
     heater, settled = options["heater"], options["initial"] == "settled"
     if heater is None and (options["target"] or options["lead"]):
         raise click.UsageError("--target and --lead go with --heater")

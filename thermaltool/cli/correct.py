@@ -7,17 +7,9 @@ from typing import Any
 import click
 
 from thermaltool.api.inputs import read_for_fit, read_model, write_model
+from thermaltool.cli import shared
 from thermaltool.cli.messages import command_line, warn
-from thermaltool.cli.options import (
-    InputPath,
-    check_files,
-    json_option,
-    log_options,
-    logs_argument,
-    model_argument,
-    output_option,
-    quiet_option,
-)
+from thermaltool.cli.types import InputPath
 from thermaltool.documents import write_json
 from thermaltool.report.text import aligned
 
@@ -29,8 +21,8 @@ MIN_ROWS = 3
     epilog="Example: thermaltool correct model.json steps.csv --at Q_heater_W --refit "
     "-o corrected.json"
 )
-@model_argument
-@logs_argument
+@shared.model_argument
+@shared.logs_argument
 @click.option("--at", multiple=True, metavar="CHANNEL",
               help="A drive: the curve is in front of its responses (Hammerstein). An output: "
               "behind them (Wiener). Repeatable.  [default: the only drive]")  # fmt: skip
@@ -43,10 +35,10 @@ MIN_ROWS = 3
               help="Search time constants and gains again, together with the curves.")  # fmt: skip
 @click.option("--validate", "validation", type=InputPath(), metavar="LOG",
               help="Judge on another log, too.")  # fmt: skip
-@log_options
-@output_option
-@json_option
-@quiet_option
+@shared.log_options
+@shared.output_option
+@shared.json_option
+@shared.quiet_option
 def command(
     model: str,
     logs: tuple[str, ...],
@@ -76,7 +68,7 @@ def command(
     )
 
     every = (*logs, *([] if validation is None else [validation]))
-    check_files(output, model, *every, as_json=as_json)
+    shared.check_files(output, model, *every, as_json=as_json)
     document = read_model(model)
     if not at:
         if len(document.drives) != 1:

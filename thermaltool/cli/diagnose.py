@@ -9,17 +9,9 @@ from typing import Any
 
 import click
 
+from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progress, warn
-from thermaltool.cli.options import (
-    InputPath,
-    NumberRange,
-    check_files,
-    keep_inputs,
-    log_options,
-    logs_argument,
-    model_argument,
-    quiet_option,
-)
+from thermaltool.cli.types import InputPath, NumberRange
 from thermaltool.documents import check_folder, write_json
 
 
@@ -27,8 +19,8 @@ from thermaltool.documents import check_folder, write_json
     epilog="Example: thermaltool diagnose model.json morning.csv --validate evening.csv "
     "-o extended.json --report why.md > why.json"
 )
-@model_argument
-@logs_argument
+@shared.model_argument
+@shared.logs_argument
 @click.option(
     "--validate",
     "validate",
@@ -54,8 +46,8 @@ from thermaltool.documents import check_folder, write_json
     "nor the calibration's own error; 1 never fails.  [default: by the verdict]",
 )
 @click.option("--json", "as_json", is_flag=True, hidden=True)
-@log_options
-@quiet_option
+@shared.log_options
+@shared.quiet_option
 def command(
     model: str,
     logs: tuple[str, ...],
@@ -85,7 +77,7 @@ def command(
         raise click.UsageError("stdout takes the JSON: give the extended model a file with -o")
     if report == "-":
         raise click.UsageError("stdout takes the JSON: give --report a file, FILE.md")
-    check_files(output, *inputs)
+    shared.check_files(output, *inputs)
     _keep(report, inputs, output)
     found = api.diagnose(model, logs, validate=validate, **reading,
                          warn=silent if quiet else warn,
@@ -93,7 +85,7 @@ def command(
     if output is not None:
         api.write_model(found.extended(command_line()), output)
     if report is not None:
-        found.write(report, lambda figure: keep_inputs(figure, *inputs))
+        found.write(report, lambda figure: shared.keep_inputs(figure, *inputs))
     write_json(found.document(), "-")
     if not quiet:
         warn(found.table())

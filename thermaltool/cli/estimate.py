@@ -6,32 +6,22 @@ from typing import Any
 
 import click
 
+from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
-from thermaltool.cli.options import (
-    check_files,
-    initial_option,
-    json_option,
-    log_argument,
-    log_options,
-    model_argument,
-    output_option,
-    quiet_option,
-    to_option,
-)
 from thermaltool.documents import write_json
 
 
 @click.command(
     epilog="Example: thermaltool plant frame --input duty | thermaltool estimate model.json - -q"
 )
-@model_argument
-@log_argument
-@log_options
-@output_option
-@to_option
-@initial_option
-@json_option
-@quiet_option
+@shared.model_argument
+@shared.log_argument
+@shared.log_options
+@shared.output_option
+@shared.to_option
+@shared.initial_option
+@shared.json_option
+@shared.quiet_option
 def command(
     model: str,
     log: str,
@@ -51,7 +41,7 @@ def command(
     from thermaltool import api
     from thermaltool.logs import write_table
 
-    check_files(output, model, log)
+    shared.check_files(output, model, log)
     result = api.estimate(model, log, **options, warn=warn)
     if output != "-" or not as_json:
         write_table(result.columns, output, to_format)

@@ -7,15 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.cli import streaming
+from thermaltool.cli import shared, streaming
 from thermaltool.cli.actuator import actuator_of, actuator_options
-from thermaltool.cli.options import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    log_argument,
-    one_thread,
-)
-from thermaltool.cli.types import ErrorModelType, IntervalType, SafeType
+from thermaltool.cli.types import NOT_NEGATIVE, POSITIVE, ErrorModelType, IntervalType, SafeType
 
 if TYPE_CHECKING:
     from thermaltool.runtime.messages import Messages
@@ -29,7 +23,7 @@ USUAL_ORDER = 20, 0
     epilog="Example: gauge | thermaltool fcc -C e_tool_um --period 0.0005 --delay 0.0025 "
     "--gain 1.5 --limit=-2:10 | amplifier"
 )
-@log_argument
+@shared.log_argument
 @click.option("-C", "--column", "channel", required=True, metavar="NAME", help="Column: the error.")
 @click.option("--command", default="U_command_V", metavar="NAME",
               help="Name of the command, with its unit.")  # fmt: skip
@@ -74,7 +68,7 @@ def command(log: str, channel: str, spindle: str | None, **options: Any) -> None
     of the actuator, forecast, and cancelled. Bad readings are bridged by the forecast; after --hold
     the safe command is written until good ones return, and it is also the last line.
     """
-    one_thread()
+    shared.one_thread()
     from thermaltool.runtime.fcc import ErrorModel, error_control
 
     settings = streaming.settings_of(

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from thermaltool.cli.options import check_files, json_option, log_argument, one_thread
+from thermaltool.cli import shared
 from thermaltool.cli.series import column_of, model_options, series_options
 from thermaltool.cli.types import Order
 
@@ -16,7 +16,7 @@ METHODS = (
 
 
 @click.command(epilog="Example: sensors | thermaltool fit -C d_z_um --order 2,1 -o arma.json")
-@log_argument
+@shared.log_argument
 @series_options
 @click.option("--order", type=Order(), help="AR and MA order.  [default: the best by BIC]")
 @click.option(
@@ -43,7 +43,7 @@ METHODS = (
 )  # fmt: skip
 @model_options
 @click.option("-o", "--output", metavar="FILE", help="Where the model goes.")
-@json_option
+@shared.json_option
 def command(log: str, order: tuple[int, int] | None, method: str, long_order: int | None,
             regressions: str, level: float, output: str | None, as_json: bool,
             **options: Any) -> None:  # fmt: skip
@@ -52,12 +52,12 @@ def command(log: str, order: tuple[int, int] | None, method: str, long_order: in
     x_t - m = sum ar_i (x_{t-i} - m) + a_t + sum ma_j a_{t-j}: what others write as -theta is ma.
     The table goes to stdout, the model to -o. Likelihood and criteria are exact for every method.
     """
-    one_thread()
+    shared.one_thread()
     from thermaltool import api
     from thermaltool.cli.messages import command_line, warn
     from thermaltool.documents import write_json
 
-    check_files(output, log)
+    shared.check_files(output, log)
     result = api.fit(
         log, column_of(options), order, method=method, long_order=long_order,
         correct=regressions == "3", level=level, command=command_line(), warn=warn, **options,

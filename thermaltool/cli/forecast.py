@@ -7,17 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.cli import streaming
-from thermaltool.cli.options import (
-    POSITIVE,
-    check_files,
-    log_argument,
-    model_argument,
-    one_thread,
-    output_option,
-    quiet_option,
-)
+from thermaltool.cli import shared, streaming
 from thermaltool.cli.series import outliers_option, series_options
+from thermaltool.cli.types import POSITIVE
 from thermaltool.logs.formats import FORMATS
 
 if TYPE_CHECKING:
@@ -35,8 +27,8 @@ BATCH_OPTIONS = (
 @click.command(
     epilog="Example: logger | thermaltool forecast arma.json --stream --steps 10 > ahead.csv"
 )
-@model_argument
-@log_argument
+@shared.model_argument
+@shared.log_argument
 @series_options
 @outliers_option
 @click.option("--steps", type=click.IntRange(1, 1_000_000), default=1, help="Samples ahead.")
@@ -49,8 +41,8 @@ BATCH_OPTIONS = (
 @click.option("--timeout", type=POSITIVE, metavar="S",
               help="With --stream: a longer silence is told [s].")  # fmt: skip
 @streaming.to_option
-@output_option
-@quiet_option
+@shared.output_option
+@shared.quiet_option
 def command(model: str, log: str, stream: bool, output: str, quiet: int, **options: Any) -> None:
     """Forecasts of a fitted model with intervals, in batch or as a stream.
 
@@ -60,11 +52,11 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
     model that starts as fitted and learns on (recursive least squares); with --period LOG has no
     clock. A pause above --max-gap makes it forget the samples before.
     """
-    one_thread()
+    shared.one_thread()
     from thermaltool.documents import read_text
     from thermaltool.timeseries.model import loads
 
-    check_files(output, model, log)
+    shared.check_files(output, model, log)
     fitted = loads(read_text(model), "<stdin>" if model == "-" else model)
     options["column"] = options["column"] or fitted.channel
     if stream:

@@ -6,21 +6,16 @@ from typing import Any
 
 import click
 
+from thermaltool.cli import shared
 from thermaltool.cli.messages import command_line, warn
-from thermaltool.cli.options import (
+from thermaltool.cli.types import (
+    MAX_TRANSFER_ORDER,
+    DeadTime,
     InputPath,
     NumberRange,
-    check_files,
-    json_option,
-    log_options,
-    logs_argument,
-    one_thread,
-    quiet_option,
-    reference_of,
-    span_options,
-    usage_errors,
+    Order,
+    TransferOrder,
 )
-from thermaltool.cli.types import MAX_TRANSFER_ORDER, DeadTime, Order, TransferOrder
 from thermaltool.documents import write_json
 from thermaltool.fitting.transfer.registry import STRUCTURES, described
 
@@ -29,7 +24,7 @@ from thermaltool.fitting.transfer.registry import STRUCTURES, described
     epilog="Example: thermaltool identify run.csv --input Q_main_W --output d_z_um --split 0.6 "
     "-o model.json"
 )
-@logs_argument
+@shared.logs_argument
 @click.option("--input", "inputs", multiple=True, required=True, metavar="CHANNEL",
               help="What drives: power, speed, temperature; repeatable.")  # fmt: skip
 @click.option("--output", "outputs", multiple=True, required=True, metavar="CHANNEL",
@@ -64,11 +59,11 @@ from thermaltool.fitting.transfer.registry import STRUCTURES, described
 @click.option("--reference", metavar="first|NUMBER",
               help="What counts as no input in the model file.  [default: first for T_..._degC, "
               "else 0]")  # fmt: skip
-@span_options("Rows from", "Rows up to")
-@log_options
+@shared.span_options("Rows from", "Rows up to")
+@shared.log_options
 @click.option("-o", "model_file", metavar="FILE", help="Model file, for simulate and others.")
-@json_option
-@quiet_option
+@shared.json_option
+@shared.quiet_option
 def command(
     logs: tuple[str, ...],
     inputs: tuple[str, ...],
@@ -86,14 +81,14 @@ def command(
     Fits are those of free runs; validation data are not used in the fit. Where refined instrumental
     variables do not converge, Gauss-Newton goes on, and the output says so.
     """
-    one_thread()
+    shared.one_thread()
     from thermaltool import api
     from thermaltool.api.identification import check_arguments
 
-    with usage_errors():
+    with shared.usage_errors():
         check_arguments(inputs, outputs, **options)
-    rest = reference_of(reference)
-    check_files(model_file, *logs, options["validate"])
+    rest = shared.reference_of(reference)
+    shared.check_files(model_file, *logs, options["validate"])
     found = api.identify(logs, inputs, outputs, reference=rest, warn=warn, **options)
     if model_file is not None:
         api.write_model(found, model_file, command_line())

@@ -5,21 +5,14 @@ from __future__ import annotations
 import click
 
 from thermaltool.api.inputs import read_model, write_model
+from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
-from thermaltool.cli.options import (
-    NUMBER,
-    POSITIVE,
-    json_option,
-    keep_inputs,
-    model_argument,
-    output_option,
-    to_option,
-)
+from thermaltool.cli.types import NUMBER, POSITIVE
 from thermaltool.documents import write_json
 
 
 @click.command(epilog="Example: thermaltool invert model.json --dt 0.5 --window 1200 -o kernel.csv")
-@model_argument
+@shared.model_argument
 @click.option(
     "--dt",
     type=POSITIVE,
@@ -42,9 +35,9 @@ from thermaltool.documents import write_json
               "behind a filter with this slowest lag [s].")  # fmt: skip
 @click.option("--drive", metavar="CHANNEL",
               help="Which drive --filter gives.  [default: the only one]")  # fmt: skip
-@output_option
-@to_option
-@json_option
+@shared.output_option
+@shared.to_option
+@shared.json_option
 def command(
     model: str,
     dt: float | None,
@@ -81,7 +74,7 @@ def command(
     from thermaltool.logs import write_table
 
     document = read_model(model)
-    keep_inputs(output, model)
+    shared.keep_inputs(output, model)
     shape = None if regularization is None else Regularization(*regularization)
     found = sensor_kernel(document, sensor, shape, dt, window)
     if as_json:
@@ -103,7 +96,7 @@ def _invert_rational(
     from thermaltool.estimation.rational import inverse_model
 
     document = read_model(model)
-    keep_inputs(output, model)
+    shared.keep_inputs(output, model)
     found = inverse_model(document, filter_time, sensor, drive)
     write_model(found.model, output)
     lags = ", ".join(f"{lag:.4g}" for lag in found.inverse.filter_lags)

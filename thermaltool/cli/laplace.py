@@ -7,16 +7,9 @@ from typing import Any
 
 import click
 
+from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, warn
-from thermaltool.cli.options import (
-    NUMBER,
-    POSITIVE,
-    InputPath,
-    json_option,
-    output_option,
-    to_option,
-)
-from thermaltool.cli.types import Assignment, TimeGrid
+from thermaltool.cli.types import NUMBER, POSITIVE, Assignment, InputPath, TimeGrid
 from thermaltool.documents import atomic_output
 
 METHODS = ("auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest")
@@ -39,9 +32,9 @@ METHODS = ("auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest")
 @click.option("--abscissa", type=NUMBER, metavar="RATE", default=0.0,
               help="Largest real part of the singularities [1/s].")  # fmt: skip
 @click.option("-p", "--parameter", type=Assignment(), multiple=True, help="Value of a name.")
-@json_option
-@output_option
-@to_option
+@shared.json_option
+@shared.output_option
+@shared.to_option
 @click.pass_context
 def command(
     ctx: click.Context,

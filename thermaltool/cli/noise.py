@@ -6,20 +6,14 @@ from typing import Any
 
 import click
 
+from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
-from thermaltool.cli.options import (
-    NUMBER,
-    check_files,
-    json_option,
-    log_argument,
-    output_option,
-    table_options,
-)
+from thermaltool.cli.types import NUMBER
 
 
 @click.command(epilog="Example: thermaltool noise idle.csv -o noise.json --plot noise.png")
-@log_argument
-@table_options
+@shared.log_argument
+@shared.table_options
 @click.option(
     "--channel", "channels", multiple=True, metavar="NAME", help="Only this one; repeat for more."
 )
@@ -28,8 +22,8 @@ from thermaltool.cli.options import (
 )
 @click.option("--stop", type=NUMBER, metavar="SECONDS", help="Take it as idle up to this time [s].")
 @click.option("--plot", metavar="FILE", help="Figure, .png, .svg or .pdf.")
-@output_option
-@json_option
+@shared.output_option
+@shared.json_option
 def command(
     log: str,
     plot: str | None,
@@ -50,7 +44,7 @@ def command(
 
     if plot is not None:
         figure_format(plot)
-    check_files(output, log)
+    shared.check_files(output, log)
     result = api.noise(log, **options, warn=warn)
     document = to_json(result.document())
     for target in [output] * (output != "-") + ["-"] * as_json:

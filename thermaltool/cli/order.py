@@ -6,21 +6,15 @@ from typing import Any
 
 import click
 
-from thermaltool.cli.options import (
-    POSITIVE,
-    check_files,
-    json_option,
-    log_argument,
-    one_thread,
-    usage_errors,
-)
+from thermaltool.cli import shared
 from thermaltool.cli.series import column_of, model_options, series_options
+from thermaltool.cli.types import POSITIVE
 
 
 @click.command(
     epilog="Example: sensors | thermaltool order -C d_z_um --max-p 20 --figure orders.png"
 )
-@log_argument
+@shared.log_argument
 @series_options
 @click.option("--max-p", type=click.IntRange(0, 200), default=10, help="Largest AR order.")
 @click.option("--max-q", type=click.IntRange(0, 50), default=10, help="Largest MA order.")
@@ -39,7 +33,7 @@ from thermaltool.cli.series import column_of, model_options, series_options
 )
 @model_options
 @click.option("--figure", metavar="FILE", help="Curves of the criteria, .png, .svg or .pdf.")
-@json_option
+@shared.json_option
 def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
             figure: str | None, as_json: bool, **options: Any) -> None:  # fmt: skip
     """Which AR or ARMA order a series has, by AIC, AICc and BIC.
@@ -49,18 +43,18 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
     grid often ones with nearly cancelling roots that describe a narrow line of the noise; BIC finds
     the order of a process more often.
     """
-    one_thread()
+    shared.one_thread()
     from thermaltool import api
     from thermaltool.cli.messages import warn
     from thermaltool.documents import write_json
     from thermaltool.report.style import figure_format, write_figure
     from thermaltool.timeseries.criteria import criteria_named
 
-    with usage_errors():
+    with shared.usage_errors():
         criteria = criteria_named(criterion.split(","))
     if figure is not None:
         figure_format(figure)
-        check_files(figure, log)
+        shared.check_files(figure, log)
     result = api.order(
         log, column_of(options), max_p=max_p, max_q=max_q, criteria=criteria, effort=effort,
         warn=warn, **options,

@@ -9,14 +9,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from thermaltool.cli.options import (
-    NOT_NEGATIVE,
-    NUMBER,
-    POSITIVE,
-    json_lines_option,
-    output_option,
-    to_option,
-)
+from thermaltool.cli import shared
+from thermaltool.cli.types import NOT_NEGATIVE, NUMBER, POSITIVE
 from thermaltool.plants import PLANTS, SettingError
 
 BAR, HEATED = "boring-bar", "quill, c-frame"
@@ -65,9 +59,9 @@ FRAME, PAIR, CUT = (PLANTS[name].usual for name in ("frame", "quill", BAR))
               "[default: all]")  # fmt: skip
 @click.option("--swing", type=NOT_NEGATIVE, default=0.5,
               help=f"{HEATED}: drift of the air [K].")  # fmt: skip
-@to_option
-@json_lines_option
-@output_option
+@shared.to_option
+@shared.json_lines_option
+@shared.output_option
 @click.pass_context
 def command(
     ctx: click.Context, name: str, to_format: str | None, as_json: bool, output: str, **options: Any

@@ -7,13 +7,8 @@ from typing import Any
 
 import click
 
-from thermaltool.cli.options import (
-    InputPath,
-    json_option,
-    keep_inputs,
-    log_options,
-    output_option,
-)
+from thermaltool.cli import shared
+from thermaltool.cli.types import InputPath
 from thermaltool.documents import write_json
 
 
@@ -28,9 +23,9 @@ from thermaltool.documents import write_json
 @click.option(
     "--channel", "channels", multiple=True, metavar="NAME", help="Only this one; repeat for more."
 )
-@log_options
-@output_option
-@json_option
+@shared.log_options
+@shared.output_option
+@shared.json_option
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -60,7 +55,7 @@ def command(
         raise click.UsageError("stdout is a terminal: name a figure with -o FIG.png, .svg or .pdf")
     if output != "-":
         figure_format(output)
-    keep_inputs(output, *files)
+    shared.keep_inputs(output, *files)
     sources = files or (InputPath().convert("-", None, ctx),)
     if [*sources, against].count("-") > 1:
         raise click.UsageError("stdin can be only one of the files")

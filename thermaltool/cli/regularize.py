@@ -6,18 +6,9 @@ from typing import Any
 
 import click
 
+from thermaltool.cli import shared
 from thermaltool.cli.messages import terminal_progress, warn
-from thermaltool.cli.options import (
-    NOT_NEGATIVE,
-    NUMBER,
-    POSITIVE,
-    InputPath,
-    check_files,
-    json_option,
-    model_argument,
-    output_option,
-    quiet_option,
-)
+from thermaltool.cli.types import NOT_NEGATIVE, NUMBER, POSITIVE, InputPath
 from thermaltool.documents import write_json
 
 
@@ -25,7 +16,7 @@ from thermaltool.documents import write_json
     epilog="Example: thermaltool regularize model.json --noise noise.json | "
     "thermaltool estimate - log.csv"
 )
-@model_argument
+@shared.model_argument
 @click.option(
     "--noise",
     type=InputPath(),
@@ -48,9 +39,9 @@ from thermaltool.documents import write_json
 @click.option("--regularization", nargs=3, type=NUMBER, metavar="A B C",
               help="Pin f_R = (At + Bt²)e^(−ct) of the kernel form "
               "[unit/s, unit/s², 1/s].")  # fmt: skip
-@output_option
-@json_option
-@quiet_option
+@shared.output_option
+@shared.json_option
+@shared.quiet_option
 def command(
     model: str,
     noise: str | None,
@@ -76,8 +67,8 @@ def command(
     from thermaltool.estimation.design import needs_noise
     from thermaltool.model import only_sensors
 
-    check_files(None, model, noise)
-    check_files(output, noise, as_json=as_json)
+    shared.check_files(None, model, noise)
+    shared.check_files(output, noise, as_json=as_json)
     document = api.read_model(model)
     if sensors:
         document = only_sensors(document, sensors)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import click
 
+from thermaltool.cli import shared
 from thermaltool.cli.messages import command_line
-from thermaltool.cli.options import InputPath, check_files, output_option
-from thermaltool.cli.types import Levels
+from thermaltool.cli.types import InputPath, Levels
 
 
 @click.command(
@@ -19,7 +19,7 @@ from thermaltool.cli.types import Levels
 @click.option("--levels", type=Levels(),
               help="Size of the channel at which each model was found.  "
               "[default: the largest in its logs]")  # fmt: skip
-@output_option
+@shared.output_option
 def command(
     models: tuple[str, ...], by: str, levels: tuple[float, ...] | None, output: str
 ) -> None:
@@ -34,6 +34,6 @@ def command(
     from thermaltool.api.inputs import read_model, source_name, write_model
     from thermaltool.model.combine import scheduled
 
-    check_files(output, *models)
+    shared.check_files(output, *models)
     parts, names = [read_model(path) for path in models], [source_name(path) for path in models]
     write_model(scheduled(parts, by, levels, names), output, command_line())

@@ -7,14 +7,8 @@ from typing import Any
 import click
 
 from thermaltool.api.series import TRENDS
-from thermaltool.cli.options import (
-    POSITIVE,
-    columns_option,
-    from_option,
-    gap_option,
-    span_options,
-    together,
-)
+from thermaltool.cli import shared
+from thermaltool.cli.types import POSITIVE
 
 column_option = click.option(
     "-C", "--column", metavar="NAME", help="The column; any name will do without --columns."
@@ -31,19 +25,17 @@ period_option = click.option(
     metavar="S",
     help="Sample period [s].  [default: median step of the clock; 1 without a clock]",
 )
-
-
 # Everything that reading a series takes.
-series_options = together(
+series_options = shared.together(
     column_option,
-    columns_option,
-    from_option,
+    shared.columns_option,
+    shared.from_option,
     period_option,
-    span_options("From", "Up to"),
-    gap_option,
+    shared.span_options("From", "Up to"),
+    shared.gap_option,
 )
 # How the series is prepared.
-model_options = together(
+model_options = shared.together(
     click.option(
         "--detrend",
         type=click.Choice(list(TRENDS)),

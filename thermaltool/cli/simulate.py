@@ -7,34 +7,23 @@ from typing import Any
 
 import click
 
+from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, warn
-from thermaltool.cli.options import (
-    check_files,
-    json_option,
-    log_argument,
-    log_options,
-    model_argument,
-    output_option,
-    quiet_option,
-    rmse_option,
-    span_options,
-    to_option,
-)
 from thermaltool.documents import write_json
 
 
 @click.command(
     epilog="Example: thermaltool plant frame --input duty | thermaltool simulate model.json - -q"
 )
-@model_argument
-@log_argument
-@span_options("Judge from", "Judge up to")
-@rmse_option
-@log_options
-@output_option
-@to_option
-@json_option
-@quiet_option
+@shared.model_argument
+@shared.log_argument
+@shared.span_options("Judge from", "Judge up to")
+@shared.rmse_option
+@shared.log_options
+@shared.output_option
+@shared.to_option
+@shared.json_option
+@shared.quiet_option
 def command(
     model: str,
     log: str,
@@ -55,7 +44,7 @@ def command(
     from thermaltool.errors import LogError
     from thermaltool.logs import write_table
 
-    check_files(output, model, log)
+    shared.check_files(output, model, log)
     result = api.simulate(api.read_model(model), log, **options, warn=warn)
     if output != "-" or not as_json:
         write_table(result.columns, output, to_format)

@@ -9,13 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from thermaltool.cli.options import (
-    POSITIVE,
-    columns_option,
-    json_lines_option,
-    quiet_option,
-    together,
-)
+from thermaltool.cli import shared
+from thermaltool.cli.types import POSITIVE
 from thermaltool.logs.formats import FORMATS
 from thermaltool.runtime.rows import ROW_FORMATS
 from thermaltool.runtime.sinks import RECORDING_SINKS, SINKS
@@ -43,8 +38,8 @@ class Once(click.Option):
 
 
 # How lines are read and written.
-line_options = together(
-    columns_option,
+line_options = shared.together(
+    shared.columns_option,
     click.option("--from", "from_format", type=click.Choice(list(ROW_FORMATS)), default="csv",
                  help="Format of the input."),
     click.option("--to", "to_format", type=click.Choice(
@@ -62,10 +57,10 @@ to_option = click.option(
 )
 
 
-short_options = together(json_lines_option, quiet_option)
+short_options = shared.together(shared.json_lines_option, shared.quiet_option)
 
 # Where the state is kept, and how often.
-checkpoint_options = together(
+checkpoint_options = shared.together(
     click.option("--checkpoint", type=click.Path(dir_okay=False), metavar="FILE",
                  help="Keep the state here; a restart goes on from it."),
     click.option("--checkpoint-every", type=POSITIVE, metavar="S", default=10.0,
@@ -99,13 +94,12 @@ def run(
     is no error.
     """
     from thermaltool.cli.messages import emitter
-    from thermaltool.cli.options import usage_errors
     from thermaltool.runtime.messages import Messages
     from thermaltool.runtime.stream import open_stream
 
     messages = Messages(emitter(command, quiet), "<stdin>" if log == "-" else log)
     with click.open_file(log, "rb") as source:
-        with usage_errors():
+        with shared.usage_errors():
             stream = open_stream(make(messages), settings, source.fileno(), 1, messages)
         try:
             number = stream.run()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import click
 
+from thermaltool.cli import shared
 from thermaltool.cli.messages import command_line
-from thermaltool.cli.options import InputPath, check_files, output_option
+from thermaltool.cli.types import InputPath
 
 
 @click.command(
@@ -13,7 +14,7 @@ from thermaltool.cli.options import InputPath, check_files, output_option
     "thermaltool simulate - run.csv"
 )
 @click.argument("models", type=InputPath(), nargs=-1, required=True)
-@output_option
+@shared.output_option
 def command(models: tuple[str, ...], output: str) -> None:
     """The sum of several MODELS: one for each heat source, found in a run of its own.
 
@@ -26,6 +27,6 @@ def command(models: tuple[str, ...], output: str) -> None:
     from thermaltool.api.inputs import read_model, source_name, write_model
     from thermaltool.model.combine import superposed
 
-    check_files(output, *models)
+    shared.check_files(output, *models)
     parts, names = [read_model(path) for path in models], [source_name(path) for path in models]
     write_model(superposed(parts, names), output, command_line())

@@ -1,18 +1,55 @@
-"""Values of options that are more than one number or word."""
+"""Values of options: files, finite numbers, and what is more than one number or word."""
 
 from __future__ import annotations
 
+import sys
 from math import inf, isfinite
 from typing import Any
 
 import click
 
-from thermaltool.cli.options import NUMBER
-
 # From the tenth order on the search leaves the range of numbers (--continuous first).
 MAX_TRANSFER_ORDER = 9
 # As far as `order` goes.
 MAX_ARMA_ORDER = 200
+
+
+class InputPath(click.Path):
+    """A readable file, or ``-`` for stdin; a terminal on stdin is a usage error."""
+
+    name = "file"
+
+    def __init__(self) -> None:
+        super().__init__(exists=False, dir_okay=True, allow_dash=True)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "-" and sys.stdin is not None and sys.stdin.isatty():
+            self.fail("stdin is a terminal: name a file or pipe a log in", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+def _finite(number: Any, value: Any, kind: click.ParamType, *place: Any) -> Any:
+    if not isfinite(number):
+        kind.fail(f"{value!r} is not a finite number", *place)
+    return number
+
+
+class Number(click.types.FloatParamType):
+    """A number; NaN and infinity are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return _finite(super().convert(value, param, ctx), value, self, param, ctx)
+
+
+class NumberRange(click.FloatRange):
+    """A number within bounds; NaN, which no bound keeps out, and infinity are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return _finite(super().convert(value, param, ctx), value, self, param, ctx)
+
+
+NUMBER = Number()
+POSITIVE, NOT_NEGATIVE = NumberRange(min=0, min_open=True), NumberRange(min=0)
 
 
 class ValueRefusedError(ValueError):

@@ -1,16 +1,16 @@
-"""Options that several commands share, as named objects."""
+"""What several commands share: options as named objects, and checks of what they say."""
 
 from __future__ import annotations
 
 import contextlib
 import math
 import os
-import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import click
 
+from thermaltool.cli.types import NUMBER, POSITIVE, InputPath
 from thermaltool.documents import check_folder
 from thermaltool.errors import ThermalToolError
 from thermaltool.logs.formats import FORMATS
@@ -18,43 +18,6 @@ from thermaltool.units import Reference
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
-
-class InputPath(click.Path):
-    """A readable file, or ``-`` for stdin; a terminal on stdin is a usage error."""
-
-    name = "file"
-
-    def __init__(self) -> None:
-        super().__init__(exists=False, dir_okay=True, allow_dash=True)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if value == "-" and sys.stdin is not None and sys.stdin.isatty():
-            self.fail("stdin is a terminal: name a file or pipe a log in", param, ctx)
-        return super().convert(value, param, ctx)
-
-
-def _finite(number: Any, value: Any, kind: click.ParamType, *place: Any) -> Any:
-    if not math.isfinite(number):
-        kind.fail(f"{value!r} is not a finite number", *place)
-    return number
-
-
-class Number(click.types.FloatParamType):
-    """A number; NaN and infinity are none."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return _finite(super().convert(value, param, ctx), value, self, param, ctx)
-
-
-class NumberRange(click.FloatRange):
-    """A number within bounds; NaN, which no bound keeps out, and infinity are none."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return _finite(super().convert(value, param, ctx), value, self, param, ctx)
-
-
-NUMBER = Number()
-POSITIVE, NOT_NEGATIVE = NumberRange(min=0, min_open=True), NumberRange(min=0)
 
 log_argument: Decorator = click.argument("log", type=InputPath(), default="-")
 logs_argument: Decorator = click.argument("logs", type=InputPath(), nargs=-1, default=("-",))
