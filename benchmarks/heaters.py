@@ -27,8 +27,8 @@ from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.static import correct
-from thermaltool.fitting.transfer.continuation import continued
-from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.continuous_term import continuous_term
+from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.model import Model
 from thermaltool.model.combine import scheduled, superposed
 from thermaltool.model.curves import Form
@@ -113,15 +113,16 @@ def fitted(
     holds = tuple(hold_of(i) for i in inputs)
     data = TrainingData(records, inputs, (output,), DT, holds).from_rest()
     try:
-        orders = orders_of("oe", (order,) * len(inputs), order, data.least_delays)
-        found = identify(data, "oe", orders, real=True)
-        ways = [continued(found, k, hold_of(i)) for k, i in enumerate(inputs)]
+        structure = OeStructure(real_poles=True)
+        orders = structure.orders((order,) * len(inputs), order, data.least_delays)
+        found = structure.fit(data, orders)
+        terms = [continuous_term(found, k, hold_of(i)) for k, i in enumerate(inputs)]
     except (FitError, ModelError):
         if order == 1:
             raise
         return fitted(logs, inputs, output, order - 1)
     agreed = found.fit(data)
-    return model_document([Fit(found, tuple(ways), agreed, data)], None, {}), agreed.fit_percent
+    return model_document([Fit(found, tuple(terms), agreed, data)], None, {}), agreed.fit_percent
 
 
 def compensate(bench: Bench, model: Model, spectrum: str, number: int) -> tuple[Record, Record]:

@@ -27,9 +27,7 @@ from scipy.signal import lfilter
 from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.selection import first_that_fits
 from thermaltool.fitting.transfer.choose import choose
-from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.oe import OeStructure
-from thermaltool.fitting.transfer.start import started
 from thermaltool.units import Hold
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -50,7 +48,8 @@ def coverage(seed: int, repeats: int) -> None:
                 e = np.random.default_rng([seed, k, 2, repeat]).standard_normal(3000)
                 y = x + NOISE * x.std() * lfilter(*colour, e)
                 data = TrainingData((sampled(("u",), u, ("y",), y, 1.0),), ("u",), ("y",), 1.0)
-                model = identify(data, "oe", orders_of("oe", (2,), 2, (truth[2],)))
+                structure = OeStructure()
+                model = structure.fit(data, structure.orders((2,), 2, (truth[2],)))
                 named = [*model.named(), ("gain", model.gain(0))]
                 labels = [label for label, _ in named]
                 values = np.array([each.value for _, each in named])
@@ -98,11 +97,11 @@ def _measured(
     record = sampled(inputs, u, (target,), y, dt)
     data = TrainingData((record,), inputs, (target,), dt, (hold,) * len(inputs))
     training, rest = data.split(share)
-    training = started(training)
+    training = OeStructure().start(training)
     for real in (False, True):
-        choice = choose(training, OeStructure(real_poles=real))
-        fit = partial(identify, training, "oe", real=real)
-        model = first_that_fits((c.orders("oe") for c in choice.candidates), fit)
+        structure = OeStructure(real_poles=real)
+        orders = (c.model.orders for c in choose(training, structure))
+        model = first_that_fits(orders, partial(structure.fit, training))
         o, poles = model.orders, "real" if real else "any"
         told = f"{o.nb[0]},{o.nf[0]},{'/'.join(map(str, o.nk))}"
         fits = model.fit(training).fit_percent, model.fit(rest).fit_percent

@@ -18,7 +18,6 @@ from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.search import at, gauss_newton, search
-from thermaltool.fitting.transfer.start import started
 
 # Processor time and memory that one fit may take, and how much longer it may wait.
 LIMIT_S, LONG_S, LIMIT_BYTES = 30, 300, 12 << 30
@@ -32,7 +31,8 @@ SLOW = ("SIPPY OE", "nfoursid")
 
 def logged(u: Array, y: Array) -> TrainingData:
     names = tuple(f"u{i}" for i in range(len(u)))
-    return started(TrainingData((sampled(names, u, ("y",), y, 1.0),), names, ("y",), 1.0))
+    data = TrainingData((sampled(names, u, ("y",), y, 1.0),), names, ("y",), 1.0)
+    return OeStructure().start(data)
 
 
 def ours(u: Array, y: Array, nk: Delays) -> Simulation:

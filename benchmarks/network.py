@@ -19,9 +19,10 @@ from scipy.signal import lfilter
 
 from thermaltool.effects.curve import DriveCurve
 from thermaltool.fitting.data import TrainingData, sampled
-from thermaltool.fitting.network.choose import choose_modes, started
+from thermaltool.fitting.network.choose import choose_modes
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.model import Network
+from thermaltool.fitting.network.plan import NetworkPlan
 from thermaltool.fitting.network.problem import NetworkProblem
 from thermaltool.fitting.network.search import refine, search
 from thermaltool.fitting.selection import first_that_fits
@@ -130,10 +131,10 @@ def spindle(column: Mapping[str, Array], period: float) -> None:
         record = sampled(names, u, targets, y, period)
         data = TrainingData((record,), names, targets, period, (held,) * len(names))
         training, rest = data.split(0.6)
-        training = started(training)
+        training = NetworkPlan().start(training)
         delays = tuple((0.0,) * len(names) for _ in targets)
         fit = partial(identify_network, training, delays=delays)
-        network = first_that_fits((c.modes for c in choose_modes(training, delays)), fit)
+        network = first_that_fits((c.model.modes for c in choose_modes(training, delays)), fit)
         begins = "rest" if training.records[0].at_rest else "unknown"
         fits = [
             " / ".join(f"{a.fit_percent:.1f}" for a in network.fit(d)) for d in (training, rest)
@@ -197,7 +198,7 @@ def _bent(fitted: Drive, data: TrainingData, modes: int) -> tuple[Curve, Network
         curve, exponent = fitted(data, modes, delay)
         network = identify_network(_through(data, curve), modes, ((delay,),))
         tried.append((curve, network, exponent))
-    return min(tried, key=lambda each: each[1].criterion)
+    return min(tried, key=lambda each: each[1].criteria.deviance)
 
 
 def _criterion(data: TrainingData, modes: int, delay: float) -> Callable[[Curve], float]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference.training import fitted
 
 from thermaltool.control.heaters import Stabilizer
 from thermaltool.effects.curve import DriveCurve
@@ -15,8 +16,7 @@ from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.static import correct
-from thermaltool.fitting.transfer.continuation import continued
-from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.continuous_term import continuous_term
 from thermaltool.model import Drive, Model, ModelRecursion, Output, Term
 from thermaltool.model.combine import scheduled, superposed
 from thermaltool.model.curves import Form
@@ -307,8 +307,8 @@ def calibrated(plant, hours, seed):
     names = (CAUSAL, HEATER)
     record = sampled(names, given.T, (ANGLE,), y, DT)
     data = TrainingData((record,), names, (ANGLE,), DT).from_rest()
-    found = identify(data, "oe", orders_of("oe", (3, 3), 3, (1, 1)), real=True)
-    ways = [continued(found, k, "zero") for k in range(2)]
+    found = fitted(data, "oe", (3, 3), 3, (1, 1), real=True)
+    ways = [continuous_term(found, k, "zero") for k in range(2)]
     linear = model_document([Fit(found, tuple(ways), found.fit(data), data)], None, {})
     log = Record(clock, {CAUSAL: given[:, 0], HEATER: given[:, 1], ANGLE: y})
     return correct(linear, [log], (CAUSAL, HEATER), Form("spline", 6), True).model

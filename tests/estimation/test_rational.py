@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference.training import fitted
 
 from thermaltool.effects.band import ScheduleBand
 from thermaltool.effects.curve import DriveCurve
@@ -14,8 +15,7 @@ from thermaltool.estimation.rational import inverse_model
 from thermaltool.fitting.data import TrainingData, sampled
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.fit import Fit
-from thermaltool.fitting.transfer.continuation import continued
-from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.continuous_term import continuous_term
 from thermaltool.model import Drive, Term, dumps, loads
 from thermaltool.model.combine import scheduled
 from thermaltool.plants import build
@@ -38,8 +38,8 @@ def c_frame():
     angle = angle + 0.5 * np.random.default_rng(2).standard_normal(len(clock))
     record = sampled((HEATER,), given[:, 1:].T, (ANGLE,), angle, DT)
     data = TrainingData((record,), (HEATER,), (ANGLE,), DT).from_rest()
-    found = identify(data, "oe", orders_of("oe", (2,), 2, (1,)), real=True)
-    fit = Fit(found, (continued(found, 0, "zero"),), found.fit(data), data)
+    found = fitted(data, "oe", (2,), 2, (1,), real=True)
+    fit = Fit(found, (continuous_term(found, 0, "zero"),), found.fit(data), data)
     return model_document([fit], None, {})
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from thermaltool.fitting.data import TrainingData, sampled
+from thermaltool.fitting.transfer.registry import structure_of
 
 
 def training(*pieces, period=1.0, inputs=None, outputs=("y",), holds=()):
@@ -18,3 +19,9 @@ def training(*pieces, period=1.0, inputs=None, outputs=("y",), holds=()):
             sampled(names, u, outputs, y, period, origin=int(origin), at_rest=bool(at_rest))
         )
     return TrainingData(tuple(records), names, outputs, period, holds)
+
+
+def fitted(data, name, nb, nf, nk, **options):
+    """The model of a structure by its name and orders; options as of `structure_of`."""
+    structure = structure_of(name, **options)
+    return structure.fit(data, structure.orders(nb, nf, nk))

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from thermaltool.fitting.fit import Fit
-    from thermaltool.fitting.network.run import IdentifiedNetwork
-    from thermaltool.fitting.transfer.run import Identified
+    from thermaltool.fitting.identification import Plan
     from thermaltool.logs import Log
     from thermaltool.logs.reader import Data
     from thermaltool.model import Model
@@ -35,14 +34,14 @@ class Identification(Result):
 
     Attributes
     ----------
-    found : tuple of Identified, or IdentifiedNetwork
-        One for each output, or one for all.
+    fits : tuple of Fit
+        Each output with its parameters, covariance, criteria and tests of residuals.
     logs : tuple of Log
     reference : "first", float or None
         What counts as no input in the model document.
     """
 
-    found: tuple[Identified, ...] | IdentifiedNetwork
+    fits: tuple[Fit, ...]
     logs: tuple[Log, ...]
     reference: Reference | None = None
 
@@ -60,25 +59,18 @@ class Identification(Result):
         return model_document(self.fits, self.reference, {"logs": [x.source for x in self.logs]})
 
     @property
-    def fits(self) -> list[Fit]:
-        """Each output with its parameters, covariance, criteria and tests of residuals."""
-        from thermaltool.fitting.identification import fits_of
-
-        return fits_of(self.found)
-
-    @property
     def notes(self) -> tuple[str, ...]:
         """What to know before using the models, each a sentence."""
         from thermaltool.report.identification import identification_warnings
 
-        return tuple(identification_warnings(self.found))
+        return tuple(identification_warnings(self.fits))
 
     @property
     def model_notes(self) -> tuple[str, ...]:
         """What the model document loses of the fits, each a sentence; raises as `model`."""
         from thermaltool.report.identification import document_warnings
 
-        return tuple(document_warnings(self.found, self.model))
+        return tuple(document_warnings(self.fits, self.model))
 
     @property
     def frame(self) -> pandas.DataFrame:
@@ -97,13 +89,13 @@ class Identification(Result):
         """The models as ``identify --json`` writes them."""
         from thermaltool.report.identification import identification_document
 
-        return identification_document(self.found)
+        return identification_document(self.fits)
 
     def table(self) -> str:
         """Fits, gains and time constants with their intervals, and what is left."""
         from thermaltool.report.identification import identification_table
 
-        return identification_table(self.found)
+        return identification_table(self.fits)
 
     def draw(self) -> Figure:
         """Measured and simulated outputs over the first log, and their difference."""
@@ -200,20 +192,20 @@ def identify(
     0.2
     """
     from thermaltool.fitting.identification import identify as fit
-    from thermaltool.fitting.network.run import NetworkPlan
+    from thermaltool.fitting.network.plan import NetworkPlan
+    from thermaltool.fitting.transfer.plan import TransferPlan
     from thermaltool.fitting.transfer.registry import structure_of
-    from thermaltool.fitting.transfer.run import Plan
 
     inputs, outputs = names(inputs), names(outputs)
     check_arguments(inputs, outputs, structure=structure, orders=orders, modes=modes, delay=delay,
                     noise_orders=noise_orders, continuous=continuous, real_poles=real_poles,
                     initial=initial, split=split, validate=validate)  # fmt: skip
-    plan: Plan | NetworkPlan
+    plan: Plan
     if structure == NETWORK:
-        plan = NetworkPlan(modes, delay or 0.0, initial, split)
+        plan = NetworkPlan(modes=modes, delay=delay or 0.0, initial=initial, split=split)
     else:
         form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
-        plan = Plan(form, tuple(orders), initial, split)
+        plan = TransferPlan(structure=form, orders=tuple(orders), initial=initial, split=split)
     logs: list[Log] = []
     for each in [*all_of(data), *([] if validate is None else [validate])]:
         log = read_for_fit(each, (*inputs, *outputs), "transfer function", (start, stop),

@@ -34,7 +34,7 @@ def model_document(
     drives: dict[str, Drive] = {}
     outputs, terms = [], []
     for fit in fits:
-        model, data = fit.model, fit.data
+        model, data = fit.model, fit.data.measured(0)
         for k, name in enumerate(model.names):
             rest = drive_reference(name) if reference is None else reference
             extent = _extent(data, [u[k] for u in data.u], rest)
@@ -43,7 +43,7 @@ def model_document(
             if isinstance(term, str):
                 raise ModelError(term)
             terms.append(Term(name, model.target, term.response, term.covariance, term.names))
-        outputs.append(_output(fit, drives))
+        outputs.append(_output(fit, data, drives))
     return Model(tuple(drives.values()), tuple(outputs), tuple(terms),
                  fits[0].model.dt, provenance)  # fmt: skip
 
@@ -60,7 +60,7 @@ def agreement_from_rest(model: Model, data: TrainingData) -> Agreement:
     data : TrainingData
         Of one of its outputs; the first record of each experiment counts.
     """
-    (target,) = data.outputs
+    (target,), data = data.outputs, data.measured(0)
     output = next(o for o in model.outputs if o.channel == target)
     measured, computed = [], []
     for k in data.begins.values():
@@ -79,12 +79,12 @@ def _extent(data: TrainingData, values: Sequence[Array], rest: Reference) -> tup
     return float(moved.min()), float(moved.max())
 
 
-def _output(fit: Fit, drives: Mapping[str, Drive]) -> Output:
+def _output(fit: Fit, data: TrainingData, drives: Mapping[str, Drive]) -> Output:
     """The output with its value at rest: what the offset and the drives at rest give.
 
     A displacement has no zero of its own, and a drive that starts from anywhere leaves none.
     """
-    model, data, training = fit.model, fit.data, fit.training
+    model, training = fit.model, fit.training
     arbitrary = is_displacement(model.target)
     rests = [drives[name].reference for name in model.names]
     offset: Reference = "first"

@@ -2,37 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.transfer.continuation import Continued
-from thermaltool.fitting.transfer.residuals import ResidualTests
+from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
+from thermaltool.fitting.residuals import ResidualTests
+from thermaltool.fitting.selection import Candidate
 from thermaltool.signals.agreement import Agreement
 from thermaltool.signals.criteria import Criteria
 from thermaltool.signals.intervals import Estimate
-
-
-class FittedModel(Protocol):
-    """An identified model of one output: a `TransferModel` or a `NetworkOutput`."""
-
-    @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def target(self) -> str: ...
-    @property
-    def dt(self) -> float: ...
-    @property
-    def offsets(self) -> tuple[float, ...]: ...
-    @property
-    def method(self) -> str: ...
-    @property
-    def covariance(self) -> Array: ...
-    @property
-    def criteria(self) -> Criteria: ...
-    def gain(self, k: int) -> Estimate: ...
-    def named(self) -> Iterator[tuple[str, Estimate]]: ...
 
 
 @dataclass(frozen=True)
@@ -41,22 +20,33 @@ class Fit:
 
     Attributes
     ----------
-    model : FittedModel
-    terms : tuple of Continued or str
+    model : OutputModel
+        A `TransferModel` or a `NetworkOutput`.
+    terms : tuple of ContinuousTerm or str
         The response to each input in continuous time, or why there is none.
     training : Agreement
         Of the free run over the training data.
     data : TrainingData
-        What it was fitted to.
+        What it was fitted to, with this output alone.
     tests : ResidualTests or None
         Are the residuals white, and independent of the inputs.
+    validation : Agreement or None
+        Of a free run over data that were kept for it.
+    improvement : float or None
+        Share by which the model would have reduced the mean deviation of the validation data [%]
+        (Mareš et al.: imp).
+    candidates : tuple of Candidate
+        Where the orders were chosen, the best first.
     """
 
-    model: FittedModel
-    terms: tuple[Continued | str, ...]
+    model: OutputModel
+    terms: tuple[ContinuousTerm | str, ...]
     training: Agreement
     data: TrainingData
     tests: ResidualTests | None = None
+    validation: Agreement | None = None
+    improvement: float | None = None
+    candidates: tuple[Candidate[Any], ...] = ()
 
     @property
     def parameters(self) -> dict[str, Estimate]:

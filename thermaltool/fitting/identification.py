@@ -1,24 +1,71 @@
-"""From logs to identified models of every output, whatever the structure."""
+"""From logs to identified models of every output, whatever their form.
+
+Split, state at the start, choice of the orders or fit, validation, tests of the residuals, terms in
+continuous time: a `Plan` says what is fitted, the sequence is the same for all.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
-from thermaltool.fitting.data import even_training_data, training_data
+from thermaltool.errors import FitError, ModelError
+from thermaltool.fitting.data import TrainingData, even_training_data, training_data
 from thermaltool.fitting.fit import Fit
-from thermaltool.fitting.network.run import IdentifiedNetwork, NetworkPlan, run_network
-from thermaltool.fitting.transfer.run import Identified, Plan, run
+from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
+from thermaltool.fitting.residuals import residual_tests
+from thermaltool.fitting.selection import Candidate
+from thermaltool.fitting.start_state import Initial
+from thermaltool.fitting.validation import validate
 from thermaltool.record import Record
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(ABC):
+    """What is to be fitted.
+
+    Attributes
+    ----------
+    joint : bool
+        One fit for all outputs, or one for each.
+    initial : {"auto", "rest", "free"}
+        State at the first row.
+    split : float or None
+        Share of the rows that are fitted; the rest validates.
+    """
+
+    joint: ClassVar[bool] = False
+
+    initial: Initial = "auto"
+    split: float | None = None
+
+    @abstractmethod
+    def start(self, data: TrainingData) -> TrainingData:
+        """The data with what is known of the state at their first rows."""
+
+    @abstractmethod
+    def fit(self, data: TrainingData) -> tuple[Sequence[OutputModel], tuple[Candidate[Any], ...]]:
+        """A model for each output, and the candidates where the orders were chosen."""
+
+    def data_sets(
+        self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
+    ) -> list[TrainingData]:
+        """What is fitted together: all outputs on their own clocks, or each on an even one."""
+        if self.joint:
+            return [training_data(logs, inputs, outputs)]
+        return [even_training_data(logs, inputs, output) for output in outputs]
 
 
 def identify(
     logs: Sequence[Record],
     inputs: Sequence[str],
     outputs: Sequence[str],
-    plan: Plan | NetworkPlan,
+    plan: Plan,
     fresh: Sequence[Record] = (),
-) -> tuple[Identified, ...] | IdentifiedNetwork:
-    """A model for each output, or one network for all.
+) -> tuple[Fit, ...]:
+    """A fitted and judged model for each output.
 
     Parameters
     ----------
@@ -26,32 +73,48 @@ def identify(
         Each an experiment with an offset of its own.
     inputs, outputs : sequence of str
         Channels that drive, and that follow.
-    plan : Plan or NetworkPlan
-        What is wanted of every output, or of the network.
+    plan : Plan
     fresh : sequence of Record
         Validation data; without them those of the plan's split, if any.
 
     Raises
     ------
     FitError
-        As `run` and `run_network`.
+        Data that the plan's form does not fit, or that are too few to validate.
     """
-    if isinstance(plan, NetworkPlan):
-        held = training_data(fresh, inputs, outputs) if fresh else None
-        return run_network(training_data(logs, inputs, outputs), plan, held)
-    found = []
-    for output in outputs:
-        held = even_training_data(fresh, inputs, output) if fresh else None
-        found.append(run(even_training_data(logs, inputs, output), plan, held))
-    return tuple(found)
+    sets = plan.data_sets(logs, inputs, outputs)
+    held = plan.data_sets(fresh, inputs, outputs) if fresh else [None] * len(sets)
+    return tuple(
+        fit for data, own in zip(sets, held, strict=True) for fit in _judged(data, plan, own)
+    )
 
 
-def fits_of(found: tuple[Identified, ...] | IdentifiedNetwork) -> list[Fit]:
-    """Every output of a result."""
-    if isinstance(found, tuple):
-        return [Fit(e.model, e.continued, e.training, e.data, e.tests) for e in found]
-    return [
-        Fit(output, found.continuous_terms(k), found.training[k], found.data.measured(k),
-            found.tests[k])
-        for k, output in enumerate(found.network.outputs)
-    ]  # fmt: skip
+def _judged(data: TrainingData, plan: Plan, fresh: TrainingData | None) -> list[Fit]:
+    """Fits of one data set."""
+    held = fresh
+    try:
+        if plan.split is not None:
+            data, held = data.split(plan.split)
+        data = plan.start(data)
+        models, candidates = plan.fit(data)
+    except FitError as error:
+        if plan.joint:
+            raise
+        raise FitError(f"{data.outputs[0]}: {error}") from error
+    fits = []
+    for k, model in enumerate(models):
+        own, validation, improvement = data.only(k), None, None
+        if held is not None:
+            validation, improvement = validate(model, held.only(k), fresh is not None)
+        fits.append(Fit(
+            model, tuple(_term(model, i) for i in range(len(model.names))), model.fit(own), own,
+            residual_tests(model, own), validation, improvement, candidates,
+        ))  # fmt: skip
+    return fits
+
+
+def _term(model: OutputModel, k: int) -> ContinuousTerm | str:
+    try:
+        return model.term(k)
+    except ModelError as error:
+        return str(error)

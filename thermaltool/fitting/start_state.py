@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.transfer.colour import effective_share
+from thermaltool.fitting.error_model import effective_share
 from thermaltool.signals.detrend import difference_sigma
 
+Initial = Literal["auto", "rest", "free"]
 # A free state at the start has to lower the mean square error by this factor, or twice the
 # logarithm of the likelihood, of rows that count, by that much.
 MIN_FACTOR, MIN_EVIDENCE = 1.25, 25.0
@@ -37,9 +39,13 @@ class StartErrors:
 
 
 def with_start(
-    data: TrainingData, errors_of: Callable[[TrainingData], StartErrors | None]
+    data: TrainingData,
+    initial: Initial,
+    errors_of: Callable[[TrainingData], StartErrors | None],
 ) -> TrainingData:
-    """The data from rest, unless a free state at the start describes some output clearly better.
+    """The data with what is known of the state at the first row of each experiment.
+
+    "auto" is rest, unless a free state at the start describes some output clearly better.
 
     Free responses can stand for slow modes: with one step in the record gain, offset, modes and
     state are confounded, and a free state is preferred for the smallest error of the model. A
@@ -50,6 +56,8 @@ def with_start(
     Parameters
     ----------
     data : TrainingData
+    initial : {"auto", "rest", "free"}
+        Settled; estimated; or settled unless a free state is clearly better.
     errors_of : callable
         Errors of a small model of given data; None where they have too few rows for it.
 
@@ -58,6 +66,8 @@ def with_start(
     FitError
         As `TrainingData.check` and `errors_of`.
     """
+    if initial != "auto":
+        return data.from_rest() if initial == "rest" else data
     data.check()
     if any(len(data.records[k]) < PARTS * MIN_PART_ROWS for k in data.begins.values()):
         return data  # too short to tell rest from a transient

@@ -8,6 +8,7 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData, Zero
+from thermaltool.fitting.output_model import OutputModel
 from thermaltool.signals.agreement import Agreement, agreement, improvement
 from thermaltool.units import is_displacement
 
@@ -22,51 +23,42 @@ def validation_zero(target: str, other_log: bool) -> Zero:
     return "free" if is_displacement(target) else "mean"
 
 
-def validate(
-    held: TrainingData,
-    k: int,
-    computed: Array,
-    zero: Zero,
-    offsets: Sequence[float],
-    states: int,
-) -> tuple[Agreement, float]:
+def validate(model: OutputModel, held: TrainingData, other_log: bool) -> tuple[Agreement, float]:
     """Agreement of a free run with held-out data, and its improvement [%].
+
+    One record has to hold `MIN_MORE_READINGS` beyond the state that is estimated at its start.
 
     Parameters
     ----------
+    model : OutputModel
     held : TrainingData
-    k : int
-        Which output.
-    computed : ndarray, all records in a row
-        The free run with `zero`; NaN where there is none.
-    zero : Zero
-        As `validation_zero`.
-    offsets : sequence of float, one for each experiment of the fit [unit of the output]
-    states : int
-        Numbers that are estimated from each record: one has to hold two readings more.
+        With the output of the model alone.
+    other_log : bool
+        Whether they come from another log than the data of the fit.
 
     Raises
     ------
     FitError
         Too few readings in every record, or an output that does not move.
     """
-    y, target = held.output(k), held.outputs[k]
+    zero = validation_zero(model.target, other_log)
+    y, computed, target = held.output(), model.run(held, zero), model.target
     found = agreement(y, computed)
     ends = np.cumsum([len(record) for record in held.records])[:-1]
     counted = np.split(np.isfinite(y) & np.isfinite(computed), ends)
-    if max(map(np.sum, counted)) < states + MIN_MORE_READINGS:
+    if max(map(np.sum, counted)) < model.order + MIN_MORE_READINGS:
         rows = [int(np.isfinite(values).sum()) for values in np.split(y, ends)]
         apart = f" (at most {max(rows)} in one piece)" if len(rows) > 1 else ""
         raise FitError(
             f"{target}: {sum(rows)} validation rows{apart} are too few for the delays, a state "
-            f"of order {states} at their start and a judgement"
+            f"of order {model.order} at their start and a judgement"
         )
     if not np.isfinite(found.fit_percent):
         raise FitError(
             f"{target} is constant over the {found.rows} validation rows: they say nothing of the "
             "model"
         )
-    rest = _rest(held, np.split(y, ends), zero, offsets)
+    rest = _rest(held, np.split(y, ends), zero, model.offsets)
     return found, improvement(y - rest, computed - rest)
 
 

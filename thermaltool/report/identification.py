@@ -2,46 +2,74 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+from thermaltool.documents import jsonable
 from thermaltool.fitting.document import agreement_from_rest
-from thermaltool.fitting.identification import fits_of
-from thermaltool.fitting.network.run import IdentifiedNetwork
-from thermaltool.fitting.transfer.run import Identified
+from thermaltool.fitting.fit import Fit
+from thermaltool.fitting.network.model import NetworkOutput
 from thermaltool.model import Model
-from thermaltool.report.network import network_document, network_table, network_warnings
+from thermaltool.report.network import network_fields, network_table, network_warnings
 from thermaltool.report.transfer import (
+    estimate_document,
     lost_from_rest,
-    transfer_document,
+    transfer_fields,
     transfer_table,
-    warnings_of,
+    transfer_warnings,
 )
 
-Found = tuple[Identified, ...] | IdentifiedNetwork
+
+def is_network(fits: Sequence[Fit]) -> bool:
+    """Whether the outputs share their modes."""
+    return isinstance(fits[0].model, NetworkOutput)
 
 
-def identification_document(found: Found) -> dict[str, Any]:
-    """All models as plain data."""
-    return transfer_document(found) if isinstance(found, tuple) else network_document(found)
+def identification_document(fits: Sequence[Fit]) -> dict[str, Any]:
+    """All models as plain data, each with what its form has of its own."""
+    fields = network_fields if is_network(fits) else transfer_fields
+    return {"models": [{**_document(fit), **fields(fits, k)} for k, fit in enumerate(fits)]}
 
 
-def identification_table(found: Found) -> str:
+def _document(fit: Fit) -> dict[str, Any]:
+    m, tests, held = fit.model, fit.tests, fit.validation
+    return {
+        "inputs": list(m.names),
+        "output": m.target,
+        "sample_period_s": m.dt,
+        "fit_training_percent": jsonable(fit.training.fit_percent),
+        "fit_validation_percent": None if held is None else jsonable(held.fit_percent),
+        "improvement_validation_percent": None
+        if fit.improvement is None
+        else jsonable(fit.improvement),
+        "parameters": {name: estimate_document(e) for name, e in fit.parameters.items()},
+        "offsets": list(m.offsets),
+        "method": m.method,
+        "converged": m.converged,
+        "residuals": None
+        if tests is None
+        else {
+            "lags": tests.lags,
+            "white_p": jsonable(tests.white_p),
+            "independent_p": {name: jsonable(p) for name, p in tests.independent_p.items()},
+        },
+    }
+
+
+def identification_table(fits: Sequence[Fit]) -> str:
     """Fits, gains and time constants with their intervals, what is left."""
-    if isinstance(found, tuple):
-        return "\n\n".join(transfer_table(each) for each in found)
-    return network_table(found)
+    return network_table(fits) if is_network(fits) else "\n\n".join(map(transfer_table, fits))
 
 
-def identification_warnings(found: Found) -> list[str]:
+def identification_warnings(fits: Sequence[Fit]) -> list[str]:
     """What a user should know before using the models, each a sentence."""
-    if isinstance(found, tuple):
-        return [message for each in found for message in warnings_of(each)]
-    return network_warnings(found)
+    if is_network(fits):
+        return network_warnings(fits)
+    return [message for fit in fits for message in transfer_warnings(fit)]
 
 
-def document_warnings(found: Found, model: Model) -> list[str]:
+def document_warnings(fits: Sequence[Fit], model: Model) -> list[str]:
     """Sentences where the model document fits much worse, from rest, than the models do."""
     return lost_from_rest([
-        (fit.model.target, fit.training, agreement_from_rest(model, fit.data))
-        for fit in fits_of(found)
+        (fit.model.target, fit.training, agreement_from_rest(model, fit.data)) for fit in fits
     ])  # fmt: skip

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from thermaltool.documents import jsonable
-from thermaltool.fitting.transfer.choose import Choice
-from thermaltool.fitting.transfer.continuation import Continued, oscillates
+from thermaltool.fitting.fit import Fit
+from thermaltool.fitting.output_model import ContinuousTerm
+from thermaltool.fitting.residuals import ResidualTests
+from thermaltool.fitting.selection import Candidate
+from thermaltool.fitting.transfer.continuous_term import oscillates
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.polynomials import LARGEST_POLE
-from thermaltool.fitting.transfer.residuals import ResidualTests
-from thermaltool.fitting.transfer.run import Identified
 from thermaltool.fitting.transfer.search import FALLBACK, SEPARATE
 from thermaltool.report.orders import aligned
 from thermaltool.responses import parameter_names
@@ -22,36 +23,38 @@ from thermaltool.signals.intervals import Estimate
 from thermaltool.units import hold_of, parse_channel, printed
 
 # Residual tests speak against a model below this p-value.
-DOUBTFUL = 0.01
-# Difference of the continuous from the discrete step, as a share, that is told.
-MISMATCH = 0.01
-# Points of fit that the model file loses from rest, that are told.
-LOST = 10.0
-# An interval over more than this factor tells nothing of a time constant.
+MIN_P_VALUE = 0.01
+# What is named: a difference of the continuous from the discrete step above this share of it,
+MAX_MISMATCH = 0.01
+# and points of fit that the model file loses from rest, above this number [%].
+MAX_LOST_FIT = 10.0
+# An interval over more than this factor says nothing of a time constant.
 MAX_INTERVAL_RATIO = 1e6
 # A time constant this many times the record, or as slow as a pole may be, is one of an integrator.
-INTEGRATING = 100.0
-# Candidates of the choice of orders that are listed.
-_LISTED = 5
+INTEGRATOR_RECORDS = 100.0
+# Candidates of the choice of orders that a table lists.
+LISTED_CANDIDATES = 5
 
 
-def warnings_of(found: Identified) -> list[str]:
+def transfer_warnings(fit: Fit) -> list[str]:
     """What a user should know before using the model, each a sentence."""
-    m, target, sentences = found.model, found.model.target, []
+    m, sentences = fit.model, []
+    assert isinstance(m, TransferModel)
+    target = m.target
     if not m.converged:
         sentences.append(f"{target}: the search did not converge ({m.method})")
     if m.structure.name == "oe" and FALLBACK in m.method and SEPARATE not in m.method:
         sentences.append(f"{target}: refined instrumental variables did not settle: {m.method}")
-    for continued in found.continued:
-        if isinstance(continued, str):
-            sentences.append(continued)
-        elif continued.mismatch > MISMATCH:
+    for term in fit.terms:
+        if isinstance(term, str):
+            sentences.append(term)
+        elif term.mismatch > MAX_MISMATCH:
             sentences.append(
                 f"{target}: in continuous time the step differs by up to "
-                f"{100 * continued.mismatch:.2g} % from the discrete model"
+                f"{100 * term.mismatch:.2g} % from the discrete model"
             )
-    span = found.data.longest * m.dt
-    # What grows is told above: it has no continuous form.
+    span = fit.data.longest * m.dt
+    # What grows is named above: it has no continuous form.
     settling = [
         e.value
         for g in range(len(m.F))
@@ -61,7 +64,7 @@ def warnings_of(found: Identified) -> list[str]:
     slowest = max(settling, default=0.0)
     if slowest > span:
         limit = 0.99 * m.dt / (1 - LARGEST_POLE)
-        endless = slowest > min(INTEGRATING * span, limit)
+        endless = slowest > min(INTEGRATOR_RECORDS * span, limit)
         sentences.append(f"{target}: {longer_than_record(slowest, span, endless)}")
     return sentences
 
@@ -92,7 +95,7 @@ def lost_from_rest(found: Sequence[tuple[str, Agreement, Agreement]]) -> list[st
         f"{training.fit_percent:.3g} % with the state at the start estimated: if the "
         "machine was at rest there, use --initial rest"
         for target, training, from_rest in found
-        if training.fit_percent - from_rest.fit_percent > LOST
+        if training.fit_percent - from_rest.fit_percent > MAX_LOST_FIT
     ]
 
 
@@ -100,21 +103,16 @@ def _per_second(unit: str, power: int) -> str:
     return f"{unit}/s^{power}" if power > 1 else f"{unit}/s" if power else unit
 
 
-def transfer_document(found: Sequence[Identified]) -> dict[str, Any]:
-    """All models as plain data."""
-    return {"models": [_model_document(each) for each in found]}
-
-
-def _model_document(found: Identified) -> dict[str, Any]:
-    m = found.model
+def transfer_fields(fits: Sequence[Fit], k: int) -> dict[str, Any]:
+    """What the document of transfer function k has beside that of any model."""
+    fit, m = fits[k], fits[k].model
+    assert isinstance(m, TransferModel)
     delays = [nk * m.dt for nk in m.orders.nk]
     gains = [gain_unit(m.target, name) for name in m.names]
     units = ["1"] * sum(m.orders.nf)
     units += [unit for unit, nb in zip(gains, m.orders.nb, strict=True) for _ in range(nb)]
     units = [_per_second(unit, -int(power)) for unit, power in zip(units, m.seconds, strict=True)]
-    document: dict[str, Any] = {
-        "inputs": list(m.names),
-        "output": m.target,
+    fields: dict[str, Any] = {
         "structure": m.structure.name,
         "orders": {
             "nb": list(m.orders.nb),
@@ -123,42 +121,27 @@ def _model_document(found: Identified) -> dict[str, Any]:
             "nc": len(m.C) - 1,
             "nd": len(m.D) - 1,
         },
-        "sample_period_s": m.dt,
         "delay_s": one_or_all(delays),
         "dead_time_s": one_or_all([_dead_time(m, k) for k in range(len(m.names))]),
         "time_constants_s": [e.value for g in range(len(m.F)) for e in m.time_constants(g)],
-        "fit_training_percent": jsonable(found.training.fit_percent),
-        "fit_validation_percent": None,
-        "improvement_validation_percent": None
-        if found.improvement is None
-        else jsonable(found.improvement),
-        "parameters": {name: estimate_document(e) for name, e in m.named()},
-        "units": dict(zip((name for name, _ in m.named()), units, strict=True)),
+        "units": dict(zip(fit.parameters, units, strict=True)),
         "noise": {"C": m.C.tolist(), "D": m.D.tolist(), "variance": m.sigma2},
-        "offsets": list(m.offsets),
-        "method": m.method,
-        "converged": m.converged,
-        "criteria": {
-            "aic": m.criteria.aic,
-            "bic": m.criteria.bic,
-            "yic": jsonable(m.yic(found.variance)),
-        },
-        "residuals": residuals_document(found.tests),
-        "terms": [_term(found, k) for k in range(len(m.names))],
+        "criteria": {"aic": m.criteria.aic, "bic": m.criteria.bic, "yic": jsonable(m.yic)},
+        "terms": [_term(m, k, term) for k, term in enumerate(fit.terms)],
     }
-    if found.validation is not None:
-        document["fit_validation_percent"] = jsonable(found.validation.fit_percent)
-    if found.choice is not None:
-        document["candidates"] = [
-            {"nb": c.nb, "nf": c.nf, "nk": list(c.nk), "fit_percent": jsonable(c.fit_percent),
-             "aic": c.aic, "bic": c.bic, "yic": jsonable(c.yic)}
-            for c in found.choice.candidates[:20]
-        ]  # fmt: skip
-    return document
+    if fit.candidates:
+        fields["candidates"] = [_candidate(c) for c in fit.candidates[:20]]
+    return fields
 
 
-def _term(found: Identified, k: int) -> dict[str, Any]:
-    m, continued = found.model, found.continued[k]
+def _candidate(c: Candidate[TransferModel]) -> dict[str, Any]:
+    o, criteria = c.model.orders, c.model.criteria
+    return {"nb": o.nb[0], "nf": o.nf[0], "nk": list(o.nk),
+            "fit_percent": jsonable(c.fit_percent[0]), "aic": criteria.aic, "bic": criteria.bic,
+            "yic": jsonable(c.model.yic)}  # fmt: skip
+
+
+def _term(m: TransferModel, k: int, found: ContinuousTerm | str) -> dict[str, Any]:
     term: dict[str, Any] = {
         "input": m.names[k],
         "delay_s": m.orders.nk[k] * m.dt,
@@ -174,16 +157,19 @@ def _term(found: Identified, k: int) -> dict[str, Any]:
         "numerator": m.B[k].tolist(),
         "denominator": m.denominator(k).tolist(),
     }
-    if isinstance(continued, str):
-        return {**term, "continuous": None, "why_not_continuous": continued}
-    response = continued.response
-    names = parameter_names(response.kind)
-    term["continuous"] = {
-        "kind": response.kind,
-        "parameters": {name: getattr(response, name) for name in names},
-        "mismatch": continued.mismatch,
+    if isinstance(found, str):
+        return {**term, "continuous": None, "why_not_continuous": found}
+    return {**term, "continuous": continuous_document(found)}
+
+
+def continuous_document(term: ContinuousTerm) -> dict[str, Any]:
+    """A response in continuous time as JSON."""
+    names = parameter_names(term.response.kind)
+    return {
+        "kind": term.response.kind,
+        "parameters": {name: getattr(term.response, name) for name in names},
+        "mismatch": term.mismatch,
     }
-    return term
 
 
 def _dead_time(m: TransferModel, k: int) -> float:
@@ -206,15 +192,6 @@ def one_or_all(values: Sequence[float]) -> float | list[float]:
     return values[0] if len(values) == 1 else list(values)
 
 
-def residuals_document(tests: ResidualTests) -> dict[str, Any]:
-    """Tests of the residuals as JSON."""
-    return {
-        "lags": tests.lags,
-        "white_p": jsonable(tests.white_p),
-        "independent_p": {name: jsonable(p) for name, p in tests.independent_p.items()},
-    }
-
-
 def estimate_document(e: Estimate) -> dict[str, Any]:
     """A value and its interval as JSON; null for an interval that says nothing."""
     return {"value": e.value, "interval": [e.low, e.high] if is_bounded(e) else None}
@@ -226,44 +203,45 @@ def is_bounded(e: Estimate) -> bool:
     return bounded and not (e.low > 0 and e.high > MAX_INTERVAL_RATIO * e.low)
 
 
-def transfer_table(found: Identified) -> str:
+def transfer_table(fit: Fit) -> str:
     """One model: what drives what, how fast, how sure; how well it runs free; what is left."""
-    m = found.model
+    m = fit.model
+    assert isinstance(m, TransferModel)
     head = f"{m.target}: {m.structure.name.upper()} by {m.method}, {m.rows} rows at {m.dt:g} s"
-    fit = f"fit {found.training.fit_percent:.2f} % in training"
-    if found.validation is not None:
-        fit += f", {found.validation.fit_percent:.2f} % in validation"
-    if found.improvement is not None:
-        fit += f" (improvement {found.improvement:.1f} %)"
+    fits = f"fit {fit.training.fit_percent:.2f} % in training"
+    if fit.validation is not None:
+        fits += f", {fit.validation.fit_percent:.2f} % in validation"
+    if fit.improvement is not None:
+        fits += f" (improvement {fit.improvement:.1f} %)"
     rows = [["input", "nb,nf,nk", "dead time s", "gain", "unit", "time constant s", "weight"]]
     for k, name in enumerate(m.names):
         n = len(m.denominator(k)) - 1
         first = [name, f"{m.orders.nb[k]},{n},{m.orders.nk[k]}", f"{_dead_time(m, k):g}",
                  with_interval(m.gain(k)), printed(gain_unit(m.target, name))]  # fmt: skip
         constants = _constants(m, m.group_of(k))
-        weights = _weights(found.continued[k], len(constants))
+        weights = _weights(fit.terms[k], len(constants))
         for j, (constant, weight) in enumerate(zip(constants, weights, strict=True)):
             rows.append([*(first if not j else [""] * 5), constant, weight])
         if not constants:
             rows.append([*first, "", ""])
-    c = f"AIC {m.criteria.aic:.1f}  BIC {m.criteria.bic:.1f}  YIC {m.yic(found.variance):.2f}"
-    lines = [head, fit, "", aligned(rows), "", c, residuals_line(found.tests)]
-    if found.choice is not None:
-        lines += ["", _candidates(found.choice)]
+    c = f"AIC {m.criteria.aic:.1f}  BIC {m.criteria.bic:.1f}  YIC {m.yic:.2f}"
+    lines = [head, fits, "", aligned(rows), "", c, residuals_line(fit.tests)]
+    if fit.candidates:
+        lines += ["", _candidates(fit.candidates)]
     return "\n".join(lines)
 
 
 def _constants(m: TransferModel, group: int) -> list[str]:
     """What the table says of each pole; of a pair the envelope, then what swings."""
-    texts = []
+    cells = []
     for z, e in zip(m.poles(group), m.time_constants(group), strict=True):
         if z.imag < 0 and oscillates(z):
-            texts.append(_pair(z.conjugate(), m.dt))
+            cells.append(_pair(z.conjugate(), m.dt))
         elif abs(z) >= 1:
-            texts.append(f"none, |z| = {abs(z):.6g} does not settle")
+            cells.append(f"none, |z| = {abs(z):.6g} does not settle")
         else:
-            texts.append(with_interval(e))
-    return texts
+            cells.append(with_interval(e))
+    return cells
 
 
 def _pair(z: complex, dt: float) -> str:
@@ -271,11 +249,11 @@ def _pair(z: complex, dt: float) -> str:
     return f"pair: period {2 * np.pi / s.imag:.5g} s, damping {-s.real / abs(s):.3g}"
 
 
-def _weights(continued: Continued | str, count: int) -> list[str]:
+def _weights(term: ContinuousTerm | str, count: int) -> list[str]:
     """Weights of real lags, slowest first as the time constants are."""
-    if isinstance(continued, str) or continued.response.kind.startswith("oscillation"):
+    if isinstance(term, str) or term.response.kind.startswith("oscillation"):
         return [""] * count
-    return [f"{getattr(continued.response, f'K{j + 1}'):.4g}" for j in range(count)]
+    return [f"{getattr(term.response, f'K{j + 1}'):.4g}" for j in range(count)]
 
 
 def with_interval(e: Estimate) -> str:
@@ -288,13 +266,13 @@ def interval_text(e: Estimate) -> str:
     return f"{e.low:.4g} to {e.high:.4g}" if is_bounded(e) else "not told"
 
 
-def residuals_line(tests: ResidualTests) -> str:
+def residuals_line(tests: ResidualTests | None) -> str:
     """Whether the residuals are white, and free of the inputs."""
 
     def verdict(p: float, good: str, bad: str) -> str:
-        return f"{bad if p < DOUBTFUL else good} (p {p:.2g})"
+        return f"{bad if p < MIN_P_VALUE else good} (p {p:.2g})"
 
-    if not tests.lags:
+    if tests is None or not tests.lags:
         return "residuals: too few to test"
     parts = [verdict(tests.white_p, "white", "not white")]
     parts += [
@@ -304,9 +282,10 @@ def residuals_line(tests: ResidualTests) -> str:
     return f"residuals over {tests.lags} lags: " + ", ".join(parts)
 
 
-def _candidates(choice: Choice) -> str:
+def _candidates(candidates: Sequence[Candidate[TransferModel]]) -> str:
     rows = [["nb,nf,nk", "held-out fit %", "BIC", "YIC"]]
-    for c in choice.candidates[:_LISTED]:
-        rows.append([f"{c.nb},{c.nf},{'/'.join(map(str, c.nk))}", f"{c.fit_percent:.2f}",
-                     f"{c.bic:.1f}", f"{c.yic:.2f}"])  # fmt: skip
-    return f"of {len(choice.candidates)} candidates the best:\n{aligned(rows)}"
+    for c in candidates[:LISTED_CANDIDATES]:
+        o = c.model.orders
+        rows.append([f"{o.nb[0]},{o.nf[0]},{'/'.join(map(str, o.nk))}", f"{c.fit_percent[0]:.2f}",
+                     f"{c.model.criteria.bic:.1f}", f"{c.model.yic:.2f}"])  # fmt: skip
+    return f"of {len(candidates)} candidates the best:\n{aligned(rows)}"

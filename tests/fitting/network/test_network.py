@@ -10,9 +10,10 @@ from scipy.signal import StateSpace, lfilter, lsim
 
 from thermaltool.errors import FitError, LogError
 from thermaltool.fitting.data import TrainingData
-from thermaltool.fitting.network.choose import choose_delays, choose_modes, started
+from thermaltool.fitting.network.choose import choose_delays, choose_modes
 from thermaltool.fitting.network.identify import identify_network
-from thermaltool.fitting.network.residuals import network_tests
+from thermaltool.fitting.network.plan import NetworkPlan
+from thermaltool.fitting.residuals import residual_tests
 from thermaltool.fitting.selection import first_that_fits
 from thermaltool.record import Record
 
@@ -117,7 +118,7 @@ def test_the_state_at_the_start_is_found_where_it_is_not_rest(hold):
     u = power(rng) + 0.5
     y = noisy(rng, plant(u, hold, state=np.array([1.5, -0.5, 0.2])))
     data = records(u, y, at_rest=False, hold=hold)
-    assert not started(data).records[0].at_rest
+    assert not NetworkPlan().start(data).records[0].at_rest
     network = identify_network(data, 3, NONE)
     np.testing.assert_allclose(network.time_constants, LAGS, rtol=0.1)
     assert min(a.fit_percent for a in network.fit(data)) > 98.5
@@ -127,7 +128,7 @@ def test_the_state_at_the_start_is_found_where_it_is_not_rest(hold):
 def test_an_idle_start_is_rest():
     rng = np.random.default_rng(8)
     u = power(rng)
-    assert started(records(u, noisy(rng, plant(u)), at_rest=False)).records[0].at_rest
+    assert NetworkPlan().start(records(u, noisy(rng, plant(u)), at_rest=False)).records[0].at_rest
 
 
 def test_any_clock_and_missing_readings():
@@ -187,14 +188,16 @@ def test_as_many_modes_as_there_are():
     data = records(u, noisy(rng, plant(u)))
     candidates = choose_modes(data, NONE)
     network = first_that_fits(
-        (c.modes for c in candidates), lambda n: identify_network(data, n, NONE)
+        (c.model.modes for c in candidates), lambda n: identify_network(data, n, NONE)
     )
     assert len(network.time_constants) == 3
-    for tests in network_tests(network, data):
+    for k, output in enumerate(network.outputs):
+        tests = residual_tests(output, data.only(k))
         assert tests.white_p > 1e-3
         assert tests.independent_p["Q_0_W"] > 1e-3
     poor = identify_network(data, 1, NONE)
-    assert all(t.independent_p["Q_0_W"] < 1e-6 for t in network_tests(poor, data))
+    for k, output in enumerate(poor.outputs):
+        assert residual_tests(output, data.only(k)).independent_p["Q_0_W"] < 1e-6
 
 
 def test_without_noise_the_plant_itself_comes_out():

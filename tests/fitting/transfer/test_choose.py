@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from reference.random_systems import case, fit_percent
-from reference.training import training
+from reference.training import fitted, training
 from scipy.signal import lfilter
 
 import thermaltool as tt
@@ -19,11 +19,10 @@ from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.fitting.data import even_records
 from thermaltool.fitting.transfer import registry
 from thermaltool.fitting.transfer.choose import choose
-from thermaltool.fitting.transfer.continuation import continued
 from thermaltool.fitting.transfer.continuous import ContinuousOeStructure
-from thermaltool.fitting.transfer.identify import identify, orders_of
+from thermaltool.fitting.transfer.continuous_term import continuous_term
 from thermaltool.fitting.transfer.oe import OeStructure
-from thermaltool.fitting.transfer.start import started
+from thermaltool.fitting.transfer.registry import structure_of
 from thermaltool.model import simulate_response
 from thermaltool.record import Record
 from thermaltool.responses.rational import Rational1, Rational2
@@ -37,12 +36,12 @@ def data(u, y, dt=1.0, names=None, holds=()):
 def test_the_delay_and_a_sufficient_order_are_found(seed):
     known = case(seed, 3000)
     record = data(known.u, known.y)
-    best = choose(record, OeStructure()).best
+    best = choose(record, OeStructure())[0].model.orders
     # The slow pole of a stiff one hides the fast one, which moves its output by little.
     if not known.stiff:
         assert best.nk == (known.nk,)
-        assert best.nf in (2, 3)
-    model = identify(record, "oe", orders_of("oe", (best.nb,), best.nf, best.nk))
+        assert best.nf[0] in (2, 3)
+    model = fitted(record, "oe", best.nb, best.nf, best.nk)
     assert fit_percent(known.x, model.respond(known.u[None])) > 98.5
 
 
@@ -65,10 +64,10 @@ class RefusingStructure(OeStructure):
 @pytest.mark.parametrize("structure", [FixedStructure(), RefusingStructure()])
 def test_no_candidate_is_listed_that_was_not_fitted_as_listed(structure):
     known = case(0, 1000)
-    candidates = choose(data(known.u, known.y), structure).candidates
+    candidates = choose(data(known.u, known.y), structure)
     assert len(candidates) > 1
-    assert {(each.nb, each.nf) for each in candidates} == {(1, 1)}
-    assert len({each.nk for each in candidates}) == len(candidates)
+    assert {(*each.model.orders.nb, *each.model.orders.nf) for each in candidates} == {(1, 1)}
+    assert len({each.model.orders.nk for each in candidates}) == len(candidates)
 
 
 def test_the_structure_of_the_documentation_as_it_stands(monkeypatch):
@@ -111,9 +110,9 @@ def thermal(hold, delay, dt=5.0, rows=3000, seed=3):
 def test_physical_time_constants_and_weights_come_back(hold, delay):
     response, time, u, y = thermal(hold, delay)
     nk = round(delay / 5.0) + (hold == "zero")
-    orders = orders_of("oe", (2 + (hold == "first"),), 2, (nk,))
-    model = identify(data(u, y, 5.0).from_rest(), "oe", orders)
-    way = continued(model, 0, hold)
+    orders = structure_of("oe").orders((2 + (hold == "first"),), 2, (nk,))
+    model = structure_of("oe").fit(data(u, y, 5.0).from_rest(), orders)
+    way = continuous_term(model, 0, hold)
     assert way.response.kind == "rational2"
     assert way.response.delay == pytest.approx(delay)
     for name in ("tau1", "tau2", "K1", "K2"):
@@ -128,20 +127,20 @@ def test_a_pole_without_an_equivalent_is_named():
     y = np.zeros(800)
     for k in range(1, 800):
         y[k] = -0.6 * y[k - 1] + u[k - 1]
-    model = identify(data(u, y), "oe", orders_of("oe", (1,), 1, (1,)))
+    model = fitted(data(u, y), "oe", (1,), 1, (1,))
     assert model.F[0][1] == pytest.approx(0.6, abs=1e-6)
     with pytest.raises(ModelError, match=r"z = -0\.6"):
-        continued(model, 0, "zero")
+        continuous_term(model, 0, "zero")
 
 
 @pytest.mark.parametrize("turned", [0.0, 1e-9, -1e-9])
 def test_a_pole_that_is_there_twice_becomes_two(turned):
     """Critical damping, to rounding a pair or two values."""
     _, _, u, y = thermal("zero", 0.0)
-    found = identify(data(u, y, 5.0).from_rest(), "oe", orders_of("oe", (2,), 2, (1,)))
+    found = fitted(data(u, y, 5.0).from_rest(), "oe", (2,), 2, (1,))
     z = np.exp(-5.0 / 200.0)
     twice = replace(found, F=(np.array([1.0, -2 * z, z * z * (1 + turned)]),))
-    way = continued(twice, 0, "zero")
+    way = continuous_term(twice, 0, "zero")
     assert way.response.kind == "rational2"
     assert way.mismatch < 1e-4
     assert way.response.tau1 == pytest.approx(200.0, rel=2e-2)
@@ -149,9 +148,9 @@ def test_a_pole_that_is_there_twice_becomes_two(turned):
 
 def test_rest_is_told_from_a_transient():
     _, _, u, y = thermal("zero", 0.0)
-    assert started(data(u, y, 5.0)).records[0].at_rest
+    assert OeStructure().start(data(u, y, 5.0)).records[0].at_rest
     late = slice(150, None)
-    assert not started(data(u[late], y[late], 5.0)).records[0].at_rest
+    assert not OeStructure().start(data(u[late], y[late], 5.0)).records[0].at_rest
 
 
 STEPPED = {
@@ -174,11 +173,12 @@ def stepped(response, noise, hot=0.0, idle=30, rows=700, dt=60.0):
 @pytest.mark.parametrize("label", STEPPED)
 def test_a_step_after_an_idle_start_is_from_rest(label, noise):
     """The delay alone lets a free state lower the squared error, here by up to a third."""
-    assert started(stepped(STEPPED[label], noise)).records[0].at_rest
+    assert OeStructure().start(stepped(STEPPED[label], noise)).records[0].at_rest
 
 
 def test_an_idle_start_that_still_cools_down_is_not_rest():
-    assert not started(stepped(STEPPED["first order"], 0.02, hot=30.0)).records[0].at_rest
+    cooling = stepped(STEPPED["first order"], 0.02, hot=30.0)
+    assert not OeStructure().start(cooling).records[0].at_rest
 
 
 def test_parts_of_a_record():
@@ -212,7 +212,7 @@ def test_what_data_cannot_carry_is_refused(u, y, orders, message):
     nb, nf, nk = orders
     for structure in ("oe", "arx"):
         with pytest.raises(FitError, match=message):
-            identify(data(u, y), structure, orders_of(structure, (nb,), nf, (nk,)))
+            fitted(data(u, y), structure, (nb,), nf, (nk,))
 
 
 def test_collinear_inputs_are_named_and_others_are_not():
@@ -221,7 +221,7 @@ def test_collinear_inputs_are_named_and_others_are_not():
     u = np.array([a, b, 3.0 * a + 1.0])
     record = data(u, a + b, names=("Q_a_W", "Q_b_W", "Q_c_W"))
     with pytest.raises(FitError, match="collinear") as error:
-        identify(record, "oe", orders_of("oe", (1, 1, 1), 1, (1, 1, 1)))
+        fitted(record, "oe", (1, 1, 1), 1, (1, 1, 1))
     assert "Q_a_W" in str(error.value)
     assert "Q_c_W" in str(error.value)
     assert "Q_b_W" not in str(error.value)
@@ -238,10 +238,10 @@ def test_continuous_time_gives_the_same_physics(hold, dt):
     response, _, u, y = thermal(hold, 7 * dt, dt, rows=round(15000 / dt))
     nk = 7 + (hold == "zero")
     record = data(u, y, dt, holds=(hold,)).from_rest()
-    model = ContinuousOeStructure().fit(record, orders_of("oe", (2,), 2, (nk,)))
+    model = ContinuousOeStructure().fit(record, structure_of("oe").orders((2,), 2, (nk,)))
     assert model.converged
     assert "continuous" in model.method
-    way = continued(model, 0, hold)
+    way = continuous_term(model, 0, hold)
     assert way.mismatch < 1e-5
     for name in ("tau1", "tau2", "K1", "K2"):
         assert getattr(way.response, name) == pytest.approx(getattr(response, name), rel=0.12)

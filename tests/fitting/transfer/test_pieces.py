@@ -6,18 +6,16 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from reference.training import training
+from reference.training import fitted, training
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.network.identify import identify_network
-from thermaltool.fitting.network.residuals import network_tests
+from thermaltool.fitting.residuals import residual_tests
 from thermaltool.fitting.transfer.choose import choose
-from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.fitting.transfer.output_error import Problem
-from thermaltool.fitting.transfer.registry import STRUCTURES
-from thermaltool.fitting.transfer.residuals import residual_tests
+from thermaltool.fitting.transfer.registry import STRUCTURES, structure_of
 
 ORDERS = (1,), 1, (1,)
 POLE = np.exp(-1 / 300)
@@ -38,9 +36,9 @@ def pieces(u, y, *parts):
 @pytest.mark.parametrize("end", [1, 2, 3, 4, 7, 30])
 def test_a_short_piece_beside_a_long_one_takes_nothing(structure, end):
     u, y = plant(1)
-    whole = identify(pieces(u, y, slice(0, 2960)), structure, orders_of(structure, *ORDERS))
+    whole = fitted(pieces(u, y, slice(0, 2960)), structure, *ORDERS)
     data = pieces(u, y, slice(0, 2960), slice(3000 - end, 3000))
-    model = identify(data, structure, orders_of(structure, *ORDERS))
+    model = fitted(data, structure, *ORDERS)
     tests, alone = residual_tests(model, data), residual_tests(whole, data)
     assert tests.lags == alone.lags == 25
     assert tests.white_p == pytest.approx(alone.white_p, abs=0.1)
@@ -51,9 +49,8 @@ def test_a_short_piece_beside_a_long_one_takes_nothing(structure, end):
 
 def test_a_short_piece_does_not_switch_off_the_colour_of_the_errors():
     u, y = plant(3, 6000, colour=0.9)
-    whole = identify(pieces(u, y, slice(0, 6000)), "oe", orders_of("oe", *ORDERS))
-    parted = identify(pieces(u, y, slice(0, 5990), slice(5992, 6000)), "oe",
-                      orders_of("oe", *ORDERS))  # fmt: skip
+    whole = fitted(pieces(u, y, slice(0, 6000)), "oe", *ORDERS)
+    parted = fitted(pieces(u, y, slice(0, 5990), slice(5992, 6000)), 'oe', *ORDERS)  # fmt: skip
     (a,), (b,) = whole.time_constants(), parted.time_constants()
     assert (b.low, b.high) == pytest.approx((a.low, a.high), rel=0.01)
     assert a.low < 300 < a.high
@@ -64,7 +61,7 @@ def test_noise_of_many_pieces_is_not_taken_for_smaller():
     u, y = plant(4, 6000, noise=0.0074)
     ends = np.cumsum(np.tile([60, 3], 95))
     parts = [slice(a, b) for a, b in zip(np.r_[0, ends[:-1]], ends, strict=True)]
-    model = identify(pieces(u, y, *parts), "oe", orders_of("oe", *ORDERS))
+    model = fitted(pieces(u, y, *parts), "oe", *ORDERS)
     assert model.rows == 95 * 59
     assert np.sqrt(model.sigma2) == pytest.approx(0.0074, rel=0.05)
 
@@ -73,14 +70,14 @@ def test_pieces_that_are_all_too_short_are_refused():
     u, y = plant(5)
     parts = [slice(a, a + 4) for a in range(0, 3000, 6)]
     with pytest.raises(FitError, match="no run of more than 5 readings"):
-        identify(pieces(u, y, *parts), "oe", orders_of("oe", (2,), 2, (1,)))
+        fitted(pieces(u, y, *parts), "oe", (2,), 2, (1,))
 
 
 def test_a_short_log_beside_a_long_one_in_a_network():
     u, y = plant(6)
     parts = slice(0, 2900), slice(2950, 2958)
     data = training(*((u[p], y[p], k) for k, p in enumerate(parts)))
-    (tests,) = network_tests(identify_network(data, 1, ((0.0,),)), data)
+    tests = residual_tests(identify_network(data, 1, ((0.0,),)).outputs[0], data)
     assert tests.lags == 25
 
 
@@ -100,7 +97,7 @@ def test_residuals_of_the_true_orders_are_seldom_called_wrong(inputs, lags):
             y += x
         y += 0.1 * y.std() * rng.standard_normal(2000)
         data = training((u, y))
-        model = identify(data, "oe", orders_of("oe", (2,) * inputs, 2, (1,) * inputs))
+        model = fitted(data, "oe", (2,) * inputs, 2, (1,) * inputs)
         tests = residual_tests(model, data)
         white.append(tests.white_p < 0.05)
         independent += [p < 0.05 for p in tests.independent_p.values()]
@@ -115,8 +112,8 @@ def test_orders_of_several_logs_with_zeros_of_their_own():
     logs = [(u[a : a + 1500], y[a : a + 1500] + zero, k)
             for k, (a, zero) in enumerate(((0, 0.0), (1500, 5.0), (3000, 50.0)))]  # fmt: skip
     choice = choose(training(*logs), OeStructure())
-    assert choice.best.nf == 2
-    assert choice.best.fit_percent > 90
+    assert choice[0].model.orders.nf == (2,)
+    assert choice[0].fit_percent[0] > 90
 
 
 def test_a_long_idle_start_is_no_reason_to_give_up():
@@ -125,8 +122,8 @@ def test_a_long_idle_start_is_no_reason_to_give_up():
     rng = np.random.default_rng(8)
     y = lfilter([0, 1 - POLE], [1, -POLE], u - u[0]) + 0.01 * rng.standard_normal(30000)
     choice = choose(pieces(u, y, slice(0, 30000)), OeStructure())
-    assert choice.best.nf == 1
-    assert choice.best.nk == (1,)
+    assert choice[0].model.orders.nf == (1,)
+    assert choice[0].model.orders.nk == (1,)
 
 
 def test_starts_of_pieces_are_projected_out_one_by_one():
@@ -134,7 +131,7 @@ def test_starts_of_pieces_are_projected_out_one_by_one():
     u, y = plant(9, 400)
     edges = np.linspace(0, 400, 9).astype(int)
     data = pieces(u, y, *(slice(a, b - 1) for a, b in pairwise(edges)))
-    problem = Problem(data, orders_of("oe", (2,), 2, (1,)))
+    problem = Problem(data, structure_of("oe").orders((2,), 2, (1,)))
     poles = np.exp(-1 / np.array([300.0, 20.0]))
     F = np.poly(poles)
     projected = problem.project((F,))

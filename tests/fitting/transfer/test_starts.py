@@ -12,13 +12,13 @@ from scipy.signal import lfilter
 
 from thermaltool.fitting.transfer import search
 from thermaltool.fitting.transfer.continuous import ContinuousOeStructure, ContinuousProblem
-from thermaltool.fitting.transfer.identify import identify, orders_of
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.polynomials import (
     LARGEST_POLE,
     partial_fractions,
     stabilized,
 )
+from thermaltool.fitting.transfer.registry import structure_of
 from thermaltool.fitting.transfer.search import (
     SEPARATE,
     at,
@@ -48,7 +48,7 @@ def count_rows(problem):
 @pytest.mark.parametrize(("kind", "order"), KINDS)
 def test_losses_of_the_grid_are_those_of_the_models(kind, order):
     nb, nf = order
-    orders = orders_of("oe", (nb,), nf, (2,))
+    orders = structure_of("oe").orders((nb,), nf, (2,))
     problem = kind(two_pieces().about_levels(orders.first), orders)
     starts = grid(problem).ranked(count_rows(problem), 100)
     assert len(starts) >= 5
@@ -59,7 +59,7 @@ def test_losses_of_the_grid_are_those_of_the_models(kind, order):
 
 
 def test_the_grid_around_a_denominator_changes_one_pole_at_a_time():
-    orders = orders_of("oe", (2,), 2, (2,))
+    orders = structure_of("oe").orders((2,), 2, (2,))
     problem = Problem(two_pieces().about_levels(orders.first), orders)
     around = np.array([40.0, 3.0])
     kept = np.exp(-1 / around)
@@ -102,7 +102,7 @@ def test_an_input_that_explains_little_is_looked_at_again():
     slow = lfilter([0, 1.0, -0.98], weak, u[1])
     x = x + 0.2 * x.std() / slow.std() * slow
     y = x + 0.1 * x.std() * rng.standard_normal(n)
-    orders = orders_of("oe", (2, 2), 2, (1, 1))
+    orders = structure_of("oe").orders((2, 2), 2, (1, 1))
     problem = Problem(training((u, y)).about_levels(orders.first), orders)
     caught = (strong, np.poly(np.exp(-1 / np.array([800.0, 20000.0]))))
     there = at(problem, caught, SEPARATE)
@@ -125,8 +125,8 @@ def test_several_inputs_say_how_they_were_found(monkeypatch, steps):
     x = parts[0].x + parts[1].x
     y = x + 0.1 * x.std() * np.random.default_rng(4).standard_normal(len(x))
     u = np.array([p.u for p in parts])
-    orders = orders_of("oe", (2, 2), 2, tuple(p.nk for p in parts))
-    model = identify(training((u, y)), "oe", orders)
+    orders = structure_of("oe").orders((2, 2), 2, tuple(p.nk for p in parts))
+    model = structure_of("oe").fit(training((u, y)), orders)
     assert model.converged
     assert SEPARATE in model.method
     assert bool(again) == (steps == 1)
@@ -144,7 +144,7 @@ def test_held_and_running_inputs_together_in_continuous_time(order):
     holds, nk, tau = ("zero", "first"), (1, 0), -1 / np.log([0.98, 0.9])
     model = ContinuousOeStructure().fit(
         training((u[list(order)], y), holds=tuple(holds[k] for k in order)),
-        orders_of("oe", (1, 1), 1, tuple(nk[k] for k in order)),
+        structure_of("oe").orders((1, 1), 1, tuple(nk[k] for k in order)),
     )
     assert model.converged
     for group, k in enumerate(order):

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.error_model import runs_of
 from thermaltool.fitting.network.identify import MAX_MODES, identify_network
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.problem import Delays, NetworkProblem
 from thermaltool.fitting.network.search import MAX_START_ROWS, NetworkSearchResult, search
-from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, held_out_scores
-from thermaltool.fitting.start_state import StartErrors, with_start
-from thermaltool.fitting.transfer.colour import runs_of
-from thermaltool.signals.agreement import Agreement, agreement
+from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, Candidate, rank
+from thermaltool.fitting.start_state import StartErrors
 
 # Delays and time constants are found in turn at most so often.
 MAX_DELAY_ROUNDS = 5
@@ -23,29 +22,7 @@ MAX_DELAY_ROUNDS = 5
 MAX_TRIED = 3
 
 
-@dataclass(frozen=True)
-class NetworkCandidate:
-    """One number of modes.
-
-    Attributes
-    ----------
-    modes : int
-    fit_percent : tuple of float, one for each output
-        Free run over the part that was not fitted.
-    bic : float
-        Of all outputs on the part that was fitted.
-    score : float
-        Mean over the outputs of ln of the held-out error variance, with ln(N)/N for each
-        parameter; N are the rows that count, fewer where errors are coloured.
-    """
-
-    modes: int
-    fit_percent: tuple[float, ...]
-    bic: float
-    score: float
-
-
-def choose_modes(data: TrainingData, delays: Delays) -> tuple[NetworkCandidate, ...]:
+def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate[Network], ...]:
     """Numbers of modes by what they predict of rows that were not fitted, the best first.
 
     Parameters
@@ -60,33 +37,10 @@ def choose_modes(data: TrainingData, delays: Delays) -> tuple[NetworkCandidate, 
     """
     data.check()
     fitted, held = data.split(FITTED_SHARE)
-    found: list[tuple[Network, Array, list[Agreement]]] = []
-    problem: FitError | None = None
-    for modes in range(1, MAX_MODES + 1):
-        try:
-            network = identify_network(fitted, modes, delays)
-        except FitError as error:
-            problem = problem or error
-            continue
-        run = network.run(held)
-        agreements = [agreement(held.output(k), run[k]) for k in range(len(run))]
-        if all(np.isfinite(a.rmse) and a.rmse > 0 for a in agreements):
-            found.append((network, run, agreements))
-    if not found:
-        raise problem or FitError("no number of modes fits these data")
-    counts = [network.parameters / len(network.outputs) for network, _, _ in found]
-    scores = held_out_scores(held, [run for _, run, _ in found], counts)
-    rows = float(np.log(fitted.rows))
-    ranked = [
-        NetworkCandidate(
-            network.modes,
-            tuple(a.fit_percent for a in agreements),
-            2 * network.criterion + network.parameters * rows,
-            score,
-        )
-        for (network, _, agreements), score in zip(found, scores, strict=True)
-    ]
-    return tuple(sorted(ranked, key=lambda c: c.score))
+    return rank(
+        range(1, MAX_MODES + 1), lambda modes: identify_network(fitted, modes, delays), held,
+        "no number of modes fits these data",
+    )  # fmt: skip
 
 
 def choose_delays(data: TrainingData) -> Delays:
@@ -163,22 +117,7 @@ def _least_bic(problem: NetworkProblem) -> tuple[float, NetworkSearchResult]:
     return min(found, key=lambda pair: pair[0])
 
 
-def started(data: TrainingData) -> TrainingData:
-    """The data from rest, unless a free state describes some output clearly better (`with_start`).
-
-    Parameters
-    ----------
-    data : TrainingData
-
-    Raises
-    ------
-    FitError
-        As `TrainingData.check`; no mode fits.
-    """
-    return with_start(data, _undelayed_errors)
-
-
-def _undelayed_errors(data: TrainingData) -> StartErrors | None:
+def undelayed_errors(data: TrainingData) -> StartErrors | None:
     """Errors of one to three modes without dead time; None where there are too few rows."""
     none: Delays = tuple((0.0,) * len(data.inputs) for _ in data.outputs)
     problem, outputs = NetworkProblem(data, none), range(len(data.outputs))

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from thermaltool.fitting.data import Array
+from thermaltool.fitting.error_model import ar_error_model, runs_of
 from thermaltool.fitting.network.problem import NetworkProblem
 from thermaltool.fitting.network.search import NetworkSearchResult
-from thermaltool.fitting.transfer.colour import error_colour, runs_of
 from thermaltool.signals.gauss_newton import inverse_of
 
 
@@ -80,7 +80,7 @@ def _colours(problem: NetworkProblem, found: NetworkSearchResult) -> tuple[list[
     filters, deviations = [], []
     for own in errors:
         runs = [run for error in own for run in runs_of(error)]
-        colour = error_colour(runs)
+        colour = ar_error_model(runs)
         if colour is None:
             colour = np.ones(1), float(np.mean(np.concatenate(runs) ** 2))
         filters.append(colour[0])

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.network.covariance import network_covariances
 from thermaltool.fitting.network.model import Network, NetworkOutput
 from thermaltool.fitting.network.problem import Delays, NetworkProblem
 from thermaltool.fitting.network.search import METHOD, NetworkSearchResult, search
+from thermaltool.signals.criteria import Criteria
 
 # Time constants, as many as a kind of response holds.
 MAX_MODES = 6
@@ -61,16 +60,27 @@ def _network(problem: NetworkProblem, found: NetworkSearchResult) -> Network:
     data, n, m = problem.data, len(found.time_constants), len(problem.data.inputs)
     levels, centres = data.levels, problem.centres()
     covariances, variances = network_covariances(problem, found)
-    outputs, zeros = [], []
+    outputs = []
     for k, f in enumerate(found.projected):
         weights = f.linear[: n * m].reshape(m, n)
         settled = f.linear[n * m : n * m + data.experiments] + centres[k]
-        offsets = settled - levels @ weights.sum(1)
-        zeros.append(settled)
         outputs.append(NetworkOutput(
-            data.inputs, data.outputs[k], data.period, found.time_constants, weights,
-            problem.delays[k], tuple(offsets.tolist()), variances[k], covariances[k], f.rows,
-            n + n * m + data.experiments, f.loss, METHOD,
+            names=data.inputs,
+            target=data.outputs[k],
+            dt=data.period,
+            time_constants=found.time_constants,
+            weights=weights,
+            delays=problem.delays[k],
+            holds=data.holds,
+            offsets=tuple((settled - levels @ weights.sum(1)).tolist()),
+            levels=levels,
+            zeros=tuple(settled.tolist()),
+            sigma2=variances[k],
+            covariance=covariances[k],
+            method=METHOD,
+            converged=found.converged,
+            rows=f.rows,
+            loss=f.loss,
         ))  # fmt: skip
-    return Network(tuple(outputs), data.holds, levels, np.array(zeros), found.converged,
-                   found.criterion)  # fmt: skip
+    parameters = n + sum(output.parameters - n for output in outputs)
+    return Network(tuple(outputs), Criteria(2 * found.criterion, parameters, data.rows))

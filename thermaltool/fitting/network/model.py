@@ -3,65 +3,48 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from thermaltool.fitting.data import Array, TrainingData, Zero
-from thermaltool.fitting.network.problem import Delays, known_rows, mode_responses
+from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.error_model import runs_of
+from thermaltool.fitting.network.problem import known_rows, mode_responses
+from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.record import Record
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Hold
 from thermaltool.responses.rational import KINDS
-from thermaltool.signals.agreement import Agreement, agreement
+from thermaltool.signals.agreement import Agreement
 from thermaltool.signals.criteria import Criteria
-from thermaltool.signals.gauss_newton import solve
 from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
 
 # Upper over lower end of an interval from which the data do not determine a time constant.
 MAX_INTERVAL_RATIO = 10.0
 
 
-@dataclass(frozen=True)
-class NetworkOutput:
+@dataclass(frozen=True, kw_only=True)
+class NetworkOutput(OutputModel):
     """Weights with which one output follows the shared modes.
 
     Attributes
     ----------
-    names : tuple of str
-        Inputs.
-    target : str
-    dt : float [s]
     time_constants : ndarray, shape (N,) [s], the slowest first
     weights : ndarray, shape (m, N)
         Steady state of each mode per unit of each input.
     delays : tuple of float, one for each input [s]
-    offsets : tuple of float, one for each experiment
-        Output at inputs of zero.
-    sigma2 : float [unit²]
-        Variance of the errors.
+    holds : tuple of "zero" or "first"
+        Of each input.
     covariance : ndarray, shape (N + m · N, N + m · N)
         Of the logarithms of the time constants, then of the weights input by input.
-    rows : int
-    parameters : int
-    loss : float [unit²]
-    method : str
     """
 
-    names: tuple[str, ...]
-    target: str
-    dt: float
     time_constants: Array
     weights: Array
     delays: tuple[float, ...]
-    offsets: tuple[float, ...]
-    sigma2: float
-    covariance: Array
-    rows: int
-    parameters: int
-    loss: float
-    method: str
+    holds: tuple[Hold, ...]
 
     @property
     def modes(self) -> int:
@@ -69,9 +52,17 @@ class NetworkOutput:
         return len(self.time_constants)
 
     @property
-    def criteria(self) -> Criteria:
-        """Information criteria of this output's fit."""
-        return Criteria.of_squares(self.loss, self.rows, self.parameters)
+    def order(self) -> int:
+        return self.modes
+
+    @property
+    def parameters(self) -> int:
+        return self.modes + self.weights.size + len(self.offsets)
+
+    @property
+    def sample_delays(self) -> tuple[int, ...]:
+        return tuple(round(delay / self.dt) + (hold == "zero")
+                     for delay, hold in zip(self.delays, self.holds, strict=True))  # fmt: skip
 
     def time_constant_estimates(self) -> tuple[Estimate, ...]:
         """Time constants with intervals that are symmetric in the logarithm [s]."""
@@ -122,31 +113,52 @@ class NetworkOutput:
         names = (*(f"tau{j + 1}" for j in range(n)), *(f"K{j + 1}" for j in range(n)))
         return self.covariance[np.ix_(place, place)] * np.outer(scale, scale), names
 
+    def term(self, k: int) -> ContinuousTerm:
+        covariance, names = self.response_covariance(k)
+        return ContinuousTerm(self.response(k), covariance=covariance, names=names)
+
+    def undetermined(self) -> tuple[Estimate, ...]:
+        """Time constants that the data leave undetermined."""
+        each = self.time_constant_estimates()
+        return tuple(e for e in each if e.high > MAX_INTERVAL_RATIO * e.low)
+
+    def residuals(self, data: TrainingData) -> Iterator[tuple[Array, Array]]:
+        for record in data.records:
+            error, inputs = (
+                record.column(self.target) - self.simulate(record),
+                record.matrix(self.names),
+            )
+            for run in runs_of(np.where(np.isfinite(error), np.arange(len(error)), np.nan)):
+                rows = run.astype(np.intp)
+                yield error[rows], inputs[:, rows]
+
+    def _from_rest(self, record: Record, levels: Array) -> Array:
+        modes = mode_responses(
+            record.elapsed, record.matrix(self.names), levels, self.time_constants, self.delays,
+            self.holds,
+        )  # fmt: skip
+        return np.asarray(self.weights.ravel() @ modes)
+
+    def _free_responses(self, record: Record) -> Array:
+        return np.exp(-record.elapsed / self.time_constants[:, None])
+
+    def _known(self, record: Record) -> NDArray[np.bool_]:
+        return known_rows(record, self.delays)
+
 
 @dataclass(frozen=True)
 class Network:
-    """Network of modes behind all outputs, and what a free run needs.
+    """Network of modes behind all outputs.
 
     Attributes
     ----------
     outputs : tuple of NetworkOutput, one for each output
-    holds : tuple of "zero" or "first"
-        Of each input.
-    levels : ndarray, shape (experiments, m)
-        Inputs about which each experiment was fitted, and
-    zeros : ndarray, shape (p, experiments)
-        the outputs where they stand for ever.
-    converged : bool
-    criterion : float
-        ½ Σ n ln(loss/n) over the outputs.
+    criteria : Criteria
+        Of all outputs together.
     """
 
     outputs: tuple[NetworkOutput, ...]
-    holds: tuple[Hold, ...]
-    levels: Array
-    zeros: Array
-    converged: bool
-    criterion: float
+    criteria: Criteria
 
     @property
     def time_constants(self) -> Array:
@@ -161,70 +173,12 @@ class Network:
     @property
     def parameters(self) -> int:
         """Everything that was fitted: time constants once, weights and offsets of each output."""
-        return self.modes + sum(output.parameters - self.modes for output in self.outputs)
+        return self.criteria.parameters
 
-    @property
-    def delays(self) -> Delays:
-        """Dead times, for each output one for each input [s]."""
-        return tuple(s.delays for s in self.outputs)
+    def fit(self, data: TrainingData) -> list[Agreement]:
+        """Agreement of the free run of every output with it, over all records."""
+        return [output.fit(data.only(k)) for k, output in enumerate(self.outputs)]
 
-    def undetermined(self) -> tuple[Estimate, ...]:
-        """Time constants that the data leave undetermined."""
-        each = self.outputs[0].time_constant_estimates()
-        return tuple(e for e in each if e.high > MAX_INTERVAL_RATIO * e.low)
-
-    def simulate(self, record: Record, zero: Zero = "fitted") -> Array:
-        """Free run over a record; the state at its start is estimated from it.
-
-        Parameters
-        ----------
-        record : Record
-        zero : Zero
-
-        Returns
-        -------
-        y : ndarray, shape (p, n)
-            NaN where a delayed input is not in the record.
-        """
-        at, elapsed = record.origin if zero == "fitted" else 0, record.elapsed
-        inputs = record.matrix(self.outputs[0].names)
-        result = np.full((len(self.outputs), len(record)), np.nan)
-        decays = np.exp(-elapsed / self.time_constants[:, None])
-        for k, output in enumerate(self.outputs):
-            measured = record.column(output.target)
-            modes = mode_responses(
-                elapsed, inputs, self.levels[at], self.time_constants, output.delays, self.holds
-            )
-            y = output.weights.ravel() @ modes + self.zeros[k, at]
-            if zero == "mean":
-                y += np.mean(output.offsets) - output.offsets[at]
-            known = known_rows(record, output.delays)
-            counted = known & np.isfinite(measured)
-            free = [] if record.at_rest else [decays]
-            columns = np.vstack([*free, *([np.ones((1, len(y)))] if zero == "free" else [])] or
-                                [np.zeros((0, len(y)))])  # fmt: skip
-            if len(columns) and int(counted.sum()) > len(columns):
-                own = columns[:, counted]
-                left = measured[counted] - y[counted]
-                y = y + solve(own @ own.T, own @ left) @ columns
-            result[k] = np.where(known, y, np.nan)
-        return result
-
-    def fit(self, data: TrainingData, zeros: Sequence[Zero] | None = None) -> list[Agreement]:
-        """Agreement of the free run of every output with it, over all records.
-
-        Parameters
-        ----------
-        data : TrainingData
-        zeros : sequence of Zero, one for each output, optional
-            Default: those of the fit.
-        """
-        computed = self.run(data, zeros)
-        return [agreement(data.output(k), computed[k]) for k in range(len(self.outputs))]
-
-    def run(self, data: TrainingData, zeros: Sequence[Zero] | None = None) -> Array:
-        """Free runs over all records in a row, shape (p, n); parameters as `fit`."""
-        fitted: list[Zero] = ["fitted"]
-        each = zeros or fitted * len(self.outputs)
-        runs = {z: np.hstack([self.simulate(s, z) for s in data.records]) for z in set(each)}
-        return np.array([runs[z][k] for k, z in enumerate(each)])
+    def run(self, data: TrainingData) -> Array:
+        """Free runs over all records in a row, shape (p, n)."""
+        return np.array([output.run(data) for output in self.outputs])

@@ -9,21 +9,17 @@ count for fewer rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData
-from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, held_out_scores
+from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, Candidate, rank
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.oe import OeStructure
-from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.search import search
 from thermaltool.fitting.transfer.structure import Structure
-from thermaltool.signals.agreement import agreement
 
 # Candidates are compared on so many samples at most.
 MAX_COMPARED_ROWS = 20000
@@ -33,49 +29,8 @@ MAX_ORDER = 4
 DELAY_ROUNDS = 3
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """One choice of orders.
-
-    Attributes
-    ----------
-    nb, nf : int
-    nk : tuple of int
-    fit_percent : float
-        Free run over the part that was not fitted.
-    aic, bic, yic : float
-        On the part that was fitted.
-    score : float
-        ln of the held-out error variance, with ln(N)/N for each parameter; N are the rows that
-        count, fewer where errors are coloured.
-    """
-
-    nb: int
-    nf: int
-    nk: tuple[int, ...]
-    fit_percent: float
-    aic: float
-    bic: float
-    yic: float
-    score: float
-
-    def orders(self, structure: Structure) -> Orders:
-        return structure.orders((self.nb,) * len(self.nk), self.nf, self.nk)
-
-
-@dataclass(frozen=True)
-class Choice:
-    """The best candidate first."""
-
-    candidates: tuple[Candidate, ...]
-
-    @property
-    def best(self) -> Candidate:
-        return self.candidates[0]
-
-
-def choose(data: TrainingData, structure: Structure) -> Choice:
-    """Orders nb, nf and delays nk of one structure.
+def choose(data: TrainingData, structure: Structure) -> tuple[Candidate[TransferModel], ...]:
+    """Orders nb, nf and delays nk of one structure, the best first.
 
     Parameters
     ----------
@@ -90,50 +45,18 @@ def choose(data: TrainingData, structure: Structure) -> Choice:
     data.check()
     short = data if data.rows <= MAX_COMPARED_ROWS else data.excerpt(MAX_COMPARED_ROWS)
     fitted, held = short.split(FITTED_SHARE)
-    found: dict[tuple[int, int, tuple[int, ...]], TransferModel] = {}
-    problem: FitError | None = None
-    for nb, nf, delays in _grid(_delays(fitted), data.least_delays):
-        try:
-            orders = structure.orders((nb,) * len(delays), nf, delays)
-            # A structure that has fewer orders to give is not listed with those it was asked for.
-            if {*orders.nb} != {nb} or {*orders.nf} != {nf} or orders.nk != delays:
-                continue
-            model = structure.fit(fitted, orders)
-        except FitError as error:
-            problem = problem or error
-            continue
-        if structure.admits(model):
-            found[nb, nf, delays] = model
-    candidates = _ranked(found, fitted, held)
-    if not candidates:
-        raise problem or FitError(
-            f"no order up to {MAX_ORDER} has real poles on these data: give --orders, or more data"
-        )
-    return Choice(candidates)
 
+    def fit(tried: tuple[int, int, tuple[int, ...]]) -> TransferModel | None:
+        nb, nf, delays = tried
+        orders = structure.orders((nb,) * len(delays), nf, delays)
+        # A structure that has fewer orders to give is not listed with those it was asked for.
+        if {*orders.nb} != {nb} or {*orders.nf} != {nf} or orders.nk != delays:
+            return None
+        model = structure.fit(fitted, orders)
+        return model if structure.admits(model) else None
 
-def _ranked(
-    found: Mapping[tuple[int, int, tuple[int, ...]], TransferModel],
-    fitted: TrainingData,
-    held: TrainingData,
-) -> tuple[Candidate, ...]:
-    """By their free run over what was not fitted, the best first."""
-    y, runs = held.output(), {key: model.run(held) for key, model in found.items()}
-    runs = {key: run for key, run in runs.items() if np.isfinite(np.nanmean((y - run) ** 2))}
-    if not runs:
-        return ()
-    models = [found[key] for key in runs]
-    scores = held_out_scores(held, [run[None] for run in runs.values()],
-                             [model.parameters for model in models])  # fmt: skip
-    variance = float(np.var(fitted.output()))
-    ranked = [
-        Candidate(
-            *key, agreement(y, run).fit_percent,
-            model.criteria.aic, model.criteria.bic, model.yic(variance), score,
-        )
-        for (key, run), model, score in zip(runs.items(), models, scores, strict=True)
-    ]  # fmt: skip
-    return tuple(sorted(ranked, key=lambda c: c.score))
+    none = f"no order up to {MAX_ORDER} has real poles on these data: give --orders, or more data"
+    return rank(_grid(_delays(fitted), data.least_delays), fit, held, none)
 
 
 def _grid(

@@ -8,7 +8,7 @@ counts in samples within the search.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +76,7 @@ class ContinuousProblem(Problem):
         return tuple(result)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ContinuousModel(TransferModel):
     """B(s)/A(s) of each input, A = s^n + a1 s^(n−1) + ... + an, B = b0 + b1 s + ...
 
@@ -88,7 +88,7 @@ class ContinuousModel(TransferModel):
         All a, then all b, s in 1/samples; `covariance` is theirs.
     """
 
-    theta: Array = field(default_factory=lambda: np.empty(0))
+    theta: Array
 
     @property
     def coefficients(self) -> Array:
@@ -202,22 +202,23 @@ class ContinuousOeStructure(OeStructure):
         gains = theta[constants] / np.array([f[-1] for f in found.F])
         zeros = linear[edge : edge + data.experiments]
         return ContinuousModel(
-            self,
-            data.inputs,
-            data.outputs[0],
-            data.period,
-            orders,
-            B,
-            F,
-            tuple((zeros - data.levels @ gains).tolist()),
-            data.levels,
-            tuple(zeros.tolist()),
-            sigma2,
-            covariance,
-            found.method + " in continuous time",
-            found.converged,
-            problem.rows,
-            loss,
+            structure=self,
+            names=data.inputs,
+            target=data.outputs[0],
+            dt=data.period,
+            orders=orders,
+            B=B,
+            F=F,
+            offsets=tuple((zeros - data.levels @ gains).tolist()),
+            levels=data.levels,
+            zeros=tuple(zeros.tolist()),
+            sigma2=sigma2,
+            covariance=covariance,
+            method=found.method + " in continuous time",
+            converged=found.converged,
+            rows=problem.rows,
+            loss=loss,
+            output_variance=float(np.var(data.output())),
             theta=theta,
         )
 

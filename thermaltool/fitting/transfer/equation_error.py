@@ -23,7 +23,7 @@ from thermaltool.record import Record
 from thermaltool.signals.gauss_newton import inverse_of, minimize, solve
 
 # The long ARX model that stands in for the noise has so many times the orders.
-LONG = 5
+LONG_ORDER_RATIO = 5
 # A loss that changes by less than this many error variances: a hundredth of a standard error.
 TOLERANCE = 1e-4
 # Steps of ARMAX, at most.
@@ -79,23 +79,24 @@ class ArxStructure(Structure):
         offsets = np.array(found.constants) / at_rest
         gains = np.array([b.sum() / at_rest for b in found.numerators])
         return TransferModel(
-            self,
-            data.inputs,
-            data.outputs[0],
-            data.period,
-            orders,
-            found.numerators,
-            (found.F,),
-            tuple(offsets.tolist()),
-            data.levels,
-            tuple((offsets + data.levels @ gains).tolist()),
-            sigma2,
-            sigma2 * inverse_of(found.gram)[:own, :own],
-            self.method,
-            found.converged,
-            found.rows,
-            max(found.loss, 1e-300),
-            found.C,
+            structure=self,
+            names=data.inputs,
+            target=data.outputs[0],
+            dt=data.period,
+            orders=orders,
+            B=found.numerators,
+            F=(found.F,),
+            C=found.C,
+            offsets=tuple(offsets.tolist()),
+            levels=data.levels,
+            zeros=tuple((offsets + data.levels @ gains).tolist()),
+            sigma2=sigma2,
+            covariance=sigma2 * inverse_of(found.gram)[:own, :own],
+            method=self.method,
+            converged=found.converged,
+            rows=found.rows,
+            loss=max(found.loss, 1e-300),
+            output_variance=float(np.var(data.output())),
         )
 
     def residual(self, model: TransferModel, record: Record) -> Array | None:
@@ -120,7 +121,7 @@ class ArmaxStructure(ArxStructure):
 
     def regression(self, data: TrainingData, orders: Orders) -> Regression:
         nc = self.noise[0]
-        longer = min(LONG * max(orders.nf[0], nc, 2), max(2, data.longest // 10))
+        longer = min(LONG_ORDER_RATIO * max(orders.nf[0], nc, 2), max(2, data.longest // 10))
         long_orders = replace(orders, nf=(max(longer, orders.nf[0]),))
         long = _linear(data, long_orders, 0, None)
         noise = [_errors(data, k, long_orders, long) for k in range(len(data.records))]

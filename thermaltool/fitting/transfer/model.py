@@ -7,39 +7,35 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
-from thermaltool.fitting.data import Array, TrainingData, Zero
+from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
+from thermaltool.fitting.transfer.continuous_term import continuous_term
 from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.output_error import free_responses
 from thermaltool.fitting.transfer.polynomials import difference_basis
 from thermaltool.fitting.transfer.structure import Structure
 from thermaltool.record import Record
-from thermaltool.signals.agreement import Agreement, agreement
-from thermaltool.signals.criteria import Criteria
-from thermaltool.signals.gauss_newton import solve
 from thermaltool.signals.intervals import (
     Estimate,
     log_normal_estimate,
     normal_estimate,
     standard_error,
 )
+from thermaltool.units import hold_of
 
 
-@dataclass(frozen=True)
-class TransferModel:
+@dataclass(frozen=True, kw_only=True)
+class TransferModel(OutputModel):
     """y(k) = Σ_i B_i(q)/F_i(q) u_i(k − nk_i) + offset + noise, sampled at dt.
 
     Attributes
     ----------
     structure : Structure
         Where the noise enters.
-    names : tuple of str
-        Inputs.
-    target : str
-        Output.
-    dt : float [s]
     orders : Orders
     B : tuple of ndarray
         Numerator of each input, from its first coefficient after the delay on.
@@ -47,42 +43,20 @@ class TransferModel:
         Denominator of each group of inputs, leading 1 included.
     C, D : ndarray
         Noise polynomials, leading 1 included.
-    offsets : tuple of float, one for each experiment
-    levels : ndarray, shape (experiments, m)
-        Inputs about which each experiment was fitted, and
-    zeros : tuple of float
-        its output where they stand for ever; `offsets` are those of inputs of zero.
-    sigma2 : float [unit²]
-        Variance of the white noise.
+    output_variance : float [unit²]
+        Of the output that was fitted.
     covariance : ndarray, shape (p, p)
         Of all F − 1 = q^-1 Σ d_j (1 − q^-1)^j, then of all B = Σ c_j (1 − q^-1)^j: in differences,
         where gains and slow poles are not small differences of large numbers.
-    method : str
-    converged : bool
-    rows : int
-        Samples that count.
-    loss : float [unit²]
-        Sum of the squared one-step errors.
     """
 
     structure: Structure
-    names: tuple[str, ...]
-    target: str
-    dt: float
     orders: Orders
     B: tuple[Array, ...]
     F: tuple[Array, ...]
-    offsets: tuple[float, ...]
-    levels: Array
-    zeros: tuple[float, ...]
-    sigma2: float
-    covariance: Array
-    method: str
-    converged: bool
-    rows: int
-    loss: float
     C: Array = field(default_factory=lambda: np.ones(1))
     D: Array = field(default_factory=lambda: np.ones(1))
+    output_variance: float
 
     def group_of(self, k: int) -> int:
         """Which denominator belongs to input k."""
@@ -114,14 +88,25 @@ class TransferModel:
         return len(self.coefficients) + len(self.C) + len(self.D) - 2 + len(self.offsets)
 
     @property
-    def criteria(self) -> Criteria:
-        return Criteria.of_squares(self.loss, self.rows, self.parameters)
+    def order(self) -> int:
+        return sum(self.orders.nf)
 
-    def yic(self, variance: float) -> float:
-        """ln(σ²/σ²_y) + ln(mean of p_ii/θ_i²) for an output of this `variance` (Young 2011)."""
+    @property
+    def sample_delays(self) -> tuple[int, ...]:
+        return self.orders.nk
+
+    @property
+    def residual_parameters(self) -> int:
+        return self.structure.residual_parameters(self)
+
+    @property
+    def yic(self) -> float:
+        """Young's criterion, ln(σ²/σ²_y) + ln(mean of p_ii/θ_i²) (Young 2011)."""
         share = np.diag(self.coefficient_covariance) / np.maximum(self.coefficients**2, 1e-300)
         # A candidate of too high an order can have variances below rounding.
-        return float(np.log(self.sigma2 / variance) + np.log(max(float(np.mean(share)), 1e-300)))
+        return float(
+            np.log(self.sigma2 / self.output_variance) + np.log(max(float(np.mean(share)), 1e-300))
+        )
 
     def respond(self, inputs: Array) -> Array:
         """Noise-free output from rest, without the offset; inputs (m, n) before the record: zero.
@@ -136,58 +121,28 @@ class TransferModel:
             y += lfilter(numerator, self.denominator(k), inputs[k])
         return y
 
-    def simulate(self, record: Record, zero: Zero = "fitted") -> Array:
-        """Free run over a record; the state at its start is estimated from it.
+    def _from_rest(self, record: Record, levels: Array) -> Array:
+        return self.respond(record.matrix(self.names) - levels[:, None])
 
-        Parameters
-        ----------
-        record : Record
-            With the inputs and the output, on an even clock.
-        zero : Zero
-
-        Returns
-        -------
-        y : ndarray, shape (n,)
-            NaN on the first rows, whose inputs are not all in the record.
-        """
-        # About the levels of the fit: slow poles make gains too large to be taken off again.
-        at, output = record.origin if zero == "fitted" else 0, record.column(self.target)
-        inputs = record.matrix(self.names) - self.levels[at][:, None]
-        settled = self.respond(inputs) + self.zeros[at]
-        if zero == "mean":
-            settled += np.mean(self.offsets) - self.offsets[at]
-        if record.at_rest:
-            left = output - settled
-            return settled + (float(np.mean(left)) if zero == "free" else 0.0)
+    def _free_responses(self, record: Record) -> Array:
         first = self.orders.first
-        y = np.full(len(record), np.nan)
-        if len(record) <= self.orders.shortest:
-            return y
-        inner = settled[first:]
-        columns = [r for f in self.F for r in free_responses(f, len(inner))]
-        if zero == "free":
-            columns.append(np.ones(len(inner)))
-        if columns:
-            rows = np.array(columns)
-            left = output[first:] - inner
-            inner = inner + solve(rows @ rows.T, rows @ left) @ rows
-        y[first:] = inner
-        return y
+        rows = np.zeros((self.order, len(record)))
+        if len(record) > first and self.order:
+            rows[:, first:] = np.vstack([free_responses(f, len(record) - first) for f in self.F])
+        return rows
 
-    def run(self, data: TrainingData, zero: Zero = "fitted") -> Array:
-        """Free runs over all records in a row."""
-        return np.concatenate([self.simulate(record, zero) for record in data.records])
+    def _known(self, record: Record) -> NDArray[np.bool_]:
+        rows = np.arange(len(record)) >= self.orders.first
+        return (rows & (len(record) > self.orders.shortest)) | record.at_rest
 
-    def fit(self, data: TrainingData, zero: Zero = "fitted") -> Agreement:
-        """How far the free run is from the output over all records."""
-        return agreement(data.output(), self.run(data, zero))
-
-    def errors(self, data: TrainingData) -> Iterator[tuple[Record, Array]]:
-        """One-step errors of each record that is long enough (`Structure.residual`)."""
+    def residuals(self, data: TrainingData) -> Iterator[tuple[Array, Array]]:
         for record in data.records:
             error = self.structure.residual(self, record)
             if error is not None:
-                yield record, error
+                yield error, record.matrix(self.names)
+
+    def term(self, k: int) -> ContinuousTerm:
+        return continuous_term(self, k, hold_of(self.names[k]))
 
     def poles(self, group: int = 0) -> Array:
         """Roots of a denominator in z, the slowest first."""

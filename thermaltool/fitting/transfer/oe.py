@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.transfer.colour import error_colour
+from thermaltool.fitting.error_model import ar_error_model
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.output_error import Problem
@@ -78,24 +78,25 @@ def plant_model(
     gains = np.array([b.sum() / denominators[k].sum() for k, b in enumerate(B)])
     zeros = linear[edges[-1] : edges[-1] + data.experiments]
     return TransferModel(
-        structure,
-        data.inputs,
-        data.outputs[0],
-        data.period,
-        orders,
-        B,
-        found.F,
-        tuple((zeros - data.levels @ gains).tolist()),
-        data.levels,
-        tuple(zeros.tolist()),
-        sigma2,
-        covariance,
-        found.method,
-        found.converged,
-        problem.rows,
-        loss,
-        np.ones(1) if C is None else C,
-        np.ones(1) if D is None else D,
+        structure=structure,
+        names=data.inputs,
+        target=data.outputs[0],
+        dt=data.period,
+        orders=orders,
+        B=B,
+        F=found.F,
+        C=np.ones(1) if C is None else C,
+        D=np.ones(1) if D is None else D,
+        offsets=tuple((zeros - data.levels @ gains).tolist()),
+        levels=data.levels,
+        zeros=tuple(zeros.tolist()),
+        sigma2=sigma2,
+        covariance=covariance,
+        method=found.method,
+        converged=found.converged,
+        rows=problem.rows,
+        loss=loss,
+        output_variance=float(np.var(data.output())),
     )
 
 
@@ -106,7 +107,7 @@ def _score_covariance(problem: Problem, found: SearchResult, gram: Array, sigma2
     (Ljung 1999, 9.4). The AR order is the best by BIC; zero leaves the plain form.
     """
     here = found.projection
-    colour = error_colour([e for e, _ in problem.errors(here)]) if sigma2 > 0 else None
+    colour = ar_error_model([e for e, _ in problem.errors(here)]) if sigma2 > 0 else None
     if colour is None:
         return gram * sigma2
     ar, variance = colour

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.start_state import Initial, StartErrors, with_start
 from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.output_error import Problem
-from thermaltool.fitting.transfer.start import started
+from thermaltool.fitting.transfer.search import search
 from thermaltool.record import Record
 
 if TYPE_CHECKING:
     from thermaltool.fitting.transfer.model import TransferModel
-
-Initial = Literal["auto", "rest", "free"]
 
 
 @dataclass(frozen=True)
@@ -100,18 +99,16 @@ class Structure(ABC):
             return Orders(nb, (max(each),), nk, (tuple(range(len(nb))),))
         return Orders(nb, each, nk, tuple((k,) for k in range(len(nb))))
 
-    def start(self, data: TrainingData, initial: Initial) -> TrainingData:
+    def start(self, data: TrainingData, initial: Initial = "auto") -> TrainingData:
         """The data with what is known of the state at the first row of each experiment.
 
         Parameters
         ----------
         data : TrainingData
         initial : {"auto", "rest", "free"}
-            Settled; estimated; or settled unless a free state is clearly better.
+            As `with_start`.
         """
-        if not self.estimates_start or initial == "free":
-            return data
-        return data.from_rest() if initial == "rest" else started(data)
+        return with_start(data, initial, second_order_errors) if self.estimates_start else data
 
     @property
     def candidates(self) -> Structure:
@@ -197,3 +194,19 @@ def check_steady_state(F: Array) -> None:
     """Refuse F(1) = 0: a model that integrates has no steady state (FitError)."""
     if abs(float(F.sum())) < 4 * np.finfo(float).eps * float(np.abs(F).sum()):
         raise FitError("the fit has a pole at 1, it integrates: take a lower order")
+
+
+def second_order_errors(data: TrainingData) -> StartErrors | None:
+    """Errors of an output-error model of second order; None where there are too few rows."""
+    inputs, least = range(len(data.inputs)), data.least_delays
+    second = tuple(2 for _ in inputs)
+    orders = Orders(second, second, least, tuple((k,) for k in inputs))
+    problem = Problem(data.about_levels(orders.first), orders)
+    if problem.rows <= problem.linear_count + sum(orders.nf):
+        return None
+    found = search(problem)
+
+    def runs() -> list[list[Array]]:
+        return [[error for error, _ in problem.errors(problem.project(found.F))]]
+
+    return StartErrors([found.loss / problem.rows], runs)

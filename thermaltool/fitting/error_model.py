@@ -1,4 +1,4 @@
-"""The colour of errors: runs long enough to show it, and an AR model of them."""
+"""AR model of the errors of a fit, and how many independent ones they are worth."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from thermaltool.fitting.data import Array
 from thermaltool.timeseries.ar import burg
 from thermaltool.timeseries.runs import joined
 
-# Longest AR description of errors.
-LONGEST = 15
-# Runs of errors shorter than this say nothing of their colour beside longer ones.
-SHORTEST_RUN = 40
-# Frequencies at which a spectral density is taken.
-POINTS = 4096
+# Order of the AR model at most; rows of the shortest run for each coefficient.
+MAX_AR_ORDER, ROWS_PER_COEFFICIENT = 15, 10
+# Runs of errors shorter than this [rows] say nothing of their colour beside longer ones.
+MIN_RUN = 40
+# Frequencies at which a spectral density is taken: its mean is exact for far fewer.
+FREQUENCIES = 4096
 
 
 def long_runs(runs: Sequence[Array]) -> list[int]:
-    """Which of the runs are long enough: those of `SHORTEST_RUN`, or of the longest there is."""
-    least = min(SHORTEST_RUN, max((len(run) for run in runs), default=0))
+    """Which of the runs are long enough: those of `MIN_RUN`, or of the longest there is."""
+    least = min(MIN_RUN, max((len(run) for run in runs), default=0))
     return [k for k, run in enumerate(runs) if least and len(run) >= least]
 
 
@@ -44,18 +44,18 @@ def effective_share(runs: Sequence[Array]) -> float:
 
     Bartlett 1946; by Parseval (mean S)²/mean S² of the spectral density S.
     """
-    colour = error_colour(runs)
-    if colour is None:
+    model = ar_error_model(runs)
+    if model is None:
         return 1.0
-    _, gain = freqz([1.0], colour[0], POINTS)
+    _, gain = freqz([1.0], model[0], FREQUENCIES)
     power = np.abs(gain) ** 2
     return float(np.mean(power) ** 2 / np.mean(power**2))
 
 
-def error_colour(runs: Sequence[Array]) -> tuple[Array, float] | None:
+def ar_error_model(runs: Sequence[Array]) -> tuple[Array, float] | None:
     """AR polynomial of errors and the variance of what drives them, of least BIC; None if white."""
     long = [runs[k] for k in long_runs(runs)]
-    most = min([LONGEST, *(len(e) // 10 for e in long)]) if long else 0
+    most = min([MAX_AR_ORDER, *(len(e) // ROWS_PER_COEFFICIENT for e in long)]) if long else 0
     if most < 1:
         return None
     table = burg(joined(long), most)

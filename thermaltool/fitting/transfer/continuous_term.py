@@ -2,47 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import ModelError
 from thermaltool.fitting.data import Array
-from thermaltool.fitting.transfer.model import TransferModel
-from thermaltool.responses import Response
+from thermaltool.fitting.output_model import ContinuousTerm
 from thermaltool.responses.modes import Hold
 from thermaltool.responses.rational import KINDS
 
-# The steps of both forms are compared over so many slowest time constants, and samples at most.
-SPAN, MOST = 8, 20000
+if TYPE_CHECKING:
+    from thermaltool.fitting.transfer.model import TransferModel
+
+# The steps of both forms are compared over so many slowest time constants (settled to 3·10⁻⁴), and
+# samples at most.
+STEP_TIME_CONSTANTS, MAX_STEP_SAMPLES = 8, 20000
 # Poles nearer to each other than this share of their size are one pole, twice; a pair with a
 # smaller imaginary part than that is two or three real poles, to rounding.
-TWICE, ROUNDED = 1e-3, 1e-2
+DOUBLE_POLE_GAP, MIN_IMAGINARY_SHARE = 1e-3, 1e-2
 
 
-@dataclass(frozen=True)
-class Continued:
-    """One input's way to the output in continuous time.
-
-    Attributes
-    ----------
-    response : Response
-    mismatch : float
-        Largest difference of the step responses at the samples, as a share of the largest value.
-        Zero to rounding where the discrete form is a sampled continuous one.
-    covariance : ndarray, or None
-        Of the response's parameters, in the order of `names`, where it was found in this form.
-    names : tuple of str
-    """
-
-    response: Response
-    mismatch: float
-    covariance: Array | None = None
-    names: tuple[str, ...] = ()
-
-
-def continued(model: TransferModel, k: int, hold: Hold) -> Continued:
+def continuous_term(model: TransferModel, k: int, hold: Hold) -> ContinuousTerm:
     """The response of input k: poles z → ln z/dt, gains by least squares on the step.
 
     Parameters
@@ -74,7 +56,12 @@ def continued(model: TransferModel, k: int, hold: Hold) -> Continued:
         searched |= {"omega": float(abs(p)), "zeta": float(-p.real / abs(p))}
     lead = 1 if hold == "zero" else 0
     delay = max(model.orders.nk[k] - lead, 0) * model.dt
-    samples = int(min(SPAN * max(-1 / s.real) / model.dt + model.orders.first + 10, MOST))
+    samples = int(
+        min(
+            STEP_TIME_CONSTANTS * max(-1 / s.real) / model.dt + model.orders.first + 10,
+            MAX_STEP_SAMPLES,
+        )
+    )
     time, u = model.dt * np.arange(samples), np.ones(samples)
     u[0] = 0.0
     wanted = _alone(model, k, u)
@@ -86,27 +73,27 @@ def continued(model: TransferModel, k: int, hold: Hold) -> Continued:
     gains_found = np.linalg.lstsq(rows.T, wanted, rcond=1e-12)[0]
     left = np.max(np.abs(wanted - gains_found @ rows)) / np.max(np.abs(wanted))
     named = {name: float(g) for name, g in zip(cls.gains, gains_found, strict=True)}
-    return Continued(cls(**searched, **named, delay=delay), float(left))
+    return ContinuousTerm(cls(**searched, **named, delay=delay), float(left))
 
 
 def _continues(z: complex, place: str) -> None:
     """Refuse a pole that no response has (ModelError)."""
-    told = f"{z.real:.4g}" if z.imag == 0 else f"{z.real:.4g} ± {abs(z.imag):.4g}j"
+    value = f"{z.real:.4g}" if z.imag == 0 else f"{z.real:.4g} ± {abs(z.imag):.4g}j"
     if abs(z) >= 1:
         raise ModelError(
-            f"{place}: a pole at z = {told} does not settle: the data look unstable or "
+            f"{place}: a pole at z = {value} does not settle: the data look unstable or "
             "integrating, a model file needs a steady state"
         )
     if z.imag == 0 and z.real <= 0:
         raise ModelError(
-            f"{place}: a pole at z = {told} has no equivalent in continuous time: take a lower "
+            f"{place}: a pole at z = {value} has no equivalent in continuous time: take a lower "
             "order"
         )
 
 
 def oscillates(z: complex) -> bool:
     """Whether a pole is one of a pair; a pair to rounding is two real poles (`_apart`)."""
-    return bool(z.imag != 0 and abs(np.log(z).imag) >= ROUNDED * abs(np.log(z)))
+    return bool(z.imag != 0 and abs(np.log(z).imag) >= MIN_IMAGINARY_SHARE * abs(np.log(z)))
 
 
 def _apart(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -118,9 +105,12 @@ def _apart(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
     for k in range(len(s) - 1):
         here, after = parted[k], parted[k + 1]
         gap, turned = abs(here - after) / abs(here), here.imag != 0 or after.imag != 0
-        if gap < 2 * (ROUNDED if turned else TWICE):
+        if gap < 2 * (MIN_IMAGINARY_SHARE if turned else DOUBLE_POLE_GAP):
             middle = float((here + after).real) / 2
-            parted[k], parted[k + 1] = middle * (1 - TWICE), middle * (1 + TWICE)
+            parted[k], parted[k + 1] = (
+                middle * (1 - DOUBLE_POLE_GAP),
+                middle * (1 + DOUBLE_POLE_GAP),
+            )
     return parted
 
 

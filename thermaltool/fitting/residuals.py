@@ -6,20 +6,23 @@ Reinsel (2008), 12.1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
 
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.transfer.colour import LONGEST, long_runs
-from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.fitting.error_model import MAX_AR_ORDER, long_runs
+from thermaltool.fitting.output_model import OutputModel
 from thermaltool.signals.whiteness import cross_correlation, ljung_box
 from thermaltool.timeseries.ar import burg
 from thermaltool.timeseries.runs import joined
 
-LAGS = 25
+# Lags at most [samples]: enough for a slow mode, few enough for records of some hundred rows.
+MAX_LAGS = 25
+# Rows of the shortest run for each lag, and for each coefficient of the whitening filter.
+ROWS_PER_LAG = 5
 
 
 @dataclass(frozen=True)
@@ -40,43 +43,25 @@ class ResidualTests:
     independent_p: Mapping[str, float]
 
 
-def residual_tests(model: TransferModel, data: TrainingData) -> ResidualTests:
-    """Both tests on a data set.
+def residual_tests(model: OutputModel, data: TrainingData) -> ResidualTests:
+    """Both tests on the one-step errors of a data set.
 
     Parameters
     ----------
-    model : TransferModel
+    model : OutputModel
     data : TrainingData
         Training or validation data.
     """
-    runs = [(error, s.matrix(model.names)) for s, error in model.errors(data)]
-    return tested(
-        runs,
-        dict(zip(model.names, model.orders.nk, strict=True)),
-        model.structure.residual_parameters(model),
+    runs, delays = (
+        list(model.residuals(data)),
+        dict(zip(model.names, model.sample_delays, strict=True)),
     )
-
-
-def tested(
-    runs: Sequence[tuple[Array, Array]], delays: Mapping[str, int], fitted: int
-) -> ResidualTests:
-    """Both tests on one-step errors.
-
-    Parameters
-    ----------
-    runs : sequence of (errors, inputs)
-        Shapes (n,) and (m, at least n): both end at the same row.
-    delays : mapping of input to int
-        Samples before which each of the m inputs acts on nothing.
-    fitted : int
-        Parameters that were fitted to the course of the errors.
-    """
     long = [runs[k] for k in long_runs([error for error, _ in runs])]
-    lags = min(LAGS, min((len(error) for error, _ in long), default=0) // 5)
+    lags = min(MAX_LAGS, min((len(error) for error, _ in long), default=0) // ROWS_PER_LAG)
     if lags < 2:
         return ResidualTests(0, float("nan"), dict.fromkeys(delays, float("nan")))
     errors = [error - np.mean(error) for error, _ in long]
-    white = ljung_box(errors, lags, fitted).p_value
+    white = ljung_box(errors, lags, model.residual_parameters).p_value
     whitened, independent = _whitened(errors), {}
     for k, (name, delay) in enumerate(delays.items()):
         acts = _whitened([u[k] - np.mean(u[k]) for _, u in long])
@@ -87,7 +72,7 @@ def tested(
 
 def _whitened(series: list[Array]) -> list[Array]:
     """Each run through the AR model of least AIC that all together have."""
-    most = min(LONGEST, min(len(x) for x in series) // 5)
+    most = min(MAX_AR_ORDER, min(len(x) for x in series) // ROWS_PER_LAG)
     if most < 1 or not any(np.any(x) for x in series):
         return series
     table = burg(joined(series), most)

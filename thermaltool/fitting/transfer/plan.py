@@ -1,0 +1,52 @@
+"""Plan of a transfer function for every output: its structure and orders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.data import TrainingData
+from thermaltool.fitting.identification import Plan
+from thermaltool.fitting.selection import Candidate, first_that_fits
+from thermaltool.fitting.transfer.choose import choose
+from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.fitting.transfer.structure import Structure
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransferPlan(Plan):
+    """A model of one structure for each output.
+
+    Attributes
+    ----------
+    structure : Structure
+    orders : tuple of (nb, nf, nk) or None
+        For all inputs or one for each; empty, or None among them: chosen by held-out data.
+    """
+
+    structure: Structure
+    orders: tuple[tuple[int, int, int] | None, ...] = ()
+
+    def start(self, data: TrainingData) -> TrainingData:
+        return self.structure.start(data, self.initial)
+
+    def fit(
+        self, data: TrainingData
+    ) -> tuple[tuple[TransferModel], tuple[Candidate[TransferModel], ...]]:
+        structure = self.structure
+        candidates: tuple[Candidate[TransferModel], ...] = ()
+        given = [each for each in self.orders if each is not None]
+        if given and len(given) == len(self.orders):
+            each = given * len(data.inputs) if len(given) == 1 else given
+            nb, nf, nk = zip(*each, strict=True)
+            model = structure.fit(data, structure.orders(nb, nf, nk))
+        else:
+            candidates = choose(data, structure.candidates)
+            chosen = (candidate.model.orders for candidate in candidates)
+            model = first_that_fits(
+                (structure.orders(each.nb, each.nf[0], each.nk) for each in chosen),
+                lambda orders: structure.fit(data, orders),
+            )
+        if not structure.admits(model):
+            raise FitError("not all poles are real: take lower orders, or --structure oe")
+        return (model,), candidates
