@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import repeat
@@ -268,13 +268,16 @@ def even_training_data(logs: Sequence[Record], inputs: Sequence[str], output: st
     logs : sequence of Record
     inputs : sequence of str
     output : str
+
+    Raises
+    ------
+    FitError
+        No row has them all.
     """
     period = logs[0].period
-    records = tuple(
-        record
-        for origin, log in enumerate(logs)
-        for record in even_records(replace(log, origin=origin), inputs, output, period)
-    )
+    records = _numbered(even_records(log, inputs, output, period) for log in logs)
+    if not records:
+        raise FitError(f"{', '.join((*inputs, output))}: no row has a reading of them all")
     return TrainingData(records, tuple(inputs), (output,), period, tuple(map(hold_of, inputs)))
 
 
@@ -293,17 +296,20 @@ def training_data(
     FitError
         An input is never there.
     """
-    pieces = [list(log.pieces(inputs)) for log in logs]
-    # Experiments count from 0 without a hole: a log without a piece is none.
-    records = tuple(
-        replace(piece, origin=origin)
-        for origin, log in enumerate(filter(None, pieces))
-        for piece in log
-    )
+    records = _numbered(log.pieces(inputs) for log in logs)
     if not records:
         raise FitError(f"{', '.join(inputs)}: no two rows in a row have a reading")
     holds = tuple(map(hold_of, inputs))
     return TrainingData(records, tuple(inputs), tuple(outputs), logs[0].period, holds)
+
+
+def _numbered(logs: Iterable[Iterable[Record]]) -> tuple[Record, ...]:
+    """All pieces of each log, which is an experiment.
+
+    Experiments count from 0 without a hole: a log without a piece is none.
+    """
+    experiments = enumerate(filter(None, map(list, logs)))
+    return tuple(replace(piece, origin=k) for k, pieces in experiments for piece in pieces)
 
 
 def sampled(

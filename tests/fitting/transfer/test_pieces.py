@@ -10,12 +10,14 @@ from reference.training import fitted, training
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.data import even_training_data
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.residuals import residual_tests
 from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.registry import STRUCTURES, structure_of
+from thermaltool.record import Record
 
 ORDERS = (1,), 1, (1,)
 POLE = np.exp(-1 / 300)
@@ -114,6 +116,36 @@ def test_orders_of_several_logs_with_zeros_of_their_own():
     choice = choose(training(*logs), OeStructure())
     assert choice[0].model.orders.nf == (2,)
     assert choice[0].fit_percent[0] > 90
+
+
+def bursts(readings):
+    """So many readings every 15 samples, of one lag behind a restless input, a sample late."""
+    rng = np.random.default_rng(9)
+    u = rng.uniform(0, 1, 3000)
+    y = lfilter([0, 0, 0.5], [1, -0.5], u) + 0.01 * rng.standard_normal(3000)
+    return pieces(u, y, *(slice(a, a + readings) for a in range(0, 3000, 15)))
+
+
+def test_bursts_too_short_for_the_choice_of_orders_are_named():
+    with pytest.raises(FitError, match="no run of more than 6 readings without a gap"):
+        choose(bursts(3), OeStructure())
+
+
+def test_a_delay_that_leaves_no_row_is_not_the_best():
+    best = choose(bursts(8), OeStructure())[0].model
+    assert best.orders.nk == (2,)
+    assert best.rows > 0
+
+
+def test_logs_without_a_reading_are_no_experiments():
+    u, y = plant(10, 1200)
+    lost = Record(np.arange(1200.0), {"Q_a_W": u, "d_z_um": np.full(1200, np.nan)})
+    logs = [lost, *(lost.with_columns({"d_z_um": y + zero}) for zero in (5.0, 50.0)), lost]
+    data = even_training_data(logs, ["Q_a_W"], "d_z_um")
+    assert [record.origin for record in data.records] == [0, 1]
+    assert fitted(data, "oe", *ORDERS).offsets == pytest.approx((5.0, 50.0), abs=0.05)
+    with pytest.raises(FitError, match="Q_a_W, d_z_um: no row has a reading of them all"):
+        even_training_data([lost], ["Q_a_W"], "d_z_um")
 
 
 def test_a_long_idle_start_is_no_reason_to_give_up():

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, Candidate, rank
 from thermaltool.fitting.transfer.model import TransferModel
@@ -88,12 +89,18 @@ def _delays(data: TrainingData) -> list[tuple[int, ...]]:
             losses = []
             orders = OeStructure().orders((3,) * len(nk), 2, nk)
             problem = Problem(data.about_levels(orders.first), orders)
+            if not problem.used:
+                raise FitError(
+                    f"no run of more than {orders.shortest} readings without a gap, which the "
+                    "choice of orders needs: give --orders; --structure network takes holes"
+                )
             F = search(problem).F
             for delay in range(low, most + 1):
                 tried = (*nk[:k], delay, *nk[k + 1 :])
                 orders = OeStructure().orders((2,) * len(nk), 2, tried)
                 candidate = Problem(data.about_levels(orders.first), orders)
-                losses.append(candidate.project(F, keep=False).loss / max(candidate.rows, 1))
+                loss = candidate.project(F, keep=False).loss
+                losses.append(loss / candidate.rows if candidate.rows else np.inf)
             minima = _minima(losses)
             others[k] = low + minima[min(1, len(minima) - 1)]
             nk = (*nk[:k], low + minima[0], *nk[k + 1 :])
