@@ -18,12 +18,11 @@ from thermaltool.effects import effect_class
 from thermaltool.effects.effect import Float
 from thermaltool.model import Model
 from thermaltool.record import Record
+from thermaltool.signals.robust import robust_std
 
 # Neighbours on either side with which a reading is compared, rows that are compared at least, and
 # the chance to call one of a clean log an outlier.
 NEIGHBOURS, MIN_ROWS, FALSE_ALARMS = 3, 50, 0.01
-# Standard deviation of a normal distribution over the median of its absolute values.
-SIGMA_OVER_MAD = 1.4826
 # Fewer outliers than this are all left out of more than one in forty draws of a block bootstrap.
 MIN_OUTLIERS_DRAWN = 4
 # A drive that changes by this share of its range between two rows is switched.
@@ -66,7 +65,7 @@ def find_outliers(hypothesis: Hypothesis) -> OutlierMask | None:
             if len(rows) < MIN_ROWS:
                 continue
             deviation = _from_neighbours(residual[rows])
-            spread = max(SIGMA_OVER_MAD * float(np.median(np.abs(deviation))), white)
+            spread = max(robust_std(deviation), white)
             limit = -float(ndtri(FALSE_ALARMS / 2 / len(rows)))
             out = np.abs(_from_both_sides(residual[rows])) > limit * spread
             out &= ~_after_a_switch(hypothesis.model, log)[rows]

@@ -18,6 +18,7 @@ from thermaltool.record import Record
 from thermaltool.responses import Response, response_class
 from thermaltool.responses.modes import Float
 from thermaltool.signals.intervals import standard_error
+from thermaltool.signals.robust import robust_std
 
 Loss = Literal["linear", "huber"]
 
@@ -30,8 +31,6 @@ SETTLED_PERIODS = 3
 # Residuals beyond this many robust standard deviations count linearly (Huber); their weights are
 # found anew at most so often, until none changes by more than this.
 HUBER, MAX_REWEIGHTINGS, WEIGHT_TOLERANCE = 2.5, 8, 1e-3
-# Standard deviation of normal errors over the median of their sizes.
-ROBUST_SCALE = 1.4826
 # Step of a trust region that counts as one, in logarithms; where the search ends.
 STEP_SCALE, STEP_TOLERANCE, LOSS_TOLERANCE = 0.3, 1e-10, 1e-13
 
@@ -220,7 +219,7 @@ class _StartSearch:
 
 def _huber_weights(residual: Float) -> Float | None:
     """Weights of the squares; None where most of the residual is zero."""
-    spread = ROBUST_SCALE * float(np.median(np.abs(residual)))
+    spread = robust_std(residual)
     if spread == 0:
         return None
     return np.minimum(1.0, HUBER * spread / np.maximum(np.abs(residual), 1e-300))

@@ -12,11 +12,10 @@ from thermaltool.model import Output, relative
 from thermaltool.record import Record
 from thermaltool.signals.drift import fit_drift
 from thermaltool.signals.likelihood import ColouredNoise, Factor
+from thermaltool.signals.robust import robust_std
 
 # White noise is taken for at least this share of an output's range.
 MIN_NOISE = 1e-4
-# Standard deviation of normal errors over the median of their sizes.
-ROBUST_SCALE = 1.4826
 
 
 def measured(output: Output, record: Record) -> Float:
@@ -119,5 +118,5 @@ def _least_noise(output: Output, records: Sequence[Record]) -> float:
 def _second_differences(output: Output, records: Sequence[Record]) -> float:
     bent = np.concatenate([np.diff(measured(output, r), 2) for r in records])
     bent = bent[np.isfinite(bent)]
-    white = ROBUST_SCALE * float(np.median(np.abs(bent))) / np.sqrt(6) if len(bent) else 0.0
+    white = robust_std(bent) / float(np.sqrt(6.0)) if len(bent) else 0.0
     return max(white, _least_noise(output, records))

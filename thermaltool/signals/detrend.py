@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import median_filter
 from scipy.special import ndtri
 
+from thermaltool.signals.robust import MAD_TO_SIGMA, robust_std
+
 Array = NDArray[np.float64]
 
 DEGREE = 3  # of the local polynomials
-MAD_TO_SIGMA = 1.482602218505602  # 1 / Φ⁻¹(3/4)
 MEDIAN_SPREAD = 1.1  # of white noise about its running median of 7: sqrt(1 + 0.46²)
 # Of a block's residual to what its noise explains: above it the block has a step.
 MAX_VARIANCE_RATIO = 3.0
@@ -47,7 +48,7 @@ def difference_sigma(values: ArrayLike) -> float:
     """
     second = np.diff(np.asarray(values, dtype=float), 2)
     second = second[np.isfinite(second)]
-    return float(MAD_TO_SIGMA * np.median(np.abs(second)) / np.sqrt(6.0)) if second.size else 0.0
+    return robust_std(second) / float(np.sqrt(6.0)) if second.size else 0.0
 
 
 def find_outliers(values: ArrayLike, sigma: float, probability: float = 0.01) -> NDArray[np.bool_]:

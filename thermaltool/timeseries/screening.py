@@ -9,7 +9,7 @@ from scipy.special import ndtri
 
 from thermaltool.errors import FitError
 from thermaltool.record import Record
-from thermaltool.signals.detrend import MAD_TO_SIGMA
+from thermaltool.signals.robust import robust_std
 from thermaltool.timeseries.ar import burg
 from thermaltool.timeseries.runs import (
     difference,
@@ -125,7 +125,7 @@ def find_outliers(record: Record) -> NDArray[np.intp]:
         return np.empty(0, np.intp)
     rows, level = np.flatnonzero(np.isfinite(samples(record))), np.median(values)
     x = values - level
-    scale = MAD_TO_SIGMA * float(np.median(np.abs(x)))
+    scale = robust_std(x)
     limit = max(1, int(MAX_OUTLIER_SHARE * x.size))
     if scale == 0.0:  # most samples are the same: the others stand out, if they are few
         other = np.flatnonzero(x)
@@ -138,14 +138,14 @@ def find_outliers(record: Record) -> NDArray[np.intp]:
     e = np.concatenate([lfilter(weights, [1.0], run - level) for run in all_runs])
     # The first samples of a run are predicted by nothing: they vary as the series does.
     unpredicted = np.concatenate([np.arange(run.size) < weights.size - 1 for run in all_runs])
-    e[unpredicted] *= min(MAD_TO_SIGMA * float(np.median(np.abs(e))) / scale, 1.0)
+    e[unpredicted] *= min(robust_std(e) / scale, 1.0)
     threshold = -OUTLIER_MARGIN * float(ndtri(0.005 / x.size))
     found: list[int] = []
     shocks = 0
     # Near the end fewer of its consequences are there.
     power = np.cumsum(weights**2)[np.minimum(np.arange(e.size)[::-1], weights.size - 1)]
     while True:
-        sigma = MAD_TO_SIGMA * float(np.median(np.abs(e)))
+        sigma = robust_std(e)
         if sigma == 0.0:
             return np.empty(0, np.intp)
         padded = np.concatenate((e, np.zeros(weights.size - 1)))
