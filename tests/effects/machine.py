@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from thermaltool.effects.effect import Scene
-from thermaltool.model import Drive, Model, Output, Term, driven, relative
+from thermaltool.model import Drive, Model, Output, Term, acting_drives, relative
 from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
 
@@ -78,7 +78,7 @@ def scene(*logs):
         drives=(HEAT,),
         outputs=outputs,
         extra=tuple(c for c in logs[0].columns if c not in known),
-        driven=tuple(driven(machine, (), log) for log in logs),
+        acting_drives=tuple(acting_drives(machine, (), log) for log in logs),
         simulated=simulated,
         residual=tuple(
             {o.channel: relative(log.columns[o.channel], o.offset) - y[o.channel]

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.effects.effect import Effect, Float, Scene, reference_of
-from thermaltool.model import Model, away_from_rest, driven, read_outputs, relative, respond
+from thermaltool.model import (
+    Model,
+    acting_drives,
+    away_from_rest,
+    read_outputs,
+    relative,
+    sum_terms,
+)
 from thermaltool.model.simulate import acting_effects
 from thermaltool.record import Record
 from thermaltool.signals.row_groups import RowGroups
@@ -46,14 +53,15 @@ class SimulatedLogs:
     def inputs(self) -> list[dict[str, Float]]:
         """What acts in place of every drive in each log, relative to its reference."""
         return [
-            driven(self.model, acting_effects(self.model, log.digest), log) for log in self.logs
+            acting_drives(self.model, acting_effects(self.model, log.digest), log)
+            for log in self.logs
         ]
 
     @cached_property
     def _responses(self) -> list[dict[str, Float]]:
         """Sums of the terms in each log, before what reads them."""
         model = self.model
-        return [respond(model, acting_effects(model, log.digest), log) for log in self.logs]
+        return [sum_terms(model, acting_effects(model, log.digest), log) for log in self.logs]
 
     @cached_property
     def outputs(self) -> list[dict[str, Float]]:
@@ -260,7 +268,7 @@ class SimulatedLogs:
             drives=tuple(d.channel for d in self.model.drives),
             outputs=tuple(self.groups),
             extra=tuple(c for c in beside if all(_moves(log, c) for log in self.logs)),
-            driven=tuple(self.inputs),
+            acting_drives=tuple(self.inputs),
             simulated=tuple(self.outputs),
             residual=tuple(
                 {o: residuals[o][k] for o in self.groups} for k in range(len(self.logs))

@@ -73,7 +73,7 @@ class Scene:
     logs : tuple of Record
     drives, outputs, extra : tuple of str
         Channels that drive the model, that it computes, and that are in every log beside it.
-    driven : tuple of mapping, one for each log
+    acting_drives : tuple of mapping, one for each log
         Each drive relative to its reference, ndarray (n,).
     simulated, residual : tuple of mapping, one for each log
         Each output relative to rest, and measured minus simulated (NaN where not measured).
@@ -87,7 +87,7 @@ class Scene:
     drives: tuple[str, ...]
     outputs: tuple[str, ...]
     extra: tuple[str, ...]
-    driven: tuple[Mapping[str, Float], ...]
+    acting_drives: tuple[Mapping[str, Float], ...]
     simulated: tuple[Mapping[str, Float], ...]
     residual: tuple[Mapping[str, Float], ...]
     noise: Mapping[str, float]
@@ -113,7 +113,7 @@ class Scene:
 
     def level(self, drive: str) -> float:
         """Largest absolute value of a drive in any log."""
-        return max(float(np.max(np.abs(driven[drive]))) for driven in self.driven)
+        return max(float(np.max(np.abs(drives[drive]))) for drives in self.acting_drives)
 
     def levels(self) -> dict[str, float]:
         """Levels of the drives that act in some log."""

@@ -22,7 +22,16 @@ from thermaltool.effects.effect import Float, needed
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.output_noise import OutputNoise, measured, widest_range
 from thermaltool.fitting.projection import linear_least_squares
-from thermaltool.model import Drive, Model, Output, Term, driven, relative, simulate_response, taken
+from thermaltool.model import (
+    Drive,
+    Model,
+    Output,
+    Term,
+    acting_drives,
+    relative,
+    simulate_response,
+    term_input,
+)
 from thermaltool.model.curves import Form, SearchedCurve, searched_curve
 from thermaltool.model.simulate import acting_effects
 from thermaltool.record import Record
@@ -146,7 +155,7 @@ class _CurveProblem:
 
     def _gained(self, model: Model, terms: Sequence[Term]) -> list[Term]:
         """Terms with the gains that fit best, offsets projected out."""
-        inputs = [driven(model, acting_effects(model, r.digest), r) for r in self.records]
+        inputs = [acting_drives(model, acting_effects(model, r.digest), r) for r in self.records]
         holds = {d.channel: d.hold for d in model.drives}
         found = []
         for output in self.outputs:
@@ -155,7 +164,7 @@ class _CurveProblem:
             for k, (record, u) in enumerate(zip(self.records, inputs, strict=True)):
                 shapes = [
                     simulate_response(
-                        shape, record.time, taken(model, t, u, record), holds[t.drive]
+                        shape, record.time, term_input(model, t, u, record), holds[t.drive]
                     )
                     for t in own
                     for shape in _shapes(t.response)

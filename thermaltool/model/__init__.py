@@ -12,12 +12,12 @@ from thermaltool.model.document import (
 )
 from thermaltool.model.selection import only_sensors
 from thermaltool.model.simulate import (
-    driven,
+    acting_drives,
     read_outputs,
     relative,
-    respond,
     simulate_response,
-    taken,
+    sum_terms,
+    term_input,
 )
 from thermaltool.model.step import ModelRecursion
 from thermaltool.model.validity import (
@@ -39,8 +39,8 @@ __all__ = [
     "Output",
     "Role",
     "Term",
+    "acting_drives",
     "away_from_rest",
-    "driven",
     "dumps",
     "excursions",
     "extrapolated",
@@ -48,8 +48,8 @@ __all__ = [
     "only_sensors",
     "read_outputs",
     "relative",
-    "respond",
     "simulate_response",
-    "taken",
+    "sum_terms",
+    "term_input",
     "to_document",
 ]

@@ -11,7 +11,7 @@ import numpy as np
 from thermaltool.effects.curve import MAX_DEGREE, MAX_KNOTS, Curve, DriveCurve, OutputCurve
 from thermaltool.effects.effect import Float
 from thermaltool.errors import FitError, ModelError
-from thermaltool.model import Model, driven
+from thermaltool.model import Model, acting_drives
 from thermaltool.record import Record
 
 Kind = Literal["polynomial", "spline"]
@@ -160,7 +160,8 @@ def searched_curve(
     if any(isinstance(e, Curve) and e.channel == channel for e in model.effects):
         raise ModelError(f"{channel} has a curve already: start from the model without it")
     if channel in drives:
-        seen = np.concatenate([driven(model, model.effects, record)[channel] for record in records])
+        inputs = [acting_drives(model, model.effects, record)[channel] for record in records]
+        seen = np.concatenate(inputs)
         cls: type[Curve] = DriveCurve
     elif channel in outputs:
         if refit:

@@ -39,7 +39,7 @@ def simulate(model: Model, record: Record) -> dict[str, Float]:
         The drives, without NaN, and what the effects need.
     """
     effects = acting_effects(model, record.digest)
-    return read_outputs(effects, respond(model, effects, record), record)
+    return read_outputs(effects, sum_terms(model, effects, record), record)
 
 
 def acting_effects(model: Model, digest: str) -> tuple[Effect, ...]:
@@ -53,7 +53,7 @@ def acting_effects(model: Model, digest: str) -> tuple[Effect, ...]:
     return tuple(e for e in model.effects if e.log in (None, digest))
 
 
-def driven(model: Model, effects: Sequence[Effect], record: Record) -> dict[str, Float]:
+def acting_drives(model: Model, effects: Sequence[Effect], record: Record) -> dict[str, Float]:
     """What acts in place of every drive, relative to its reference.
 
     Parameters
@@ -84,7 +84,7 @@ def driven(model: Model, effects: Sequence[Effect], record: Record) -> dict[str,
     return result
 
 
-def taken(model: Model, term: Term, inputs: Mapping[str, Float], record: Record) -> Float:
+def term_input(model: Model, term: Term, inputs: Mapping[str, Float], record: Record) -> Float:
     """What a term takes of its drive, one of `inputs`: all of it, or its level's share.
 
     Parameters
@@ -101,7 +101,7 @@ def taken(model: Model, term: Term, inputs: Mapping[str, Float], record: Record)
     return inputs[term.drive] * term.band.share(values)
 
 
-def respond(model: Model, effects: Sequence[Effect], record: Record) -> dict[str, Float]:
+def sum_terms(model: Model, effects: Sequence[Effect], record: Record) -> dict[str, Float]:
     """Sums of the terms of every output: what the machine does, before sources and sensors.
 
     Parameters
@@ -115,9 +115,9 @@ def respond(model: Model, effects: Sequence[Effect], record: Record) -> dict[str
     -------
     dict of channel to ndarray, shape (n,)
     """
-    inputs = driven(model, effects, record)
+    inputs = acting_drives(model, effects, record)
     holds = {d.channel: d.hold for d in model.drives}
-    acting = [taken(model, term, inputs, record) for term in model.terms]
+    acting = [term_input(model, term, inputs, record) for term in model.terms]
     losses = [e for e in effects if e.side == "state"]
 
     def sums(cooling: Float | None) -> dict[str, Float]:
