@@ -103,9 +103,9 @@ def _measured(
         orders = (c.model.orders for c in choose(training, structure))
         model = first_that_fits(orders, partial(structure.fit, training))
         o, poles = model.orders, "real" if real else "any"
-        told = f"{o.nb[0]},{o.nf[0]},{'/'.join(map(str, o.nk))}"
+        orders_text = f"{o.nb[0]},{o.nf[0]},{'/'.join(map(str, o.nk))}"
         fits = model.fit(training).fit_percent, model.fit(rest).fit_percent
-        print(f"| {log} | {target} | {', '.join(inputs)} | {poles} | {told} | "
+        print(f"| {log} | {target} | {', '.join(inputs)} | {poles} | {orders_text} | "
               f"{fits[0]:.1f} | {fits[1]:.1f} |", flush=True)  # fmt: skip
 
 

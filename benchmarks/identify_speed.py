@@ -59,7 +59,7 @@ class Outcome:
         Free run on the fresh record, and on the fitted one with its noise.
     mib : float
         Memory peak of the fit, on top of what was there.
-    told : str
+    method : str
         How it was found, or why there is nothing.
     """
 
@@ -67,7 +67,7 @@ class Outcome:
     fresh: float = np.nan
     training: float = np.nan
     mib: float = np.nan
-    told: str = ""
+    method: str = ""
 
 
 def peak_mib() -> float:
@@ -100,9 +100,9 @@ def apart(run: Peer, given: Case, limit_s: float) -> Outcome:
         try:
             sender.send(fitted(run, given))
         except ImportError:
-            sender.send(Outcome(told="not installed"))
+            sender.send(Outcome(method="not installed"))
         except (Exception, SystemExit) as error:
-            sender.send(Outcome(told=f"{type(error).__name__}: {error}".splitlines()[0][:60]))
+            sender.send(Outcome(method=f"{type(error).__name__}: {error}".splitlines()[0][:60]))
 
     child = multiprocessing.get_context("fork").Process(target=work)
     child.start()
@@ -114,7 +114,7 @@ def apart(run: Peer, given: Case, limit_s: float) -> Outcome:
         found = None
     child.kill()
     child.join()
-    return found or Outcome(told=f"nothing within {limit_s:g} s")
+    return found or Outcome(method=f"nothing within {limit_s:g} s")
 
 
 def own_sizes(seed: int, systems: int) -> dict[tuple[int, int], list[Outcome]]:
@@ -126,8 +126,8 @@ def own_sizes(seed: int, systems: int) -> dict[tuple[int, int], list[Outcome]]:
     for rows, inputs in ((10**4, 1), (10**5, 1), (10**6, 1), (10**4, 3)):
         all_of = [apart(ours, case(seed, k, rows, inputs), LIMIT_S) for k in range(systems)]
         found[rows, inputs] = all_of
-        told = [each.told for each in all_of]
-        methods = ", ".join(f"{told.count(m)} {m}" for m in dict.fromkeys(told))
+        all_methods = [each.method for each in all_of]
+        methods = ", ".join(f"{all_methods.count(m)} {m}" for m in dict.fromkeys(all_methods))
         seconds, fresh = [o.seconds for o in all_of], [o.fresh for o in all_of]
         print(f"| {rows} | {inputs} | {systems} | {np.median(seconds):.3f} ({max(seconds):.3f}) | "
               f"{np.median(fresh):.2f} ({min(fresh):.2f}) | {max(o.mib for o in all_of):.0f} | "
@@ -166,7 +166,7 @@ def beside(
 def _row(name: str, found: list[Outcome], mine: Array, bounds: Array) -> str:
     fits = np.array([[o.fresh, o.training] for o in found])
     done = np.isfinite(fits).all(axis=1)
-    left = "; ".join(dict.fromkeys(o.told for o, d in zip(found, done, strict=True) if not d))
+    left = "; ".join(dict.fromkeys(o.method for o, d in zip(found, done, strict=True) if not d))
     if not done.any():
         return f"| {name} | 0 | – | – | – | – | – | – | {left} |"
     seconds, fresh = np.array([o.seconds for o in found])[done], fits[done, 0]

@@ -101,8 +101,8 @@ def coverage(seed: int, repeats: int, rows: int = 1500) -> None:
                       f"{shares.min():.1f} to {shares.max():.1f} | {shares.mean():.1f} | "
                       f"{bias:.2f} at most |", flush=True)  # fmt: skip
     ratios = [_narrower(seed, repeat, u, clean) for repeat in range(20)]
-    told = ", ".join(f"{ratio:.2f}" for ratio in np.mean(ratios, axis=0))
-    print(f"\nErrors that are independent: intervals of the time constants {told} times as wide as "
+    text = ", ".join(f"{ratio:.2f}" for ratio in np.mean(ratios, axis=0))
+    print(f"\nErrors that are independent: intervals of the time constants {text} times as wide as "
           "those of the better one of two separate fits.")  # fmt: skip
 
 
@@ -174,8 +174,8 @@ def _row(name: str, fitted: Drive, blocks: int, modes: int, t: Array, u: Array, 
             hidden = _records(t, u, np.where(held, np.nan, y), every)
             curve, network, _ = _bent(fitted, hidden, modes)
             carried[held] = network.run(_through(hidden, curve))[0][held]
-    told = f"{min(exponents):.2f} to {max(exponents):.2f}" if np.isfinite(exponents).all() else ""
-    print(f"| {blocks} blocks | {modes} | {name} | {told} | {inside:.1f} | "
+    text = f"{min(exponents):.2f} to {max(exponents):.2f}" if np.isfinite(exponents).all() else ""
+    print(f"| {blocks} blocks | {modes} | {name} | {text} | {inside:.1f} | "
           f"{agreement(y, own).fit_percent:.1f} | {agreement(y, carried).fit_percent:.1f} |",
           flush=True)  # fmt: skip
 

@@ -89,7 +89,7 @@ def identify_actuator(
     if not reach:
         raise FitError("the command does not move: nothing to identify an actuator from")
     usual = min(int(len(command) * MAX_DELAY_SHARE), MAX_DELAY)
-    most = usual if longest is None else round(longest / period)
+    max_delay = usual if longest is None else round(longest / period)
     thresholds = THRESHOLD_SHARE * reach * np.arange(plays) / plays
     # A threshold is half the distance of the flanks; all start from the first command.
     acts = play(command, 2 * thresholds, {"play": np.full(plays, command[0])}).T
@@ -99,7 +99,7 @@ def identify_actuator(
     def fit(delay: float) -> tuple[float, Array]:
         return _weights(_delayed(answers, delay), reading)
 
-    whole = min(range(most + 1), key=lambda d: fit(float(d))[0])
+    whole = min(range(max_delay + 1), key=lambda d: fit(float(d))[0])
     ends = max(whole - 1.0, 0.0), whole + 1.0
     found = minimize_scalar(lambda d: fit(d)[0], bounds=ends, method="bounded")
     delay = float(found.x)

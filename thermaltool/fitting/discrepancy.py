@@ -23,12 +23,12 @@ from thermaltool.signals.row_groups import RowGroups
 
 # Prior size of a lag's weight, in units of the white noise; drift over white, in variance; number
 # of time constants of the drift: the grid on which the marginal likelihood is compared.
-SIZES = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
-RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+LAG_SIZES = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+DRIFT_RATIOS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 DRIFT_TIMES = 5
 # Prior standard deviation of a parameter's move, over its size: its square is far below the noise,
 # so that moves stay within what is linear; the lags say the rest.
-MOVE = 0.003
+PARAMETER_MOVE = 0.003
 # Directions of the information below this share of the largest, once scaled, are rounding.
 MIN_DIRECTION = 1e-13
 
@@ -87,20 +87,20 @@ def discrepancy(
     rows, noise = groups.means([table[each] for each in members]), groups.noise
     p, q = own.shape[1], lags.shape[1]
     sigma = max(difference_sigma(residual), 1e-3 * float(np.std(residual)), 1e-12)
-    best = (np.inf, (0.0, 1.0), SIZES[0], sigma)
+    best = (np.inf, (0.0, 1.0), LAG_SIZES[0], sigma)
     taus = np.geomspace(5 * noise.period, max(noise.span / 2, 10 * noise.period), DRIFT_TIMES)
-    for ratio in RATIOS:
+    for ratio in DRIFT_RATIOS:
         for tau in taus if ratio else taus[:1]:
             factor = noise.factor(ratio, float(tau))
             gram = rows.T @ factor.solve(rows)
-            for size in SIZES:
+            for size in LAG_SIZES:
                 value, white = _marginal(gram, factor.logdet, len(rows), p, q, size)
                 if value < best[0]:
                     best = (value, (ratio, float(tau)), size, white)
     _, (ratio, tau), size, white = best
     gram = rows.T @ noise.factor(ratio, tau).solve(rows)
     prior = _lag_prior(len(gram) - 1, p, q, size)
-    prior[:p] = (white / MOVE) ** 2 / np.maximum(span, 1e-300) ** 2
+    prior[:p] = (white / PARAMETER_MOVE) ** 2 / np.maximum(span, 1e-300) ** 2
     scaled, height = _scaled(gram, prior)
     inverse = _inverse(scaled) / np.outer(height, height)
     keep = slice(0, p + q)

@@ -55,9 +55,9 @@ def effective_share(runs: Sequence[Array]) -> float:
 def ar_error_model(runs: Sequence[Array]) -> tuple[Array, float] | None:
     """AR polynomial of errors and the variance of what drives them, of least BIC; None if white."""
     long = [runs[k] for k in long_runs(runs)]
-    most = min([MAX_AR_ORDER, *(len(e) // ROWS_PER_COEFFICIENT for e in long)]) if long else 0
-    if most < 1:
+    max_order = min([MAX_AR_ORDER, *(len(e) // ROWS_PER_COEFFICIENT for e in long)]) if long else 0
+    if max_order < 1:
         return None
-    table = burg(joined(long), most)
+    table = burg(joined(long), max_order)
     best = int(np.argmin([each.bic for each in table.criteria]))
     return (table.whitening(best), float(table.variance[best])) if best else None

@@ -27,10 +27,10 @@ Loss = Literal["linear", "huber"]
 MAX_PARAMETER_ERROR, MAX_GAIN_ERROR = 0.5, 0.1
 # A record shorter than this many of the slowest time constants does not show the steady state:
 # its covariance, linear around the fit, is then too narrow to be believed.
-SETTLED_PERIODS = 3
+SETTLED_TIME_CONSTANTS = 3
 # Residuals beyond this many robust standard deviations count linearly (Huber); their weights are
 # found anew at most so often, until none changes by more than this.
-HUBER, MAX_REWEIGHTINGS, WEIGHT_TOLERANCE = 2.5, 8, 1e-3
+HUBER_THRESHOLD, MAX_REWEIGHTINGS, WEIGHT_TOLERANCE = 2.5, 8, 1e-3
 # Step of a trust region that counts as one, in logarithms; where the search ends.
 STEP_SCALE, STEP_TOLERANCE, LOSS_TOLERANCE = 0.3, 1e-10, 1e-13
 
@@ -222,7 +222,7 @@ def _huber_weights(residual: Float) -> Float | None:
     spread = robust_std(residual)
     if spread == 0:
         return None
-    return np.minimum(1.0, HUBER * spread / np.maximum(np.abs(residual), 1e-300))
+    return np.minimum(1.0, HUBER_THRESHOLD * spread / np.maximum(np.abs(residual), 1e-300))
 
 
 def _described(
@@ -312,7 +312,7 @@ def _unsettled(
             gradient.append((ahead - behind) / (2 * step))
         error = standard_error(np.array(gradient), covariance[np.ix_(index, index)])
         gain, slowest = response.dc_gain(), response.slowest()
-        if error > MAX_GAIN_ERROR * abs(gain) or duration < SETTLED_PERIODS * slowest:
+        if error > MAX_GAIN_ERROR * abs(gain) or duration < SETTLED_TIME_CONSTANTS * slowest:
             found.append(
                 f"the steady state ({gain:.4g} ± {error:.2g}) is not settled: the record covers "
                 f"{duration / slowest:.2g} of the slowest time constant, {slowest:.3g} s"

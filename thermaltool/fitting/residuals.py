@@ -72,9 +72,9 @@ def residual_tests(model: OutputModel, data: TrainingData) -> ResidualTests:
 
 def _whitened(series: list[Array]) -> list[Array]:
     """Each run through the AR model of least AIC that all together have."""
-    most = min(MAX_AR_ORDER, min(len(x) for x in series) // ROWS_PER_LAG)
-    if most < 1 or not any(np.any(x) for x in series):
+    max_order = min(MAX_AR_ORDER, min(len(x) for x in series) // ROWS_PER_LAG)
+    if max_order < 1 or not any(np.any(x) for x in series):
         return series
-    table = burg(joined(series), most)
+    table = burg(joined(series), max_order)
     polynomial = table.whitening(table.best)
     return [np.asarray(lfilter(polynomial, [1.0], x)) for x in series]

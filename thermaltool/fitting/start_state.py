@@ -20,7 +20,7 @@ MIN_FACTOR, MIN_EVIDENCE = 1.25, 25.0
 # many standard deviations.
 IDLE_SHARE, IDLE_DEVIATIONS = 0.01, 4.0
 # An output is compared over so many parts of at least so many rows.
-PARTS, MIN_PART_ROWS = 5, 3
+COMPARED_PARTS, MIN_PART_ROWS = 5, 3
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def with_start(
     if initial != "auto":
         return data.from_rest() if initial == "rest" else data
     data.check()
-    if any(len(data.records[k]) < PARTS * MIN_PART_ROWS for k in data.begins.values()):
+    if any(len(data.records[k]) < COMPARED_PARTS * MIN_PART_ROWS for k in data.begins.values()):
         return data  # too short to tell rest from a transient
     if all(_begins_idle(data.measured(k)) for k in range(len(data.outputs))):
         return data.from_rest()
@@ -99,10 +99,10 @@ def _begins_idle(data: TrainingData) -> bool:
 def _stands_still(inputs: Array, output: Array) -> bool:
     moved = np.abs(inputs - inputs[:, :1]) > [[_idle_range(u)] for u in inputs]
     rows = int(np.argmax(moved.any(axis=0))) if moved.any() else inputs.shape[1]
-    if rows < PARTS * MIN_PART_ROWS:
+    if rows < COMPARED_PARTS * MIN_PART_ROWS:
         return False
-    parts = [float(part.mean()) for part in np.array_split(output[:rows], PARTS)]
-    return float(np.ptp(parts)) <= _idle_range(output, rows // PARTS)
+    parts = [float(part.mean()) for part in np.array_split(output[:rows], COMPARED_PARTS)]
+    return float(np.ptp(parts)) <= _idle_range(output, rows // COMPARED_PARTS)
 
 
 def _idle_range(signal: Array, averaged: int = 1) -> float:

@@ -101,8 +101,8 @@ class _CurveProblem:
         slowest = MAX_DURATION_SHARE * max(record.duration for record in self.records)
         for term in self.terms:
             for name in term.response.searched:
-                most = slowest if name.startswith("tau") else MAX_SEARCHED.get(name, np.inf)
-                high.append(min(MAX_LOG_MOVE, np.log(most / getattr(term.response, name))))
+                largest = slowest if name.startswith("tau") else MAX_SEARCHED.get(name, np.inf)
+                high.append(min(MAX_LOG_MOVE, np.log(largest / getattr(term.response, name))))
                 low.append(high[-1] - 2 * MAX_LOG_MOVE)
         return np.array(low), np.array(high)
 

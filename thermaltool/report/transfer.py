@@ -14,7 +14,7 @@ from thermaltool.fitting.residuals import ResidualTests
 from thermaltool.fitting.selection import Candidate
 from thermaltool.fitting.transfer.continuous_term import oscillates
 from thermaltool.fitting.transfer.model import TransferModel
-from thermaltool.fitting.transfer.polynomials import LARGEST_POLE
+from thermaltool.fitting.transfer.polynomials import MAX_POLE_RADIUS
 from thermaltool.fitting.transfer.search import FALLBACK, SEPARATE
 from thermaltool.report.orders import aligned
 from thermaltool.responses import parameter_names
@@ -63,7 +63,7 @@ def transfer_warnings(fit: Fit) -> list[str]:
     ]
     slowest = max(settling, default=0.0)
     if slowest > span:
-        limit = 0.99 * m.dt / (1 - LARGEST_POLE)
+        limit = 0.99 * m.dt / (1 - MAX_POLE_RADIUS)
         endless = slowest > min(INTEGRATOR_RECORDS * span, limit)
         sentences.append(f"{target}: {longer_than_record(slowest, span, endless)}")
     return sentences

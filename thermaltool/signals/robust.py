@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-# Standard deviation of a normal distribution over the median of its absolute values: 1/Φ⁻¹(3/4).
-MAD_TO_SIGMA = 1.482602218505602
+# Standard deviation of a normal distribution over the median of its absolute values, 1/Φ⁻¹(3/4) as
+# it is usually rounded: the reweighting of calibrations ends elsewhere with more digits of it.
+MAD_TO_SIGMA = 1.4826
 
 
 def robust_std(deviations: NDArray[np.float64]) -> float:

@@ -14,7 +14,7 @@ from thermaltool.fitting.transfer import search
 from thermaltool.fitting.transfer.continuous import ContinuousOeStructure, ContinuousProblem
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.polynomials import (
-    LARGEST_POLE,
+    MAX_POLE_RADIUS,
     partial_fractions,
     stabilized,
 )
@@ -87,7 +87,7 @@ def test_only_poles_outside_are_moved():
     for _ in range(500):
         pair = rng.uniform(0.5, 1.2) * np.exp(1j * rng.uniform(0, np.pi) * np.array([1, -1]))
         F = np.poly([*pair, rng.uniform(-1.2, 1.2)]).real
-        stable = np.max(np.abs(np.roots(F))) < LARGEST_POLE
+        stable = np.max(np.abs(np.roots(F))) < MAX_POLE_RADIUS
         assert (stabilized(F) is F) == stable
         assert np.max(np.abs(np.roots(stabilized(F)))) < 1
 

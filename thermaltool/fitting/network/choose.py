@@ -19,7 +19,7 @@ from thermaltool.fitting.start_state import StartErrors
 # Delays and time constants are found in turn at most so often.
 MAX_DELAY_ROUNDS = 5
 # Modes beside which delays and the start are chosen, at most.
-MAX_TRIED = 3
+MAX_TRIED_MODES = 3
 
 
 def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate[Network], ...]:
@@ -106,7 +106,7 @@ def _least_bic(problem: NetworkProblem) -> tuple[float, NetworkSearchResult]:
     found = []
     outputs, inputs = len(problem.delays), len(problem.data.inputs)
     rows = sum(problem.rows(k) for k in range(outputs))
-    for modes in range(1, MAX_TRIED + 1):
+    for modes in range(1, MAX_TRIED_MODES + 1):
         try:
             each = search(problem, modes)
         except FitError:
@@ -121,7 +121,7 @@ def undelayed_errors(data: TrainingData) -> StartErrors | None:
     """Errors of one to three modes without dead time; None where there are too few rows."""
     none: Delays = tuple((0.0,) * len(data.inputs) for _ in data.outputs)
     problem, outputs = NetworkProblem(data, none), range(len(data.outputs))
-    if min(map(problem.rows, outputs)) <= problem.linear_count(MAX_TRIED) + MAX_TRIED:
+    if min(map(problem.rows, outputs)) <= problem.linear_count(MAX_TRIED_MODES) + MAX_TRIED_MODES:
         return None
     found = _least_bic(problem)[1]
 

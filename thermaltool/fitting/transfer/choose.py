@@ -81,7 +81,7 @@ def _delays(data: TrainingData) -> list[tuple[int, ...]]:
     Then what else may be: the least delays, and for each input the best other minimum of the loss,
     for a delay can stand for poles that a second order has not.
     """
-    most, least = min(MAX_DELAY, max(4, data.longest // 8)), data.least_delays
+    longest, least = min(MAX_DELAY, max(4, data.longest // 8)), data.least_delays
     nk, others = least, list(least)
     for _ in range(DELAY_ROUNDS):
         before = nk
@@ -95,7 +95,7 @@ def _delays(data: TrainingData) -> list[tuple[int, ...]]:
                     "choice of orders needs: give --orders; --structure network takes holes"
                 )
             F = search(problem).F
-            for delay in range(low, most + 1):
+            for delay in range(low, longest + 1):
                 tried = (*nk[:k], delay, *nk[k + 1 :])
                 orders = OeStructure().orders((2,) * len(nk), 2, tried)
                 candidate = Problem(data.about_levels(orders.first), orders)

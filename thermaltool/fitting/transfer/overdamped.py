@@ -21,20 +21,20 @@ from thermaltool.fitting.transfer.starts import grid
 from thermaltool.signals.gauss_newton import minimize
 
 # Shortest time constant of the search [samples]; the longest in lengths of the record.
-SHORTEST, LONGEST_IN_RECORDS = 0.1, 10
+MIN_TIME_CONSTANT, MAX_TIME_CONSTANT_RECORDS = 0.1, 10
 # A step moves the logarithm of a time constant by no more than this.
 MAX_STEP = 1.0
 # Starts of the coarse grid that are followed.
-STARTS = 3
+FOLLOWED_STARTS = 3
 # Time constants of a start are at least this far apart, as a ratio; the shortest of them [samples].
-MIN_RATIO, SHORTEST_START = 1.5, 0.3
+MIN_RATIO, MIN_START_TIME_CONSTANT = 1.5, 0.3
 # Steps from every start, at most.
-STEPS = 60
+MAX_STEPS = 60
 # Step of a logarithm by which a denominator is differentiated.
-DIFFERENCE = 1e-5
+LOG_DIFFERENCE = 1e-5
 
 
-def overdamped(problem: Problem, start: SearchResult, steps: int = STEPS) -> SearchResult:
+def overdamped(problem: Problem, start: SearchResult) -> SearchResult:
     """Real, stable poles: damped Gauss-Newton over the logarithms of the time constants.
 
     A start that is overdamped already is the answer. Else of a pair each pole takes its decay, a
@@ -50,16 +50,16 @@ def overdamped(problem: Problem, start: SearchResult, steps: int = STEPS) -> Sea
         coarse = grid(problem)
         outputs = [problem.output(k) for k in problem.used]
         others = [[-1 / np.log(np.roots(problem.recursion(s.F)).real.clip(1e-6))]
-                  for s in coarse.ranked(outputs, STARTS)]  # fmt: skip
+                  for s in coarse.ranked(outputs, FOLLOWED_STARTS)]  # fmt: skip
     else:
         others = [[np.geomspace(longest / 6, max(longest / 600, 1.0), len(z)) for z in roots]]
-    ends = [_over_time_constants(problem, each, steps) for each in (tau, *others)]
+    ends = [_over_time_constants(problem, each) for each in (tau, *others)]
     return min(ends, key=lambda end: end.loss)
 
 
-def _over_time_constants(problem: Problem, tau: list[Array], steps: int) -> SearchResult:
+def _over_time_constants(problem: Problem, tau: list[Array]) -> SearchResult:
     """Gauss-Newton from these time constants of each denominator [samples]."""
-    bounds = np.log(SHORTEST), np.log(LONGEST_IN_RECORDS * problem.data.longest)
+    bounds = np.log(MIN_TIME_CONSTANT), np.log(MAX_TIME_CONSTANT_RECORDS * problem.data.longest)
     edges = np.cumsum([0, *map(len, tau)])
 
     def denominators(theta: Array) -> tuple[Array, ...]:
@@ -81,14 +81,14 @@ def _over_time_constants(problem: Problem, tau: list[Array], steps: int) -> Sear
         normal_equations,
         lambda here, step: point(here[0] + np.clip(step, -MAX_STEP, MAX_STEP)),
         lambda here: TOLERANCE * here[1].loss / problem.rows,
-        steps,
+        MAX_STEPS,
     )
     return replace(end.point[1], converged=end.converged, method=f"{GAUSS_NEWTON} over real poles")
 
 
 def _apart(tau: Array) -> Array:
     """Time constants drawn apart, the slowest first."""
-    tau = np.sort(np.clip(tau, SHORTEST_START, None))[::-1]
+    tau = np.sort(np.clip(tau, MIN_START_TIME_CONSTANT, None))[::-1]
     for k in range(1, len(tau)):
         tau[k] = min(tau[k], tau[k - 1] / MIN_RATIO)
     return tau
@@ -104,7 +104,7 @@ def _jacobian(
     columns = []
     for k in range(len(theta)):
         beside = theta.copy()
-        beside[k] += DIFFERENCE
+        beside[k] += LOG_DIFFERENCE
         steps = [problem.step_between(f, g) for f, g in zip(F, denominators(beside), strict=True)]
-        columns.append(np.concatenate(steps) / DIFFERENCE)
+        columns.append(np.concatenate(steps) / LOG_DIFFERENCE)
     return np.array(columns).T

@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 # Poles are kept inside this radius, so that a simulation over any record stays finite.
-LARGEST_POLE = 1 - 1e-6
+MAX_POLE_RADIUS = 1 - 1e-6
 
 
 def stabilized(F: Array) -> Array:
     """Poles outside the unit circle reflected into it."""
-    if _inside(F, LARGEST_POLE):
+    if _inside(F, MAX_POLE_RADIUS):
         return F
     poles = np.roots(F)
     size = np.abs(poles)
     poles = np.where(size > 1, poles / np.maximum(size, 1e-300) ** 2, poles)
     size = np.abs(poles)
-    poles = np.where(size > LARGEST_POLE, poles / size * LARGEST_POLE, poles)
+    poles = np.where(size > MAX_POLE_RADIUS, poles / size * MAX_POLE_RADIUS, poles)
     return np.asarray(np.poly(poles).real)
 
 

@@ -27,7 +27,7 @@ from thermaltool.signals.gauss_newton import minimize, solve
 # second.
 TOLERANCE, ROUGH_TOLERANCE = 1e-4, 1.0
 # A loss below this share of the squared output is rounding.
-ROUNDING = 1e-22
+MIN_RELATIVE_LOSS = 1e-22
 REFINED = "refined instrumental variables"
 SEPARATE = f"{REFINED} of each input"
 GAUSS_NEWTON = "Gauss-Newton"
@@ -44,7 +44,7 @@ AGREEING_LOSS = 1.001
 # Starts of one input of several that are followed roughly; of another pole of it.
 ROUGH_STARTS, OTHER_STARTS = 3, 2
 # Rounds in which each of several inputs is searched wholly, where roughly is not enough.
-ROUNDS = 2
+INPUT_ROUNDS = 2
 # A start counts as nearly as good up to this multiple of the loss.
 NEAR_LOSS = 1.01
 # A minimum is another one where its loss differs by so many error variances.
@@ -158,7 +158,8 @@ def refine(
     """
     here = problem.project(F)
     best, best_step = SearchResult(F, here, REFINED), 0
-    floor = ROUNDING * sum(float(y @ y) for y in (problem.data.y[k][0] for k in problem.used))
+    power = sum(float(y @ y) for y in (problem.data.y[k][0] for k in problem.used))
+    floor = MIN_RELATIVE_LOSS * power
     for k in range(1, steps + 1):
         slopes = problem.slopes(F, here)
         F = problem.moved(F, solve(slopes.mixed, slopes.score)[: slopes.searched])
@@ -175,9 +176,7 @@ def refine(
     return best
 
 
-def gauss_newton(
-    problem: Problem, start: SearchResult, steps: int = GAUSS_NEWTON_STEPS
-) -> SearchResult:
+def gauss_newton(problem: Problem, start: SearchResult) -> SearchResult:
     """Damped Gauss-Newton on the projected error from the best point of another search."""
     method = f"{GAUSS_NEWTON} from {start.method}"
     end = minimize(
@@ -186,7 +185,7 @@ def gauss_newton(
         lambda here: reduced_equations(problem, here),
         lambda here, step: at(problem, problem.moved(here.F, step)),
         lambda here: TOLERANCE * here.loss / problem.rows,
-        steps,
+        GAUSS_NEWTON_STEPS,
     )
     return replace(end.point, method=method, converged=end.converged)
 
@@ -260,7 +259,7 @@ def thorough(problem: Problem) -> list[tuple[Array, ...]]:
     F = [np.ones(1) for _ in groups]
     shares = [[np.zeros_like(y) for y in whole] for _ in groups]
     found = []
-    for _ in range(ROUNDS):
+    for _ in range(INPUT_ROUNDS):
         for g in groups:
             left = [y - sum(shares[h][k] for h in groups if h != g) for k, y in enumerate(whole)]
             alone = _alone(problem, g, left)

@@ -18,10 +18,10 @@ from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.signals.gauss_newton import MIN_DIRECTION
 
 Index = NDArray[np.intp]
-# Fastest time constant of the grid [samples], and the most there are on it.
-FASTEST, MOST = 0.7, 7
+# Fastest time constant of the grid [samples], and how many there are on it at most.
+MIN_TIME_CONSTANT, MAX_GRID_SIZE = 0.7, 7
 # Time constants nearer than this in logarithm count as the same.
-DISTINCT = 0.01
+MIN_LOG_DISTANCE = 0.01
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,13 @@ class Grid:
     frees: tuple[Array, ...]
     inverses: Array
 
-    def ranked(self, outputs: Sequence[Array], most: int) -> list[Start]:
+    def ranked(self, outputs: Sequence[Array], count: int) -> list[Start]:
         """The best starts for these outputs of the used records, on the rows that count.
 
         Parameters
         ----------
         outputs : sequence of ndarray
-        most : int
+        count : int
         """
         rights = np.zeros((len(self.lags), self.problem.shared_count))
         power = np.zeros(len(self.lags))
@@ -84,7 +84,7 @@ class Grid:
             power += float(seen @ seen) - np.einsum("ki,kij,kj->k", own, free, own)
         loss = power - np.einsum("ki,kij,kj->k", rights, self.inverses, rights)
         order = [k for k in np.argsort(loss) if np.isfinite(loss[k])]
-        return [Start(float(loss[k]), self.problem.start(self.lags[k])) for k in order[:most]]
+        return [Start(float(loss[k]), self.problem.start(self.lags[k])) for k in order[:count]]
 
 
 def grid(problem: Problem, around: Array | None = None) -> Grid:
@@ -120,8 +120,8 @@ def _coarse(problem: Problem) -> Array:
     """Time constants from below a sample to half the record [samples]."""
     longest = max(problem.data.longest / 2.0, 8.0)
     # Poles with a time constant below a sample are as good as delays.
-    count = max(3, min(MOST, round(np.log(longest) / np.log(4)) + 1))
-    return np.geomspace(FASTEST, longest, count)
+    count = max(3, min(MAX_GRID_SIZE, round(np.log(longest) / np.log(4)) + 1))
+    return np.geomspace(MIN_TIME_CONSTANT, longest, count)
 
 
 def _pairs(problem: Problem) -> tuple[Array, Index]:
@@ -142,7 +142,7 @@ def _beside(problem: Problem, around: Array) -> tuple[Array, Index]:
     """Time constants, and which of them make a denominator: all but one of those `around`."""
     coarse = _coarse(problem)
     # Partial fractions want distinct poles.
-    apart = np.min(np.abs(np.log(coarse[:, None] / around)), axis=1) > DISTINCT
+    apart = np.min(np.abs(np.log(coarse[:, None] / around)), axis=1) > MIN_LOG_DISTANCE
     coarse = coarse[apart]
     kept = itertools.combinations(range(len(coarse), len(coarse) + len(around)), len(around) - 1)
     chosen = [[m, *rest] for rest in kept for m in range(len(coarse))]
