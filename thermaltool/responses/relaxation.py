@@ -111,9 +111,7 @@ class StepResponse(Protocol):
         """Its steady state."""
 
 
-def fit_relaxation(
-    response: StepResponse, slow: float, fast: float, dt: float, tol: float = STEP_TOLERANCE
-) -> Modes:
+def fit_relaxation(response: StepResponse, slow: float, fast: float, dt: float) -> Modes:
     """A response by diffusion as a sum of real exponentials.
 
     Parameters
@@ -123,8 +121,6 @@ def fit_relaxation(
         Ends of the spectrum: below `slow` there is nothing, above `fast` nothing is wanted.
     dt : float [s]
         Shortest sample: what the response does within half of it is not judged.
-    tol : float
-        Largest error of the step response, relative to its largest value.
 
     Raises
     ------
@@ -139,8 +135,9 @@ def fit_relaxation(
         modes = Modes((-grid.rates).astype(complex), weights.astype(complex))
         judged = np.abs(modes.step(grid.times) - target)[grid.times >= min(dt / 2, grid.times[-1])]
         error = float(np.max(judged) / np.max(np.abs(target)))
-        if error <= tol:
+        if error <= STEP_TOLERANCE:
             return modes
     raise FitError(
-        f"a sum of {len(grid.rates)} exponentials is off by {error:.1e} (wanted {tol:.1e})"
+        f"a sum of {len(grid.rates)} exponentials is off by {error:.1e} "
+        f"(wanted {STEP_TOLERANCE:.1e})"
     )

@@ -20,6 +20,7 @@ from scipy.special import chdtri
 Array = NDArray[np.float64]
 
 WHITE, FLICKER, RANDOM_WALK = 0, -1, -2
+CONFIDENCE = 0.95  # probability inside the limits
 MIN_AVERAGES = 30  # means: with fewer, the lag-1 identification of the noise kind is not reliable
 
 
@@ -48,7 +49,7 @@ class AllanDeviation:
 
 
 def allan_deviation(
-    values: ArrayLike, period: float, factors: ArrayLike | None = None, confidence: float = 0.95
+    values: ArrayLike, period: float, factors: ArrayLike | None = None
 ) -> AllanDeviation:
     """Overlapping Allan deviation (NIST SP 1065, eq. 10) with χ² limits (eq. 45).
 
@@ -60,8 +61,6 @@ def allan_deviation(
         Sample period [s].
     factors : array_like of int, optional
         Averaging factors m = τ / period; four per octave up to n / 4 by default.
-    confidence : float
-        Probability inside [low, high].
 
     Raises
     ------
@@ -86,7 +85,7 @@ def allan_deviation(
             kind = noise_kind(y, int(factor))
         kinds[i] = kind
         edf[i] = equivalent_dof(n + 1, int(factor), kind)
-    tail = (1.0 - confidence) / 2.0
+    tail = (1.0 - CONFIDENCE) / 2.0
     low = deviation * np.sqrt(edf / chdtri(edf, tail))
     high = deviation * np.sqrt(edf / chdtri(edf, 1.0 - tail))
     return AllanDeviation(np.asarray(m * period, dtype=float), deviation, low, high, edf, kinds)

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 DEGREE = 3  # of the local polynomials
 MEDIAN_SPREAD = 1.1  # of white noise about its running median of 7: sqrt(1 + 0.46²)
+FALSE_ALARMS = 0.01  # chance of an outlier anywhere in a Gaussian record
 # Of a block's residual to what its noise explains: above it the block has a step.
 MAX_VARIANCE_RATIO = 3.0
 
@@ -51,11 +52,11 @@ def difference_sigma(values: ArrayLike) -> float:
     return robust_std(second) / float(np.sqrt(6.0)) if second.size else 0.0
 
 
-def find_outliers(values: ArrayLike, sigma: float, probability: float = 0.01) -> NDArray[np.bool_]:
+def find_outliers(values: ArrayLike, sigma: float) -> NDArray[np.bool_]:
     """Readings that stand alone: beyond the running median of 7 by more than chance allows.
 
     A step or a ramp passes, since the median follows it. The threshold holds the chance of a false
-    alarm anywhere in a Gaussian record of this length to `probability`.
+    alarm anywhere in a Gaussian record of this length to `FALSE_ALARMS`.
 
     Parameters
     ----------
@@ -74,7 +75,7 @@ def find_outliers(values: ArrayLike, sigma: float, probability: float = 0.01) ->
     deviation = np.abs(v - median_filter(v, size=7, mode="nearest"))
     # Where the signal itself is restless, or the noise larger, the neighbourhood sets the scale.
     local = MAD_TO_SIGMA * median_filter(deviation, size=min(101, v.size), mode="nearest")
-    threshold = -ndtri(probability / (2.0 * v.size)) * np.maximum(MEDIAN_SPREAD * sigma, local)
+    threshold = -ndtri(FALSE_ALARMS / (2.0 * v.size)) * np.maximum(MEDIAN_SPREAD * sigma, local)
     return deviation > threshold
 
 

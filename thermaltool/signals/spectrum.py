@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 MIN_SEGMENT, MAX_SEGMENT = 32, 16384  # samples per Fourier transform
 SEGMENTS_PER_RECORD = 8  # transforms side by side that a record is cut into
 FLOOR_BINS = 101  # bins whose median is the local floor
+MAX_LINES = 20  # listed, of strongest evidence
+THIN_BANDS = 200  # points of a plotted spectrum
 MAX_LINE_P_VALUE = 0.01  # chance to see a line anywhere in a spectrum without one
 
 
@@ -86,9 +88,7 @@ def welch_spectrum(runs: Sequence[Array], period: float) -> Spectrum | None:
     return Spectrum(frequency[2:], density[2:], dof)
 
 
-def find_lines(
-    spectrum: Spectrum, baseline: Array, lowest: float = 0.0, limit: int = 20
-) -> tuple[Line, ...]:
+def find_lines(spectrum: Spectrum, baseline: Array, lowest: float = 0.0) -> tuple[Line, ...]:
     """Peaks above the local floor that noise does not explain, strongest evidence first.
 
     The floor is the running median of density / baseline; a peak's χ² probability is multiplied by
@@ -101,8 +101,6 @@ def find_lines(
         Expected shape of the density, so that a steep floor is flat to the median [any unit].
     lowest : float
         Frequency below which no line is sought [Hz].
-    limit : int
-        Most lines returned.
     """
     searched = spectrum.frequency >= lowest
     frequency, density, shape = (
@@ -126,15 +124,15 @@ def find_lines(
         Line(float(frequency[k]), float(np.sqrt(2.0 * spacing * excess[k])), float(probability[k]))
         for k in np.flatnonzero(peak)
     ]
-    return tuple(sorted(lines, key=lambda line: (line.p_value, -line.amplitude))[:limit])
+    return tuple(sorted(lines, key=lambda line: (line.p_value, -line.amplitude))[:MAX_LINES])
 
 
-def thin(spectrum: Spectrum, points: int = 200) -> tuple[Array, Array]:
-    """Frequency and density averaged into about `points` log-spaced bands [Hz], [unit²/Hz]."""
+def thin(spectrum: Spectrum) -> tuple[Array, Array]:
+    """Frequency and density averaged into about `THIN_BANDS` log-spaced bands [Hz], [unit²/Hz]."""
     f = spectrum.frequency
-    if f.size <= points:
+    if f.size <= THIN_BANDS:
         return f, spectrum.density
-    edges = np.geomspace(f[0], f[-1] * (1 + 1e-9), points + 1)
+    edges = np.geomspace(f[0], f[-1] * (1 + 1e-9), THIN_BANDS + 1)
     band = np.searchsorted(edges, f, side="right")
     starts = np.flatnonzero(np.diff(band, prepend=-1))
     counts = np.diff(np.append(starts, f.size))

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 # Of roots in the unit circle; nearer ones leave a narrow line alone.
 MAX_CANCELLING_DISTANCE = 0.1
 MAX_PARTIAL = 1.0 - 5e-7  # partial autocorrelation: nearer to 1, the state's variance is rounding
+MAX_DECAYED = 1e-10  # of a response that begins at 1: its square is rounding
 MAX_MADE_PARTIAL = 0.995  # of a model that had to be made stationary: well inside, to climb from
 
 
@@ -109,7 +110,7 @@ def impulse_response(ar: Array, ma: Array, size: int) -> Array:
     return np.asarray(lfilter(top, bottom, pulse))
 
 
-def decayed_response(denominator: Array, limit: int, tolerance: float = 1e-10) -> Array:
+def decayed_response(denominator: Array, limit: int) -> Array:
     """Impulse response of 1/(1 + d_1 B + ...) until it has decayed, at most `limit` long."""
     size, order = 64, denominator.size - 1
     while True:
@@ -117,7 +118,7 @@ def decayed_response(denominator: Array, limit: int, tolerance: float = 1e-10) -
         pulse = np.zeros(size)
         pulse[0] = 1.0
         h = np.asarray(lfilter([1.0], denominator, pulse))
-        if size == limit or np.abs(h[-order - 1 :]).max() < tolerance:
+        if size == limit or np.abs(h[-order - 1 :]).max() < MAX_DECAYED:
             return h
         size *= 4
 

@@ -21,10 +21,8 @@ Array = NDArray[np.float64]
 NEW_START = -1  # in place of a number of missing samples: nothing is known of the time between
 
 
-def even_record(
-    values: ArrayLike, segments: Sequence[slice] = (), period: float = 1.0, channel: str = "x"
-) -> Record:
-    """Record of consecutive samples.
+def even_record(values: ArrayLike, segments: Sequence[slice] = ()) -> Record:
+    """Record of consecutive samples of one channel, "x", a second apart.
 
     Parameters
     ----------
@@ -32,11 +30,9 @@ def even_record(
         NaN where missing [unit].
     segments : sequence of slice, optional
         Stretches that stand for themselves; the whole by default.
-    period : float [s]
-    channel : str
     """
     x = np.asarray(values, dtype=float)
-    return Record(period * np.arange(float(x.size)), {channel: x}, tuple(segments))
+    return Record(np.arange(float(x.size)), {"x": x}, tuple(segments))
 
 
 def joined(pieces: Sequence[Array]) -> Record:
