@@ -120,9 +120,13 @@ def to_json(document: Mapping[str, Any], indent: int | None = 1) -> str:
 
 def write_json(document: Mapping[str, Any], target: str) -> None:
     """Write a document whole, as `to_json`; ``-`` is stdout."""
-    text = to_json(document)
+    write_whole(to_json(document).encode(), target)
+
+
+def write_whole(data: bytes, target: str) -> None:
+    """Write bytes as `atomic_output` does; ``-`` is stdout."""
     with atomic_output(target) as stream:
-        stream.write(text.encode())
+        stream.write(data)
 
 
 def read_text(path: str) -> str:

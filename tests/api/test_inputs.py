@@ -30,7 +30,7 @@ def test_a_frame_is_read_like_the_file_of_its_columns(tmp_path: Path) -> None:
     assert of_frame.columns.keys() == of_file.columns.keys()
     for name, values in of_file.columns.items():
         np.testing.assert_array_equal(of_frame.columns[name], values)
-    assert of_frame.channels == of_file.channels
+    assert of_frame.channel_summaries() == of_file.channel_summaries()
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ def log_of(time: np.ndarray, values: np.ndarray) -> Log:
         name="log.csv",
         time=time,
         columns={"T_a_degC": values},
-        channels={},
         segments=segments(time),
         digest="",
         lines=np.arange(2, len(time) + 2),

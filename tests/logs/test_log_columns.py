@@ -118,7 +118,7 @@ def test_measured_logs_load_as_they_are(
 ) -> None:
     log = read_log(str(find(path)), columns=str(MAPS / name))
     assert len(log) == rows
-    assert len(log.channels) == len(log.columns) == channels
+    assert len(log.channel_summaries()) == len(log.columns) == channels
     assert log.period == pytest.approx(period)
     assert log.segments == (slice(0, rows),)
     assert all(np.isfinite(values).all() for values in log.columns.values())
@@ -169,7 +169,7 @@ def test_an_angle_from_two_probes(mapped) -> None:
     """φ = (δ2 − δ1)/Δ: 4 µm over 200 mm are 20 µrad."""
     log = mapped("time_s,d_1_um,d_2_mm\n0,1,0.005\n1,,0\n", ANGLES)
     np.testing.assert_allclose(log.column("phi_x_urad"), [20.0, np.nan], rtol=1e-12)
-    assert log.channels["phi_x_urad"].dimension == "angle"
+    assert log.channel_summaries()[-1].unit == "urad"
     other = ANGLES.replace("phi_x_urad", "phi_x_rad")
     log = mapped("time_s,d_1_um,d_2_mm\n0,1,0.005\n1,,0\n", other)
     assert log.column("phi_x_rad")[0] == pytest.approx(20e-6)

@@ -10,7 +10,6 @@ import pytest
 from thermaltool.logs import Log
 from thermaltool.logs.clock import segments
 from thermaltool.logs.inspect import Finding, inspect
-from thermaltool.units import parse_channel
 
 ROWS = 1000
 
@@ -26,7 +25,6 @@ def log() -> Log:
         name="log.csv",
         time=time,
         columns=dict(zip(names, values, strict=True)),
-        channels={name: parse_channel(name) for name in names},
         segments=segments(time),
         digest="",
         lines=np.arange(2, ROWS + 2),

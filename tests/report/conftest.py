@@ -10,15 +10,13 @@ from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.deflection import Deflection
-from thermaltool.units import parse_channel
 
 CONDUCTION = Conduction(K=3.5, a=0.3, alpha=0.004, r=0.7)
 DEFLECTION = Deflection(A=50.0, a=0.005, B=20.0, b=0.002, D=-0.02, d=0.004)
 
 
 def make_log(name: str, time: np.ndarray, **columns: np.ndarray) -> Log:
-    channels = {key: parse_channel(key) for key in columns}
-    return Log(time, dict(columns), name=name, channels=channels)
+    return Log(time, dict(columns), name=name)
 
 
 @pytest.fixture

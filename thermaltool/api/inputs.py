@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar, Unpack, cast
 
 from thermaltool.api.result import Notice, notice
-from thermaltool.documents import NOISE, Part, atomic_output, finite, mapping, read_text
+from thermaltool.documents import NOISE, Part, finite, mapping, read_text, write_whole
 from thermaltool.errors import LogError, ModelError
 
 if TYPE_CHECKING:
@@ -186,9 +186,7 @@ def write_model(model: ModelLike, path: str, command: str | None = None) -> None
     model = as_model(model)
     if command is not None:
         model = replace(model, provenance={**model.provenance, "command": command})
-    text = dumps(model)
-    with atomic_output(path) as stream:
-        stream.write(text.encode())
+    write_whole(dumps(model).encode(), path)
 
 
 def read_noise(noise: str | os.PathLike[str] | Any) -> dict[str, SensorNoise]:

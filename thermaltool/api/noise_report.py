@@ -10,7 +10,7 @@ from thermaltool.api.inputs import Reading, reads
 from thermaltool.api.result import Notice, Result, notice, to_frame
 from thermaltool.errors import LogError
 from thermaltool.logs import read_log
-from thermaltool.units import names
+from thermaltool.units import names, parse_channel
 
 if TYPE_CHECKING:
     import pandas
@@ -134,5 +134,5 @@ def noise(
             warn(f"{log.name}: {name}: {error}")
     if all(isinstance(found, str) for found in estimates.values()):
         raise LogError("no channel has a usable record", log.name)
-    units = {name: log.channels[name].unit for name in estimates}
+    units = {name: parse_channel(name).unit for name in estimates}
     return NoiseReport(whole.name, whole.period, units, estimates)

@@ -10,7 +10,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, warn
 from thermaltool.cli.types import NUMBER, POSITIVE, Assignment, InputPath, TimeGrid
-from thermaltool.documents import atomic_output
+from thermaltool.documents import write_whole
 
 METHODS = ("auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest")
 
@@ -68,8 +68,8 @@ def command(
     except ExpressionError as error:
         raise click.BadParameter(str(error), param_hint="EXPRESSION") from error
     if as_json:
-        with atomic_output(output) as stream:
-            stream.write(json.dumps(result.document(), allow_nan=False).encode() + b"\n")
+        text = json.dumps(result.document(), allow_nan=False)
+        write_whole(f"{text}\n".encode(), output)
     else:
         write_table(result.columns, output, to_format)
     if message := result.warning():

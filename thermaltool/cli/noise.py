@@ -38,7 +38,7 @@ def command(
     Missing readings are left out. -o takes the JSON for the next stage, stdout a table.
     """
     from thermaltool import api
-    from thermaltool.documents import atomic_output
+    from thermaltool.documents import write_whole
     from thermaltool.report.noise import to_json
     from thermaltool.report.style import figure_format, write_figure
 
@@ -48,8 +48,7 @@ def command(
     result = api.noise(log, **options, warn=warn)
     document = to_json(result.document())
     for target in [output] * (output != "-") + ["-"] * as_json:
-        with atomic_output(target) as stream:
-            stream.write(document)
+        write_whole(document, target)
     if plot is not None:
         write_figure(result.draw, plot)
     if not as_json:

@@ -58,8 +58,9 @@ def inspect(log: Log) -> Inspection:
     clock = sampling(log.time[np.isfinite(log.time)])
     findings += _capped(_gaps(log, clock))
     findings += _jitter(log, clock)
-    for name, values in log.columns.items():
-        quantity = log.channels[name].quantity if name in log.channels else ""
+    channels = log.channel_summaries()
+    for name, quantity in ((channel.name, channel.quantity) for channel in channels):
+        values = log.columns[name]
         findings += _capped(_missing(log, name, values))
         present = np.flatnonzero(np.isfinite(values))
         lines, values = log.lines[present], values[present]
@@ -74,7 +75,7 @@ def inspect(log: Log) -> Inspection:
         duration=float(finite[-1] - finite[0]) if finite.size else 0.0,
         segments=len(log.segments),
         clock=clock,
-        channels=log.channel_summaries(),
+        channels=channels,
         findings=tuple(findings),
     )
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import LogError
 from thermaltool.record import Record, Rows
-from thermaltool.units import Channel
 
 
 @dataclass(frozen=True, repr=False)
@@ -24,8 +23,6 @@ class Log(Record):
         The file as the user named it; ``<stdin>`` for a pipe.
     time : ndarray, shape (n,)
         Clock [s]. An ISO 8601 clock counts from its first row.
-    channels : dict of str to Channel
-        What each column's name says.
     epoch : str or None
         The first time stamp of an ISO 8601 clock, as written.
     lines : ndarray of int, shape (n,)
@@ -34,7 +31,6 @@ class Log(Record):
         What a reading with ``strict=False`` found and went around.
     """
 
-    channels: dict[str, Channel] = field(default_factory=dict)
     epoch: str | None = None
     lines: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
     problems: tuple[LogError, ...] = ()

@@ -18,7 +18,7 @@ from thermaltool.logs.formats import format_of, load_format
 from thermaltool.logs.log import Log
 from thermaltool.logs.table import Cells, Kind, Table, first_faults, read_source
 from thermaltool.record import Array, Record, hint
-from thermaltool.units import UNITS, Channel, clock_unit, names, parse_channel
+from thermaltool.units import UNITS, clock_unit, names, parse_channel
 
 if TYPE_CHECKING:
     import pandas
@@ -110,7 +110,6 @@ def read_log(
             rename.name: _scaled(cast(Array, cells.values[i]), rename)
             for i, rename in plan.renames.items()
         },
-        channels=plan.channels,
         digest=digest,
         epoch=epoch,
         lines=cells.lines,
@@ -130,8 +129,9 @@ def _of_record(record: Record, nan_policy: str, max_gap: float | None, need: Seq
     """A record as a log; it keeps its lines in a file, and its segments but for a `max_gap`."""
     if not isinstance(record, Log):
         own = {each.name: getattr(record, each.name) for each in fields(Record)}
-        channels = {name: parse_channel(name) for name in record.columns}
-        record = Log(**own, channels=channels, lines=np.arange(1, len(record) + 1))
+        for name in record.columns:
+            parse_channel(name)
+        record = Log(**own, lines=np.arange(1, len(record) + 1))
         if not record.digest:
             record = replace(record, digest=_samples_digest(record))
     log = _without_gaps(record, need, nan_policy)
@@ -170,7 +170,6 @@ class _Plan:
     clock: Clock
     kinds: list[Kind]
     renames: dict[int, Rename]
-    channels: dict[str, Channel]
     problems: list[LogError]
 
 
@@ -179,7 +178,6 @@ def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:
     clock = mapping.clock or _own_clock(file, table)
     kinds: list[Kind] = [None] * len(table.names)
     renames: dict[int, Rename] = {}
-    channels: dict[str, Channel] = {}
     problems: list[LogError] = []
 
     def fault(message: str, name: str | None) -> None:
@@ -202,11 +200,11 @@ def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:
             fault(f"column {i + 1} has no name ('\"\" = false' in a map leaves it out)", None)
             continue
         try:
-            channels[rename.name] = parse_channel(rename.name)
+            parse_channel(rename.name)
         except UnitError as error:
             fault(str(error).removeprefix(f"{rename.name}: "), name)
         kinds[i], renames[i] = "number", rename
-    return _Plan(clock, kinds, renames, channels, problems)
+    return _Plan(clock, kinds, renames, problems)
 
 
 def _own_clock(file: str, table: Table) -> Clock:
@@ -277,11 +275,7 @@ def _with_angles(log: Log, mapping: ColumnMap) -> Log:
         if angle.name in log.columns:
             raise LogError(f"angles.{angle.name}: {log.name} has this column", mapping.file)
         values = angle.of(*(log.column(probe) for probe in angle.probes))
-        log = replace(
-            log,
-            columns={**log.columns, angle.name: values},
-            channels={**log.channels, angle.name: parse_channel(angle.name)},
-        )
+        log = log.with_columns({angle.name: values})
     return log
 
 
@@ -307,7 +301,7 @@ def _without_gaps(log: Log, need: Sequence[str], policy: str) -> Log:
             message = "missing value and none before it to hold"
             raise LogError(message, log.name, int(log.lines[0]), name)
         last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(values))))
-        log = replace(log, columns={**log.columns, name: values[last]})
+        log = log.with_columns({name: values[last]})
     return log
 
 

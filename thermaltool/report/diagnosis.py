@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from thermaltool.documents import atomic_output
+from thermaltool.documents import write_whole
 from thermaltool.report.diagnosis_tables import (
     DECISIVE_EVIDENCE,
     Document,
@@ -302,11 +302,9 @@ def write_report(
     for picture in pictures(curves, document):
         target = f"{os.path.splitext(path)[0]}_{picture.name}.png"
         check(target)
-        with atomic_output(target) as stream:
-            stream.write(picture.png)
+        write_whole(picture.png, target)
         figures.append((os.path.basename(target), picture.what))
-    with atomic_output(path) as stream:
-        stream.write(to_markdown(document, figures).encode())
+    write_whole(to_markdown(document, figures).encode(), path)
 
 
 def to_markdown(document: Document, figures: Sequence[tuple[str, str]]) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.documents import atomic_output
+from thermaltool.documents import write_whole
 from thermaltool.errors import LogError, OutputError
 from thermaltool.record import Record, hint
 from thermaltool.units import UNITS, parse_channel, symbol
@@ -94,9 +94,7 @@ def write_figure(draw: Callable[[], Figure], target: str) -> None:
     OutputError
         As `figure_format`, and where it cannot be written.
     """
-    picture = render(draw, "png" if target == "-" else figure_format(target))
-    with atomic_output(target) as stream:
-        stream.write(picture)
+    write_whole(render(draw, "png" if target == "-" else figure_format(target)), target)
 
 
 def common_style() -> AbstractContextManager[None]:

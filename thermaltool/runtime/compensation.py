@@ -160,13 +160,8 @@ def _policy(settings: Settings, period: float, sign: float, settled: bool) -> Po
 
 
 def _clock_check(settings: Settings, period: float, messages: Messages) -> ClockCheck:
-    usual = default_hold(period)
-    hold, max_gap = settings.hold, settings.max_gap
-    return ClockCheck(
-        messages,
-        hold=usual if hold is None else hold,
-        max_gap=usual if max_gap is None else max_gap,
-    )
+    hold, max_gap = settings.bridged(default_hold(period))
+    return ClockCheck(messages, hold, max_gap=max_gap)
 
 
 def _sensors(
@@ -180,7 +175,7 @@ def _sensors(
             rest=math.nan if each.rest == "first" else each.rest,
             calibrated=each.calibrated or ANYTHING,
             bounds=settings.ranges.get(each.column),
-            hold=default_hold(period) if settings.hold is None else settings.hold,
+            hold=settings.bridged(default_hold(period))[0],
             # What is commanded may well stand still.
             frozen_after=math.inf if each.commanded else settings.frozen_after,
             report=report,

@@ -216,8 +216,7 @@ def error_control(
     period = settings.period
     assert period is not None
     usual = HOLD_PERIODS * period
-    hold = usual if settings.hold is None else settings.hold
-    max_gap = usual if settings.max_gap is None else settings.max_gap
+    hold, max_gap = settings.bridged(usual)
     # At rest the actuator stands where the safe command has it.
     setpoint = settings.setpoint(settings.limits, "command")
     columns = [channel]

@@ -11,9 +11,7 @@ import numpy as np
 from thermaltool.estimation.permanent_effects import StaticMap, apply_maps
 from thermaltool.model import MARGIN
 from thermaltool.runtime.messages import Report
-
-Interval = tuple[float, float]
-ANYTHING: Interval = (-math.inf, math.inf)
+from thermaltool.runtime.settings import ANYTHING, Interval
 
 
 def widened(span: Interval, part: float) -> Interval:

@@ -108,6 +108,11 @@ class Settings:
             raise ValueError(f"the safe {noun} {self.safe:g} is outside the limits")
         return Setpoint(allowed, self.slew, self.step, self.safe or 0.0)
 
+    def bridged(self, usual: float) -> tuple[float, float]:
+        """`hold` and `max_gap` [s], each the `usual` one where it is None."""
+        hold = usual if self.hold is None else self.hold
+        return hold, usual if self.max_gap is None else self.max_gap
+
     def check_ranges(self, columns: Sequence[str]) -> None:
         """Raise ModelError where a range is for none of the columns that are read."""
         for channel in self.ranges:
