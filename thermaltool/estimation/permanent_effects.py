@@ -16,7 +16,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from thermaltool.effects.effect import STILL, Effect
+from thermaltool.effects.effect import STILL, Effect, Side
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
 from thermaltool.responses.modes import Float
@@ -99,8 +99,8 @@ def reading_columns(model: Model) -> dict[str, str]:
     return {sensor: column for column, sensor in stands.items()}
 
 
-def _sensor_effects(model: Model, sensor: str) -> list[Effect]:
-    return [e for e in permanent_effects(model) if e.side == "sensor" and e.channel == sensor]
+def _effects_at(model: Model, side: Side, channel: str) -> list[Effect]:
+    return [e for e in permanent_effects(model) if e.side == side and e.channel == channel]
 
 
 def sensor_time_constants(model: Model, sensor: str) -> list[float]:
@@ -111,7 +111,7 @@ def sensor_time_constants(model: Model, sensor: str) -> list[float]:
     model : Model
     sensor : str
     """
-    return [e.lag for e in _sensor_effects(model, sensor) if e.lag > 0]
+    return [e.lag for e in _effects_at(model, "sensor", sensor) if e.lag > 0]
 
 
 def reading_maps(model: Model, sensor: str) -> tuple[StaticMap, ...]:
@@ -122,7 +122,7 @@ def reading_maps(model: Model, sensor: str) -> tuple[StaticMap, ...]:
     model : Model
     sensor : str
     """
-    return tuple(e.undone for e in reversed(_sensor_effects(model, sensor)) if not e.lag > 0)
+    return tuple(e.undone for e in reversed(_effects_at(model, "sensor", sensor)) if not e.lag > 0)
 
 
 def drive_maps(model: Model, drive: str) -> tuple[StaticMap, ...]:
@@ -133,11 +133,8 @@ def drive_maps(model: Model, drive: str) -> tuple[StaticMap, ...]:
     model : Model
     drive : str
     """
-    return tuple(partial(e.drive, STILL) for e in _drive_effects(model, drive) if e.memoryless)
-
-
-def _drive_effects(model: Model, drive: str) -> list[Effect]:
-    return [e for e in permanent_effects(model) if e.side == "drive" and e.channel == drive]
+    effects = _effects_at(model, "drive", drive)
+    return tuple(partial(e.drive, STILL) for e in effects if e.memoryless)
 
 
 def _bent(effect: Effect, values: Float) -> Float:
@@ -152,8 +149,8 @@ def estimate_maps(model: Model, estimate: str) -> tuple[StaticMap, ...]:
     model : Model
     estimate : str
     """
-    bends = [e for e in permanent_effects(model) if e.side == "structure" and e.channel == estimate]
-    acting = reversed(_drive_effects(model, estimate))
+    bends = _effects_at(model, "structure", estimate)
+    acting = reversed(_effects_at(model, "drive", estimate))
     before = (e.undone for e in acting if e.undone(STILL.time) is not None)
     return (*before, *(partial(_bent, e) for e in bends))
 
@@ -171,7 +168,7 @@ def noise_amplification(model: Model, sensor: str) -> float:
     ModelError
         A reading does not say what is behind it.
     """
-    static = [e for e in _sensor_effects(model, sensor) if not e.lag > 0]
+    static = [e for e in _effects_at(model, "sensor", sensor) if not e.lag > 0]
     if not static:
         return 1.0
     low, high = next(o.range for o in model.outputs if o.channel == sensor)
@@ -236,7 +233,7 @@ def check_supported(model: Model, measured: Sequence[str] = ()) -> tuple[str, ..
 def _examine_order(model: Model, sensor: str) -> None:
     """A lag behind a bent curve is not that of a linear response."""
     bent = None
-    for effect in _sensor_effects(model, sensor):
+    for effect in _effects_at(model, "sensor", sensor):
         if effect.lag > 0 and bent is not None:
             refuse(effect, f"not supported behind {bent.name}")
         if effect.lag <= 0:

@@ -11,8 +11,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.errors import ModelError
 from thermaltool.responses.modes import Complex, Float, Modes, Range
+from thermaltool.responses.parameters import check_parameters
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,7 @@ class Deflection:
     fixed: ClassVar[dict[str, float]] = {}
 
     def __post_init__(self) -> None:
-        rates = {name: getattr(self, name) for name in self.searched}
-        gains = {name: getattr(self, name) for name in self.gains}
-        if not all(0 < rate < np.inf for rate in rates.values()):
-            raise ModelError(f"{self.kind} needs finite rates above zero ({rates})")
-        if not np.isfinite(list(gains.values())).all():
-            raise ModelError(f"{self.kind} needs finite gains ({gains})")
+        check_parameters(self, "finite rates above zero")
 
     def _pairs(self) -> list[tuple[float, float]]:
         return [(self.D, self.d)]

@@ -17,6 +17,7 @@ import numpy as np
 from thermaltool.errors import ModelError
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Complex, Float, Modes, Range
+from thermaltool.responses.parameters import check_parameters
 
 
 class Rational:
@@ -42,16 +43,7 @@ class Rational:
     delay: float
 
     def __post_init__(self) -> None:
-        places = {name: getattr(self, name) for name in self.searched}
-        gains = {name: getattr(self, name) for name in self.gains}
-        if not all(0 < place < np.inf for place in places.values()) or not (
-            places.get("zeta", 0.5) < 1
-        ):
-            raise ModelError(
-                f"{self.kind} needs finite values above zero, and zeta below 1 ({places})"
-            )
-        if not np.isfinite(list(gains.values())).all():
-            raise ModelError(f"{self.kind} needs finite gains ({gains})")
+        check_parameters(self, "finite values above zero, and zeta below 1")
         if not 0 <= self.delay < np.inf:
             raise ModelError(f"{self.kind} needs a finite delay of 0 or more ({self.delay:g})")
 
