@@ -62,7 +62,6 @@ class ConvectionState(Effect):
             level = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
             if not level or np.ptp(values[np.isfinite(values)]) < 0.5 * level:
                 continue
+            fixed = {"level": level, "idle": float(channel in scene.drives)}
             for rate in (-0.3 / slowest, 0.3 / slowest, 1.0 / slowest):
-                for idle in (0.0, 1.0):
-                    if idle == float(channel in scene.drives):
-                        yield cls(channel, {"rate": rate, "level": level, "idle": idle})
+                yield cls(channel, {"rate": rate, **fixed})

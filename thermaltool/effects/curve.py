@@ -27,6 +27,9 @@ MAX_DEGREE, MAX_KNOTS = 5, 24
 def slopes(x: Float, y: Float) -> Float:
     """Slopes of the monotone cubic interpolation at its knots (Fritsch and Butland 1984).
 
+    Those of `scipy.interpolate.PchipInterpolator`; own, because a stream bends by them on numpy
+    alone.
+
     Parameters
     ----------
     x, y : ndarray, shape (n,), n >= 2, x increasing

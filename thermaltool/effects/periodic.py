@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
+from numpy.polynomial import polynomial as poly
 
 from thermaltool.effects.dynamics import HOUR
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
@@ -81,9 +82,8 @@ def _places(log: Record, frequency: Float, spectra: Mapping[str, Float]) -> list
     for period in (*slow, *CLOCK_PERIODS):
         if 8 * log.period < period <= log.duration / 2:
             at = int(np.argmin(np.abs(frequency - 1 / period)))
-            wanted.append(
-                (period, max((power[at], output) for output, power in spectra.items())[1])
-            )
+            _, strongest = max((power[at], output) for output, power in spectra.items())
+            wanted.append((period, strongest))
     taken: list[tuple[float, str]] = []
     for period, output in wanted:
         # Closer than that, one search reaches both.
@@ -116,9 +116,7 @@ def _spectra(scene: Scene, k: int) -> tuple[Float, dict[str, Float]]:
         if there.sum() < len(residual) / 2:
             continue
         x = np.interp(grid, log.time[there], residual[there])
-        x = x - np.polynomial.polynomial.polyval(
-            across, np.polynomial.polynomial.polyfit(across, x, 2)
-        )
+        x = x - poly.polyval(across, poly.polyfit(across, x, 2))
         line = np.fft.rfft(x * np.hanning(len(x)), padded)[inside]
         power = np.asarray(np.abs(line) ** 2, np.float64)
         if power.any():

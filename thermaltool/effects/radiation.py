@@ -71,8 +71,7 @@ class Radiation(Effect):
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         slowest = max(scene.slowest.values())
-        place = _hottest(scene)
-        if place:
+        if place := _hottest(scene):
             channel, fixed = place
             for share in (0.1, 0.3, 1.0):
                 yield cls(channel, {"rate": share / slowest, **fixed})

@@ -54,6 +54,8 @@ class Line:
 def welch_spectrum(runs: Sequence[Array], period: float) -> Spectrum | None:
     """Welch's method (Hann window, half overlap) over all uninterrupted runs of readings.
 
+    Own, because `scipy.signal.welch` takes one run, and its import adds to every `noise`.
+
     Parameters
     ----------
     runs : sequence of ndarray
