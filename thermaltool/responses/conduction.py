@@ -123,14 +123,16 @@ class Conduction:
         return fit_relaxation(self, slow, fast, dt)
 
     @classmethod
-    def search_box(cls, period: float, duration: float, r0: float) -> dict[str, Range]:
+    def search_box(cls, period: float, duration: float, **fixed: float) -> dict[str, Range]:
         """Where a fit looks, from the sample period and the length of the records [s].
 
         Parameters
         ----------
         period, duration : float [s]
-        r0 : float [length]
+        **fixed : float
+            r0 [length].
         """
+        r0 = fixed["r0"]
         return {
             "a": (1e-8 / r0**2, 30 / r0**2),
             "alpha": (1e-4 * r0**2 / duration, 1e3 * r0**2 / period),
@@ -138,16 +140,18 @@ class Conduction:
         }
 
     @classmethod
-    def starts(cls, period: float, duration: float, r0: float) -> list[tuple[float, ...]]:
+    def starts(cls, period: float, duration: float, **fixed: float) -> list[tuple[float, ...]]:
         """Coarse grid: slow time constant, loss over the distance (a r²), and r/r0.
 
         Parameters
         ----------
         period, duration : float [s]
-        r0 : float [length]
+        **fixed : float
+            r0 [length].
         """
+        r0 = fixed["r0"]
         slow = duration * np.array([0.05, 0.2, 0.5, 1.0])
-        _, fastest = cls.search_box(period, duration, r0)["alpha"]
+        _, fastest = cls.search_box(period, duration, r0=r0)["alpha"]
         grid = itertools.product(slow, (0.01, 0.1, 0.4, 1.0, 3.0), (1.2, 3.0, 10.0, 40.0))
         return [
             (loss / (ratio * r0) ** 2, min((ratio * r0) ** 2 / (loss * tau), fastest), ratio * r0)

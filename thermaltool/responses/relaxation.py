@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 
 from thermaltool.errors import FitError
+from thermaltool.responses import Response
 from thermaltool.responses.modes import Float, Hold, Modes, uniform_spans
 
 # Rates a decade: eight follow a step response to a part in 10⁶; a response that starts with zero
@@ -68,12 +68,12 @@ class RelaxationGrid:
         inverse = np.linalg.pinv(np.vstack(rows), rcond=SINGULAR_TOLERANCE)
         return RelaxationGrid(rates, times, inverse[:, : len(times) + 1])
 
-    def weights(self, response: StepResponse) -> Float:
+    def weights(self, response: Response) -> Float:
         """Σ w (1 − e^(−rate·t)) ≈ step response; shape (n,).
 
         Parameters
         ----------
-        response : StepResponse
+        response : Response
         """
         dc_gain = response.dc_gain()
         return np.asarray(
@@ -101,22 +101,12 @@ class RelaxationGrid:
         return x
 
 
-class StepResponse(Protocol):
-    """What a fit of relaxation modes asks of a response."""
-
-    def step(self, t: Float) -> Float:
-        """Unit-step response at times [s]."""
-
-    def dc_gain(self) -> float:
-        """Its steady state."""
-
-
-def fit_relaxation(response: StepResponse, slow: float, fast: float, dt: float) -> Modes:
+def fit_relaxation(response: Response, slow: float, fast: float, dt: float) -> Modes:
     """A response by diffusion as a sum of real exponentials.
 
     Parameters
     ----------
-    response : has ``step(t)`` and ``dc_gain()``
+    response : Response
     slow, fast : float [1/s]
         Ends of the spectrum: below `slow` there is nothing, above `fast` nothing is wanted.
     dt : float [s]
