@@ -27,8 +27,7 @@ Range = tuple[float, float]
 
 # Two samples whose lengths differ by less than this count as equal [s].
 CLOCK_STEP = 1e-6
-# Samples of a block of `Recursion.run`, a power of two: longer ones make its matrices larger than
-# they save.
+# Samples of a block of `Recursion.run`: longer ones make its matrices larger than they save.
 BLOCK = 64
 
 
@@ -88,8 +87,10 @@ class Recursion:
         y = np.concatenate([(self.C @ x)[None, :], inside.reshape(-1, len(self.C))[:steps]])
         if not (rest := steps % BLOCK):
             return y, borders[-1]
-        last = chunks[-1, : rest * m] @ to_state[(BLOCK - rest) * m :]
-        return y, np.linalg.matrix_power(self.F, rest) @ borders[-2] + last
+        x = borders[-2]
+        for _ in range(rest):
+            x = self.F @ x
+        return y, x + chunks[-1, : rest * m] @ to_state[(BLOCK - rest) * m :]
 
     def settled(self, u: Float) -> Float:
         """The state in which an input that has stood at `u` for ever leaves the system.
@@ -114,14 +115,12 @@ class Recursion:
     def _unrolled(self) -> tuple[Float, Float, Float, Float]:
         """F^BLOCK, and what inputs and first state of a block do to its last state and outputs."""
         gain, (n, m, p) = self._gain, (len(self.F), self._gain.shape[1], len(self.C))
-        power = self.F
-        reach, seen = gain[None], (self.C @ self.F)[None]  # F^k gain, and C F^(k + 1)
-        while len(reach) < BLOCK:
-            reach, seen = (
-                np.concatenate([reach, power @ reach]),
-                np.concatenate([seen, seen @ power]),
-            )
-            power = power @ power
+        # One sample after the other: powers by squaring lose digits where states differ in scale.
+        reach, seen = np.empty((BLOCK, n, m)), np.empty((BLOCK, p, n))
+        power, reach[0], seen[0] = self.F, gain, self.C @ self.F  # F^k gain, and C F^(k + 1)
+        for k in range(1, BLOCK):
+            reach[k], seen[k] = self.F @ reach[k - 1], seen[k - 1] @ self.F
+            power = power @ self.F
         markov = np.concatenate([self.C @ reach, np.zeros((1, p, m))])
         lag = np.arange(BLOCK) - np.arange(BLOCK)[:, None]
         to_output = markov[np.where(lag < 0, BLOCK, lag)].transpose(0, 3, 1, 2)
