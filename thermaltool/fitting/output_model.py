@@ -50,12 +50,10 @@ class OutputModel(ABC):
     target : str
         Output.
     dt : float [s]
-    offsets : tuple of float, one for each experiment
-        Output at inputs of zero.
     levels : ndarray, shape (experiments, m)
         Inputs about which each experiment was fitted, and
     zeros : tuple of float
-        its output where they stand for ever.
+        the output where they stand for ever.
     sigma2 : float [unit²]
         Variance of the noise.
     covariance : ndarray, shape (p, p)
@@ -71,7 +69,6 @@ class OutputModel(ABC):
     names: tuple[str, ...]
     target: str
     dt: float
-    offsets: tuple[float, ...]
     levels: Array
     zeros: tuple[float, ...]
     sigma2: float
@@ -95,6 +92,12 @@ class OutputModel(ABC):
     @abstractmethod
     def sample_delays(self) -> tuple[int, ...]:
         """Samples before which each input acts on nothing."""
+
+    @property
+    def offsets(self) -> tuple[float, ...]:
+        """Output at inputs of zero, of each experiment [unit of the output]."""
+        gains = [self.gain(k).value for k in range(len(self.names))]
+        return tuple((np.array(self.zeros) - self.levels @ gains).tolist())
 
     @property
     def residual_parameters(self) -> int:

@@ -16,13 +16,6 @@ from thermaltool.units import is_displacement
 MIN_MORE_READINGS = 2
 
 
-def validation_zero(target: str, other_log: bool) -> Zero:
-    """The zero of validation data: that of a displacement is arbitrary in every log."""
-    if not other_log:
-        return "fitted"
-    return "free" if is_displacement(target) else "mean"
-
-
 def validate(model: OutputModel, held: TrainingData, other_log: bool) -> tuple[Agreement, float]:
     """Agreement of a free run with held-out data, and its improvement [%].
 
@@ -41,7 +34,9 @@ def validate(model: OutputModel, held: TrainingData, other_log: bool) -> tuple[A
     FitError
         Too few readings in every record, or an output that does not move.
     """
-    zero = validation_zero(model.target, other_log)
+    zero: Zero = "fitted"
+    if other_log:  # in which a displacement has a zero of its own
+        zero = "free" if is_displacement(model.target) else "mean"
     y, computed, target = held.output(), model.run(held, zero), model.target
     found = agreement(y, computed)
     ends = np.cumsum([len(record) for record in held.records])[:-1]

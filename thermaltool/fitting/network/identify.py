@@ -58,7 +58,7 @@ def _refuse_overfit(problem: NetworkProblem, modes: int) -> None:
 
 def _network(problem: NetworkProblem, found: NetworkSearchResult) -> Network:
     data, n, m = problem.data, len(found.time_constants), len(problem.data.inputs)
-    levels, centres = data.levels, problem.centres()
+    centres = problem.centres()
     covariances, variances = network_covariances(problem, found)
     outputs = []
     for k, f in enumerate(found.projected):
@@ -72,8 +72,7 @@ def _network(problem: NetworkProblem, found: NetworkSearchResult) -> Network:
             weights=weights,
             delays=problem.delays[k],
             holds=data.holds,
-            offsets=tuple((settled - levels @ weights.sum(1)).tolist()),
-            levels=levels,
+            levels=data.levels,
             zeros=tuple(settled.tolist()),
             sigma2=variances[k],
             covariance=covariances[k],

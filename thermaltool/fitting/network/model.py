@@ -57,7 +57,7 @@ class NetworkOutput(OutputModel):
 
     @property
     def parameters(self) -> int:
-        return self.modes + self.weights.size + len(self.offsets)
+        return self.modes + self.weights.size + len(self.zeros)
 
     @property
     def sample_delays(self) -> tuple[int, ...]:

@@ -198,8 +198,6 @@ class ContinuousOeStructure(OeStructure):
         for f in found.F:
             if not f[-1] > MIN_CONSTANT_COEFFICIENT:
                 raise FitError("the fit has a pole at 0, it integrates: take a lower order")
-        constants = sum(orders.nf) + np.cumsum([0, *orders.nb[:-1]])
-        gains = theta[constants] / np.array([f[-1] for f in found.F])
         zeros = linear[edge : edge + data.experiments]
         return ContinuousModel(
             structure=self,
@@ -209,7 +207,6 @@ class ContinuousOeStructure(OeStructure):
             orders=orders,
             B=B,
             F=F,
-            offsets=tuple((zeros - data.levels @ gains).tolist()),
             levels=data.levels,
             zeros=tuple(zeros.tolist()),
             sigma2=sigma2,

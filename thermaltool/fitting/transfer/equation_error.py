@@ -87,7 +87,6 @@ class ArxStructure(Structure):
             B=found.numerators,
             F=(found.F,),
             C=found.C,
-            offsets=tuple(offsets.tolist()),
             levels=data.levels,
             zeros=tuple((offsets + data.levels @ gains).tolist()),
             sigma2=sigma2,
@@ -207,7 +206,7 @@ def _moved(r: Regression, orders: Orders, step: Array) -> Regression:
     nc = len(r.C) - 1
     C = stabilized(np.concatenate([[1.0], r.C[1:] + step[at : at + nc]]))
     constants = tuple(np.add(r.constants, step[at + nc :]).tolist())
-    return Regression(F, C, tuple(B), constants, r.gram, r.loss, r.rows)
+    return replace(r, F=F, C=C, numerators=tuple(B), constants=constants)
 
 
 def _errors(data: TrainingData, k: int, orders: Orders, r: Regression) -> Array:
@@ -227,7 +226,7 @@ def _errors(data: TrainingData, k: int, orders: Orders, r: Regression) -> Array:
 def _evaluated(data: TrainingData, orders: Orders, r: Regression) -> Regression:
     """With the loss of the one-step errors."""
     loss = sum(float(np.sum(_errors(data, k, orders, r) ** 2)) for k in range(len(data.records)))
-    return Regression(r.F, r.C, r.numerators, r.constants, r.gram, loss, r.rows)
+    return replace(r, loss=loss)
 
 
 def _normal_equations(data: TrainingData, orders: Orders, r: Regression) -> tuple[Array, Array]:

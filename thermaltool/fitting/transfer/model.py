@@ -85,7 +85,7 @@ class TransferModel(OutputModel):
     @property
     def parameters(self) -> int:
         """Coefficients of all polynomials and the offsets."""
-        return len(self.coefficients) + len(self.C) + len(self.D) - 2 + len(self.offsets)
+        return len(self.coefficients) + len(self.C) + len(self.D) - 2 + len(self.zeros)
 
     @property
     def order(self) -> int:

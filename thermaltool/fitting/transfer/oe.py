@@ -72,10 +72,8 @@ def plant_model(
     linear, orders = found.projection.linear, problem.orders
     edges = np.cumsum([0, *orders.nb])
     B = tuple(linear[a:b] @ difference_basis(b - a) for a, b in pairwise(edges))
-    denominators = {k: found.F[g] for g, inputs in enumerate(orders.groups) for k in inputs}
     for f in found.F:
         check_steady_state(f)
-    gains = np.array([b.sum() / denominators[k].sum() for k, b in enumerate(B)])
     zeros = linear[edges[-1] : edges[-1] + data.experiments]
     return TransferModel(
         structure=structure,
@@ -87,7 +85,6 @@ def plant_model(
         F=found.F,
         C=np.ones(1) if C is None else C,
         D=np.ones(1) if D is None else D,
-        offsets=tuple((zeros - data.levels @ gains).tolist()),
         levels=data.levels,
         zeros=tuple(zeros.tolist()),
         sigma2=sigma2,
