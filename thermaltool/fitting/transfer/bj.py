@@ -9,7 +9,7 @@ import numpy as np
 
 from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.transfer.model import TransferModel
-from thermaltool.fitting.transfer.oe import plant_model, spread
+from thermaltool.fitting.transfer.oe import plant_model
 from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.search import refine, search
@@ -50,6 +50,4 @@ class BjStructure(Structure):
             if all(np.allclose(a, b, rtol=RELATIVE_CHANGE, atol=ABSOLUTE_CHANGE)
                    for a, b in zip(found.F, before, strict=True)):  # fmt: skip
                 break
-        return plant_model(
-            self, problem, found, data, *spread(problem, found, coloured=False), C, D
-        )
+        return plant_model(self, problem, found, data, coloured=False, C=C, D=D)

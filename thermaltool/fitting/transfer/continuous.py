@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.transfer.model import TransferModel, decay
-from thermaltool.fitting.transfer.oe import OeStructure, spread
+from thermaltool.fitting.transfer.oe import OeStructure, search_fields
 from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.polynomials import partial_fractions
@@ -190,34 +190,16 @@ class ContinuousOeStructure(OeStructure):
         return ContinuousProblem(data.about_levels(orders.first), orders)
 
     def model(self, problem: Problem, found: SearchResult, data: TrainingData) -> TransferModel:
-        linear, orders = found.projection.linear, problem.orders
-        loss, sigma2, covariance = spread(problem, found, coloured=True)
-        edge = sum(orders.nb)
-        theta = np.concatenate([*(f[1:] for f in found.F), linear[:edge]])
-        F, B = _discrete(theta, orders, data.holds)
+        orders = problem.orders
         for f in found.F:
             if not f[-1] > MIN_CONSTANT_COEFFICIENT:
                 raise FitError("the fit has a pole at 0, it integrates: take a lower order")
-        zeros = linear[edge : edge + data.experiments]
-        return ContinuousModel(
-            structure=self,
-            names=data.inputs,
-            target=data.outputs[0],
-            dt=data.period,
-            orders=orders,
-            B=B,
-            F=F,
-            levels=data.levels,
-            zeros=tuple(zeros.tolist()),
-            sigma2=sigma2,
-            covariance=covariance,
-            method=found.method + " in continuous time",
-            converged=found.converged,
-            rows=problem.rows,
-            loss=loss,
-            output_variance=float(np.var(data.output())),
-            theta=theta,
-        )
+        numerators = found.projection.linear[: sum(orders.nb)]
+        theta = np.concatenate([*(f[1:] for f in found.F), numerators])
+        F, B = _discrete(theta, orders, data.holds)
+        fields = search_fields(self, problem, found, data, coloured=True)
+        fields["method"] += " in continuous time"
+        return ContinuousModel(B=B, F=F, theta=theta, **fields)
 
     def labels(self, model: TransferModel) -> list[str]:
         own = [f"[{name}]" if len(model.names) > 1 else "" for name in model.names]

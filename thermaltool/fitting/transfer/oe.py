@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.signal import lfilter
@@ -41,17 +41,20 @@ class OeStructure(Structure):
 
     def model(self, problem: Problem, found: SearchResult, data: TrainingData) -> TransferModel:
         """The model of a search that has ended."""
-        loss, sigma2, covariance = spread(problem, found, coloured=True)
-        return plant_model(self, problem, found, data, loss, sigma2, covariance)
+        return plant_model(self, problem, found, data, coloured=True)
 
 
-def spread(problem: Problem, found: SearchResult, coloured: bool) -> tuple[float, float, Array]:
-    """Sum of the squared errors, their variance, and the covariance of F and B in differences.
+def search_fields(
+    structure: Structure, problem: Problem, found: SearchResult, data: TrainingData, coloured: bool
+) -> dict[str, Any]:
+    """Fields of a model that a search over denominators gives, whatever its polynomials.
 
     Parameters
     ----------
+    structure : Structure
     problem : Problem
     found : SearchResult
+    data : TrainingData
     coloured : bool
         Whether the errors may have a colour that the model does not have.
     """
@@ -61,40 +64,37 @@ def spread(problem: Problem, found: SearchResult, coloured: bool) -> tuple[float
     covariance = sigma2 * inverse
     if coloured:
         covariance = inverse @ _score_covariance(problem, found, slopes.gram, sigma2) @ inverse
-    return max(slopes.loss, 1e-300), sigma2, covariance[:own, :own]
+    edge = sum(problem.orders.nb)
+    return {
+        "structure": structure,
+        "names": data.inputs,
+        "target": data.outputs[0],
+        "dt": data.period,
+        "orders": problem.orders,
+        "levels": data.levels,
+        "zeros": tuple(found.projection.linear[edge : edge + data.experiments].tolist()),
+        "sigma2": sigma2,
+        "covariance": covariance[:own, :own],
+        "method": found.method,
+        "converged": found.converged,
+        "rows": problem.rows,
+        "loss": max(slopes.loss, 1e-300),
+        "output_variance": float(np.var(data.output())),
+    }
 
 
 def plant_model(
     structure: Structure, problem: Problem, found: SearchResult, data: TrainingData,
-    loss: float, sigma2: float, covariance: Array, C: Array | None = None, D: Array | None = None,
+    coloured: bool, **noise: Any,
 ) -> TransferModel:  # fmt: skip
-    """The model whose plant a search over denominators has found."""
-    linear, orders = found.projection.linear, problem.orders
-    edges = np.cumsum([0, *orders.nb])
-    B = tuple(linear[a:b] @ difference_basis(b - a) for a, b in pairwise(edges))
+    """The model whose plant a search has found; `noise` are its polynomials C and D, if any."""
     for f in found.F:
         check_steady_state(f)
-    zeros = linear[edges[-1] : edges[-1] + data.experiments]
-    return TransferModel(
-        structure=structure,
-        names=data.inputs,
-        target=data.outputs[0],
-        dt=data.period,
-        orders=orders,
-        B=B,
-        F=found.F,
-        C=np.ones(1) if C is None else C,
-        D=np.ones(1) if D is None else D,
-        levels=data.levels,
-        zeros=tuple(zeros.tolist()),
-        sigma2=sigma2,
-        covariance=covariance,
-        method=found.method,
-        converged=found.converged,
-        rows=problem.rows,
-        loss=loss,
-        output_variance=float(np.var(data.output())),
-    )
+    edges = np.cumsum([0, *problem.orders.nb])
+    linear = found.projection.linear
+    B = tuple(linear[a:b] @ difference_basis(b - a) for a, b in pairwise(edges))
+    fields = search_fields(structure, problem, found, data, coloured)
+    return TransferModel(B=B, F=found.F, **fields, **noise)
 
 
 def _score_covariance(problem: Problem, found: SearchResult, gram: Array, sigma2: float) -> Array:
@@ -104,10 +104,10 @@ def _score_covariance(problem: Problem, found: SearchResult, gram: Array, sigma2
     (Ljung 1999, 9.4). The AR order is the best by BIC; zero leaves the plain form.
     """
     here = found.projection
-    colour = ar_error_model([e for e, _ in problem.errors(here)]) if sigma2 > 0 else None
-    if colour is None:
+    model = ar_error_model([e for e, _ in problem.errors(here)]) if sigma2 > 0 else None
+    if model is None:
         return gram * sigma2
-    ar, variance = colour
+    ar, variance = model
     result = np.zeros_like(gram)
     for place, rows, _ in problem.instruments(found.F, here):
         shared, free = rows[: len(place)], rows[len(place) :]
