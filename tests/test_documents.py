@@ -180,7 +180,8 @@ def test_json_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert list(json.loads(target.read_text())) == ["a", "b"]
     with pytest.raises(ValueError, match="JSON compliant"):
         write_json({"b": float("nan")}, str(target))
-    assert json.loads(read_text(str(target))) == {"a": [2], "b": 1}
+    assert json.loads(read_text(str(target))[0]) == {"a": [2], "b": 1}
+    assert read_text(str(target))[1] == str(target)
 
 
 def test_what_is_no_text_is_told(tmp_path: Path) -> None:

@@ -129,8 +129,13 @@ def write_whole(data: bytes, target: str) -> None:
         stream.write(data)
 
 
-def read_text(path: str) -> str:
-    """A text file, or stdin for ``-``.
+def source_name(path: str) -> str:
+    """What messages call an input; ``-`` is stdin."""
+    return "<stdin>" if path == "-" else path
+
+
+def read_text(path: str) -> tuple[str, str]:
+    """The text of a file, or of stdin for ``-``, and what messages call it.
 
     Raises
     ------
@@ -141,9 +146,9 @@ def read_text(path: str) -> str:
     """
     try:
         if path == "-":
-            return sys.stdin.read()
+            return sys.stdin.read(), source_name(path)
         with open(path, encoding="utf-8") as stream:
-            return stream.read()
+            return stream.read(), path
     except UnicodeDecodeError as error:
         raise ModelError(f"{path}: not a text file") from error
 

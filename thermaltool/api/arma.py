@@ -159,7 +159,7 @@ def fit(
             best = orders.best("bic")
             order, begin = (best.p, best.q), orders.fits[best.p, best.q]
             warn(f"{place}: order {best.p},{best.q} chosen by BIC")
-        provenance = {"logs": [{"name": record.name, "sha256": record.digest}]}
+        provenance = {"logs": [record.source]}
         model = fit_arma(
             record,
             *order,
@@ -273,7 +273,6 @@ def forecast(
     """
     import numpy as np
 
-    from thermaltool.api.inputs import source_name
     from thermaltool.documents import read_text
     from thermaltool.timeseries import forecast as forecasts
     from thermaltool.timeseries.model import loads
@@ -281,8 +280,7 @@ def forecast(
     from thermaltool.timeseries.screening import find_outliers
 
     if isinstance(model, str | os.PathLike):
-        path = os.fspath(model)
-        model = loads(read_text(path), source_name(path))
+        model = loads(*read_text(os.fspath(model)))
     fitted = model.model if isinstance(model, ArmaFit) else model
     column = column or fitted.channel
     record, period = read_even(data, column, warn, **reading)

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
-from thermaltool.api.inputs import Reading, all_of, as_model, reads, source_name, warn_pauses
+from thermaltool.api.inputs import Reading, all_of, as_model, reads, warn_pauses
 from thermaltool.api.result import Notice, Result, notice, silent
+from thermaltool.documents import source_name
 from thermaltool.logs import read_log
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class DiagnosisReport(Result):
             How it was made.
         """
         model = self.diagnosis.model
-        made: dict[str, Any] = {"logs": _sources(self.logs)}
+        made: dict[str, Any] = {"logs": [log.source for log in self.logs]}
         if command is not None:
             made["command"] = command
         return replace(model, provenance={**model.provenance, "diagnosed": made})
@@ -89,8 +90,8 @@ class DiagnosisReport(Result):
         return {
             **self.diagnosis.document(),
             "model": self.model_name,
-            "logs": _sources(self.logs),
-            "validated_on": _sources(self.unseen),
+            "logs": [log.source for log in self.logs],
+            "validated_on": [log.source for log in self.unseen],
         }
 
     def table(self) -> str:
@@ -122,10 +123,6 @@ class DiagnosisReport(Result):
         from thermaltool.report.diagnosis import write_report
 
         write_report(path, self.document(), self.diagnosis.curves, check)
-
-
-def _sources(logs: Sequence[Log]) -> list[dict[str, str]]:
-    return [{"name": log.name, "sha256": log.digest} for log in logs]
 
 
 @reads(Reading)

@@ -114,11 +114,6 @@ def as_model(model: ModelLike) -> Model:
     return found
 
 
-def source_name(path: str) -> str:
-    """What messages call an input."""
-    return "<stdin>" if path == "-" else path
-
-
 def read_model(path: str) -> Model:
     """The model in a file.
 
@@ -150,7 +145,7 @@ def read_model(path: str) -> Model:
     """
     from thermaltool.model import loads
 
-    return loads(read_text(path), source_name(path))
+    return loads(*read_text(path))
 
 
 def write_model(model: ModelLike, path: str, command: str | None = None) -> None:
@@ -201,7 +196,7 @@ def read_noise(noise: str | os.PathLike[str] | Any) -> dict[str, SensorNoise]:
     """
     if isinstance(noise, str | os.PathLike):
         name = os.fspath(noise)
-        return _sensor_noises(NOISE.loads(read_text(name), name), name)
+        return _sensor_noises(NOISE.loads(*read_text(name)), name)
     return _sensor_noises(noise.document(), "<noise>")
 
 

@@ -57,7 +57,7 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
     from thermaltool.timeseries.model import loads
 
     shared.check_files(output, model, log)
-    fitted = loads(read_text(model), "<stdin>" if model == "-" else model)
+    fitted = loads(*read_text(model))
     options["column"] = options["column"] or fitted.channel
     if stream:
         if output != "-":

@@ -31,7 +31,8 @@ def command(
     as a number, the schedule rests at their mean. The result simulates and streams as any
     other model, where the drive and the channel are measured.
     """
-    from thermaltool.api.inputs import read_model, source_name, write_model
+    from thermaltool.api.inputs import read_model, write_model
+    from thermaltool.documents import source_name
     from thermaltool.model.combine import scheduled
 
     shared.check_files(output, *models)

@@ -11,6 +11,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.types import POSITIVE
+from thermaltool.documents import source_name
 from thermaltool.logs.formats import FORMATS
 from thermaltool.runtime.rows import ROW_FORMATS
 from thermaltool.runtime.sinks import RECORDING_SINKS, SINKS
@@ -97,7 +98,7 @@ def run(
     from thermaltool.runtime.messages import Messages
     from thermaltool.runtime.stream import open_stream
 
-    messages = Messages(emitter(command, quiet), "<stdin>" if log == "-" else log)
+    messages = Messages(emitter(command, quiet), source_name(log))
     with click.open_file(log, "rb") as source:
         with shared.usage_errors():
             stream = open_stream(make(messages), settings, source.fileno(), 1, messages)

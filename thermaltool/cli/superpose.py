@@ -24,7 +24,8 @@ def command(models: tuple[str, ...], output: str) -> None:
     refused: it would count twice. So is a drive with a curve in one model and another, or none, in
     the next: superpose first, correct then.
     """
-    from thermaltool.api.inputs import read_model, source_name, write_model
+    from thermaltool.api.inputs import read_model, write_model
+    from thermaltool.documents import source_name
     from thermaltool.model.combine import superposed
 
     shared.check_files(output, *models)

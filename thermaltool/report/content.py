@@ -73,8 +73,8 @@ def read_document(source: str) -> Content:
     LogError, ModelError
         Not JSON, or none of the documents that have a figure.
     """
-    name = "<stdin>" if source == "-" else source
     raw = read_source(source)
+    name = raw.name
     try:
         text = raw.data.decode("utf-8-sig")
         document = json.loads(text)
