@@ -19,12 +19,12 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import network
 import numpy as np
-from identify_cases import NOISE, driven, response, system
+from identify_cases import NOISE, driven, response, sampled, system
 from identify_peers import Array
 from identify_speed import speed
 from scipy.signal import lfilter
 
-from thermaltool.fitting.data import TrainingData, sampled
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.selection import first_that_fits
 from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.oe import OeStructure

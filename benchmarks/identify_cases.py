@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from identify_peers import Array, Delays
 from scipy.signal import lfilter
 
+from thermaltool.record import Record
+
 NOISE = 0.1
 # Rows without input at the start of each record.
 IDLE = 20
 Truth = tuple[Array, Array, int]
+
+
+def sampled(
+    inputs: Sequence[str], u: Array, outputs: Sequence[str], y: Array, period: float,
+    at_rest: bool = False,
+) -> Record:  # fmt: skip
+    """A record of plain arrays (m, n) and (p, n), or (n,) for one, on an even clock [s]."""
+    u, y = np.atleast_2d(u), np.atleast_2d(y)
+    columns = dict(zip((*inputs, *outputs), (*u, *y), strict=True))
+    return Record(period * np.arange(float(y.shape[1])), columns, at_rest=at_rest)
 
 
 def system(rng: np.random.Generator, k: int) -> Truth:

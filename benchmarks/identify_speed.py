@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from identify_cases import Case, case, fit_percent
+from identify_cases import Case, case, fit_percent, sampled
 from identify_peers import PEERS, Array, Delays, Peer, Simulation, loaded
 
-from thermaltool.fitting.data import TrainingData, sampled
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.fitting.transfer.output_error import Problem
 from thermaltool.fitting.transfer.search import at, gauss_newton, search

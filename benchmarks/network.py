@@ -13,12 +13,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from identify_cases import sampled
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 from scipy.signal import lfilter
 
 from thermaltool.effects.curve import DriveCurve
-from thermaltool.fitting.data import TrainingData, sampled
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.network.choose import choose_modes
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.model import Network

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference.training import fitted
+from reference.training import fitted, sampled
 
 from thermaltool.control.heaters import Stabilizer
 from thermaltool.effects.curve import DriveCurve
-from thermaltool.fitting.data import TrainingData, sampled
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.static import correct

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference.training import fitted
+from reference.training import fitted, sampled
 
 from thermaltool.effects.band import ScheduleBand
 from thermaltool.effects.curve import DriveCurve
 from thermaltool.errors import ModelError
 from thermaltool.estimation.rational import inverse_model
-from thermaltool.fitting.data import TrainingData, sampled
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.transfer.continuous_term import continuous_term

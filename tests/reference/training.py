@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermaltool.fitting.data import TrainingData, sampled
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.transfer.registry import structure_of
+from thermaltool.record import Record
+
+
+def sampled(inputs, u, outputs, y, period, **options):
+    """A record of plain arrays (m, n) and (p, n), or (n,) for one, on an even clock."""
+    u, y = np.atleast_2d(u), np.atleast_2d(y)
+    columns = dict(zip((*inputs, *outputs), (*u, *y), strict=True))
+    return Record(period * np.arange(float(y.shape[1])), columns, **options)
 
 
 def training(*pieces, period=1.0, inputs=None, outputs=("y",), holds=()):

@@ -55,7 +55,6 @@ def identify_actuator(
     natural: float = np.inf,
     damping: float = 0.707,
     plays: int = 1,
-    longest: float | None = None,
 ) -> IdentifiedActuator:
     """Fit reading = offset + slope·t + low-pass of Σ w_i P_{r_i}[command], delayed.
 
@@ -72,8 +71,6 @@ def identify_actuator(
     plays : int
         Play operators, with thresholds spread evenly over half the range of the command; 1 for a
         gain alone.
-    longest : float [s] or None
-        Delay to look up to; None for a tenth of the log, at most 50 samples.
 
     Raises
     ------
@@ -88,8 +85,7 @@ def identify_actuator(
     reach = float(np.ptp(command))
     if not reach:
         raise FitError("the command does not move: nothing to identify an actuator from")
-    usual = min(int(len(command) * MAX_DELAY_SHARE), MAX_DELAY)
-    max_delay = usual if longest is None else round(longest / period)
+    max_delay = min(int(len(command) * MAX_DELAY_SHARE), MAX_DELAY)
     thresholds = THRESHOLD_SHARE * reach * np.arange(plays) / plays
     # A threshold is half the distance of the flanks; all start from the first command.
     acts = play(command, 2 * thresholds, {"play": np.full(plays, command[0])}).T

@@ -312,40 +312,6 @@ def _numbered(logs: Iterable[Iterable[Record]]) -> tuple[Record, ...]:
     return tuple(replace(piece, origin=k) for k, pieces in experiments for piece in pieces)
 
 
-def sampled(
-    inputs: Sequence[str],
-    u: Array,
-    outputs: Sequence[str],
-    y: Array,
-    period: float,
-    *,
-    origin: int = 0,
-    at_rest: bool = False,
-) -> Record:
-    """A record of plain arrays on an even clock.
-
-    Parameters
-    ----------
-    inputs : sequence of str, m of them
-    u : ndarray, shape (m, n), or (n,) for one
-    outputs : sequence of str, p of them
-    y : ndarray, shape (p, n), or (n,) for one
-    period : float [s]
-    origin, at_rest
-        As in `Record`.
-
-    Raises
-    ------
-    LogError
-        Arrays of different lengths.
-    """
-    u, y = np.atleast_2d(u), np.atleast_2d(y)
-    columns = dict(zip((*inputs, *outputs), (*u, *y), strict=True))
-    return Record(
-        period * np.arange(y.shape[1], dtype=np.float64), columns, origin=origin, at_rest=at_rest
-    )
-
-
 def even_records(
     record: Record, inputs: Sequence[str], output: str, period: float
 ) -> Iterator[Record]:

@@ -19,11 +19,9 @@ from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, Candidate, ra
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.fitting.transfer.output_error import Problem
-from thermaltool.fitting.transfer.search import search
+from thermaltool.fitting.transfer.search import MAX_COMPARED_ROWS, search
 from thermaltool.fitting.transfer.structure import Structure
 
-# Candidates are compared on so many samples at most.
-MAX_COMPARED_ROWS = 20000
 # Orders of the denominator that are tried.
 MAX_ORDER = 4
 # Times that the delay of every input is found anew, the others held.

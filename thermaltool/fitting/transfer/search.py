@@ -35,7 +35,7 @@ GAUSS_NEWTON = "Gauss-Newton"
 FALLBACK = f"{GAUSS_NEWTON} from {REFINED}"
 # Steps of either search, at most; of a rough one without a better point, after which it is lost.
 REFINED_STEPS, GAUSS_NEWTON_STEPS, LOST_STEPS = 20, 40, 5
-# Starts are compared on a record of at most so many samples.
+# Starts, and candidates of the choice of orders, are compared on so many samples at most.
 MAX_COMPARED_ROWS = 20000
 # Starts of one denominator that are always followed, and where these do not agree.
 STARTS, MORE_STARTS = 2, 5
