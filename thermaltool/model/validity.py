@@ -47,10 +47,8 @@ def away_from_rest(value: float, seen: tuple[float, float]) -> bool:
     return abs(value) > REST_SHARE * max(abs(seen[0]), abs(seen[1]))
 
 
-def excursions(
-    model: Model, columns: Mapping[str, Float], margin: float = MARGIN
-) -> tuple[Excursion, ...]:
-    """Channels that leave their calibrated range by more than `margin` of its width.
+def excursions(model: Model, columns: Mapping[str, Float]) -> tuple[Excursion, ...]:
+    """Channels that leave their calibrated range by more than `MARGIN` of its width.
 
     Parameters
     ----------
@@ -61,34 +59,28 @@ def excursions(
     rests += [(o.channel, o.offset, o.range) for o in model.outputs]
     for channel, rest, seen in rests:
         if channel in columns:
-            found += _excursion(channel, relative(columns[channel], rest), seen, margin)
+            found += _excursion(channel, relative(columns[channel], rest), seen)
     return tuple(found)
 
 
-def extrapolated(
-    model: Model, estimates: Mapping[str, Float], margin: float = MARGIN
-) -> tuple[Excursion, ...]:
+def extrapolated(model: Model, estimates: Mapping[str, Float]) -> tuple[Excursion, ...]:
     """Estimated deflections, relative to rest, beyond what the calibration has seen.
 
     Parameters
     ----------
     model : Model
     estimates : mapping of channel to ndarray, shape (n,)
-    margin : float
-        Share of the calibrated range.
     """
     found = []
     for output in model.deflections:
         if output.channel in estimates:
-            found += _excursion(output.channel, estimates[output.channel], output.range, margin)
+            found += _excursion(output.channel, estimates[output.channel], output.range)
     return tuple(found)
 
 
-def _excursion(
-    channel: str, values: Float, seen: tuple[float, float], margin: float
-) -> list[Excursion]:
+def _excursion(channel: str, values: Float, seen: tuple[float, float]) -> list[Excursion]:
     low, high = seen
-    slack = margin * (high - low)
+    slack = MARGIN * (high - low)
     outside = np.flatnonzero((values < low - slack) | (values > high + slack))
     if not len(outside):
         return []
