@@ -254,3 +254,10 @@ def test_a_stream_forgets_the_samples_before_a_pause(fitted, log, tmp_path):
     for options, told in (((), True), (("--max-gap", 1000), False)):
         done = streamed(fitted, long, *options)
         assert ("lags forgotten" in done.stderr.decode()) == told
+
+
+@pytest.mark.parametrize("option", ["--level", "--forgetting"])
+def test_a_share_that_is_no_number_is_refused(fitted, log, option):
+    done = CliRunner().invoke(command, [str(fitted), str(log), "--stream", option, "nan"])
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "'nan' is not a finite number" in done.stderr

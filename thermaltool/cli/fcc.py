@@ -9,7 +9,14 @@ import click
 
 from thermaltool.cli import shared, streaming
 from thermaltool.cli.actuator import actuator_of, actuator_options
-from thermaltool.cli.types import NOT_NEGATIVE, POSITIVE, ErrorModelType, IntervalType, SafeType
+from thermaltool.cli.types import (
+    FORGETTING,
+    NOT_NEGATIVE,
+    POSITIVE,
+    ErrorModelType,
+    IntervalType,
+    SafeType,
+)
 
 if TYPE_CHECKING:
     from thermaltool.runtime.messages import Messages
@@ -38,7 +45,7 @@ USUAL_ORDER = 20, 0
               help="Waves per revolution that repeat.")  # fmt: skip
 @click.option("--horizon", type=click.IntRange(0), default=0, help="Samples ahead at which the "
               "error is to be zero; 0 where half an action has come.")  # fmt: skip
-@click.option("--forgetting", type=click.FloatRange(0, 1, min_open=True), default=0.999,
+@click.option("--forgetting", type=FORGETTING, default=0.999,
               help="Weight of a sample against the next; 1 never forgets.")  # fmt: skip
 @streaming.line_options
 @click.option("--clock", type=click.Choice(["column", "none"]), default="column",

@@ -8,7 +8,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.series import column_of, model_options, series_options
-from thermaltool.cli.types import Order
+from thermaltool.cli.types import PROPER_SHARE, Order
 
 METHODS = (
     "ml", "burg", "yule-walker", "least-squares", "hannan-rissanen", "innovations"
@@ -38,7 +38,7 @@ METHODS = (
     help="Of hannan-rissanen: the third takes away bias; textbook examples stop after two.",
 )
 @click.option(
-    "--level", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95,
+    "--level", type=PROPER_SHARE, default=0.95,
     help="Of the intervals.",
 )  # fmt: skip
 @model_options

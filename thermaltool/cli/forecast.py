@@ -9,7 +9,7 @@ import click
 
 from thermaltool.cli import shared, streaming
 from thermaltool.cli.series import outliers_option, series_options
-from thermaltool.cli.types import POSITIVE
+from thermaltool.cli.types import FORGETTING, POSITIVE, PROPER_SHARE
 from thermaltool.logs.formats import FORMATS
 
 if TYPE_CHECKING:
@@ -32,10 +32,10 @@ BATCH_OPTIONS = (
 @series_options
 @outliers_option
 @click.option("--steps", type=click.IntRange(1, 1_000_000), default=1, help="Samples ahead.")
-@click.option("--level", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95,
+@click.option("--level", type=PROPER_SHARE, default=0.95,
               help="Of the intervals.")  # fmt: skip
 @click.option("--stream", is_flag=True, help="Answer each line at once with the sample ahead.")
-@click.option("--forgetting", type=click.FloatRange(0, 1, min_open=True), default=0.999,
+@click.option("--forgetting", type=FORGETTING, default=0.999,
               help="With --stream: weight of the past per sample; the model follows the signal."
 )  # fmt: skip
 @click.option("--timeout", type=POSITIVE, metavar="S",

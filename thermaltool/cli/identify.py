@@ -10,9 +10,9 @@ from thermaltool.cli import shared
 from thermaltool.cli.messages import command_line, warn
 from thermaltool.cli.types import (
     MAX_TRANSFER_ORDER,
+    PROPER_SHARE,
     DeadTime,
     InputPath,
-    NumberRange,
     Order,
     TransferOrder,
 )
@@ -51,7 +51,7 @@ from thermaltool.fitting.transfer.registry import STRUCTURES, described
 @click.option("--initial", type=click.Choice(["auto", "rest", "free"]), default="auto",
               help="State at the first row: settled, free (estimated), or rest unless free "
               "is clearly better; not for arx and armax.")  # fmt: skip
-@click.option("--split", type=NumberRange(min=0, max=1, min_open=True, max_open=True),
+@click.option("--split", type=PROPER_SHARE,
               metavar="SHARE", help="Fit on this first share of the rows, validate on the "
               "rest.")  # fmt: skip
 @click.option("--validate", type=InputPath(), metavar="LOG",

@@ -50,6 +50,9 @@ class NumberRange(click.FloatRange):
 
 NUMBER = Number()
 POSITIVE, NOT_NEGATIVE = NumberRange(min=0, min_open=True), NumberRange(min=0)
+# A part of a whole, neither nothing nor all of it; and a weight of the past, which may be all.
+PROPER_SHARE = NumberRange(min=0, max=1, min_open=True, max_open=True)
+FORGETTING = NumberRange(min=0, max=1, min_open=True)
 
 
 class ValueRefusedError(ValueError):
