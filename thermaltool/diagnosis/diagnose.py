@@ -275,7 +275,11 @@ def _second_look(task: _Task, search: _SearchState) -> _SearchState:
         return search
     opened = search.open()
     white = replace(opened, assumptions=opened.assumptions | {"white"}).fitted()
-    return _forward(task, replace(search, hypothesis=white, ended=white, exhausted=False))
+    looked = _forward(task, replace(search, hypothesis=white, ended=white, exhausted=False))
+    if len(looked.causes) > len(search.causes):
+        return looked
+    # Nothing more was found: what taking the rest for white made of the model is no finding.
+    return replace(looked, hypothesis=search.hypothesis)
 
 
 def _misfit(hypothesis: Hypothesis) -> float:
@@ -326,7 +330,7 @@ def _result(task: _Task, first: Hypothesis, search: _SearchState) -> Diagnosis:
     """What is told of a finished search."""
     last = search.hypothesis
     plain = first.with_model(task.model)
-    extended = search.open().written(task.model)
+    extended = last.written(task.model)
     reports, share = reports_of(first, last, plain)
     adequate = not search.causes and share >= ADEQUATE_SHARE
     if not search.causes and not adequate:
