@@ -53,7 +53,7 @@ def answer(case):
     patch = pytest.MonkeyPatch()
 
     def set_to(**answers):
-        def engine(model, logs, validate=(), progress=print):
+        def engine(model, logs, validate=(), progress=print, calibration=()):
             case.calls.append((model, logs, validate))
             result = diagnosed(logs, **answers)
             return replace(result, model=replace(model, effects=(SOURCE,) * len(result.causes)))

@@ -140,6 +140,9 @@ def test_the_gantry_names_its_bed() -> None:
         "second_source",
         "T_bed_degC",
     )
+    held_out = found.causes[0].held_out["d_z_um"]
+    assert held_out.claimed
+    assert held_out.rms_after < 9.0 < 20.0 < held_out.rms_before
+    # By the model that came in and the one that is written, as a user runs them.
     gain = found.causes[0].gain["d_z_um"]
-    assert gain.claimed
-    assert gain.rms_after < 9.0 < 20.0 < gain.rms_before
+    assert gain.rms_after < 9.0 < 12.0 < gain.rms_before

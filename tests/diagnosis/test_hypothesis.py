@@ -146,10 +146,10 @@ def test_a_true_cause_is_accepted_and_a_false_one_is_not() -> None:
     found = hypothesis(DELAY)
     true = fit_candidate(found, CauseCandidate.unfitted(DELAY, RELEASED))
     false = fit_candidate(found, CauseCandidate.unfitted(STEP, RELEASED))
-    verdict = judge(found, true, [true, false], MODEL)
+    verdict = judge(found, true, [true, false], MODEL, MODEL)
     assert verdict is not None
     assert verdict.cause.effect.parameters["delay"] == pytest.approx(30.0, abs=3.0)
     assert verdict.cause.gain[Z].claimed
     assert [e.name for e in verdict.after.model.effects] == ["transport_delay"]
     assert found.model.effects == ()
-    assert judge(found, false, [true, false], MODEL) is None
+    assert judge(found, false, [true, false], MODEL, MODEL) is None

@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from thermaltool.diagnosis.residual import residual_report
-from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Gain, Tried
+from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Tried
+from thermaltool.diagnosis.written import Gain, WrittenStep
 from thermaltool.effects.second_source import SecondSource
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
+from thermaltool.signals.agreement import Agreement
 
 OUTPUT, DRIVE, BED = "d_z_um", "Q_main_1", "T_bed_degC"
 WHITE, FLOOR = 0.5, 1.0
@@ -22,6 +24,8 @@ MODEL = Model(
     terms=(Term(DRIVE, OUTPUT, Deflection(A=50.0, a=0.002, B=20.0, b=5e-4, D=-0.01, d=0.001)),),
     sample_period=10.0,
 )
+BEFORE = Agreement(20.0, 40.0, 11.0, 60.0, 1.0, 71.0, 2160)
+AFTER = Agreement(8.0, 12.0, 5.0, 20.0, 1.0, 91.0, 2160)
 SOURCE = SecondSource(BED, {f"gain[{OUTPUT}]": 0.6, "time_constant": 840.0})
 
 
@@ -71,6 +75,12 @@ def diagnosed(logs: Sequence[Record], causes: int = 1, adequate: bool = False) -
         tried=tried,
         notes=(),
         model=MODEL,
+        extends=bool(causes),
+        written=tuple(
+            WrittenStep(k, SOURCE if k else None, each.digest, OUTPUT, fit, spread)
+            for k, (fit, spread) in enumerate([(BEFORE, 16.4), (AFTER, 6.1)][: 1 + causes])
+            for each in logs
+        ),
         curves=((OUTPUT, replace(log, columns=curves)),),
     )
     return found

@@ -18,6 +18,7 @@ def document(causes=1, adequate=False, validated=(), **changed):
     log = measured()
     found = diagnosed([log], causes, adequate).document()
     files = {"model": "model.json", "logs": [{"name": "in/run.csv", "sha256": log.digest}]}
+    files["calibrated_on"] = []
     files["validated_on"] = [{"name": name, "sha256": name} for name in validated]
     # As a reader of the JSON has it.
     return json.loads(json.dumps({**found, **files, **changed}, allow_nan=False))
@@ -61,8 +62,8 @@ def test_five_lines_for_a_new_user():
         "evidence 552 (decisive)."
     )
     assert worth == (
-        "On stretches that were held out, knowing it takes the residual of d_z_um from 16.4 to "
-        "6.1 µm RMS (gain 9.1 to 11.3 µm, 95 %)."
+        "On run.csv, the written model takes the residual of d_z_um from 16.4 to 6.1 µm RMS, the "
+        "zero of each log free (20 to 8 µm as simulate counts)."
     )
     assert unknown == (
         "Not known: second_source (T_bed_degC) cannot be told from ambient_drift in this log; "
@@ -70,24 +71,29 @@ def test_five_lines_for_a_new_user():
     )
 
 
-def test_held_out_logs_are_named():
-    worth = summary(document(validated=["in/evening.csv"]))[3]
-    assert worth.startswith("On evening.csv, knowing it takes ")
+def test_unseen_logs_are_named():
+    found = document(validated=["in/evening.csv"])
+    found["written"] += [{**row, "log": "in/evening.csv", "rmse": 9.0 - row["step"],
+                          "rmse_zero_free": 5.0 - row["step"]}
+                         for row in found["written"]]  # fmt: skip
+    assert summary(found)[3] == (
+        "On evening.csv, the written model takes the residual of d_z_um from 5 to 4 µm RMS, the "
+        "zero of each log free (9 to 8 µm as simulate counts)."
+    )
 
 
 def test_several_causes():
     found = document()
     second = json.loads(json.dumps(found["causes"][0]))
     second.update(name="sensor_gain", channel=OUTPUT, log=found["logs"][0]["sha256"])
-    second["gain"][OUTPUT].update(rms_before=5.0, rms_after=2.0, interval=[2.0, 4.0])
+    last = {**found["written"][-1], "step": 2, "rmse": 3.0, "rmse_zero_free": 2.0}
+    found["written"].append(last)
     lines = summary({**found, "causes": [found["causes"][0], second]})
     assert [line.split(":")[0] for line in lines[2:4]] == ["Cause 1 of 2", "Cause 2 of 2"]
     assert ", in run.csv alone: " in lines[3]
-    # Each by itself: what was refitted between them is no gain of theirs.
-    assert "(T_bed_degC) takes the residual of d_z_um from 16.4 to 6.1 µm RMS" in lines[4]
-    assert "sensor_gain (d_z_um) takes the residual of d_z_um from 5 to 2 µm RMS" in lines[4]
-    second["gain"][OUTPUT]["claimed"] = False
-    assert "sensor_gain" not in summary({**found, "causes": [found["causes"][0], second]})[4]
+    # One chain, from the model that came in to the file that is written.
+    assert "of d_z_um from 16.4 to 6.1 to 2 µm RMS" in lines[4]
+    assert "(20 to 8 to 3 µm as simulate counts)" in lines[4]
     many = summary({**found, "causes": [found["causes"][0]] * 5})
     assert "Further causes: second_source (T_bed_degC), second_source (T_bed_degC)." in many
 
@@ -96,21 +102,41 @@ def test_a_gain_that_is_not_sure_is_not_claimed():
     found = document()
     gain = found["causes"][0]["gain"][OUTPUT]
     gain.update(interval=[-0.2, 0.4], claimed=False)
-    assert summary(found)[3] == (
-        "On held-out data no gain is sure: its interval includes zero on every output."
-    )
+    assert summary(found)[3].endswith("; the gain is not sure.")
     rows = next(s.rows for s in sections(found) if s.title.startswith("What knowing"))
     assert rows[1][5] == "-0.2 to 0.4, not claimed"
 
 
 def test_the_output_that_gains_most_is_told():
     found = document()
-    gain = found["causes"][0]["gain"]
-    gain["d_x_um"] = {**gain[OUTPUT], "rms_after": 1.0}
-    gain["d_y_um"] = {**gain[OUTPUT], "rms_after": 0.5, "claimed": False}
+    cause = found["causes"][0]
+    cause["gain"]["d_x_um"] = {**cause["gain"][OUTPUT], "claimed": False}
+    found["written"] += [{**row, "output": "d_x_um", "rmse_zero_free": 5.0 / (1 + 9 * row["step"])}
+                         for row in found["written"]]  # fmt: skip
     worth = summary(found)[3]
-    assert "of d_x_um from 16.4 to 1 µm" in worth
-    assert worth.endswith("; no sure gain on d_y_um.")
+    assert "of d_x_um from 5 to 0.5 µm" in worth
+    assert worth.endswith("; the gain is not sure.")
+
+
+def test_every_log_has_its_line_by_every_model():
+    rows = next(s.rows for s in sections(document()) if s.title.startswith("The written model"))
+    assert rows[1:] == [
+        ["as it came", "run.csv (diagnosed)", OUTPUT, "µm", "20", "11", "16.4", "71"],
+        [
+            "+ second_source (T_bed_degC)",
+            "run.csv (diagnosed)",
+            OUTPUT,
+            "µm",
+            "8",
+            "5",
+            "6.1",
+            "91",
+        ],
+    ]
+
+
+def test_a_model_that_spoils_a_log_is_told():
+    assert "is not to be used" in summary(document(spoiled="d_z_um in other.csv"))[4]
 
 
 def test_misfit_without_a_cause():
@@ -155,7 +181,7 @@ def test_markdown():
     assert text.startswith("# model.json on run.csv\n\nThe model is not adequate for run.csv")
     assert "![curves](<why d_z_um.png>)" in text
     assert "| second\\_source | T\\_bed\\_degC | 552 | 90 % | gain[d\\_z\\_um] | 0.6 |" in text
-    assert "- judged: `in/run.csv`, SHA-256 `digest-4`" in text
+    assert "- diagnosed: `in/run.csv`, SHA-256 `digest-4`" in text
     for line in text.splitlines():
         if line.startswith("|"):
             assert line.endswith(" |")

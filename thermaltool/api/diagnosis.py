@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -33,14 +33,15 @@ class DiagnosisReport(Result):
         Causes, what they are worth, what is left open.
     model_name : str
         What the report calls the model.
-    logs, unseen : tuple of Log
-        Diagnosed, and validated on.
+    logs, unseen, calibration : tuple of Log
+        Diagnosed, validated on, and the calibration's own where they were found.
     """
 
     diagnosis: Diagnosis
     model_name: str
     logs: tuple[Log, ...]
     unseen: tuple[Log, ...]
+    calibration: tuple[Log, ...] = ()
 
     @property
     def adequate(self) -> bool:
@@ -61,6 +62,8 @@ class DiagnosisReport(Result):
             How it was made.
         """
         model = self.diagnosis.model
+        if not self.diagnosis.extends:
+            return model
         made: dict[str, Any] = {"logs": [log.source for log in self.logs]}
         if command is not None:
             made["command"] = command
@@ -92,6 +95,7 @@ class DiagnosisReport(Result):
             "model": self.model_name,
             "logs": [log.source for log in self.logs],
             "validated_on": [log.source for log in self.unseen],
+            "calibrated_on": [log.source for log in self.calibration],
         }
 
     def table(self) -> str:
@@ -195,11 +199,34 @@ def diagnose(
 
     logs, unseen = (tuple(read(each) for each in several) for several in (all_of(data), validate))
     _check_different([*logs, *unseen])
-    diagnosis = run(found, logs, unseen, progress)
+    calibration = _calibration_logs(found, [*logs, *unseen], reading)
+    diagnosis = run(found, logs, unseen, progress, calibration)
     progress("done\n")
     given = isinstance(model, str | os.PathLike)
     name = os.path.basename(source_name(os.fspath(model))) if given else "<model>"  # type: ignore[arg-type]
-    return DiagnosisReport(diagnosis, name, logs, unseen)
+    return DiagnosisReport(diagnosis, name, logs, unseen, calibration)
+
+
+def _calibration_logs(
+    model: Model, given: Sequence[Log], reading: Mapping[str, Any]
+) -> tuple[Log, ...]:
+    """Logs that the model was calibrated on, where they still are what they were."""
+    from thermaltool.errors import LogError
+
+    found, seen = [], {log.digest for log in given}
+    for source in model.provenance.get("logs", ()):
+        name, digest = source.get("name"), source.get("sha256")
+        if not digest or digest in seen or not os.path.isfile(name or ""):
+            continue
+        try:
+            log = read_log(name, **reading, need=model.needs())
+            _check(log, model)
+        except LogError:  # other columns or units than the logs that are diagnosed
+            continue
+        if log.digest == digest:
+            seen.add(digest)
+            found.append(log)
+    return tuple(found)
 
 
 def _check(log: Log, model: Model) -> None:

@@ -12,7 +12,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progress, warn
 from thermaltool.cli.types import InputPath, NumberRange
-from thermaltool.documents import check_folder, write_json
+from thermaltool.documents import check_folder, write_json, write_whole
 
 
 @click.command(
@@ -31,7 +31,11 @@ from thermaltool.documents import check_folder, write_json
     "[default: stretches of the LOGs, held out in turn]",
 )
 @click.option(
-    "-o", "--output", metavar="FILE", help="Where the extended model goes.  [default: nowhere]"
+    "-o",
+    "--output",
+    metavar="FILE",
+    help="Where the extended model goes: the input, byte for byte, where no cause is found; "
+    "not written where a log would be worse by it.  [default: nowhere]",
 )
 @click.option(
     "--report",
@@ -63,8 +67,9 @@ def command(
 
     Compares the residual with the noise of the same log, tries every cause of the catalogue,
     extends the model by those that have evidence and help on data that the fit has not seen (-o),
-    and says what these logs cannot tell apart. JSON goes to stdout, the verdict to stderr. Exit 0
-    where the model is adequate, 3 where it is not.
+    and says what these logs cannot tell apart. What is told of the extended model is what simulate
+    makes of it. JSON goes to stdout, the verdict to stderr. Exit 0 where the model is adequate, 3
+    where it is not or -o would be worse.
     """
     # Thousands of small matrices: threads would wait for each other. Before numpy loads.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -82,14 +87,21 @@ def command(
     found = api.diagnose(model, logs, validate=validate, **reading,
                          warn=silent if quiet else warn,
                          progress=terminal_progress("diagnose"))  # fmt: skip
-    if output is not None:
-        api.write_model(found.extended(command_line()), output)
+    refused = output is not None and found.diagnosis.spoiled
+    if output is not None and not refused:
+        if found.diagnosis.extends or model == "-":
+            api.write_model(found.extended(command_line()), output)
+        else:
+            with open(model, "rb") as same:  # byte for byte, whoever wrote it
+                write_whole(same.read(), output)
     if report is not None:
         found.write(report, lambda figure: shared.keep_inputs(figure, *inputs))
     write_json(found.document(), "-")
     if not quiet:
         warn(found.table())
-    if not found.adequate if fail_above is None else found.exceeds(fail_above):
+    if refused:
+        warn(f"{output} is not written: {refused} would be worse than by {model}")
+    if refused or (not found.adequate if fail_above is None else found.exceeds(fail_above)):
         sys.exit(DID_NOT_PASS)
 
 

@@ -27,6 +27,7 @@ from thermaltool.diagnosis.result import (
     Tried,
     curves_of,
     reports_of,
+    unconfirmed,
 )
 from thermaltool.diagnosis.select import (
     Progress,
@@ -35,11 +36,16 @@ from thermaltool.diagnosis.select import (
     ranked,
 )
 from thermaltool.diagnosis.validate import Verdict, judge
-from thermaltool.effects.effect import Effect
+from thermaltool.diagnosis.written import (
+    explained,
+    spoiled_by,
+    steps_of,
+    written_gains,
+    written_steps,
+)
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
-from thermaltool.units import printed
 
 # Causes that are named at most, and that are held out at each step before the search is given up.
 MAX_CAUSES, MAX_HELD_OUT = 6, 4
@@ -61,6 +67,7 @@ def diagnose(
     logs: Sequence[Record],
     validate: Sequence[Record] = (),
     progress: Progress = lambda message: None,
+    calibration: Sequence[Record] = (),
 ) -> Diagnosis:
     """What a model gets wrong on measured logs, and why.
 
@@ -75,6 +82,9 @@ def diagnose(
         Logs on which gains are measured; without them, blocks of `logs` are held out in turn.
     progress : callable
         Told what is being done.
+    calibration : sequence of Record
+        Logs that the model was calibrated on, beside `logs`: what the written model makes of them
+        is told. They are no veto: what has changed since is what is looked for.
 
     Returns
     -------
@@ -88,7 +98,7 @@ def diagnose(
     _check(model, logs)
     if validate:
         _check(model, validate)
-    task = _Task(model, tuple(logs), tuple(validate), progress)
+    task = _Task(model, tuple(logs), tuple(validate), tuple(calibration), progress)
     progress("noise")
     first = task.first()
     progress("what these logs cannot show")
@@ -134,6 +144,7 @@ class _Task:
     model: Model
     logs: tuple[Record, ...]
     validate: tuple[Record, ...]
+    calibration: tuple[Record, ...]
     progress: Progress
 
     @property
@@ -200,6 +211,12 @@ class _SearchState:
             verdicts=(*self.verdicts, *verdict),
         )
 
+    def written(self, task: _Task) -> Model:
+        """The model with the causes as a user gets it; as it came in where there are none."""
+        if not self.causes:
+            return task.model
+        return self.hypothesis.written(task.model).model
+
     def open(self) -> Hypothesis:
         """The accepted causes under the assumptions in which the last step ended."""
         ended = self.ended
@@ -244,7 +261,8 @@ def _step(task: _Task, search: _SearchState) -> _SearchState:
     strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else STRONG_EVIDENCE)
     for candidate in plain_forms_first(strong)[:MAX_HELD_OUT]:
         task.progress(f"held-out gain of {candidate.effect.name}")
-        verdict = judge(hypothesis, candidate, ranking.fitted, task.model, task.validate)
+        accepted = search.written(task)
+        verdict = judge(hypothesis, candidate, ranking.fitted, accepted, task.model, task.validate)
         if verdict is not None:
             search = search.accepting(verdict.cause, verdict.after, verdict)
             if _is_freed(hypothesis, verdict.after):
@@ -330,42 +348,49 @@ def _result(task: _Task, first: Hypothesis, search: _SearchState) -> Diagnosis:
     """What is told of a finished search."""
     last = search.hypothesis
     plain = first.with_model(task.model)
-    extended = last.written(task.model)
+    extended = search.written(task)
+    masked = last.simulation.masked
+    effects = [c.effect for c in search.causes]
+    steps = steps_of(task.model, extended, effects)
     reports, share = reports_of(first, last, plain)
     adequate = not search.causes and share >= ADEQUATE_SHARE
     if not search.causes and not adequate:
         search = search.noted("misfit found, no cause in the catalogue explains it")
     if search.unconfirmed is not None:
-        search = search.noted(_unconfirmed(search.unconfirmed.effect))
+        search = search.noted(unconfirmed(search.unconfirmed.effect))
+    noise = {o: first.white(o) for o in first.groups}
+    judged = (*task.logs, *task.validate)
+    spoiled = spoiled_by(task.model, extended, judged, masked, noise)
+    changed = spoiled_by(task.model, extended, task.calibration, masked, noise)
+    if changed is not None:
+        search = search.noted(
+            f"{changed[1]} of the calibration's own log is worse by the written model: the machine "
+            "has changed since, or the cause is another"
+        )
     alternatives: list[Alternative] = []
     if search.suspects and not search.causes:
         alternatives += suspected(search.ended, search.suspects)
-    named = [c.effect for c in search.causes]
-    places = [(e.name, e.channel, e.log) for e in named]
+    places = [(e.name, e.channel, e.log) for e in effects]
     for each in search.verdicts:
         if each.candidate.place in places:  # not made idle by a later one
             task.progress(f"what else could be {each.candidate.effect.name}")
-            alternatives += indistinguishable(each.before, each.candidate, each.rivals, named)
+            alternatives += indistinguishable(each.before, each.candidate, each.rivals, effects)
+    causes = []
+    unseen = task.validate or task.logs
+    for cause, before, after in zip(search.causes, steps[:-1], steps[1:], strict=True):
+        gain = written_gains(before, after, unseen, masked) if after != before else cause.gain
+        causes.append(replace(cause, gain=gain, explained=explained(noise, gain)))
     return Diagnosis(
         adequate,
         float(np.clip(share, 0.0, 1.0)),
         reports,
-        search.causes,
+        tuple(causes),
         (*alternatives, *search.unseen),
         search.tried,
         tuple(dict.fromkeys(search.notes)),
-        extended.model,
-        curves_of(first, last, plain, extended if search.causes else None),
-    )
-
-
-def _unconfirmed(effect: Effect) -> str:
-    """Tell of the strongest cause that unseen data did not confirm."""
-    told = ", ".join(
-        f"{name} {effect.parameters[name]:.3g} {printed(effect.unit(name))}".rstrip()
-        for name in (*effect.linear(), *effect.searched())
-    )
-    return (
-        f"what is left looks most like {effect.name} ({effect.channel or 'no channel'}: "
-        f"{told}), but rows that its fit has not seen do not confirm it"
+        extended,
+        extended != task.model,
+        written_steps(steps, effects, (*judged, *task.calibration)),
+        None if spoiled is None else f"{spoiled[1]} in {spoiled[0].name or 'a log'}",
+        curves_of(first, last, plain, last.with_model(extended) if effects else None),
     )

@@ -11,60 +11,19 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.residual import ResidualReport, residual_report
+from thermaltool.diagnosis.written import Gain, WrittenStep
 from thermaltool.documents import DIAGNOSIS, jsonable
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 from thermaltool.record import Record
+from thermaltool.units import printed
 
 Float = NDArray[np.float64]
 Interval = tuple[float, float]
 
-# Less of the RMS than this is of no practical use.
-MIN_GAIN = 0.1
 # The discrepancy of a clean log, of other inputs than the calibration's, is taken to be no larger
 # than this many times its floor.
 MAX_FLOORS = 2.0
-
-
-@dataclass(frozen=True)
-class Gain:
-    """What a cause is worth for one channel on data that its fit has not seen.
-
-    Attributes
-    ----------
-    rms_before, rms_after, max_before, max_after : float [unit of the channel]
-    fit_before, fit_after : float [%]
-    interval : (float, float)
-        95 % interval of ``rms_before - rms_after`` by block bootstrap.
-    """
-
-    rms_before: float
-    rms_after: float
-    max_before: float
-    max_after: float
-    fit_before: float
-    fit_after: float
-    interval: Interval
-
-    @property
-    def claimed(self) -> bool:
-        """Whether the interval excludes no gain."""
-        return self.interval[0] > 0
-
-    @property
-    def spoiled(self) -> bool:
-        """Whether the interval excludes all but a loss."""
-        return self.interval[1] < 0
-
-    @property
-    def harmful(self) -> bool:
-        """Whether a loss is sure, and of practical size."""
-        return self.spoiled and self.rms_after > (1 + MIN_GAIN) * self.rms_before
-
-    @property
-    def useful(self) -> bool:
-        """Whether the gain is of practical use, sure or not."""
-        return self.rms_after < (1 - MIN_GAIN) * self.rms_before
 
 
 @dataclass(frozen=True)
@@ -80,6 +39,10 @@ class Cause:
     intervals : mapping of parameter to (low, high)
         95 %.
     gain : mapping of channel to Gain
+        By the written models without it and with it, the zero of every log free; on unseen logs
+        where there are some, else on the diagnosed ones.
+    held_out : mapping of channel to Gain
+        Of rows that the fit has not seen, each predicted from the others: by these it was judged.
     forms : tuple of (Effect, float)
         Other forms of the same cause at the same place, with their evidence.
     explained : float
@@ -91,6 +54,7 @@ class Cause:
     intervals: Mapping[str, Interval]
     gain: Mapping[str, Gain]
     explained: float
+    held_out: Mapping[str, Gain] = field(default_factory=dict)
     forms: tuple[tuple[Effect, float], ...] = ()
 
     def document(self) -> dict[str, Any]:
@@ -116,11 +80,13 @@ class Cause:
                 {"parameters": dict(form.parameters), "evidence": evidence}
                 for form, evidence in self.forms
             ],
-            "gain": {
-                channel: {**asdict(gain), "claimed": gain.claimed}
-                for channel, gain in self.gain.items()
-            },
+            "gain": _gains(self.gain),
+            "held_out": _gains(self.held_out),
         }
+
+
+def _gains(gains: Mapping[str, Gain]) -> dict[str, Any]:
+    return {name: {**asdict(gain), "claimed": gain.claimed} for name, gain in gains.items()}
 
 
 @dataclass(frozen=True)
@@ -192,7 +158,14 @@ class Diagnosis:
     tried : tuple of Tried, the strongest first
     notes : tuple of str
     model : Model
-        With the accepted effects.
+        With the accepted effects; the model that came in where there are no causes.
+    extends : bool
+        Whether it is another than the one that came in.
+    written : tuple of WrittenStep
+        What the model that came in, and the written one cause after cause, make of every log.
+    spoiled : str or None
+        Log and output of which the extended model is worse than the one that came in: it is not
+        to be written.
     curves : tuple of (output, Record)
         Of every output in every log what was ``measured``, ``simulated`` and, where there are
         causes, ``extended`` by them, relative to rest.
@@ -206,6 +179,9 @@ class Diagnosis:
     tried: tuple[Tried, ...]
     notes: tuple[str, ...]
     model: Model
+    extends: bool = True
+    written: tuple[WrittenStep, ...] = ()
+    spoiled: str | None = None
     curves: tuple[tuple[str, Record], ...] = field(default=(), compare=False)
 
     def document(self) -> dict[str, Any]:
@@ -228,6 +204,8 @@ class Diagnosis:
             ],
             "tried": [asdict(each) for each in self.tried],
             "notes": self.notes,
+            "written": [each.document() for each in self.written],
+            "spoiled": self.spoiled,
         }
         return DIAGNOSIS.wrap(jsonable(document))
 
@@ -302,3 +280,20 @@ def curves_of(
                 columns["extended"] = own + last.beginning(output)[k]
             found.append((output, replace(log, columns=columns)))
     return tuple(found)
+
+
+def unconfirmed(effect: Effect) -> str:
+    """A sentence on the strongest cause, which unseen rows do not confirm.
+
+    Parameters
+    ----------
+    effect : Effect
+    """
+    values = ", ".join(
+        f"{name} {effect.parameters[name]:.3g} {printed(effect.unit(name))}".rstrip()
+        for name in (*effect.linear(), *effect.searched())
+    )
+    return (
+        f"what is left looks most like {effect.name} ({effect.channel or 'no channel'}: "
+        f"{values}), but rows that its fit has not seen do not confirm it"
+    )

@@ -15,22 +15,20 @@ import numpy as np
 
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.result import Cause, Gain
+from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import Series
+from thermaltool.diagnosis.written import Gain, compare, explained, spoiled_by
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
-from thermaltool.signals.agreement import agreement
 from thermaltool.signals.likelihood import ColouredNoise
 from thermaltool.signals.row_groups import Index
 from thermaltool.units import is_displacement
 
 # Parts of a log of which each is held out once.
 FOLDS = 6
-# Blocks of the bootstrap, and draws.
-BOOTSTRAP_BLOCKS, DRAWS = 36, 2000
 # A cause has to explain this many times the slow discrepancy of a clean log, or, where that is
 # large, this share of what is wrong now.
 MIN_FLOORS, MAX_SHARE_OF_MISFIT = 1.0, 0.7
@@ -66,6 +64,7 @@ def judge(
     hypothesis: Hypothesis,
     candidate: CauseCandidate,
     rivals: Sequence[CauseCandidate],
+    accepted: Model,
     calibrated: Model,
     unseen: Sequence[Record] = (),
 ) -> Verdict | None:
@@ -74,7 +73,8 @@ def judge(
     Its signature has given it its evidence (`fit.evaluate`). It is fitted together with the model's
     own parameters, where these are free; every block of the logs is predicted from the others,
     with it and without; and what it gains there has to be sure, of practical size, and larger than
-    what the calibration got wrong. With `unseen` logs it has to be so there too.
+    what the calibration got wrong. With `unseen` logs it has to be so there too. None of these
+    logs may be worse by the model that would be written than by the one without the cause.
 
     Parameters
     ----------
@@ -83,6 +83,8 @@ def judge(
     candidate : CauseCandidate
     rivals : sequence of CauseCandidate
         All that were fitted, the candidate among them.
+    accepted : Model
+        As it would be written without the cause.
     calibrated : Model
         As the calibration left it.
     unseen : sequence of Record
@@ -92,15 +94,20 @@ def judge(
     try:
         after, candidate = _fitted_jointly(before, candidate)
         alone = before.fitted()
-        if not is_practical(before, held_out_gains(alone, after)):
+        gains = held_out_gains(alone, after)
+        if not is_practical(before, gains):
             return None
-        old, new = alone.written(calibrated), after.written(calibrated)
+        new = after.written(calibrated)
         if unseen:
-            gains = transferred_gains(old.with_logs(unseen), new.with_logs(unseen))
+            # What fitting the model anew does for itself is no merit of the cause.
+            old = alone.written(calibrated).with_logs(unseen)
+            gains = transferred_gains(old, new.with_logs(unseen))
             if not is_practical(before, gains):
                 return None
-        else:
-            gains = held_out_gains(alone, after, (old, new))
+        noise = {o: before.white(o) for o in before.groups}
+        known, masked = (*before.logs, *unseen), before.simulation.masked
+        if spoiled_by(accepted, new.model, known, masked, noise) is not None:
+            return None
         intervals = after.intervals(len(after.model.effects) - 1)
     except ModelError:  # the effect runs away with the parameters that go with it
         return None
@@ -109,7 +116,8 @@ def judge(
         candidate.evidence,
         intervals,
         gains,
-        explained(before, gains),
+        explained(noise, gains),
+        gains,
         tuple((c.effect, c.evidence) for c in rivals if candidate.has_other_form(c)),
     )
     return Verdict(cause, candidate, rivals, before, after)
@@ -138,37 +146,22 @@ def _fitted_jointly(
 # ---------------------------------------------------------------- gains
 
 
-def held_out_gains(
-    before: Hypothesis,
-    after: Hypothesis,
-    written: tuple[Hypothesis, Hypothesis] | None = None,
-    seed: int = 0,
-) -> dict[str, Gain]:
+def held_out_gains(before: Hypothesis, after: Hypothesis, seed: int = 0) -> dict[str, Gain]:
     """Gain of every output by blocked cross-validation.
 
     Parameters
     ----------
     before, after : Hypothesis
         On the same logs; `after` has one cause more.
-    written : (Hypothesis, Hypothesis), optional
-        The same with the models as they are written for a user, without what the calibration knows
-        of a response beyond its kind: the gains are those of these models.
     seed : int
         Of the bootstrap.
     """
     result = {}
     # Where nothing says how large a slow discrepancy may be, it would bridge short stretches.
     events = "tight" in after.assumptions and any(e.event for e in after.model.effects)
-    for output, groups in before.groups.items():
-        errors = []
-        for k, hypothesis in enumerate((before, after)):
-            error = _held_out_errors(hypothesis, output, events, written is not None)
-            if written is not None:
-                known = groups.joined([y[output] for y in hypothesis.simulation.outputs])
-                plain = groups.joined([y[output] for y in written[k].simulation.outputs])
-                error = _centred(hypothesis, output, error + known - plain)
-            errors.append(error)
-        result[output] = compare(_measured(before, output), errors[0], errors[1], seed)
+    for output in before.groups:
+        old, new = (_held_out_errors(each, output, events) for each in (before, after))
+        result[output] = compare(_measured(before, output), old, new, seed)
     return result
 
 
@@ -190,35 +183,6 @@ def transferred_gains(before: Hypothesis, after: Hypothesis, seed: int = 0) -> d
         )
         result[output] = compare(_measured(before, output), old, new, seed)
     return result
-
-
-def compare(measured: Float, before: Float, after: Float, seed: int) -> Gain:
-    """Gain of errors over others, with its bootstrap interval.
-
-    Parameters
-    ----------
-    measured, before, after : ndarray, shape (n,) [unit of the channel]
-        What was measured, and the errors without and with a cause.
-    seed : int
-        Of the bootstrap.
-    """
-    blocks = min(BOOTSTRAP_BLOCKS, len(measured))
-    edges = np.arange(blocks) * len(measured) // blocks
-    counts = np.diff(np.append(edges, len(measured)))
-    squares = np.add.reduceat(np.column_stack([before**2, after**2]), edges)
-    draws = np.random.default_rng(seed).integers(0, blocks, (DRAWS, blocks))
-    means = np.sqrt(squares[draws].sum(1) / counts[draws].sum(1)[:, None])
-    low, high = np.quantile(means[:, 0] - means[:, 1], [0.025, 0.975])
-    a, b = agreement(measured, measured - before), agreement(measured, measured - after)
-    return Gain(
-        a.rmse,
-        b.rmse,
-        a.max_error,
-        b.max_error,
-        a.fit_percent,
-        b.fit_percent,
-        (float(low), float(high)),
-    )
 
 
 def is_practical(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
@@ -245,36 +209,12 @@ def is_practical(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
     return False
 
 
-def explained(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> float:
-    """Share of the misfit above noise that is gone, the channels weighed by their noise.
-
-    Parameters
-    ----------
-    hypothesis : Hypothesis
-        Before the cause.
-    gains : mapping of output to Gain
-    """
-    before = after = 0.0
-    for output, g in gains.items():
-        white = hypothesis.white(output)
-        before += max((g.rms_before / white) ** 2 - 1, 0.0)
-        after += max((g.rms_after / white) ** 2 - 1, 0.0)
-    return float(np.clip(1 - after / before, 0.0, 1.0)) if before else 0.0
-
-
 # ---------------------------------------------------------------- prediction of held-out rows
 
 
 def _measured(hypothesis: Hypothesis, output: str) -> Float:
     measured = hypothesis.simulation.measured
     return hypothesis.groups[output].joined([m.get(output, np.zeros(0)) for m in measured])
-
-
-def _centred(hypothesis: Hypothesis, output: str, error: Float) -> Float:
-    """Without its mean in every log, as an offset is free in every log."""
-    lengths = [len(rows) for rows in hypothesis.groups[output].rows]
-    parts = np.split(error, np.cumsum(lengths)[:-1])
-    return np.concatenate([part - part.mean() if len(part) else part for part in parts])
 
 
 def _about_mean(residual: Series, output: str) -> Series:
@@ -284,14 +224,13 @@ def _about_mean(residual: Series, output: str) -> Series:
     return [r - np.nanmean(r) if np.isfinite(r).any() else r for r in residual]
 
 
-def _held_out_errors(hypothesis: Hypothesis, output: str, events: bool, written: bool) -> Float:
+def _held_out_errors(hypothesis: Hypothesis, output: str, events: bool) -> Float:
     """Error of every row, predicted from the other blocks, shape (rows,).
 
-    What is `written` counts as the extended model predicts it. Whether a cause helps is judged
-    beside what the calibration leaves open, which the other blocks say.
+    A cause is judged beside what the calibration leaves open, which the other blocks say.
     """
     groups, evidence = hypothesis.groups[output], hypothesis.evidence[output]
-    columns, prior, centre, own = _columns(hypothesis, output)
+    columns, prior, centre = _columns(hypothesis, output)
     residual = hypothesis.simulation.residual(output)
     table = [np.column_stack(pair) for pair in zip(residual, columns, strict=True)]
     null = evidence.null(hypothesis.assumptions)
@@ -308,8 +247,6 @@ def _held_out_errors(hypothesis: Hypothesis, output: str, events: bool, written:
             held = np.setdiff1d(fold, blocks[0]) if initial else fold
             rest = np.setdiff1d(np.arange(groups.size), held)
             shift = _fit(hypothesis, output, coarse, rest, (level.ratio, level.tau), prior, centre)
-            if written:
-                shift = _written(hypothesis, output, shift, own)
             rows = np.isin(group, fold)
             error[rows] = fine[rows, 0] - fine[rows, 1:] @ shift
     return error
@@ -352,7 +289,7 @@ def _fit(
     return np.asarray((inner @ ((gram[0, 1:] - prior * centre) / size)) / size)
 
 
-def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float, slice]:
+def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float]:
     """What a fold may use: offsets, effects, what the calibration leaves open, the start.
 
     Returns
@@ -363,8 +300,6 @@ def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float,
         Precision of the priors, and
     ndarray, shape (c,)
         their centres.
-    slice
-        Columns of what the calibration leaves open.
     """
     nuisance = hypothesis.nuisance[output]
     flat = [*nuisance.offsets, *nuisance.accepted.values()]
@@ -377,17 +312,4 @@ def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float,
     free, known = np.zeros(len(flat)), np.zeros(len(starts))
     precision = np.concatenate([free, np.ones_like(prior.centre), np.ones(len(starts))])
     centre = np.concatenate([free, prior.centre, known])
-    return columns, precision, centre, slice(len(flat), len(flat) + len(prior.centre))
-
-
-def _written(hypothesis: Hypothesis, output: str, shift: Float, own: slice) -> Float:
-    """A fit without what the extended model does not hold.
-
-    Where they are free, the parameters of the model move; the lags beside them never do.
-    """
-    nuisance = hypothesis.nuisance[output]
-    moves = nuisance.prior.root @ shift[own]
-    moves[len(nuisance.own) if nuisance.group == "released" else 0 :] = 0.0
-    result = shift.copy()
-    result[own] = nuisance.prior.inverse @ moves
-    return result
+    return columns, precision, centre

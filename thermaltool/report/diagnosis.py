@@ -5,7 +5,6 @@ All of it is read off the JSON document of a diagnosis.
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -14,15 +13,17 @@ from typing import TYPE_CHECKING
 from thermaltool.documents import write_whole
 from thermaltool.report.diagnosis_tables import (
     DECISIVE_EVIDENCE,
+    ROLES,
     Document,
     band_name,
     called,
     condition_name,
-    held_out,
+    judged_on,
     number,
     percent,
     sections,
     with_unit,
+    written_chains,
 )
 from thermaltool.report.style import channel_unit, time_unit
 from thermaltool.report.text import aligned
@@ -44,8 +45,8 @@ GLOSSARY = """\
 - *Evidence* is the fall of BIC when the cause is added, under white noise plus a slow
   discrepancy, after a correction for the number of causes tried. From 4.6 (odds of 10) a cause is
   tried on unseen rows; above 10 (odds of 150) it is called decisive.
-- *Gain* is what the cause takes off the residual on data that its fit has not seen, with its
-  95 % interval; one that includes zero is not claimed.
+- *Gain* is what the cause takes off the residual, by the written models without it and with it,
+  the zero of each log free, with its 95 % interval; one that includes zero is not claimed.
 - *Detectable* is the RMS change of an output that this log would have shown.
 """
 
@@ -169,42 +170,27 @@ def _parameter(name: str, each: Document) -> str:
 
 
 def _worth(document: Document) -> Iterator[str]:
-    """What each cause gains, on the output where causes gain most.
-
-    Gains of several causes are not added up: between two of them the model's own parameters may
-    have been fitted again.
-    """
-    causes = document["causes"]
-    channels = list(dict.fromkeys(channel for cause in causes for channel in cause["gain"]))
-    sure = {
-        channel: [c for c in causes if c["gain"].get(channel, {}).get("claimed")]
-        for channel in channels
-    }
-    if not channels:
+    """What the written model is worth on the output that it does most for, cause after cause."""
+    chains = written_chains(document)
+    if not chains:
         return
-    if not any(sure.values()):
-        yield "On held-out data no gain is sure: its interval includes zero on every output."
-        return
-
-    def left(channel: str) -> float:
-        shares = (c["gain"][channel]["rms_after"] / (c["gain"][channel]["rms_before"] or 1.0)
-                  for c in sure[channel])  # fmt: skip
-        return float(math.prod(shares))
-
-    best = min((c for c in channels if sure[c]), key=left)
-    unit = channel_unit(best)
-    gains = []
-    for cause in sure[best]:
-        gain = cause["gain"][best]
-        low, high = (number(end) for end in gain["interval"])
-        name = "it" if len(causes) == 1 else called(cause["name"], cause["channel"])
-        gains.append(
-            f"{name} takes the residual of {best} from {number(gain['rms_before'])} to "
-            f"{number(gain['rms_after'])} {unit} RMS (gain {low} to {high} {unit}, 95 %)"
+    best = min(chains, key=lambda output: chains[output][-1].spread / chains[output][0].spread)
+    unit, steps = channel_unit(best), chains[best]
+    free = " to ".join(number(step.spread) for step in steps)
+    counted = " to ".join(number(step.rmse) for step in steps)
+    sure = any(cause["gain"].get(best, {}).get("claimed") for cause in document["causes"])
+    line = (
+        f"On {judged_on(document)}, the written model takes the residual of {best} from {free} "
+        f"{unit} RMS, the zero of each log free"
+    )
+    if counted != free:
+        line += f" ({counted} {unit} as simulate counts)"
+    yield f"{line}{'.' if sure else '; the gain is not sure.'}"
+    if document["spoiled"]:
+        yield (
+            f"The extended model is worse than the one that came in for {document['spoiled']}: "
+            "it is not to be used."
         )
-    others = [c for c in channels if not sure[c]]
-    nothing = f"; no sure gain on {', '.join(others)}" if others else ""
-    yield f"On {held_out(document)}, knowing {'; knowing '.join(gains)}{nothing}."
 
 
 def _no_cause(document: Document) -> Iterator[str]:
@@ -324,7 +310,7 @@ def to_markdown(document: Document, figures: Sequence[tuple[str, str]]) -> str:
         lines += [f"## {section.title}", "", *_markdown_table(section.rows), ""]
     lines += ["## Words", "", GLOSSARY.rstrip(), ""]
     lines += ["## Inputs", ""]
-    for role, key in (("judged", "logs"), ("held out", "validated_on")):
+    for key, role in ROLES.items():
         lines += [f"- {role}: `{log['name']}`, SHA-256 `{log['sha256']}`" for log in document[key]]
     return "\n".join(lines) + "\n"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,8 @@ Document = Mapping[str, Any]
 DECISIVE_EVIDENCE = 10.0
 # Causes listed as tried.
 MAX_LISTED = 12
+# What a log is to a diagnosis, by its key in the JSON.
+ROLES = {"logs": "diagnosed", "validated_on": "validation", "calibrated_on": "calibration"}
 # Below this p-value what noise and discrepancy leave is not white.
 MIN_P_WHITE = 0.01
 
@@ -117,7 +120,7 @@ def called(name: str, channel: str) -> str:
     return f"{name} ({channel})" if channel else name
 
 
-def held_out(document: Document) -> str:
+def judged_on(document: Document) -> str:
     """On what the gains were measured.
 
     Parameters
@@ -125,8 +128,49 @@ def held_out(document: Document) -> str:
     document : mapping
         The diagnosis as JSON.
     """
-    names = [Path(log["name"]).name for log in document["validated_on"]]
-    return " and ".join(names) if names else "stretches that were held out"
+    logs = document["validated_on"] or document["logs"]
+    names = [Path(log["name"]).name for log in logs]
+    return " and ".join(names) if len(names) < 3 else f"{len(names)} logs"
+
+
+@dataclass(frozen=True)
+class ChainStep:
+    """A written model on one output of several logs.
+
+    Attributes
+    ----------
+    rmse, spread : float [unit of the output]
+        As `simulate` counts, and with the zero of every log free.
+    """
+
+    rmse: float
+    spread: float
+
+
+def written_chains(document: Document) -> dict[str, list[ChainStep]]:
+    """What the model that came in, and the written one cause after cause, are worth by output.
+
+    Over the logs of `judged_on`; empty where there are no causes.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    """
+    digests = {log["sha256"] for log in document["validated_on"] or document["logs"]}
+    found: dict[str, list[ChainStep]] = {}
+    rows = [row for row in document["written"] if row["log"] in digests and row["rows"]]
+    for step in range(1 + len(document["causes"]) if document["causes"] else 0):
+        own = [row for row in rows if row["step"] == step]
+        for output in dict.fromkeys(row["output"] for row in own):
+            here = [row for row in own if row["output"] == output]
+            count = sum(row["rows"] for row in here)
+            rms = [
+                math.sqrt(sum(row["rows"] * row[key] ** 2 for row in here) / count)
+                for key in ("rmse", "rmse_zero_free")
+            ]
+            found.setdefault(output, []).append(ChainStep(*rms))
+    return found
 
 
 def sections(document: Document) -> list[Section]:
@@ -141,6 +185,7 @@ def sections(document: Document) -> list[Section]:
         _outputs(document),
         _causes(document),
         _gains(document),
+        _written(document),
         _alternatives(document),
         _tried(document),
         _conditions(document),
@@ -214,7 +259,29 @@ def _gains(document: Document) -> Section:
                     number(gain["fit_after"]),
                 ]
             )
-    return Section(f"What knowing them is worth, on {held_out(document)}", rows)
+    return Section(f"What knowing them is worth, on {judged_on(document)}", rows)
+
+
+def _written(document: Document) -> Section:
+    rows = [["model", "log", "output", "unit", "RMSE", "zero off by", "RMSE, zero free", "fit %"]]
+    names = {
+        log["sha256"]: f"{Path(log['name']).name} ({role})"
+        for key, role in ROLES.items()
+        for log in document[key]
+    }
+    for row in document["written"]:
+        cause = row["cause"]
+        rows.append(
+            [
+                "as it came" if cause is None else f"+ {called(cause['name'], cause['channel'])}",
+                names.get(row["log"], "–"),
+                row["output"],
+                channel_unit(row["output"]),
+                *(number(row[key]) for key in ("rmse", "zero_off_by", "rmse_zero_free",
+                                               "fit_percent")),
+            ]
+        )  # fmt: skip
+    return Section("The written model on every log, as simulate runs it", rows)
 
 
 def _alternatives(document: Document) -> Section:

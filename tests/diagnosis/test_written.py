@@ -1,0 +1,155 @@
+"""What a diagnosis tells of the written model is what `simulate` makes of its file."""
+
+from __future__ import annotations
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+
+from thermaltool.diagnosis.written import compare, spoiled_by, steps_of
+from thermaltool.effects import effect_class
+from thermaltool.model import Drive, Model, Output, Term
+from thermaltool.record import Record
+from thermaltool.responses.deflection import Deflection
+
+LEVELS = np.repeat([0.0, 1.0, 0.0, 0.6, 0.3, 1.0, 0.0, 0.8, 0.0, 0.5], 120)
+TIME = 3.0 * np.arange(len(LEVELS))
+BED = 20.0 + 30.0 * (TIME > 900) * -np.expm1(-(TIME - 900) / 400)
+HEADER = ["time_s", "Q_main_1", "T_bed_degC", "dT_pair1_K", "d_y_um"]
+
+
+def table(seed: int, bed: float = 0.0, heat: float = 1.0, zero: float = 0.0) -> str:
+    """Two masses and a bed by hand, in Euler steps, with noise; the zero is that of the day."""
+    warm, rows = np.zeros(2), []
+    for q in np.append(0.0, LEVELS[:-1]):
+        warm = warm + 3.0 * np.array(
+            [(20 * heat * q - warm[0]) / 150, (3 * warm[0] - warm[1]) / 500]
+        )
+        rows.append(warm)
+    noise = np.random.default_rng([20261122, seed]).standard_normal((2, len(TIME)))
+    rise = np.array(rows)[:, 0] + 0.2 * bed * (BED - 20.0) + 0.02 * noise[0]
+    bend = np.array(rows)[:, 1] + bed * (BED - 20.0) + 0.1 * noise[1] + zero
+    columns = zip(TIME, LEVELS, BED, rise, bend, strict=True)
+    return "\n".join([",".join(HEADER), *(",".join(f"{x:.5f}" for x in row) for row in columns)])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    found = tmp_path_factory.mktemp("written")
+    for name, options in {
+        "calm": {"seed": 1},
+        "bed": {"seed": 2, "bed": 0.3, "zero": 7.0},
+        "again": {"seed": 3, "bed": 0.3, "zero": -4.0},
+    }.items():
+        (found / f"{name}.csv").write_text(table(**options))
+    return found
+
+
+@pytest.fixture
+def model(thermaltool, folder):
+    target = folder / "model.json"
+    if not target.exists():
+        plan = ("--drive", "Q_main_1", "--sensor", "dT_pair1_K", "--deflection", "d_y_um")
+        kinds = ("--response", "dT_pair1_K=deflection")
+        assert thermaltool("calibrate", folder / "calm.csv", *plan, *kinds, "-o", target).code == 0
+    return target
+
+
+@pytest.mark.parametrize("validated", [False, True])
+def test_simulate_of_the_written_file_is_what_is_told(thermaltool, folder, model, validated):
+    target = folder / f"extended_{validated}.json"
+    unseen = ("--validate", folder / "again.csv") if validated else ()
+    found = thermaltool("diagnose", model, folder / "bed.csv", *unseen, "-o", target)
+    assert found.code == 3
+    assert next(c["name"] for c in found.json["causes"]) == "second_source"
+    roles = ("logs", "validated_on", "calibrated_on")
+    names = {log["sha256"]: log["name"] for role in roles for log in found.json[role]}
+    # The calibration's own log is found by its name, and judged beside the others.
+    assert [log["name"] for log in found.json["calibrated_on"]] == [str(folder / "calm.csv")]
+    # It did not know the bed: that is told, and is no reason to keep silent.
+    assert any("of the calibration's own log is worse" in note for note in found.json["notes"])
+    last = len(found.json["causes"])
+    rows = found.json["written"]
+    assert {row["step"] for row in rows} == set(range(last + 1))
+    for row in rows:
+        if row["step"] not in (0, last):
+            continue
+        run = model if row["step"] == 0 else target
+        told = thermaltool("simulate", run, names[row["log"]], "--json").json[row["output"]]
+        assert row["rmse"] == pytest.approx(told["rmse"], rel=1e-9)
+        assert row["fit_percent"] == pytest.approx(told["fit_percent"], rel=1e-9)
+        free = np.sqrt(told["rmse"] ** 2 - told["mean"] ** 2)
+        assert row["rmse_zero_free"] == pytest.approx(free, rel=1e-6)
+    # Gains of the causes make one chain, from the model that came in to the file.
+    chain = [c["gain"]["d_y_um"] for c in found.json["causes"] if "d_y_um" in c["gain"]]
+    for one, next_one in itertools.pairwise(chain):
+        assert one["rms_after"] == pytest.approx(next_one["rms_before"])
+    judged = str(folder / ("again.csv" if validated else "bed.csv"))
+    ends = [
+        row["rmse_zero_free"]
+        for row in rows
+        if names[row["log"]] == judged and row["output"] == "d_y_um" and row["step"] in (0, last)
+    ]
+    assert [chain[0]["rms_before"], chain[-1]["rms_after"]] == pytest.approx(ends, rel=1e-6)
+    assert ends[1] < 0.2 < 1.0 < ends[0]
+
+
+def test_without_a_cause_the_file_is_the_input_byte_for_byte(thermaltool, folder, model):
+    odd = folder / "odd.json"
+    odd.write_text(json.dumps(json.loads(model.read_text()), indent=7) + "\n\n")
+    target = folder / "same.json"
+    assert thermaltool("diagnose", odd, folder / "calm.csv", "-q", "-o", target).code == 0
+    assert target.read_bytes() == odd.read_bytes()
+
+
+# ---------------------------------------------------------------- no log is spoiled
+
+PLANT = Model(
+    drives=(Drive("Q_main_1", "zero", 0.0, (0.0, 1.0)),),
+    outputs=(Output("d_y_um", "deflection", "first", (0.0, 90.0), {}),),
+    terms=(
+        Term("Q_main_1", "d_y_um", Deflection(A=50.0, a=0.002, B=20.0, b=5e-4, D=-0.01, d=0.001)),
+    ),
+    sample_period=3.0,
+)
+DELAY = effect_class("transport_delay")("Q_main_1", {"delay": 60.0})
+CURVE = effect_class("drive_nonlinearity")("Q_main_1", {"exponent": 1.1})
+
+
+def record(model: Model, seed: int) -> Record:
+    drives = Record(TIME, {"Q_main_1": LEVELS}, digest=f"log {seed}")
+    noise = 0.1 * np.random.default_rng([20261122, 9, seed]).standard_normal(len(TIME))
+    read = model.simulate(drives)["d_y_um"] + noise
+    return Record(TIME, {"Q_main_1": LEVELS, "d_y_um": read}, digest=drives.digest)
+
+
+def test_a_log_that_another_model_spoils_is_named():
+    late = Model(**{**vars(PLANT), "effects": (DELAY,)})
+    calm, delayed, noise = record(PLANT, 1), record(late, 2), {"d_y_um": 0.1}
+    assert spoiled_by(PLANT, late, [delayed], {}, noise) is None
+    assert spoiled_by(PLANT, PLANT, [calm, delayed], {}, noise) is None
+    log, output = spoiled_by(PLANT, late, [delayed, calm], {}, noise)
+    assert (log.digest, output) == ("log 1", "d_y_um")
+
+
+def test_a_loss_within_noise_is_none():
+    calm = record(PLANT, 1)
+    near = effect_class("transport_delay")("Q_main_1", {"delay": 0.05})
+    slightly = Model(**{**vars(PLANT), "effects": (near,)})
+    assert spoiled_by(PLANT, slightly, [calm], {}, {"d_y_um": 0.1}) is None
+    error = np.random.default_rng(3).standard_normal(400)
+    assert not compare(error, error, 1.02 * error).worse(1.0)
+    assert compare(error, error, 1.1 * error).worse(1.0)
+
+
+def test_steps_go_from_the_input_to_the_written_model():
+    known = Model(**{**vars(PLANT), "effects": (CURVE,)})
+    written = Model(**{**vars(known), "effects": (CURVE, DELAY), "sample_period": 4.0})
+    first, last = steps_of(known, written, [DELAY])
+    assert (first, last) == (known, written)
+    both = steps_of(PLANT, written, [DELAY, CURVE])
+    assert [m.effects for m in both] == [(), (DELAY,), (CURVE, DELAY)]
+    # What else has changed, has changed with the first cause.
+    assert both[1].sample_period == 4.0

@@ -1,0 +1,270 @@
+"""What the model that is written makes of every log, run as `simulate` runs it.
+
+A diagnosis fits more than it writes: lags, starts and offsets beside the model. What is told of a
+cause is therefore measured once more, with the file that a user gets and nothing beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from thermaltool.diagnosis.simulation import Mask, SimulatedLogs
+from thermaltool.effects.effect import Effect, Float
+from thermaltool.errors import ModelError
+from thermaltool.model import Model
+from thermaltool.record import Record
+from thermaltool.signals.agreement import Agreement, agreement
+
+# Blocks of the bootstrap of a gain, and draws.
+BOOTSTRAP_BLOCKS, DRAWS = 36, 2000
+# A gain below this share of the RMS is of no practical use.
+MIN_GAIN = 0.1
+# A loss of RMS that is sure counts from this share of the power of a reading's noise.
+MIN_LOSS = 0.1
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What a cause is worth for one channel.
+
+    Attributes
+    ----------
+    rms_before, rms_after, max_before, max_after : float [unit of the channel]
+    fit_before, fit_after : float [%]
+    interval : (float, float)
+        95 % interval of ``rms_before - rms_after`` by block bootstrap.
+    """
+
+    rms_before: float
+    rms_after: float
+    max_before: float
+    max_after: float
+    fit_before: float
+    fit_after: float
+    interval: tuple[float, float]
+
+    @property
+    def claimed(self) -> bool:
+        """Whether the interval excludes no gain."""
+        return self.interval[0] > 0
+
+    @property
+    def spoiled(self) -> bool:
+        """Whether the interval excludes all but a loss."""
+        return self.interval[1] < 0
+
+    @property
+    def harmful(self) -> bool:
+        """Whether a loss is sure, and of practical size."""
+        return self.spoiled and self.rms_after > (1 + MIN_GAIN) * self.rms_before
+
+    @property
+    def useful(self) -> bool:
+        """Whether the gain is of practical use, sure or not."""
+        return self.rms_after < (1 - MIN_GAIN) * self.rms_before
+
+    def worse(self, noise: float) -> bool:
+        """Whether a loss is sure, and more than noise.
+
+        Parameters
+        ----------
+        noise : float [unit of the channel]
+            Of a reading.
+        """
+        return self.spoiled and self.rms_after**2 - self.rms_before**2 > MIN_LOSS * noise**2
+
+
+def compare(measured: Float, before: Float, after: Float, seed: int = 0) -> Gain:
+    """Gain of errors over others, with its bootstrap interval.
+
+    Parameters
+    ----------
+    measured, before, after : ndarray, shape (n,) [unit of the channel]
+        What was measured, and the errors without and with a cause.
+    seed : int
+        Of the bootstrap.
+    """
+    blocks = min(BOOTSTRAP_BLOCKS, len(measured))
+    edges = np.arange(blocks) * len(measured) // blocks
+    counts = np.diff(np.append(edges, len(measured)))
+    squares = np.add.reduceat(np.column_stack([before**2, after**2]), edges)
+    draws = np.random.default_rng(seed).integers(0, blocks, (DRAWS, blocks))
+    means = np.sqrt(squares[draws].sum(1) / counts[draws].sum(1)[:, None])
+    low, high = np.quantile(means[:, 0] - means[:, 1], [0.025, 0.975])
+    a, b = agreement(measured, measured - before), agreement(measured, measured - after)
+    return Gain(
+        a.rmse,
+        b.rmse,
+        a.max_error,
+        b.max_error,
+        a.fit_percent,
+        b.fit_percent,
+        (float(low), float(high)),
+    )
+
+
+@dataclass(frozen=True)
+class WrittenStep:
+    """A model on one output of one log, as `simulate` counts.
+
+    Attributes
+    ----------
+    step : int
+        How many causes the model holds.
+    cause : Effect or None
+        The last one of them.
+    log : str
+        Digest.
+    output : str
+    agreement : Agreement
+        The zero as the model has it: a level, or the first reading.
+    spread : float [unit of the output]
+        RMS error with the zero of the log free.
+    """
+
+    step: int
+    cause: Effect | None
+    log: str
+    output: str
+    agreement: Agreement
+    spread: float
+
+    def document(self) -> dict[str, Any]:
+        """As JSON."""
+        cause = self.cause
+        return {
+            "step": self.step,
+            "cause": None if cause is None else {"name": cause.name, "channel": cause.channel},
+            "log": self.log,
+            "output": self.output,
+            "rmse": self.agreement.rmse,
+            "zero_off_by": self.agreement.mean,
+            "rmse_zero_free": self.spread,
+            "fit_percent": self.agreement.fit_percent,
+            "rows": self.agreement.rows,
+        }
+
+
+def steps_of(model: Model, extended: Model, causes: Sequence[Effect]) -> list[Model]:
+    """The model that came in, and with one cause more at a time, up to the extended one.
+
+    What else the extended model changes, it changes with the first cause.
+
+    Parameters
+    ----------
+    model, extended : Model
+    causes : sequence of Effect
+    """
+    models = [model]
+    for k in range(len(causes)):
+        rest = tuple(e for e in extended.effects if e not in causes[k + 1 :])
+        models.append(replace(extended, effects=rest))
+    return models
+
+
+def written_steps(
+    models: Sequence[Model], causes: Sequence[Effect], logs: Sequence[Record]
+) -> tuple[WrittenStep, ...]:
+    """Every model on every output of every log.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        See `steps_of`.
+    causes : sequence of Effect
+    logs : sequence of Record
+    """
+    found = []
+    for step, (cause, model) in enumerate(zip([None, *causes], models, strict=True)):
+        simulated = SimulatedLogs(model, tuple(logs), {})
+        for k, log in enumerate(logs):
+            for output, measured in simulated.measured[k].items():
+                level = simulated.outputs[k][output]
+                fit = agreement(measured, level)
+                spread = float(np.sqrt(max(fit.rmse**2 - fit.mean**2, 0.0)))
+                found.append(WrittenStep(step, cause, log.digest, output, fit, spread))
+    return tuple(found)
+
+
+def written_gains(
+    before: Model, after: Model, logs: Sequence[Record], masked: Mask
+) -> dict[str, Gain]:
+    """Gain of every output over some logs, the zero of each log free.
+
+    Parameters
+    ----------
+    before, after : Model
+    logs : sequence of Record
+    masked : mapping of (digest, output) to ndarray of bool
+        Outliers: rows that do not count.
+    """
+    old, new = (SimulatedLogs(m, tuple(logs), masked) for m in (before, after))
+    found = {}
+    for output, groups in old.groups.items():
+        errors = [
+            groups.joined([_about_mean(r, rows) for r, rows in zip(s.residual(output), groups.rows,
+                                                                   strict=True)])
+            for s in (old, new)
+        ]  # fmt: skip
+        measured = [m.get(output, np.zeros(0)) for m in old.measured]
+        found[output] = compare(groups.joined(measured), errors[0], errors[1])
+    return found
+
+
+def _about_mean(error: Float, rows: Any) -> Float:
+    return error - error[rows].mean() if len(rows) else error
+
+
+def spoiled_by(
+    before: Model,
+    after: Model,
+    logs: Sequence[Record],
+    masked: Mask,
+    noise: Mapping[str, float],
+) -> tuple[Record, str] | None:
+    """Log and output of which a model is worse than another beyond noise; None where it is not.
+
+    Worse as `simulate` counts, or with the zero of the log free.
+
+    Parameters
+    ----------
+    before, after : Model
+    logs : sequence of Record
+    masked : mapping of (digest, output) to ndarray of bool
+        Outliers: rows that do not count.
+    noise : mapping of output to float [unit of the output]
+        Of a reading.
+    """
+    for log in logs:
+        try:
+            old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
+            new.outputs  # noqa: B018 - what cannot be run is worse
+        except ModelError:
+            return log, next(iter(noise))
+        for output, groups in old.groups.items():
+            measured = groups.joined([old.measured[0][output]])
+            errors = [groups.joined(s.residual(output)) for s in (old, new)]
+            centred = [error - error.mean() for error in errors]
+            if any(compare(measured, *pair).worse(noise[output]) for pair in (errors, centred)):
+                return log, output
+    return None
+
+
+def explained(noise: Mapping[str, float], gains: Mapping[str, Gain]) -> float:
+    """Share of the misfit above noise that is gone, the channels weighed by their noise.
+
+    Parameters
+    ----------
+    noise : mapping of output to float [unit of the output]
+        Of a reading.
+    gains : mapping of output to Gain
+    """
+    before = after = 0.0
+    for output, g in gains.items():
+        before += max((g.rms_before / noise[output]) ** 2 - 1, 0.0)
+        after += max((g.rms_after / noise[output]) ** 2 - 1, 0.0)
+    return float(np.clip(1 - after / before, 0.0, 1.0)) if before else 0.0
