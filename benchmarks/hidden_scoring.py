@@ -134,12 +134,15 @@ def calibrated(table: Table) -> Model:
     )
 
 
-def score(trial: Trial, model: Model | None = None) -> Score:
-    """Hide, calibrate (unless the machine's `model` is given), diagnose, compare."""
+def score(trial: Trial, model: Model | None = None, powers: bool = True) -> Score:
+    """Hide, calibrate (unless the machine's `model` is given), diagnose, compare.
+
+    `powers`: with the power of a test that is told all.
+    """
     found = hide(trial.effects, trial.size, trial.machine_seed, trial.seed, trial.variant)
     sizes = tuple(hidden.size for hidden in found.hidden)
     model = model or calibrated(found.calibration)
-    power = power_of_knowing(model, found) if len(sizes) == 1 else float("nan")
+    power = power_of_knowing(model, found) if powers and len(sizes) == 1 else float("nan")
     begin = time.process_time()
     try:
         answer = diagnose(model, [signals(found.log)])

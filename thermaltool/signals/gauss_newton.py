@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgelsd, dgelsd_lwork
 
 Array = NDArray[np.float64]
 P = TypeVar("P")
@@ -36,9 +38,20 @@ def solve(matrix: Array, right: Array) -> Array:
     if not len(matrix):
         return np.zeros_like(right)
     size = _sizes(matrix)
-    scaled = matrix / np.outer(size, size)
-    answer = np.linalg.lstsq(scaled, (right.T / size).T, rcond=MIN_DIRECTION)[0]
-    return np.asarray((answer.T / size).T)
+    columns = right.reshape(len(matrix), -1) / size[:, None]
+    # What numpy's lstsq calls, without its checks: systems of a few unknowns, very many of them.
+    work = _work_space(*columns.shape)
+    answer, _, _, info = dgelsd(matrix / (size[:, None] * size), columns, *work, MIN_DIRECTION)
+    if info:
+        raise np.linalg.LinAlgError("the singular values of a linear system do not converge")
+    return np.asarray(answer / size[:, None]).reshape(right.shape)
+
+
+@lru_cache(maxsize=256)
+def _work_space(unknowns: int, columns: int) -> tuple[int, int]:
+    """Lengths of the arrays that the solution of a linear system works in."""
+    real, whole, _ = dgelsd_lwork(unknowns, unknowns, columns, MIN_DIRECTION)
+    return int(real), int(whole)
 
 
 def inverse_of(information: Array) -> Array:
@@ -57,8 +70,9 @@ def inverse_of(information: Array) -> Array:
 
 def _sizes(matrix: Array) -> Array:
     """Square roots of the diagonal, one where it is zero."""
-    size = np.sqrt(np.abs(np.diag(matrix)))
-    return np.where(size > 0, size, 1.0)
+    size = np.sqrt(np.abs(matrix.diagonal()))
+    size[~(size > 0)] = 1.0
+    return np.asarray(size)
 
 
 @dataclass(frozen=True)

@@ -121,9 +121,9 @@ def test_orders_of_several_logs_with_zeros_of_their_own():
 def bursts(readings):
     """So many readings every 15 samples, of one lag behind a restless input, a sample late."""
     rng = np.random.default_rng(9)
-    u = rng.uniform(0, 1, 3000)
-    y = lfilter([0, 0, 0.5], [1, -0.5], u) + 0.01 * rng.standard_normal(3000)
-    return pieces(u, y, *(slice(a, a + readings) for a in range(0, 3000, 15)))
+    u = rng.uniform(0, 1, 1200)
+    y = lfilter([0, 0, 0.5], [1, -0.5], u) + 0.01 * rng.standard_normal(1200)
+    return pieces(u, y, *(slice(a, a + readings) for a in range(0, 1200, 15)))
 
 
 def test_bursts_too_short_for_the_choice_of_orders_are_named():

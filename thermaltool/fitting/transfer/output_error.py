@@ -178,7 +178,7 @@ class Problem:
         n = len(x) - self.orders.first
         for j in range(len(out)):
             if j:
-                x = np.diff(x)
+                x = x[1:] - x[:-1]
             begin = self.orders.first - self.orders.nk[i] - j
             out[j] = x[begin : begin + n]
 
@@ -186,7 +186,7 @@ class Problem:
         """−q^-1 (1 − q^-1)^j x/F into the rows `out`: how the output follows a change of F."""
         for j in range(len(out)):
             if j:
-                out[j, 0], out[j, 1:] = out[j - 1, 0], np.diff(out[j - 1])
+                out[j, 0], out[j, 1:] = out[j - 1, 0], out[j - 1, 1:] - out[j - 1, :-1]
             else:
                 out[0, 0], out[0, 1:] = 0.0, lfilter([-1.0], f, x)[:-1]
 
