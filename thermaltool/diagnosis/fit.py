@@ -206,15 +206,6 @@ class CandidateProducts:
         b = projected.b[:, list(index)]
         return CandidateProducts(b, C, np.array(amplitudes, int), projected.null)
 
-    def negative_log(self, amplitudes: Float) -> Float:
-        """Negative log likelihood with a candidate's amplitudes, shape (levels,)."""
-        return self.null.negative_log(self.square(amplitudes))
-
-    def square(self, amplitudes: Float) -> Float:
-        """Sum of squares that is left with a candidate's amplitudes, shape (levels,)."""
-        a = amplitudes[self.amplitudes]
-        return np.asarray(self.null.square - (2 * self.b - self.C @ a) @ a)
-
     def variance(self, amplitudes: Float, level: int) -> float:
         """White variance that is left with a candidate's amplitudes at one noise level."""
         a = amplitudes[self.amplitudes]
@@ -266,28 +257,43 @@ def profile(
     fixed : ndarray, shape (size,), optional
         Amplitudes that are given.
     """
-    levels = [each.best_level() for each in outputs]
+    b, C = _padded(outputs, size)
+    square, logdet = (np.array([getattr(x.null, n) for x in outputs]) for n in ("square", "logdet"))
+    dof, least = (np.array([[getattr(x.null, n)] for x in outputs]) for n in ("dof", "least"))
+    at = np.arange(len(outputs))
+    levels = np.array([each.best_level() for each in outputs])
     amplitudes = np.zeros(size)
     for _ in range(MAX_PROFILE_STEPS):
-        H, h = np.zeros((size, size)), np.zeros(size)
-        for each, g in zip(outputs, levels, strict=True):
-            rows = each.amplitudes
-            variance = each.variance(amplitudes, g)
-            H[rows[:, None], rows] += each.C[g] / variance
-            h[rows] += each.b[g] / variance
+        # White variance that is left of each output at its level.
+        left = square[at, levels] - (2 * b[at, levels] - C[at, levels] @ amplitudes) @ amplitudes
+        precision = dof[:, 0] / np.maximum(left, least[:, 0])
         before = amplitudes
-        amplitudes = _inverse(H) @ h if fixed is None else fixed
-        new = [int(np.argmin(each.negative_log(amplitudes))) for each in outputs]
+        if fixed is None:
+            H = np.einsum("o,oij->ij", precision, C[at, levels])
+            amplitudes = _inverse(H) @ (precision @ b[at, levels])
+        else:
+            amplitudes = fixed
+        squares = square - (2 * b - C @ amplitudes) @ amplitudes
+        negative = 0.5 * (dof * np.log(np.maximum(squares, least) / dof) + logdet)
+        new = np.argmin(negative, axis=1)
         moved = np.abs(amplitudes - before) > PROFILE_TOLERANCE * np.abs(amplitudes)
-        agreed = new == levels and not moved.any()
+        agreed = not moved.any() and np.array_equal(new, levels)
         levels = new
         if agreed:
             break
-    gains = [
-        each.null.best - each.negative_log(amplitudes)[g]
-        for each, g in zip(outputs, levels, strict=True)
-    ]
-    return ProfileFit(amplitudes, np.array(gains), levels)
+    gains = np.array([each.null.best for each in outputs]) - negative[at, levels]
+    return ProfileFit(amplitudes, gains, levels.tolist())
+
+
+def _padded(outputs: Sequence[CandidateProducts], size: int) -> tuple[Float, Float]:
+    """Products (outputs, levels, size) and (outputs, levels, size, size), zero where none is."""
+    levels = len(outputs[0].b)
+    b = np.zeros((len(outputs), levels, size))
+    C = np.zeros((len(outputs), levels, size, size))
+    for k, each in enumerate(outputs):
+        b[k][:, each.amplitudes] = each.b
+        C[k][:, each.amplitudes[:, None], each.amplitudes] = each.C
+    return b, C
 
 
 def _inverse(matrix: Float) -> Float:
