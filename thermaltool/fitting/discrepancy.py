@@ -102,7 +102,8 @@ def discrepancy(
     prior = _lag_prior(len(gram) - 1, p, q, size)
     prior[:p] = (white / PARAMETER_MOVE) ** 2 / np.maximum(span, 1e-300) ** 2
     scaled, height = _scaled(gram, prior)
-    inverse = _inverse(scaled) / np.outer(height, height)
+    inverse = np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True)
+    inverse = np.asarray(inverse / np.outer(height, height), float)
     keep = slice(0, p + q)
     mean = inverse @ gram[1:, 0]
     return Discrepancy(
@@ -130,10 +131,6 @@ def _scaled(gram: Float, prior: Float) -> tuple[Float, Float]:
     return information / np.outer(height, height), height
 
 
-def _inverse(scaled: Float) -> Float:
-    return np.asarray(np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True), float)
-
-
 def _marginal(
     gram: Float, logdet: float, n: int, p: int, q: int, size: float
 ) -> tuple[float, float]:
@@ -141,9 +138,12 @@ def _marginal(
     prior = _lag_prior(len(gram) - 1, p, q, size)
     scaled, height = _scaled(gram, prior)
     pull = gram[1:, 0] / height
-    square = max(float(gram[0, 0] - pull @ _inverse(scaled) @ pull), 1e-300)
+    values, vectors = np.linalg.eigh(scaled)
+    seen = values > MIN_DIRECTION * values[-1]
+    explained = float(np.sum((pull @ vectors[:, seen]) ** 2 / values[seen]))
+    square = max(float(gram[0, 0]) - explained, 1e-300)
     dof = max(n - (len(prior) - q), 1)
-    values = np.maximum(np.linalg.eigvalsh(scaled), MIN_DIRECTION)
-    occam = float(np.sum(np.log(values))) + 2 * float(np.sum(np.log(height)))
+    occam = float(np.sum(np.log(np.maximum(values, MIN_DIRECTION))))
+    occam += 2 * float(np.sum(np.log(height)))
     occam -= float(np.sum(np.log(prior[p : p + q])))
     return 0.5 * (dof * np.log(square / dof) + logdet + occam), float(np.sqrt(square / dof))
