@@ -102,8 +102,8 @@ def discrepancy(
     prior = _lag_prior(len(gram) - 1, p, q, size)
     prior[:p] = (white / PARAMETER_MOVE) ** 2 / np.maximum(span, 1e-300) ** 2
     scaled, height = _scaled(gram, prior)
-    inverse = np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True)
-    inverse = np.asarray(inverse / np.outer(height, height), float)
+    known = np.linalg.pinv(scaled, rcond=MIN_DIRECTION, hermitian=True)
+    inverse = np.asarray(known / np.outer(height, height), float)
     keep = slice(0, p + q)
     mean = inverse @ gram[1:, 0]
     return Discrepancy(
