@@ -1,5 +1,6 @@
 # make demo     the main job on data_samples/: tables, and figures in demo/figures
-# make test     the tests; make lint: ruff, mypy, import direction
+# make test     the tests but the longest repetitions over seeds, which make test-slow runs; CI: both
+# make lint     ruff, mypy, import direction
 # make bench    speed as ratios measured in one run, and diagnose beside what a user would pick instead
 # make study    error bands over fresh noise, hidden effects, the measured logs
 # make hidden   hidden effects alone; make measured: the measured logs alone
@@ -9,7 +10,7 @@
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
-.PHONY: demo test lint bench study hidden measured samples docs lock clean
+.PHONY: demo test test-slow lint bench study hidden measured samples docs lock clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -42,8 +43,14 @@ $(BENCH_IDENTIFY_READY): requirements-bench-identify.lock
 demo: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/demo.mk $(TOOLS)
 
+# One thread for each of two workers: more would wait for each other.
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal
+
 test: $(READY)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal
+	$(PYTEST) -m "not slow"
+
+test-slow: $(READY)
+	$(PYTEST) -m slow
 
 lint: $(READY)
 	$(BIN)/ruff check .

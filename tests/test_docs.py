@@ -49,7 +49,6 @@ class Outputs(doctest.OutputChecker):
         return all(b == pytest.approx(a, rel=TOLERANCE, abs=1e-9) for a, b in pairs)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("page", ["python.md"])
 def test_pages_for_python_show_what_python_shows(
     page: str, monkeypatch: pytest.MonkeyPatch

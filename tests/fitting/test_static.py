@@ -234,6 +234,7 @@ def test_a_polynomial_that_falls_is_refused():
         correct(model(), [log(model(dead))], (FIRST,), Form("polynomial", 2))
 
 
+@pytest.mark.slow
 def test_a_drift_pulls_less_at_the_slow_lags(monkeypatch):
     """On unseen power, beside the same fit that takes all that is left for white noise."""
     truth, form = model(*CURVES, outputs=(ANGLE,)), Form("spline", 6)

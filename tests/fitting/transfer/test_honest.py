@@ -36,6 +36,7 @@ def machine(seed, colour):
     return training((u, y), period=10.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", [0.0, 0.9])
 def test_a_second_order_is_found_whatever_the_colour_of_the_errors(colour):
     """Of ten records; where all rows counted alike, coloured errors led to it in about four."""
