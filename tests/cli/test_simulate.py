@@ -61,7 +61,7 @@ def test_json(thermaltool, files):
     result = thermaltool("simulate", files.model, files.log, "--json", "-o", target)
     assert set(result.json) == {"dT_pair1_K", "d_x_um"}
     assert set(result.json["d_x_um"]) == {
-        "rmse", "max_error", "mean", "band", "steady", "fit_percent", "rows",
+        "rmse", "max_error", "mean", "band", "steady", "fit_percent", "rows", "rmse_zero_free",
     }  # fmt: skip
     assert table(target.read_text())[0] == COLUMNS
     assert thermaltool("simulate", files.model, files.log, "--json").json == result.json

@@ -37,7 +37,8 @@ def command(
     """Outputs of a model for the drives in a log.
 
     Where the log holds the measured output too, a column residual_... (measured minus simulated)
-    is written beside it, and RMSE and fit go to stderr. The machine is taken to be at rest at the
+    is written beside it, and RMSE and fit go to stderr; "zero free" is the RMSE about the mean
+    error, as a displacement has no zero of its own. The machine is taken to be at rest at the
     first row; --start and --stop choose the rows that are judged, all rows drive the model.
     """
     from thermaltool import api

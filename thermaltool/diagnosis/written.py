@@ -122,8 +122,6 @@ class WrittenStep:
     output : str
     agreement : Agreement
         The zero as the model has it: a level, or the first reading.
-    spread : float [unit of the output]
-        RMS error with the zero of the log free.
     """
 
     step: int
@@ -131,7 +129,6 @@ class WrittenStep:
     log: str
     output: str
     agreement: Agreement
-    spread: float
 
     def document(self) -> dict[str, Any]:
         """As JSON."""
@@ -143,7 +140,7 @@ class WrittenStep:
             "output": self.output,
             "rmse": self.agreement.rmse,
             "zero_off_by": self.agreement.mean,
-            "rmse_zero_free": self.spread,
+            "rmse_zero_free": self.agreement.rmse_zero_free,
             "fit_percent": self.agreement.fit_percent,
             "rows": self.agreement.rows,
         }
@@ -185,8 +182,7 @@ def written_steps(
             for output, measured in simulated.measured[k].items():
                 level = simulated.outputs[k][output]
                 fit = agreement(measured, level)
-                spread = float(np.sqrt(max(fit.rmse**2 - fit.mean**2, 0.0)))
-                found.append(WrittenStep(step, cause, log.digest, output, fit, spread))
+                found.append(WrittenStep(step, cause, log.digest, output, fit))
     return tuple(found)
 
 

@@ -10,12 +10,13 @@ from thermaltool.signals.agreement import Agreement
 
 def simulation_table(agreements: Mapping[str, Agreement]) -> str:
     """One row per output that was measured."""
-    rows = [["output", "rmse", "fit %", "max", "mean", "rows"]]
+    rows = [["output", "rmse", "zero free", "fit %", "max", "mean", "rows"]]
     for name, a in agreements.items():
         rows.append(
             [
                 name,
                 f"{a.rmse:.4g}",
+                f"{a.rmse_zero_free:.4g}",
                 f"{a.fit_percent:.2f}",
                 f"{a.max_error:.4g}",
                 f"{a.mean:.3g}",

@@ -35,9 +35,15 @@ class Agreement:
     fit_percent: float
     rows: int
 
+    @property
+    def rmse_zero_free(self) -> float:
+        """RMS error about its mean: what is left where the zero of a displacement is free."""
+        return float(np.sqrt(np.maximum(self.rmse**2 - self.mean**2, 0.0)))
+
     def document(self) -> dict[str, float | int | None]:
         """JSON-ready: null for what is not there."""
-        return {k: v if np.isfinite(v) else None for k, v in asdict(self).items()}
+        values = {**asdict(self), "rmse_zero_free": self.rmse_zero_free}
+        return {k: v if np.isfinite(v) else None for k, v in values.items()}
 
 
 def agreement(measured: Array, computed: Array) -> Agreement:
