@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -55,7 +56,9 @@ def answer(case):
     def set_to(**answers):
         def engine(model, logs, validate=(), progress=print, calibration=()):
             case.calls.append((model, logs, validate))
-            result = diagnosed(logs, **answers)
+            shown = answers.get("causes", 1), answers.get("adequate", False)
+            spoiled = answers.get("spoiled")
+            result = replace(diagnosed(logs, *shown), spoiled=spoiled)
             return replace(result, model=replace(model, effects=(SOURCE,) * len(result.causes)))
 
         patch.setattr("thermaltool.diagnosis.diagnose.diagnose", engine)
@@ -124,6 +127,25 @@ def test_a_model_without_a_cause_is_written_too(thermaltool, case, answer):
     target = case.folder / "extended.json"
     assert thermaltool("diagnose", case.model, case.log, "-q", "-o", target).code == 0
     assert "effects" not in json.loads(target.read_text())
+
+
+def test_a_model_that_spoils_a_log_is_not_written(thermaltool, case, answer):
+    answer(spoiled="d_z_um in other.csv")
+    target = case.folder / "extended.json"
+    target.write_text("what was there")
+    result = thermaltool("diagnose", case.model, case.log, "-o", target, "--fail-above", 1)
+    assert result.code == 3
+    assert target.read_text() == "what was there"
+    assert "d_z_um in other.csv would be worse" in result.err
+
+
+def test_a_log_of_the_calibration_is_kept(thermaltool, case, answer):
+    document = json.loads(case.model.read_text())
+    digest = hashlib.sha256(case.other.read_bytes()).hexdigest()
+    document["provenance"] = {"logs": [{"name": str(case.other), "sha256": digest}]}
+    case.model.write_text(json.dumps(document))
+    assert thermaltool("diagnose", case.model, case.log, "-o", case.other).code == 2
+    assert hashlib.sha256(case.other.read_bytes()).hexdigest() == digest
 
 
 def test_report_with_its_figures(thermaltool, case, answer):

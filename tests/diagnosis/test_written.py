@@ -69,7 +69,7 @@ def test_simulate_of_the_written_file_is_what_is_told(thermaltool, folder, model
     # The calibration's own log is found by its name, and judged beside the others.
     assert [log["name"] for log in found.json["calibrated_on"]] == [str(folder / "calm.csv")]
     # It did not know the bed: that is told, and is no reason to keep silent.
-    assert any("of the calibration's own log is worse" in note for note in found.json["notes"])
+    assert any("of the calibration, is worse by the" in note for note in found.json["notes"])
     last = len(found.json["causes"])
     rows = found.json["written"]
     assert {row["step"] for row in rows} == set(range(last + 1))
@@ -94,6 +94,51 @@ def test_simulate_of_the_written_file_is_what_is_told(thermaltool, folder, model
     ]
     assert [chain[0]["rms_before"], chain[-1]["rms_after"]] == pytest.approx(ends, rel=1e-6)
     assert ends[1] < 0.2 < 1.0 < ends[0]
+
+
+def without(path, column: str):
+    """The same log without a column."""
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    at = rows[0].index(column)
+    target = path.with_name(f"{path.stem}_without_{column}.csv")
+    target.write_text("\n".join(",".join(r[:at] + r[at + 1 :]) for r in rows))
+    return target
+
+
+def test_logs_that_lack_a_channel_are_told_and_the_others_count(thermaltool, folder):
+    """The bed was not logged at the calibration: that is why the model does not know it."""
+    calm, target = without(folder / "calm.csv", "T_bed_degC"), folder / "blind.json"
+    plan = ("--drive", "Q_main_1", "--sensor", "dT_pair1_K", "--deflection", "d_y_um")
+    kinds = ("--response", "dT_pair1_K=deflection")
+    assert thermaltool("calibrate", calm, *plan, *kinds, "-o", target).code == 0
+    unseen = ("--validate", without(folder / "again.csv", "d_y_um"))
+    found = thermaltool("diagnose", target, folder / "bed.csv", *unseen).json
+    assert found["causes"][0]["name"] == "second_source"
+    assert [log["name"] for log in found["calibrated_on"]] == [str(calm)]
+    assert any(f"{calm} cannot be run by the written" in note for note in found["notes"])
+    assert {row["log"] for row in found["written"]} == {
+        log["sha256"] for key in ("logs", "validated_on") for log in found[key]
+    }
+
+
+def test_an_output_that_only_unseen_logs_have(thermaltool, folder, model):
+    part = without(folder / "bed.csv", "d_y_um")
+    found = thermaltool("diagnose", model, part, "--validate", folder / "again.csv")
+    assert found.code in (0, 3)
+    assert found.json["residuals"].keys() == {"dT_pair1_K"}
+
+
+def test_outliers_change_nothing_of_the_model(thermaltool, folder, model):
+    rows = (folder / "calm.csv").read_text().splitlines()
+    for k in range(40, 1200, 45):
+        *head, last = rows[k].split(",")
+        rows[k] = ",".join([*head, str(float(last) + 3.0)])
+    (folder / "spikes.csv").write_text("\n".join(rows))
+    target = folder / "spiked.json"
+    found = thermaltool("diagnose", model, folder / "spikes.csv", "-o", target)
+    assert [c["name"] for c in found.json["causes"]] == ["outliers"]
+    assert target.read_bytes() == model.read_bytes()
+    assert "the written model takes" not in found.err
 
 
 def test_without_a_cause_the_file_is_the_input_byte_for_byte(thermaltool, folder, model):

@@ -53,8 +53,9 @@ def diagnosed(logs: Sequence[Record], causes: int = 1, adequate: bool = False) -
         WHITE, FLOOR,
     )  # fmt: skip
     gain = Gain(16.4, 6.1, 40.0, 12.0, 71.0, 91.0, (9.1, 11.3))
+    held_out = replace(gain, rms_before=18.0, rms_after=7.0)
     intervals = {f"gain[{OUTPUT}]": (0.59, 0.63), "time_constant": (800.0, 880.0)}
-    cause = Cause(SOURCE, 552.0, intervals, {OUTPUT: gain}, 0.9)
+    cause = Cause(SOURCE, 552.0, intervals, {OUTPUT: gain}, 0.9, {OUTPUT: held_out})
     other = Alternative(
         ("second_source", "ambient_drift"), (BED, ""), 4.0, "the bed alone, lamp off, for 2 h", 60.0
     )

@@ -63,7 +63,8 @@ def test_five_lines_for_a_new_user():
     )
     assert worth == (
         "On run.csv, the written model takes the residual of d_z_um from 16 to 6 µm RMS, the "
-        "zero of each log free (20 to 10 µm as simulate counts)."
+        "zero of each log free (20 to 10 µm as simulate counts); these rows it has seen, held out "
+        "in turn they go from 18 to 7."
     )
     assert unknown == (
         "Not known: second_source (T_bed_degC) cannot be told from ambient_drift in this log; "

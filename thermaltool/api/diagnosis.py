@@ -60,8 +60,17 @@ class DiagnosisReport(Result):
         ----------
         command : str, optional
             How it was made.
+
+        Raises
+        ------
+        ModelError
+            A log would be worse by it.
         """
         model = self.diagnosis.model
+        if self.diagnosis.spoiled is not None:
+            from thermaltool.errors import ModelError
+
+            raise ModelError(f"{self.diagnosis.spoiled} would be worse by the extended model")
         if not self.diagnosis.extends:
             return model
         made: dict[str, Any] = {"logs": [log.source for log in self.logs]}
@@ -150,8 +159,8 @@ def diagnose(
     model : Model, a result that holds one, str or path
     data : str, path, pandas.DataFrame, Record, or a sequence of them
     validate : sequence of str, path, pandas.DataFrame or Record
-        Logs that no fit sees, on which gains are measured. Default: stretches of `data`, held out
-        in turn.
+        Logs that no fit sees, on which gains are measured. Without them those of the written
+        model are told on `data`, beside those on stretches of it that were held out in turn.
     warn, progress : callable
         Take a sentence where the model extrapolates or a log pauses, and a word now and then.
     **reading

@@ -27,8 +27,8 @@ from thermaltool.documents import check_folder, write_json, write_whole
     multiple=True,
     type=InputPath(),
     metavar="LOG",
-    help="Measure the gain on this log, which no fit sees; repeatable.  "
-    "[default: stretches of the LOGs, held out in turn]",
+    help="A log that no fit sees: causes have to hold on it, gains are told on it; repeatable.  "
+    "[default: stretches of the LOGs are held out in turn]",
 )
 @click.option(
     "-o",
@@ -87,15 +87,19 @@ def command(
     found = api.diagnose(model, logs, validate=validate, **reading,
                          warn=silent if quiet else warn,
                          progress=terminal_progress("diagnose"))  # fmt: skip
+    calibration = [log.name for log in found.calibration]
+    if output is not None:
+        shared.keep_inputs(output, *calibration)
+    _keep(report, calibration, None)
     refused = output is not None and found.diagnosis.spoiled
     if output is not None and not refused:
-        if found.diagnosis.extends or model == "-":
+        if found.diagnosis.extends or not os.path.isfile(model):
             api.write_model(found.extended(command_line()), output)
         else:
             with open(model, "rb") as same:  # byte for byte, whoever wrote it
                 write_whole(same.read(), output)
     if report is not None:
-        found.write(report, lambda figure: shared.keep_inputs(figure, *inputs))
+        found.write(report, lambda figure: shared.keep_inputs(figure, *inputs, *calibration))
     write_json(found.document(), "-")
     if not quiet:
         warn(found.table())

@@ -36,13 +36,7 @@ from thermaltool.diagnosis.select import (
     ranked,
 )
 from thermaltool.diagnosis.validate import Verdict, judge
-from thermaltool.diagnosis.written import (
-    explained,
-    spoiled_by,
-    steps_of,
-    written_gains,
-    written_steps,
-)
+from thermaltool.diagnosis.written import account, explained
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -79,7 +73,8 @@ def diagnose(
     logs : sequence of Record
         Each with the model's drives, and with at least one output in one of them.
     validate : sequence of Record
-        Logs on which gains are measured; without them, blocks of `logs` are held out in turn.
+        Logs that no fit sees, on which gains are measured; causes have to hold there, too. Without
+        them blocks of `logs` are held out in turn, and gains are told on `logs`.
     progress : callable
         Told what is being done.
     calibration : sequence of Record
@@ -213,7 +208,8 @@ class _SearchState:
 
     def written(self, task: _Task) -> Model:
         """The model with the causes as a user gets it; as it came in where there are none."""
-        if not self.causes:
+        # Readings that are left out change nothing of the model.
+        if all(cause.effect.name == "outliers" for cause in self.causes):
             return task.model
         return self.hypothesis.written(task.model).model
 
@@ -297,6 +293,8 @@ def _second_look(task: _Task, search: _SearchState) -> _SearchState:
     if len(looked.causes) > len(search.causes):
         return looked
     # Nothing more was found: what taking the rest for white made of the model is no finding.
+    if search.causes:
+        return replace(search, unconfirmed=looked.unconfirmed)
     return replace(looked, hypothesis=search.hypothesis)
 
 
@@ -349,24 +347,20 @@ def _result(task: _Task, first: Hypothesis, search: _SearchState) -> Diagnosis:
     last = search.hypothesis
     plain = first.with_model(task.model)
     extended = search.written(task)
-    masked = last.simulation.masked
     effects = [c.effect for c in search.causes]
-    steps = steps_of(task.model, extended, effects)
+    noise = {o: first.white(o) for o in first.groups}
+    written = account(
+        task.model, extended, effects, task.logs, task.validate, task.calibration,
+        last.simulation.masked, noise,
+    )  # fmt: skip
     reports, share = reports_of(first, last, plain)
     adequate = not search.causes and share >= ADEQUATE_SHARE
     if not search.causes and not adequate:
         search = search.noted("misfit found, no cause in the catalogue explains it")
     if search.unconfirmed is not None:
         search = search.noted(unconfirmed(search.unconfirmed.effect))
-    noise = {o: first.white(o) for o in first.groups}
-    judged = (*task.logs, *task.validate)
-    spoiled = spoiled_by(task.model, extended, judged, masked, noise)
-    changed = spoiled_by(task.model, extended, task.calibration, masked, noise)
-    if changed is not None:
-        search = search.noted(
-            f"{changed[1]} of the calibration's own log is worse by the written model: the machine "
-            "has changed since, or the cause is another"
-        )
+    for note in written.notes:
+        search = search.noted(note)
     alternatives: list[Alternative] = []
     if search.suspects and not search.causes:
         alternatives += suspected(search.ended, search.suspects)
@@ -375,11 +369,10 @@ def _result(task: _Task, first: Hypothesis, search: _SearchState) -> Diagnosis:
         if each.candidate.place in places:  # not made idle by a later one
             task.progress(f"what else could be {each.candidate.effect.name}")
             alternatives += indistinguishable(each.before, each.candidate, each.rivals, effects)
-    causes = []
-    unseen = task.validate or task.logs
-    for cause, before, after in zip(search.causes, steps[:-1], steps[1:], strict=True):
-        gain = written_gains(before, after, unseen, masked) if after != before else cause.gain
-        causes.append(replace(cause, gain=gain, explained=explained(noise, gain)))
+    causes = [
+        cause if gain is None else replace(cause, gain=gain, explained=explained(noise, gain))
+        for cause, gain in zip(search.causes, written.gains, strict=True)
+    ]
     return Diagnosis(
         adequate,
         float(np.clip(share, 0.0, 1.0)),
@@ -390,7 +383,7 @@ def _result(task: _Task, first: Hypothesis, search: _SearchState) -> Diagnosis:
         tuple(dict.fromkeys(search.notes)),
         extended,
         extended != task.model,
-        written_steps(steps, effects, (*judged, *task.calibration)),
-        None if spoiled is None else f"{spoiled[1]} in {spoiled[0].name or 'a log'}",
+        written.steps,
+        written.spoiled,
         curves_of(first, last, plain, last.with_model(extended) if effects else None),
     )

@@ -40,7 +40,8 @@ class Cause:
         95 %.
     gain : mapping of channel to Gain
         By the written models without it and with it, the zero of every log free; on unseen logs
-        where there are some, else on the diagnosed ones.
+        where there are some, else on the diagnosed ones. Of outliers, which are no part of a
+        model: by leaving them out, and all other gains are those without them.
     held_out : mapping of channel to Gain
         Of rows that the fit has not seen, each predicted from the others: by these it was judged.
     forms : tuple of (Effect, float)

@@ -18,7 +18,7 @@ from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import Series
-from thermaltool.diagnosis.written import Gain, compare, explained, spoiled_by
+from thermaltool.diagnosis.written import Gain, cannot_run, compare, explained, spoiled_by
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
@@ -98,6 +98,7 @@ def judge(
         if not is_practical(before, gains):
             return None
         new = after.written(calibrated)
+        unseen = [log for log in unseen if cannot_run(new.model, log) is None] if unseen else ()
         if unseen:
             # What fitting the model anew does for itself is no merit of the cause.
             old = alone.written(calibrated).with_logs(unseen)
@@ -198,6 +199,8 @@ def is_practical(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
     if any(g.harmful for g in gains.values()):
         return False
     for output, g in gains.items():
+        if output not in hypothesis.groups:  # measured in unseen logs alone
+            continue
         white = hypothesis.white(output)
         removed = max(g.rms_before**2 - g.rms_after**2, 0.0)
         misfit = max(g.rms_before**2 - white**2, 0.0)

@@ -6,6 +6,7 @@ cause is therefore measured once more, with the file that a user gets and nothin
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,6 +19,7 @@ from thermaltool.errors import ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement
+from thermaltool.signals.detrend import difference_sigma
 
 # Blocks of the bootstrap of a gain, and draws.
 BOOTSTRAP_BLOCKS, DRAWS = 36, 2000
@@ -215,6 +217,21 @@ def _about_mean(error: Float, rows: Any) -> Float:
     return error - error[rows].mean() if len(rows) else error
 
 
+def cannot_run(model: Model, log: Record) -> str | None:
+    """Why a model cannot be run over a log; None where it can.
+
+    Parameters
+    ----------
+    model : Model
+    log : Record
+    """
+    try:
+        model.simulate(log)
+    except ModelError as error:
+        return str(error)
+    return None
+
+
 def spoiled_by(
     before: Model,
     after: Model,
@@ -224,30 +241,107 @@ def spoiled_by(
 ) -> tuple[Record, str] | None:
     """Log and output of which a model is worse than another beyond noise; None where it is not.
 
-    Worse as `simulate` counts, or with the zero of the log free.
+    Worse as `simulate` counts, or with the zero of the log free; outliers do not count.
 
     Parameters
     ----------
     before, after : Model
     logs : sequence of Record
-    masked : mapping of (digest, output) to ndarray of bool
+    masked : mapping of (digest, output) to ndarray of bool, shape (rows of the log,)
         Outliers: rows that do not count.
     noise : mapping of output to float [unit of the output]
-        Of a reading.
+        Of a reading; from the readings themselves where it is not there.
+
+    Raises
+    ------
+    ModelError
+        A model cannot be run over a log.
     """
+    if before == after:
+        return None
     for log in logs:
-        try:
-            old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
-            new.outputs  # noqa: B018 - what cannot be run is worse
-        except ModelError:
-            return log, next(iter(noise))
+        old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
         for output, groups in old.groups.items():
             measured = groups.joined([old.measured[0][output]])
             errors = [groups.joined(s.residual(output)) for s in (old, new)]
             centred = [error - error.mean() for error in errors]
-            if any(compare(measured, *pair).worse(noise[output]) for pair in (errors, centred)):
+            least = noise.get(output) or difference_sigma(errors[0])
+            if any(compare(measured, *pair).worse(least) for pair in (errors, centred)):
                 return log, output
     return None
+
+
+@dataclass(frozen=True)
+class WrittenAccount:
+    """What the written model is worth.
+
+    Attributes
+    ----------
+    steps : tuple of WrittenStep
+        Of every log over which the models can be run.
+    gains : tuple of (mapping of output to Gain, or None), one for each cause
+        None where a cause changes nothing of the model.
+    spoiled : str or None
+        Log and output of which the extended model is worse than the one that came in.
+    notes : tuple of str
+    """
+
+    steps: tuple[WrittenStep, ...]
+    gains: tuple[Mapping[str, Gain] | None, ...]
+    spoiled: str | None
+    notes: tuple[str, ...]
+
+
+def account(
+    model: Model,
+    extended: Model,
+    causes: Sequence[Effect],
+    logs: Sequence[Record],
+    validate: Sequence[Record],
+    calibration: Sequence[Record],
+    masked: Mask,
+    noise: Mapping[str, float],
+) -> WrittenAccount:
+    """The written model beside the one that came in, on all logs.
+
+    Parameters
+    ----------
+    model, extended : Model
+    causes : sequence of Effect
+        In the order of acceptance.
+    logs, validate, calibration : sequence of Record
+        Diagnosed, unseen, and the calibration's. Gains are those on the unseen ones, where there
+        are some; the calibration's are no veto.
+    masked, noise
+        As in `spoiled_by`.
+    """
+    models, notes, spoiled = steps_of(model, extended, causes), [], None
+    why = {id(log): cannot_run(extended, log) for log in (*logs, *validate, *calibration)}
+    for log in (*logs, *validate, *calibration):
+        if why[id(log)] is not None:
+            notes.append(f"{_name(log)} cannot be run by the written model: {why[id(log)]}")
+    own, unseen, before = (
+        [log for log in group if why[id(log)] is None] for group in (logs, validate, calibration)
+    )
+    if len(own) < len(logs):
+        spoiled = next(_name(log) for log in logs if why[id(log)] is not None)
+    elif worse := spoiled_by(model, extended, [*own, *unseen], masked, noise):
+        spoiled = f"{worse[1]} in {_name(worse[0])}"
+    if worse := spoiled_by(model, extended, before, masked, noise):
+        notes.append(
+            f"{worse[1]} in {_name(worse[0])}, a log of the calibration, is worse by the written "
+            "model: the machine has changed since, or the cause is another"
+        )
+    gains = [
+        written_gains(*pair, unseen or own, masked) if pair[0] != pair[1] else None
+        for pair in itertools.pairwise(models)
+    ]
+    steps = written_steps(models, causes, [*own, *unseen, *before])
+    return WrittenAccount(steps, tuple(gains), spoiled, tuple(notes))
+
+
+def _name(log: Record) -> str:
+    return log.name or "a log"
 
 
 def explained(noise: Mapping[str, float], gains: Mapping[str, Gain]) -> float:
@@ -261,6 +355,8 @@ def explained(noise: Mapping[str, float], gains: Mapping[str, Gain]) -> float:
     """
     before = after = 0.0
     for output, g in gains.items():
+        if output not in noise:  # measured in unseen logs alone
+            continue
         before += max((g.rms_before / noise[output]) ** 2 - 1, 0.0)
         after += max((g.rms_after / noise[output]) ** 2 - 1, 0.0)
     return float(np.clip(1 - after / before, 0.0, 1.0)) if before else 0.0

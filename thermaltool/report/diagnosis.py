@@ -171,7 +171,11 @@ def _parameter(name: str, each: Document) -> str:
 
 def _worth(document: Document) -> Iterator[str]:
     """What the written model is worth on the output that it does most for, cause after cause."""
-    chains = written_chains(document)
+    chains = {
+        output: steps
+        for output, steps in written_chains(document).items()
+        if steps[-1] != steps[0] and steps[0].spread
+    }
     if not chains:
         return
     best = min(chains, key=lambda output: chains[output][-1].spread / chains[output][0].spread)
@@ -185,6 +189,10 @@ def _worth(document: Document) -> Iterator[str]:
     )
     if counted != free:
         line += f" ({counted} {unit} as simulate counts)"
+    held = [each for c in document["causes"] if (each := c["held_out"].get(best))]
+    if held and not document["validated_on"]:
+        ends = f"{number(held[0]['rms_before'])} to {number(held[-1]['rms_after'])}"
+        line += f"; these rows it has seen, held out in turn they go from {ends}"
     yield f"{line}{'.' if sure else '; the gain is not sure.'}"
     if document["spoiled"]:
         yield (

@@ -35,7 +35,7 @@ def solve(matrix: Array, right: Array) -> Array:
         Symmetric, or nearly so.
     right : ndarray, shape (p,) or (p, k)
     """
-    if not len(matrix):
+    if not right.size:
         return np.zeros_like(right)
     size = _sizes(matrix)
     columns = right.reshape(len(matrix), -1) / size[:, None]
