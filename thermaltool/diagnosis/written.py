@@ -25,8 +25,9 @@ from thermaltool.signals.detrend import difference_sigma
 BOOTSTRAP_BLOCKS, DRAWS = 36, 2000
 # A gain below this share of the RMS is of no practical use.
 MIN_GAIN = 0.1
-# A loss of RMS that is sure counts from this share of the power of a reading's noise.
-MIN_LOSS = 0.1
+# A loss of RMS that is sure counts from this share of the power of a reading's noise; from so many
+# times of it where the zero is that of one reading, whose own noise it carries (two deviations).
+MIN_LOSS, MIN_LOSS_COUNTED = 0.1, 4.0
 
 
 @dataclass(frozen=True)
@@ -69,15 +70,17 @@ class Gain:
         """Whether the gain is of practical use, sure or not."""
         return self.rms_after < (1 - MIN_GAIN) * self.rms_before
 
-    def worse(self, noise: float) -> bool:
+    def worse(self, noise: float, least: float = MIN_LOSS) -> bool:
         """Whether a loss is sure, and more than noise.
 
         Parameters
         ----------
         noise : float [unit of the channel]
             Of a reading.
+        least : float
+            Power from which a loss counts, over that of the noise.
         """
-        return self.spoiled and self.rms_after**2 - self.rms_before**2 > MIN_LOSS * noise**2
+        return self.spoiled and self.rms_after**2 - self.rms_before**2 > least * noise**2
 
 
 def compare(measured: Float, before: Float, after: Float, seed: int = 0) -> Gain:
@@ -263,10 +266,11 @@ def spoiled_by(
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
         for output, groups in old.groups.items():
             measured = groups.joined([old.measured[0][output]])
-            errors = [groups.joined(s.residual(output)) for s in (old, new)]
-            centred = [error - error.mean() for error in errors]
-            least = noise.get(output) or difference_sigma(errors[0])
-            if any(compare(measured, *pair).worse(least) for pair in (errors, centred)):
+            one, other = (groups.joined(s.residual(output)) for s in (old, new))
+            sigma = noise.get(output) or difference_sigma(one)
+            counted = compare(measured, one, other)
+            free = compare(measured, one - one.mean(), other - other.mean())
+            if free.worse(sigma) or counted.worse(sigma, MIN_LOSS_COUNTED):
                 return log, output
     return None
 
