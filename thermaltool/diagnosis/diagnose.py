@@ -257,8 +257,7 @@ def _step(task: _Task, search: _SearchState) -> _SearchState:
     strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else STRONG_EVIDENCE)
     for candidate in plain_forms_first(strong)[:MAX_HELD_OUT]:
         task.progress(f"held-out gain of {candidate.effect.name}")
-        accepted = search.written(task)
-        verdict = judge(hypothesis, candidate, ranking.fitted, accepted, task.model, task.validate)
+        verdict = judge(hypothesis, candidate, ranking.fitted, task.model, task.validate)
         if verdict is not None:
             search = search.accepting(verdict.cause, verdict.after, verdict)
             if _is_freed(hypothesis, verdict.after):

@@ -18,7 +18,7 @@ from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import Series
-from thermaltool.diagnosis.written import Gain, cannot_run, compare, explained, spoiled_by
+from thermaltool.diagnosis.written import Gain, cannot_run, compare, explained
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
@@ -64,7 +64,6 @@ def judge(
     hypothesis: Hypothesis,
     candidate: CauseCandidate,
     rivals: Sequence[CauseCandidate],
-    accepted: Model,
     calibrated: Model,
     unseen: Sequence[Record] = (),
 ) -> Verdict | None:
@@ -73,8 +72,7 @@ def judge(
     Its signature has given it its evidence (`fit.evaluate`). It is fitted together with the model's
     own parameters, where these are free; every block of the logs is predicted from the others,
     with it and without; and what it gains there has to be sure, of practical size, and larger than
-    what the calibration got wrong. With `unseen` logs it has to be so there too. None of these
-    logs may be worse by the model that would be written than by the one without the cause.
+    what the calibration got wrong. With `unseen` logs it has to be so there too.
 
     Parameters
     ----------
@@ -83,8 +81,6 @@ def judge(
     candidate : CauseCandidate
     rivals : sequence of CauseCandidate
         All that were fitted, the candidate among them.
-    accepted : Model
-        As it would be written without the cause.
     calibrated : Model
         As the calibration left it.
     unseen : sequence of Record
@@ -106,9 +102,6 @@ def judge(
             if not is_practical(before, gains):
                 return None
         noise = {o: before.white(o) for o in before.groups}
-        known, masked = (*before.logs, *unseen), before.simulation.masked
-        if spoiled_by(accepted, new.model, known, masked, noise) is not None:
-            return None
         intervals = after.intervals(len(after.model.effects) - 1)
     except ModelError:  # the effect runs away with the parameters that go with it
         return None
