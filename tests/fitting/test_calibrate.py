@@ -213,6 +213,7 @@ def standard_score(got, of):
     return (of(response) - of(Conduction(**fraser.PAIR))) / error
 
 
+@pytest.mark.slow
 def test_the_covariance_is_honest_for_the_ring_source():
     """Mean square of the standard scores of 24 fits: 1 ± 0.29 under white noise."""
     fits = [ring_fit(seed) for seed in range(24)]
@@ -221,6 +222,7 @@ def test_the_covariance_is_honest_for_the_ring_source():
         assert 0.3 < np.mean(score**2) < 2.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["linear", "huber"])
 def test_the_covariance_is_honest(monkeypatch, loss):
     """95 % intervals of gain and time constants under white noise, from 100 fits of a new kind."""

@@ -66,6 +66,7 @@ def estimates(network):
     return found, np.array(truth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", [([1.0], [1.0]), ([0.6], [1.0, -0.8])], ids=["white", "AR(1)"])
 def test_intervals_hold_the_truth(colour):
     """60 repetitions: each interval at least 50 times, all together 90 to 99 %."""

@@ -83,6 +83,7 @@ def test_a_short_log_beside_a_long_one_in_a_network():
     assert tests.lags == 25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("inputs", "lags"), [(1, (300.0, 40.0)), (3, (20.0, 4.0))])
 def test_residuals_of_the_true_orders_are_seldom_called_wrong(inputs, lags):
     """At 5 %: of 60 records, or inputs of records, about 3 (8 or 12 are beyond 99 %)."""
