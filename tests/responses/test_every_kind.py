@@ -14,6 +14,7 @@ from reference.ring import panels
 from thermaltool.errors import ModelError
 from thermaltool.model import Drive, Model, Output, Term, dumps, loads, simulate_response
 from thermaltool.responses import KINDS, parameter_names, response_class
+from thermaltool.responses.modes import Modes
 
 PERIOD, DURATION = 5.0, 8000.0
 # What `fit_relaxation` promises, as a share of the largest value of the step response.
@@ -217,3 +218,12 @@ def test_starts_lie_in_the_search_box(kind, period, duration):
 def test_an_unknown_kind_lists_the_known_ones():
     with pytest.raises(ModelError, match=r"convection.*conduction, deflection"):
         response_class("convection")
+
+
+def test_a_clock_that_jitters_leaves_nothing_behind():
+    """A stream asks for a recursion for every length of a sample; only an even record's is kept."""
+    modes = Modes(np.array([-0.1 + 0j]), np.array([1.0 + 0j]))
+    for step in np.linspace(1.0, 2.0, 50):
+        modes.discretize(float(step))
+        modes.run(float(step) * np.arange(20.0), np.ones(20), "zero")
+    assert len(modes._last) == 1

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from thermaltool.api.inputs import Reading, all_of, as_model, reads, warn_pauses
 from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.documents import source_name
+from thermaltool.errors import LogError, ModelError
 from thermaltool.logs import read_log
 
 if TYPE_CHECKING:
@@ -68,8 +69,6 @@ class DiagnosisReport(Result):
         """
         model = self.diagnosis.model
         if self.diagnosis.spoiled is not None:
-            from thermaltool.errors import ModelError
-
             raise ModelError(f"{self.diagnosis.spoiled} would be worse by the extended model")
         if not self.diagnosis.extends:
             return model
@@ -220,8 +219,6 @@ def _calibration_logs(
     model: Model, given: Sequence[Log], reading: Mapping[str, Any]
 ) -> tuple[Log, ...]:
     """Logs that the model was calibrated on, where they still are what they were."""
-    from thermaltool.errors import LogError
-
     found, seen = [], {log.digest for log in given}
     for source in model.provenance.get("logs", ()):
         name, digest = source.get("name"), source.get("sha256")
@@ -242,7 +239,6 @@ def _check(log: Log, model: Model) -> None:
     """Refuse a log by which the model cannot be judged."""
     import numpy as np
 
-    from thermaltool.errors import LogError
     from thermaltool.record import hint
 
     outputs = [output.channel for output in model.outputs]
@@ -261,8 +257,6 @@ def _check(log: Log, model: Model) -> None:
 
 def _check_different(logs: Sequence[Log]) -> None:
     """Refuse a log that is given twice: it would be held out from itself."""
-    from thermaltool.errors import LogError
-
     first: dict[str, Log] = {}
     for log in logs:
         other = first.setdefault(log.digest, log)

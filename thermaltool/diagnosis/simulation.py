@@ -104,6 +104,15 @@ class SimulatedLogs:
         measured = np.isfinite(log.columns[output])
         return measured & ~self.masked.get((log.digest, output), np.zeros(len(log), bool))
 
+    def measured_rows(self, output: str) -> Float:
+        """An output as measured, relative to rest, in the rows that count, shape (n,).
+
+        Parameters
+        ----------
+        output : str
+        """
+        return self.groups[output].joined([m.get(output, np.zeros(0)) for m in self.measured])
+
     def residual(self, output: str) -> Series:
         """Measured minus simulated in each log; NaN where not measured."""
         return [

@@ -18,7 +18,7 @@ from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import Series
-from thermaltool.diagnosis.written import Gain, cannot_run, compare, explained
+from thermaltool.diagnosis.written import Gain, cannot_run, compare, explained, gains_of
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
@@ -94,11 +94,12 @@ def judge(
         if not is_practical(before, gains):
             return None
         new = after.written(calibrated)
-        unseen = [log for log in unseen if cannot_run(new.model, log) is None] if unseen else ()
+        unseen = [log for log in unseen if cannot_run(new.model, log) is None]
         if unseen:
-            # What fitting the model anew does for itself is no merit of the cause.
+            # What fitting the model anew does for itself is no merit of the cause. The zero of a
+            # displacement is arbitrary in every log.
             old = alone.written(calibrated).with_logs(unseen)
-            gains = transferred_gains(old, new.with_logs(unseen))
+            gains = gains_of(old.simulation, new.with_logs(unseen).simulation, is_displacement)
             if not is_practical(before, gains):
                 return None
         noise = {o: before.white(o) for o in before.groups}
@@ -155,27 +156,7 @@ def held_out_gains(before: Hypothesis, after: Hypothesis, seed: int = 0) -> dict
     events = "tight" in after.assumptions and any(e.event for e in after.model.effects)
     for output in before.groups:
         old, new = (_held_out_errors(each, output, events) for each in (before, after))
-        result[output] = compare(_measured(before, output), old, new, seed)
-    return result
-
-
-def transferred_gains(before: Hypothesis, after: Hypothesis, seed: int = 0) -> dict[str, Gain]:
-    """Gain of every output on logs that no fit has seen, both models as they stand.
-
-    Parameters
-    ----------
-    before, after : Hypothesis
-        On those logs.
-    seed : int
-        Of the bootstrap.
-    """
-    result = {}
-    for output, groups in before.groups.items():
-        old, new = (
-            groups.joined(_about_mean(each.simulation.residual(output), output))
-            for each in (before, after)
-        )
-        result[output] = compare(_measured(before, output), old, new, seed)
+        result[output] = compare(before.simulation.measured_rows(output), old, new, seed)
     return result
 
 
@@ -206,18 +187,6 @@ def is_practical(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
 
 
 # ---------------------------------------------------------------- prediction of held-out rows
-
-
-def _measured(hypothesis: Hypothesis, output: str) -> Float:
-    measured = hypothesis.simulation.measured
-    return hypothesis.groups[output].joined([m.get(output, np.zeros(0)) for m in measured])
-
-
-def _about_mean(residual: Series, output: str) -> Series:
-    """The zero of a displacement is arbitrary in every log."""
-    if not is_displacement(output):
-        return residual
-    return [r - np.nanmean(r) if np.isfinite(r).any() else r for r in residual]
 
 
 def _held_out_errors(hypothesis: Hypothesis, output: str, events: bool) -> Float:

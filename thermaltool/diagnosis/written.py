@@ -7,7 +7,7 @@ cause is therefore measured once more, with the file that a user gets and nothin
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -191,33 +191,31 @@ def written_steps(
     return tuple(found)
 
 
-def written_gains(
-    before: Model, after: Model, logs: Sequence[Record], masked: Mask
+def gains_of(
+    before: SimulatedLogs, after: SimulatedLogs, zero_free: Callable[[str], bool]
 ) -> dict[str, Gain]:
-    """Gain of every output over some logs, the zero of each log free.
+    """Gain of every output over the same logs, both models as they stand.
 
     Parameters
     ----------
-    before, after : Model
-    logs : sequence of Record
-    masked : mapping of (digest, output) to ndarray of bool
-        Outliers: rows that do not count.
+    before, after : SimulatedLogs
+    zero_free : callable
+        Of an output: whether its errors count about their mean in each log.
     """
-    old, new = (SimulatedLogs(m, tuple(logs), masked) for m in (before, after))
-    found = {}
-    for output, groups in old.groups.items():
-        errors = [
-            groups.joined([_about_mean(r, rows) for r, rows in zip(s.residual(output), groups.rows,
-                                                                   strict=True)])
-            for s in (old, new)
-        ]  # fmt: skip
-        measured = [m.get(output, np.zeros(0)) for m in old.measured]
-        found[output] = compare(groups.joined(measured), errors[0], errors[1])
-    return found
 
+    def errors(runs: SimulatedLogs, output: str) -> Float:
+        found, groups = runs.residual(output), before.groups[output]
+        if zero_free(output):
+            found = [
+                error - error[rows].mean() if len(rows) else error
+                for error, rows in zip(found, groups.rows, strict=True)
+            ]
+        return groups.joined(found)
 
-def _about_mean(error: Float, rows: Any) -> Float:
-    return error - error[rows].mean() if len(rows) else error
+    return {
+        output: compare(before.measured_rows(output), errors(before, output), errors(after, output))
+        for output in before.groups
+    }
 
 
 def cannot_run(model: Model, log: Record) -> str | None:
@@ -264,13 +262,12 @@ def spoiled_by(
         return None
     for log in logs:
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
-        for output, groups in old.groups.items():
-            measured = groups.joined([old.measured[0][output]])
-            one, other = (groups.joined(s.residual(output)) for s in (old, new))
-            sigma = noise.get(output) or difference_sigma(one)
-            counted = compare(measured, one, other)
-            free = compare(measured, one - one.mean(), other - other.mean())
-            if free.worse(sigma) or counted.worse(sigma, MIN_LOSS_COUNTED):
+        counted = gains_of(old, new, lambda output: False)
+        for output, free in gains_of(old, new, lambda output: True).items():
+            sigma = noise.get(output) or difference_sigma(
+                old.groups[output].joined(old.residual(output))
+            )
+            if free.worse(sigma) or counted[output].worse(sigma, MIN_LOSS_COUNTED):
                 return log, output
     return None
 
@@ -336,9 +333,10 @@ def account(
             f"{worse[1]} in {_name(worse[0])}, a log of the calibration, is worse by the written "
             "model: the machine has changed since, or the cause is another"
         )
+    runs = [SimulatedLogs(each, tuple(unseen or own), masked) for each in models]
     gains = [
-        written_gains(*pair, unseen or own, masked) if pair[0] != pair[1] else None
-        for pair in itertools.pairwise(models)
+        gains_of(one, other, lambda output: True) if one.model != other.model else None
+        for one, other in itertools.pairwise(runs)
     ]
     steps = written_steps(models, causes, [*own, *unseen, *before])
     return WrittenAccount(steps, tuple(gains), spoiled, tuple(notes))

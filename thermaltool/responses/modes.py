@@ -149,7 +149,8 @@ class Modes:
     poles: Complex
     weights: Complex
     double: Float = field(default_factory=lambda: np.zeros(0))
-    _recursions: dict[tuple[float, Hold], Recursion] = field(
+    # The recursion of the last even clock that was run: many records have the same one.
+    _last: dict[tuple[float, Hold], Recursion] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
@@ -214,11 +215,6 @@ class Modes:
         hold : "zero" or "first"
             The input between samples: constant at the earlier value, or a straight line.
         """
-        if (dt, hold) not in self._recursions:
-            self._recursions[dt, hold] = self._discretized(dt, hold)
-        return self._recursions[dt, hold]
-
-    def _discretized(self, dt: float, hold: Hold) -> Recursion:
         phi, g0, g1 = _propagate(self.poles, dt, hold)
         d0, d1 = _propagate_double(self.poles.real, dt, hold)
         single = (self.poles.imag == 0) & (self.double == 0)
@@ -253,7 +249,11 @@ class Modes:
         """
         steps = np.diff(time)
         if len(steps) and np.ptp(steps) < CLOCK_STEP and (hold == "zero" or not u[0]):
-            return self.discretize(float(np.mean(steps)), hold).run(u[:, None])[0][:, 0]
+            clock = float(np.mean(steps)), hold
+            if clock not in self._last:
+                self._last.clear()
+                self._last[clock] = self.discretize(*clock)
+            return self._last[clock].run(u[:, None])[0][:, 0]
         return self._stepped(steps, u, hold)
 
     def _stepped(self, steps: Float, u: Float, hold: Hold) -> Float:
