@@ -71,9 +71,7 @@ def command(
     makes of it. JSON goes to stdout, the verdict to stderr. Exit 0 where the model is adequate, 3
     where it is not or -o would be worse.
     """
-    # Thousands of small matrices: threads would wait for each other. Before numpy loads.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
+    shared.one_thread()
     from thermaltool import api
     from thermaltool.api.result import silent
 

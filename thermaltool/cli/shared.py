@@ -102,7 +102,8 @@ log_options = together(columns_option, from_option, nan_option, gap_option)
 
 def one_thread() -> None:
     """Small products and long sums: threads would only wait. Read when numpy is loaded."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
 
 def number_of(text: str, option: str) -> float:

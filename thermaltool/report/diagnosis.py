@@ -19,6 +19,7 @@ from thermaltool.report.diagnosis_tables import (
     called,
     condition_name,
     judged_on,
+    names_of,
     number,
     percent,
     sections,
@@ -85,21 +86,16 @@ def summary(document: Document) -> list[str]:
             rest = causes[MAX_CAUSES_TOLD:]
             more = ", ".join(called(cause["name"], cause["channel"]) for cause in rest)
             lines.append(f"Further causes: {more}.")
-        lines += _worth(document)
+        lines += [*_worth(document), *_spoiled(document)]
     else:
         lines += _no_cause(document)
     return [*lines, *_unknown(document)]
 
 
-def _logs(document: Document) -> str:
-    names = [Path(log["name"]).name for log in document["logs"]]
-    return " and ".join(names) if len(names) < 3 else f"{len(names)} logs"
-
-
 def _verdict(document: Document) -> str:
     share, adequate = document["noise_share"], document["adequate"]
     verdict = "adequate" if adequate else "not adequate"
-    line = f"The model is {verdict} for {_logs(document)}"
+    line = f"The model is {verdict} for {names_of(document['logs'])}"
     output = main_output(document)
     if output is None:
         return f"{line}."
@@ -194,6 +190,9 @@ def _worth(document: Document) -> Iterator[str]:
         ends = f"{number(held[0]['rms_before'])} to {number(held[-1]['rms_after'])}"
         line += f"; these rows it has seen, held out in turn they go from {ends}"
     yield f"{line}{'.' if sure else '; the gain is not sure.'}"
+
+
+def _spoiled(document: Document) -> Iterator[str]:
     if document["spoiled"]:
         yield (
             f"The extended model is worse than the one that came in for {document['spoiled']}: "
@@ -309,7 +308,7 @@ def to_markdown(document: Document, figures: Sequence[tuple[str, str]]) -> str:
     figures : sequence of (str, str)
         File relative to the report, and what it shows.
     """
-    lines = [f"# {document['model']} on {_logs(document)}", ""]
+    lines = [f"# {document['model']} on {names_of(document['logs'])}", ""]
     for sentence in summary(document):
         lines += [_escaped(sentence), ""]
     for file, what in figures:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -128,7 +128,17 @@ def judged_on(document: Document) -> str:
     document : mapping
         The diagnosis as JSON.
     """
-    logs = document["validated_on"] or document["logs"]
+    return names_of(document["validated_on"] or document["logs"])
+
+
+def names_of(logs: Sequence[Document]) -> str:
+    """Logs in a sentence: by name where they are one or two.
+
+    Parameters
+    ----------
+    logs : sequence of mapping
+        With their names.
+    """
     names = [Path(log["name"]).name for log in logs]
     return " and ".join(names) if len(names) < 3 else f"{len(names)} logs"
 
