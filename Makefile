@@ -4,13 +4,14 @@
 # make bench    speed as ratios measured in one run, and diagnose beside what a user would pick instead
 # make study    error bands over fresh noise, hidden effects, the measured logs
 # make hidden   hidden effects alone; make measured: the measured logs alone
+# make exam     machines of other physics, known and unknown trouble: 324 logs; not in CI
 # make docs     docs/commands/ again, from --help
 # make samples  data_samples/ again, from the simulated machine
 # Each sets up .venv from requirements.lock by itself.
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint bench study hidden measured samples docs lock clean
+.PHONY: demo test test-slow lint bench study hidden exam measured samples docs lock clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -80,6 +81,9 @@ study: $(READY)
 
 hidden: $(READY)
 	@$(BIN)/python benchmarks/hidden_effects.py --figures docs/figures
+
+exam: $(READY)
+	@$(BIN)/python benchmarks/exam.py
 
 measured: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/measured.mk $(TOOLS)

@@ -209,7 +209,7 @@ def _equivalent(score: Score) -> bool:
 
 
 def tables(scores: Sequence[Score], lines: Sequence[Line], seed: int) -> Iterator[str]:
-    yield from _table(["what", "asked", "measured", "95 % interval", "logs", "reached"],
+    yield from table_lines(["what", "asked", "measured", "95 % interval", "logs", "reached"],
                       [line.cells() for line in lines])  # fmt: skip
     singles = [s for s in scores if s.trial.group.startswith("size") and not s.failure]
     short = sum(s.sizes[0] < REACHED * s.trial.size for s in singles)
@@ -222,7 +222,7 @@ def tables(scores: Sequence[Score], lines: Sequence[Line], seed: int) -> Iterato
     )
     yield HOW_COUNTED + "\n"
     sizes = [f"{size:g} ×" for size in SIZES]
-    yield from _table(
+    yield from table_lines(
         [
             "right cause first",
             *sizes,
@@ -235,7 +235,9 @@ def tables(scores: Sequence[Score], lines: Sequence[Line], seed: int) -> Iterato
     )
 
 
-def _table(heading: Sequence[str], rows: Iterator[list[str]] | list[list[str]]) -> Iterator[str]:
+def table_lines(
+    heading: Sequence[str], rows: Iterator[list[str]] | list[list[str]]
+) -> Iterator[str]:
     yield f"| {' | '.join(heading)} |"
     yield "|---" * len(heading) + "|"
     yield from (f"| {' | '.join(row)} |" for row in rows)

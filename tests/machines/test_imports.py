@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-MODULES = sorted(p for p in Path(__file__).parent.glob("*.py") if not p.name.startswith("test_"))
+MODULES = sorted(p for p in Path(__file__).parent.rglob("*.py") if not p.name.startswith("test_"))
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)

@@ -1,0 +1,18 @@
+"""Machines of other physics than the tool's frame, made of numpy alone."""
+
+from machines.foreign.chain import chain
+from machines.foreign.plate import plate
+from machines.foreign.printer import printer
+from machines.foreign.rod import rod
+from machines.foreign.slab import slab
+from machines.foreign.spindle import spindle
+
+# From a generator to a machine of drawn parameters.
+PLANTS = {
+    "rod": rod,
+    "printer": printer,
+    "plate": plate,
+    "slab": slab,
+    "chain": chain,
+    "spindle": spindle,
+}
