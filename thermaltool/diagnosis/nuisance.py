@@ -227,10 +227,16 @@ class OutputNuisance:
         """Lags of the drives, of unit height: what a response's kind leaves out of its shape."""
         simulation = self.simulation
         holds = {d.channel: d.hold for d in simulation.model.drives}
+        logs = list(zip(simulation.logs, simulation.inputs, simulation.dead_times, strict=True))
         return [
             [
-                lagged(log.time, each[drive], tau, holds[drive])
-                for log, each in zip(simulation.logs, simulation.inputs, strict=True)
+                np.interp(
+                    log.time - late[drive],
+                    log.time,
+                    lagged(log.time, each[drive], tau, holds[drive]),
+                    left=0.0,
+                )
+                for log, each, late in logs
             ]
             for drive, tau in self._lag_bank
         ]

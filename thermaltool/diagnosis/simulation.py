@@ -18,7 +18,7 @@ from thermaltool.model import (
     relative,
     sum_terms,
 )
-from thermaltool.model.simulate import acting_effects
+from thermaltool.model.simulate import acting_effects, dead_times
 from thermaltool.record import Record
 from thermaltool.signals.row_groups import RowGroups
 
@@ -56,6 +56,11 @@ class SimulatedLogs:
             acting_drives(self.model, acting_effects(self.model, log.digest), log)
             for log in self.logs
         ]
+
+    @property
+    def dead_times(self) -> list[dict[str, float]]:
+        """Time by which every drive acts later than it is logged, in each log [s]."""
+        return [dead_times(self.model, acting_effects(self.model, log.digest)) for log in self.logs]
 
     @cached_property
     def _responses(self) -> list[dict[str, Float]]:

@@ -280,6 +280,11 @@ class Effect:
         """Time constant with which a reading follows the truth [s]; 0 for at once."""
         return 0.0
 
+    @property
+    def dead_time(self) -> float:
+        """Time by which the drive acts later than it is logged [s]; below zero, earlier."""
+        return 0.0
+
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         """The effect at every place and, for what is searched, at every size worth a trial."""

@@ -7,12 +7,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
-from thermaltool.record import Record
+from thermaltool.effects.effect import Effect, Parameter, Scene, Side
+from thermaltool.units import hold_of
 
 
 class TransportDelay(Effect):
-    """u(t − delay) acts in place of u(t)."""
+    """u(t − delay) acts in place of u(t), switching between samples where the delay says so.
+
+    Below zero, by a sample at most: a mean that is stamped at the end of its sample, or a command
+    that was switched before the row in which it is first seen.
+    """
 
     name: ClassVar[str] = "transport_delay"
     side: ClassVar[Side] = "drive"
@@ -22,18 +26,16 @@ class TransportDelay(Effect):
     signature: ClassVar[str] = "the residual follows minus the slope of every output of the drive"
     source: ClassVar[str] = "Ljung 1999, 7.2 (dead time)"
     causal: ClassVar[bool] = True
-    known: ClassVar = {"delay": Parameter("s", low=0.0)}
+    known: ClassVar = {"delay": Parameter("s")}
 
-    def drive(self, record: Record, u: Float, memory: Memory = None) -> Float:
-        # Of a held drive, the straight line between samples is the exact mean over a sample.
-        time, delay = record.time, self.parameters["delay"]
-        if memory is None:
-            return np.interp(time - delay, time, u, left=0.0)
-        known = np.append(memory.get("time", []), time)
-        acted = np.append(memory.get("drive", []), u)
-        first = max(int(np.searchsorted(known, known[-1] - delay, side="right")) - 1, 0)
-        memory.update(time=known[first:], drive=acted[first:])
-        return np.interp(time - delay, known, acted, left=0.0)
+    @property
+    def dead_time(self) -> float:
+        return self.parameters["delay"]
+
+    def plausible(self, scene: Scene) -> bool:
+        # Nothing acts before it is commanded, but a held command may be logged a sample late.
+        held = hold_of(self.channel) == "zero"
+        return self.parameters["delay"] >= (-scene.period if held else 0.0)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
@@ -41,3 +43,5 @@ class TransportDelay(Effect):
         for drive in scene.drives:
             for delay in np.geomspace(scene.period / 2, longest, 8).tolist():
                 yield cls(drive, {"delay": delay})
+            if hold_of(drive) == "zero":
+                yield cls(drive, {"delay": -scene.period})

@@ -33,7 +33,7 @@ from thermaltool.model import (
     term_input,
 )
 from thermaltool.model.curves import Form, SearchedCurve, searched_curve
-from thermaltool.model.simulate import acting_effects
+from thermaltool.model.simulate import acting_effects, dead_times
 from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement
 
@@ -157,6 +157,7 @@ class _CurveProblem:
         """Terms with the gains that fit best, offsets projected out."""
         inputs = [acting_drives(model, acting_effects(model, r.digest), r) for r in self.records]
         holds = {d.channel: d.hold for d in model.drives}
+        late = [dead_times(model, acting_effects(model, r.digest)) for r in self.records]
         found = []
         for output in self.outputs:
             own = [t for t in terms if t.output == output.channel]
@@ -164,7 +165,11 @@ class _CurveProblem:
             for k, (record, u) in enumerate(zip(self.records, inputs, strict=True)):
                 shapes = [
                     simulate_response(
-                        shape, record.time, term_input(model, t, u, record), holds[t.drive]
+                        shape,
+                        record.time,
+                        term_input(model, t, u, record),
+                        holds[t.drive],
+                        dead_time=late[k][t.drive],
                     )
                     for t in own
                     for shape in _shapes(t.response)

@@ -54,7 +54,7 @@ def acting_effects(model: Model, digest: str) -> tuple[Effect, ...]:
 
 
 def acting_drives(model: Model, effects: Sequence[Effect], record: Record) -> dict[str, Float]:
-    """What acts in place of every drive, relative to its reference.
+    """What acts in place of every drive, relative to its reference; each by its dead time later.
 
     Parameters
     ----------
@@ -82,6 +82,23 @@ def acting_drives(model: Model, effects: Sequence[Effect], record: Record) -> di
                 u = effect.drive(record, u)
         result[drive.channel] = u
     return result
+
+
+def dead_times(model: Model, effects: Sequence[Effect]) -> dict[str, float]:
+    """Time by which every drive acts later than it is logged [s].
+
+    Parameters
+    ----------
+    model : Model
+    effects : sequence of Effect
+        Those that act.
+    """
+    return {
+        drive.channel: sum(
+            e.dead_time for e in effects if (e.side, e.channel) == ("drive", drive.channel)
+        )
+        for drive in model.drives
+    }
 
 
 def term_input(model: Model, term: Term, inputs: Mapping[str, Float], record: Record) -> Float:
@@ -117,6 +134,7 @@ def sum_terms(model: Model, effects: Sequence[Effect], record: Record) -> dict[s
     """
     inputs = acting_drives(model, effects, record)
     holds = {d.channel: d.hold for d in model.drives}
+    late = dead_times(model, effects)
     acting = [term_input(model, term, inputs, record) for term in model.terms]
     losses = [e for e in effects if e.side == "state"]
 
@@ -124,7 +142,7 @@ def sum_terms(model: Model, effects: Sequence[Effect], record: Record) -> dict[s
         outputs = {output.channel: np.zeros(len(record.time)) for output in model.outputs}
         for term, u in zip(model.terms, acting, strict=True):
             outputs[term.output] += simulate_response(
-                term.response, record.time, u, holds[term.drive], cooling
+                term.response, record.time, u, holds[term.drive], cooling, late[term.drive]
             )
         return outputs
 
@@ -174,16 +192,24 @@ def relative(values: Float, rest: Reference) -> Float:
 
 
 def simulate_response(
-    response: Response, time: Float, u: Float, hold: Hold, cooling: Float | None = None
+    response: Response,
+    time: Float,
+    u: Float,
+    hold: Hold,
+    cooling: Float | None = None,
+    dead_time: float = 0.0,
 ) -> Float:
     """One response to any input at any (increasing) times; at rest at the first.
 
     Parameters
     ----------
     time, u : ndarray, shape (n,)
+    hold : "zero" or "first"
     cooling : ndarray, shape (n,), optional
         Γ, the integral of a rate by which every mode decays faster. Each mode z' = −(λ + Γ')z + u
         is that of e^Γ u without Γ, times e^(−Γ).
+    dead_time : float [s]
+        Time by which the input acts later; below zero, earlier.
 
     Returns
     -------
@@ -196,16 +222,29 @@ def simulate_response(
     """
     if len(time) < 2:
         return np.zeros(len(time))
-    if cooling is not None:
-        if not np.ptp(cooling) < MAX_COOLING_SPAN:
-            raise ModelError("the loss of heat changes too much over this log to be followed")
-        centred = cooling - (cooling.max() + cooling.min()) / 2
-        # A held drive acts, on the mean, half a sample later than its first moment.
-        inside = np.append((centred[1:] + centred[:-1]) / 2, centred[-1])
-        u = u * np.exp(inside if hold == "zero" else centred)
     known: Any = response  # frozen, therefore hashable
-    y = _modes(known, float(np.min(np.diff(time)))).run(time, u, hold)
-    return y if cooling is None else y * np.exp(-centred)
+    modes = _modes(known, float(np.min(np.diff(time))))
+    if cooling is None:
+        return modes.at(time, u, hold, time - dead_time) if dead_time else modes.run(time, u, hold)
+    if not np.ptp(cooling) < MAX_COOLING_SPAN:
+        raise ModelError("the loss of heat changes too much over this log to be followed")
+    centred = cooling - (cooling.max() + cooling.min()) / 2
+    clock, u = _acting_clock(time, u, hold, dead_time) if dead_time else (time, u)
+    along = np.interp(clock, time, centred)
+    # A held drive acts, on the mean, half a sample later than its first moment.
+    inside = np.append((along[1:] + along[:-1]) / 2, along[-1])
+    y = modes.run(clock, u * np.exp(inside if hold == "zero" else along), hold)
+    return y[np.searchsorted(clock, time)] * np.exp(-centred)
+
+
+def _acting_clock(time: Float, u: Float, hold: Hold, dead_time: float) -> tuple[Float, Float]:
+    """The clock's moments and those at which the late input changes, and what acts there."""
+    acting = time + dead_time
+    clock = np.unique(np.concatenate([time, acting[acting < time[-1]]]))
+    if hold == "first":
+        return clock, np.interp(clock, acting, u, left=0.0)
+    row = np.searchsorted(acting, clock, side="right") - 1
+    return clock, np.where(row < 0, 0.0, u[row])
 
 
 @lru_cache(maxsize=64)

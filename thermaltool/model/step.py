@@ -14,10 +14,10 @@ import numpy as np
 
 from thermaltool.effects.effect import SIDES, STILL, Effect
 from thermaltool.errors import ModelError
-from thermaltool.model.simulate import acting_effects
+from thermaltool.model.simulate import acting_effects, dead_times
 from thermaltool.record import Record
 from thermaltool.responses.modes import CLOCK_STEP, Float
-from thermaltool.responses.streaming import ResponseRecursion
+from thermaltool.responses.streaming import ResponseRecursion, Span, SpanDelay
 
 if TYPE_CHECKING:
     from thermaltool.model.document import Model
@@ -72,6 +72,12 @@ class ModelRecursion:
         wanted = [o.channel for o in model.outputs] if outputs is None else list(outputs)
         self.terms = tuple(t for t in model.terms if t.output in wanted)
         holds = {d.channel: d.hold for d in model.drives}
+        late = dead_times(model, effects)
+        for drive, time in late.items():
+            if time < 0 and holds[drive] == "first":
+                raise ModelError(f"{drive} acts {-time:g} s before its row: no stream knows that")
+        # Of every term, so that a level's share is taken before it.
+        self._dead_times = [SpanDelay(round(late[t.drive] / CLOCK_STEP)) for t in self.terms]
         self.responses = [
             ResponseRecursion(
                 t.response.modes(period or model.sample_period), holds[t.drive], horizon
@@ -126,8 +132,11 @@ class ModelRecursion:
         self._rests = {c: None if r == "first" else r for c, r in self._references.items()}
         record = self._record_of(time, row)
         self._inputs = [float(u) for u in self._acting(row, record)]
-        for response, u in zip(self.responses, self._inputs, strict=True):
+        for k, (response, u) in enumerate(zip(self.responses, self._inputs, strict=True)):
             response.start(u if settled else 0.0)
+            self._dead_times[k].start(u if settled else 0.0)
+            if (early := -self._dead_times[k].ticks) > 0:
+                response.advance(early, u, u)
         return self._read(record)
 
     def step(self, time: float, row: Row) -> dict[str, float]:
@@ -152,10 +161,19 @@ class ModelRecursion:
         if self._losses:
             self._advance_cooled(ticks, inputs, self._rate * (time - self._time))
         else:
-            for response, start, end in zip(self.responses, self._inputs, inputs, strict=True):
-                response.advance(ticks, start, end)
+            for k, response in enumerate(self.responses):
+                for part in self._acting_parts(k, ticks, inputs[k]):
+                    response.advance(*part)
         self._time, self._inputs = time, inputs
         return self._read(record)
+
+    def _acting_parts(self, k: int, ticks: int, now: float) -> list[Span]:
+        """What acts on a response in the sample that ends: its input, by the dead time later."""
+        dead_time = self._dead_times[k]
+        if not dead_time.ticks:
+            return [(ticks, self._inputs[k], now)]
+        end = self._inputs[k] if self._held[k] and dead_time.ticks > 0 else now
+        return dead_time.advance([(ticks, self._inputs[k], end)])
 
     def _advance_cooled(self, ticks: int, inputs: list[float], rise: float) -> None:
         """As `simulate_response`: modes of e^Γ u, times e^(−Γ)."""
@@ -165,12 +183,15 @@ class ModelRecursion:
             for response in self.responses:
                 response.scale(math.exp(-self._cooling))
             self._cooling = 0.0
-        first, last = math.exp(self._cooling), math.exp(self._cooling + rise)
-        # A held drive acts, on the mean, half a sample later than its first moment.
-        middle = math.exp(self._cooling + rise / 2)
         for k, response in enumerate(self.responses):
-            start = self._inputs[k] * (middle if self._held[k] else first)
-            response.advance(ticks, start, inputs[k] * last)
+            done = 0
+            for length, start, end in self._acting_parts(k, ticks, inputs[k]):
+                first = self._cooling + rise * done / ticks
+                done += length
+                last = self._cooling + rise * done / ticks
+                # A held drive acts, on the mean, half a sample later than its first moment.
+                at = (first + last) / 2 if self._held[k] else first
+                response.advance(length, start * math.exp(at), end * math.exp(last))
         self._cooling += rise
 
     def amend(self, row: Row) -> None:
@@ -296,6 +317,7 @@ class ModelRecursion:
             "cooling": [self._cooling, self._rate],
             "rests": self._rests,
             "responses": [response.state() for response in self.responses],
+            "dead_times": [dead_time.state() for dead_time in self._dead_times],
             "effects": memories,
         }
 
@@ -307,6 +329,8 @@ class ModelRecursion:
         self._rests = {c: None if rest is None else float(rest) for c, rest in rests.items()}
         for response, kept in zip(self.responses, state["responses"], strict=True):
             response.resume(kept)
+        for dead_time, kept in zip(self._dead_times, state["dead_times"], strict=True):
+            dead_time.resume(kept)
         for memory, kept in zip(self._memories(), state["effects"], strict=True):
             memory.clear()
             memory.update(kept)

@@ -74,34 +74,25 @@ class DelayedModes(Modes):
         return Recursion(F, G0[:, None], G1[:, None], C[None, :])
 
     def run(self, time: Float, u: Float, hold: Hold) -> Float:
-        """As `Modes.run`: exact on an even clock, and on any other where the input is known.
+        """As `Modes.run`: exact on any clock.
 
         Parameters
         ----------
         time, u : ndarray, shape (n,)
         hold : "zero" or "first"
         """
-        steps = np.diff(time)
-        if len(steps) and np.ptp(steps) < CLOCK_STEP:
-            return self._shifted_run(time, u, hold, float(np.mean(steps)))
-        # The union of the clock and of the moments that the outputs stem from.
-        moments = np.maximum(time - self.delay, time[0])
-        both = np.unique(np.concatenate([time, moments]))
-        row = np.clip(np.searchsorted(time, both, side="right") - 1, 0, len(time) - 1)
-        known = u[row] if hold == "zero" else np.interp(both, time, u)
-        return self.prompt().run(both, known, hold)[np.searchsorted(both, moments)]
+        return self.at(time, u, hold, time)
 
-    def _shifted_run(self, time: Float, u: Float, hold: Hold, dt: float) -> Float:
-        samples, ahead = _parts(self.delay, dt)
-        y = np.zeros(len(u))
-        if samples >= len(u):
-            return y
-        before = slice(0, len(u) - samples)
-        y[samples:] = _shifted(self.prompt(), ahead).run(time, u, hold)[before]
-        d0, d1 = _within(self.prompt(), ahead, dt, hold)
-        y[samples:] += d0 * u[before]
-        y[samples:] += d1 * u[1 : len(u) - samples + 1]
-        return y
+    def at(self, time: Float, u: Float, hold: Hold, moments: Float) -> Float:
+        """As `Modes.at`, by the delay later.
+
+        Parameters
+        ----------
+        time, u : ndarray, shape (n,)
+        hold : "zero" or "first"
+        moments : ndarray, shape (k,) [s]
+        """
+        return self.prompt().at(time, u, hold, moments - self.delay)
 
     def document(self) -> dict[str, Any]:
         """As JSON: the lists of the modes, and ``delay`` [s]."""

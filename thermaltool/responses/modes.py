@@ -9,7 +9,6 @@ closed form, with work that does not depend on the past.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import ModelError
+from thermaltool.responses.propagation import propagate, propagate_double, recursion_of
 from thermaltool.units import Hold
 
 Float = NDArray[np.float64]
@@ -215,8 +215,8 @@ class Modes:
         hold : "zero" or "first"
             The input between samples: constant at the earlier value, or a straight line.
         """
-        phi, g0, g1 = _propagate(self.poles, dt, hold)
-        d0, d1 = _propagate_double(self.poles.real, dt, hold)
+        phi, g0, g1 = propagate(self.poles, dt, hold)
+        d0, d1 = propagate_double(self.poles.real, dt, hold)
         single = (self.poles.imag == 0) & (self.double == 0)
         n, at = self.states, int(single.sum())
         F, G0, G1, C = np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n)
@@ -256,24 +256,72 @@ class Modes:
             return self._last[clock].run(u[:, None])[0][:, 0]
         return self._stepped(steps, u, hold)
 
+    def at(self, time: Float, u: Float, hold: Hold, moments: Float) -> Float:
+        """Response at any moments to any input at increasing times, from rest at the first.
+
+        Exact on every clock: the state of the row before a moment, and what the input has done
+        since.
+
+        Parameters
+        ----------
+        time, u : ndarray, shape (n,)
+        hold : "zero" or "first"
+        moments : ndarray, shape (k,) [s]
+            Before the first row all is at rest; after the last one its input stays.
+
+        Returns
+        -------
+        y : ndarray, shape (k,)
+        """
+        row = np.clip(np.searchsorted(time, moments, side="right") - 1, 0, len(time) - 1)
+        ahead = np.maximum(moments - time[row], 0.0)
+        before, now = u[row], u[row] if hold == "zero" else np.interp(moments, time, u)
+        phi, g0, g1, d0, d1 = self._coefficients(ahead, hold)
+        y = np.zeros(len(moments))
+        for k, (first, second) in enumerate(self._states(np.diff(time), u, hold)):
+            passed = phi[k] * first[row] + g0[k] * before + g1[k] * now
+            y += (self.weights[k] * passed).real * (1 if self.poles[k].imag == 0 else 2)
+            if self.double[k]:
+                second = phi[k].real * (second[row] + ahead * first[row])
+                y += self.double[k] * (second + d0[k] * before + d1[k] * now)
+        return np.where(moments < time[0], 0.0, y)
+
     def _stepped(self, steps: Float, u: Float, hold: Hold) -> Float:
         """One recursion for each mode, its coefficients anew at every row: any clock."""
-        lengths, which = np.unique(np.round(steps / CLOCK_STEP), return_inverse=True)
-        dt = (lengths * CLOCK_STEP)[:, None]
-        phi, g0, g1 = (c[which].T for c in _propagate(self.poles[None, :], dt, hold))
-        d0, d1 = (c[which].T for c in _propagate_double(self.poles.real[None, :], dt, hold))
         y = np.zeros(len(u))
-        for k, (weight, double) in enumerate(zip(self.weights, self.double, strict=True)):
+        for k, (first, second) in enumerate(self._states(steps, u, hold)):
+            y += (self.weights[k] * first).real * (1 if self.poles[k].imag == 0 else 2)
+            y += self.double[k] * second
+        return y
+
+    def _states(self, steps: Float, u: Float, hold: Hold) -> Iterator[tuple[Any, Float]]:
+        """State of every mode at every row, and that of its double pole, each shape (n,)."""
+        phi, g0, g1, d0, d1 = self._coefficients(steps, hold)
+        for k, double in enumerate(self.double):
             real = self.poles[k].imag == 0
             rows = phi[k].real if real else phi[k]
             forced = g0[k] * u[:-1] + g1[k] * u[1:]
-            first = _recursion(rows, forced.real if real else forced)
-            y[1:] += (weight * first).real * (1 if real else 2)
+            first = recursion_of(rows, forced.real if real else forced)
+            second = np.zeros(len(u))
             if double:
-                before = np.concatenate([[0.0], first[:-1]])
-                passed = dt[which, 0] * rows * before + d0[k] * u[:-1] + d1[k] * u[1:]
-                y[1:] += double * _recursion(rows, passed)
-        return y
+                passed = steps * rows * first[:-1] + d0[k] * u[:-1] + d1[k] * u[1:]
+                second = recursion_of(rows, passed)
+            yield first, second
+
+    def _coefficients(self, lengths: Float, hold: Hold) -> list[Any]:
+        """Decay of each mode over stretches of any length, weights of the inputs at their ends.
+
+        Those of the second state of a double pole follow; each of shape (modes, n).
+        """
+        ticks, which = np.unique(np.round(lengths / CLOCK_STEP), return_inverse=True)
+        dt = (ticks * CLOCK_STEP)[:, None]
+        poles: Any = self.poles if np.any(self.poles.imag) else self.poles.real
+        found: list[Any] = [*propagate(poles[None, :], dt, hold)]
+        if np.any(self.double):
+            found += propagate_double(self.poles.real[None, :], dt, hold)
+        else:
+            found += [np.zeros((len(ticks), 0))] * 2
+        return [c[which].T for c in found]
 
     def document(self) -> dict[str, list[float]]:
         """As JSON: parallel lists, the imaginary and double parts only where there are any."""
@@ -299,37 +347,6 @@ class Modes:
         )
 
 
-def _propagate(p: Complex, dt: float | Float, hold: Hold) -> tuple[Complex, Complex, Complex]:
-    """State of x' = p x + u over one sample: (e^(p dt), weight of u_before, weight of u_now)."""
-    z = p * dt
-    whole = dt * _phi(1, z)
-    now = np.zeros_like(whole) if hold == "zero" else dt * _phi(2, z)
-    return np.exp(z), whole - now, now
-
-
-def _propagate_double(p: Float, dt: float | Float, hold: Hold) -> tuple[Float, Float]:
-    """Input weights of the second state, x2' = p x2 + x1 (the derivative of `_propagate` by p)."""
-    z = p * dt
-    whole = dt**2 * (_phi(1, z) - _phi(2, z))
-    now = np.zeros_like(whole) if hold == "zero" else dt**2 * (_phi(2, z) - 2 * _phi(3, z))
-    return whole - now, now
-
-
-def _phi(order: int, z: Any) -> Any:
-    """φ1 = (e^z − 1)/z, φ_(k+1) = (φ_k − 1/k!)/z; by series where that would cancel."""
-    small = np.abs(z) < (1e-8, 0.02, 0.1)[order - 1]
-    safe = np.where(small, 1.0, z)
-    value, factorial = np.expm1(safe) / safe, 1.0
-    for k in range(1, order):
-        factorial *= k
-        value = (value - 1 / factorial) / safe
-    series, term = np.zeros_like(z), np.ones_like(z) / math.factorial(order)
-    for k in range(1, 9):
-        series = series + term
-        term = term * z / (order + k)
-    return np.where(small, series, value)
-
-
 def uniform_spans(time: Float) -> Iterator[tuple[slice, float]]:
     """Stretches of a clock with one sample length: (rows, first included, and dt [s]).
 
@@ -345,12 +362,3 @@ def uniform_spans(time: Float) -> Iterator[tuple[slice, float]]:
     for start, stop in itertools.pairwise(edges):
         if stop > start:
             yield slice(start, stop + 1), float(ticks[start] * CLOCK_STEP)
-
-
-def _recursion(factor: Any, added: Any) -> Any:
-    """x_k = factor_k x_(k−1) + added_k from rest, shape (n,)."""
-    x, result = 0.0, []
-    for f, a in zip(factor.tolist(), added.tolist(), strict=True):
-        x = f * x + a
-        result.append(x)
-    return np.array(result)

@@ -88,11 +88,82 @@ class RecursionCache:
         return self.over(STEADY_STATE_TICKS).settled(np.array([u]))
 
 
-class DelayLine:
-    """A dead time, and the state of a response that is driven by what leaves it.
+class SpanDelay:
+    """What enters leaves a dead time later, in the same parts or in smaller ones.
 
     Every span enters once and leaves once, in one part or a few: the work for a sample does not
     grow with the dead time.
+
+    Parameters
+    ----------
+    ticks : int
+        Dead time [clock steps]. Below zero a held input acts before the row in which it is logged:
+        exact where rows are no closer than that.
+    """
+
+    def __init__(self, ticks: int) -> None:
+        self.ticks = ticks
+        self.start(0.0)
+
+    def start(self, u: float) -> None:
+        """A constant input `u` has stood for ever.
+
+        Parameters
+        ----------
+        u : float
+        """
+        self._waiting = deque([(self.ticks, u, u)] if self.ticks > 0 else [])
+
+    def advance(self, entered: list[Span]) -> list[Span]:
+        """Take what enters; what leaves in the same time.
+
+        Parameters
+        ----------
+        entered : list of (ticks, start, end)
+        """
+        if self.ticks < 0:
+            return [part for span in entered for part in self._early(span)]
+        if not self.ticks:
+            return entered
+        self._waiting.extend(entered)
+        left, parts = sum(ticks for ticks, _, _ in entered), []
+        while left:
+            ticks, start, end = self._waiting.popleft()
+            if ticks > left:
+                middle = start + (end - start) * left / ticks
+                self._waiting.appendleft((ticks - left, middle, end))
+                ticks, end = left, middle
+            parts.append((ticks, start, end))
+            left -= ticks
+        return parts
+
+    def _early(self, span: Span) -> list[Span]:
+        """A held input whose following value acts already at the end of the sample."""
+        ticks, start, end = span
+        early = min(ticks, -self.ticks)
+        return [(t, u, u) for t, u in ((ticks - early, start), (early, end)) if t]
+
+    def scale(self, factor: float) -> None:
+        """Multiply all that waits by `factor`."""
+        self._waiting = deque((ticks, factor * a, factor * b) for ticks, a, b in self._waiting)
+
+    def state(self) -> list[list[float]]:
+        """For `resume`, as JSON."""
+        return [list(part) for part in self._waiting]
+
+    def resume(self, state: list[Any]) -> None:
+        """Go on from `state`; raises TypeError or ValueError where it is none."""
+        waiting = [(float(t), float(a), float(b)) for t, a, b in state]
+        lengths = [ticks for ticks, _, _ in waiting]
+        whole = all(ticks > 0 and ticks.is_integer() for ticks in lengths)
+        fitting = sum(lengths) == max(self.ticks, 0)
+        if not whole or not fitting or not np.isfinite(np.ravel(waiting)).all():
+            raise ValueError("not a state of this model")
+        self._waiting = deque((int(ticks), a, b) for ticks, a, b in waiting)
+
+
+class DelayLine:
+    """A dead time, and the state of a response that is driven by what leaves it.
 
     Parameters
     ----------
@@ -107,7 +178,7 @@ class DelayLine:
     """
 
     def __init__(self, recursions: RecursionCache, ticks: int) -> None:
-        self._recursions, self._ticks = recursions, ticks
+        self._recursions, self._dead_time = recursions, SpanDelay(ticks)
         self.start(0.0)
 
     def start(self, u: float) -> None:
@@ -118,7 +189,7 @@ class DelayLine:
         u : float
         """
         self.x = self._recursions.settled(u)
-        self._waiting = deque([(self._ticks, u, u)] if self._ticks else [])
+        self._dead_time.start(u)
 
     def advance(self, entered: list[Span]) -> list[Span]:
         """Take what enters; what leaves in the same time drives the state, and is returned.
@@ -127,42 +198,28 @@ class DelayLine:
         ----------
         entered : list of (ticks, start, end)
         """
-        if not self._ticks:
-            for ticks, start, end in entered:
-                self.x = self._recursions.advance(self.x, ticks, start, end)
-            return entered
-        self._waiting.extend(entered)
-        left, parts = sum(ticks for ticks, _, _ in entered), []
-        while left:
-            ticks, start, end = self._waiting.popleft()
-            if ticks > left:
-                middle = start + (end - start) * left / ticks
-                self._waiting.appendleft((ticks - left, middle, end))
-                ticks, end = left, middle
+        parts = self._dead_time.advance(entered)
+        for ticks, start, end in parts:
             self.x = self._recursions.advance(self.x, ticks, start, end)
-            parts.append((ticks, start, end))
-            left -= ticks
         return parts
 
     def scale(self, factor: float) -> None:
         """Multiply the state, and all that waits, by `factor`."""
         self.x = self.x * factor
-        self._waiting = deque((ticks, factor * a, factor * b) for ticks, a, b in self._waiting)
+        self._dead_time.scale(factor)
 
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
-        return [self.x.tolist(), [list(part) for part in self._waiting]]
+        return [self.x.tolist(), self._dead_time.state()]
 
     def resume(self, state: list[Any]) -> None:
         """Go on from `state`; raises TypeError or ValueError where it is none."""
         kept, spans = state
-        x, waiting = np.array(kept, float), [(float(t), float(a), float(b)) for t, a, b in spans]
-        lengths = [ticks for ticks, _, _ in waiting]
-        whole = all(ticks > 0 and ticks.is_integer() for ticks in lengths)
-        fitting = x.shape == (self._recursions.states,) and sum(lengths) == self._ticks
-        if not whole or not fitting or not np.isfinite([*x, *np.ravel(waiting)]).all():
+        x = np.array(kept, float)
+        if x.shape != (self._recursions.states,) or not np.isfinite(x).all():
             raise ValueError("not a state of this model")
-        self.x, self._waiting = x, deque((int(ticks), a, b) for ticks, a, b in waiting)
+        self._dead_time.resume(spans)
+        self.x = x
 
 
 class ResponseRecursion:
