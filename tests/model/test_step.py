@@ -16,7 +16,7 @@ from thermaltool.effects import CATALOGUE, CORRECTIONS, effect_class
 from thermaltool.effects.curve import DriveCurve, OutputCurve
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
-from thermaltool.model import Drive, Model, ModelRecursion, Output, Term
+from thermaltool.model import Drive, Model, ModelRecursion, Output, Term, drive_rests
 from thermaltool.model.combine import scheduled
 from thermaltool.record import Record
 from thermaltool.responses import KINDS, response_class
@@ -48,11 +48,13 @@ def rows(record):
 def streamed(model, record, restart=None):
     """Outputs row by row; the recursion is written down and read again at row `restart`."""
     shortest = float(np.min(np.diff(record.time)))
-    recursion, found = model.recursion(record.digest, shortest), []
+    # A stream knows no more than the first value of a drive; a whole record knows its level.
+    rests = drive_rests(model, record)
+    recursion, found = ModelRecursion(model, record.digest, shortest, rests=rests), []
     for k, (time, row) in enumerate(rows(record)):
         if k == restart:
             kept = json.loads(json.dumps(recursion.state()))
-            recursion = model.recursion(record.digest, shortest)
+            recursion = ModelRecursion(model, record.digest, shortest, rests=rests)
             recursion.resume(kept)
         found.append(recursion.step(time, row) if k else recursion.start(time, row))
     return {name: np.array([each[name] for each in found]) for name in found[0]}

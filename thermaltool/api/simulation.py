@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from thermaltool.api.inputs import ModelLike
     from thermaltool.logs import Log
     from thermaltool.logs.reader import Data
-    from thermaltool.model import Model
+    from thermaltool.model import Model, Zero
     from thermaltool.signals.agreement import Agreement
 
 
@@ -36,12 +36,15 @@ class Simulation(Result):
         was measured. A displacement counts from rest.
     agreements : mapping of output to Agreement
         Of the outputs that were measured, over the rows that are judged.
+    zeros : mapping of output to Zero
+        What each of them counts from, and the rows that this was taken from.
     """
 
     model: Model
     log: Log
     columns: Mapping[str, NDArray[Any]]
     agreements: Mapping[str, Agreement]
+    zeros: Mapping[str, Zero]
 
     @property
     def frame(self) -> pandas.DataFrame:
@@ -49,8 +52,20 @@ class Simulation(Result):
         return to_frame(self.columns)
 
     def document(self) -> dict[str, Any]:
-        """The agreement of every measured output, JSON-ready."""
-        return {name: each.document() for name, each in self.agreements.items()}
+        """The agreement of every measured output, and its zero, JSON-ready."""
+        return {
+            name: each.document() | self.zeros[name].document()
+            for name, each in self.agreements.items()
+        }
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What each output counts from that has no zero of its own, a sentence each."""
+        from thermaltool.report.text import zero_message
+
+        return tuple(
+            zero_message(name, zero, self.log) for name, zero in self.zeros.items() if zero.rows
+        )
 
     @property
     def judged(self) -> bool:
@@ -124,7 +139,7 @@ def simulate(
     """
     import numpy as np
 
-    from thermaltool.model import excursions, relative
+    from thermaltool.model import excursions, zero_of
     from thermaltool.record import Record
     from thermaltool.report.text import excursion_message
     from thermaltool.signals.agreement import agreement
@@ -138,7 +153,7 @@ def simulate(
     drives = Record(log.time, {name: log.column(name) for name in need}, digest=log.digest)
     simulated = model.simulate(drives)
     columns: dict[str, Any] = {"time_s": log.time}
-    agreements = {}
+    agreements, zeros = {}, {}
     judged = (log.time >= (-np.inf if start is None else start)) & (
         log.time <= (np.inf if stop is None else stop)
     )
@@ -146,7 +161,8 @@ def simulate(
         name, level = output.channel, simulated[output.channel]
         columns[name] = level if output.offset == "first" else level + output.offset
         if name in log.columns:
-            measured = relative(log.columns[name], output.offset)
+            zeros[name] = zero_of(log.time, log.columns[name], level, output.offset)
+            measured = log.columns[name] - zeros[name].value
             columns[f"residual_{name}"] = measured - level
             agreements[name] = agreement(measured[judged], level[judged])
-    return Simulation(model, log, columns, agreements)
+    return Simulation(model, log, columns, agreements, zeros)

@@ -37,9 +37,10 @@ def command(
     """Outputs of a model for the drives in a log.
 
     Where the log holds the measured output too, a column residual_... (measured minus simulated)
-    is written beside it, and RMSE and fit go to stderr; "zero free" is the RMSE about the mean
-    error, as a displacement has no zero of its own. The machine is taken to be at rest at the
-    first row; --start and --stop choose the rows that are judged, all rows drive the model.
+    is written beside it, and RMSE and fit go to stderr. The machine is taken to be at rest at the
+    first row. A displacement has no zero of its own: it counts from the median of measured minus
+    simulated over the first rows, and "zero free" is the RMSE about the mean error. --start and
+    --stop choose the rows that are judged, all rows drive the model.
     """
     from thermaltool import api
     from thermaltool.errors import LogError
@@ -53,6 +54,8 @@ def command(
         write_json(result.document(), "-")
     elif not quiet and result.agreements:
         warn(result.table())
+        for sentence in result.notes:
+            warn(sentence)
     if max_rmse is not None:
         if not result.judged:
             raise LogError("--max-rmse: no measured output to judge", result.log.name)

@@ -14,6 +14,7 @@ from thermaltool.model import (
     Model,
     acting_drives,
     away_from_rest,
+    from_rest,
     read_outputs,
     relative,
     sum_terms,
@@ -85,11 +86,11 @@ class SimulatedLogs:
         """Outputs of each log as measured, relative to rest."""
         return [
             {
-                o.channel: relative(log.columns[o.channel], o.offset)
+                o.channel: from_rest(log, o, simulated[o.channel])
                 for o in self.model.outputs
                 if o.channel in log.columns
             }
-            for log in self.logs
+            for log, simulated in zip(self.logs, self.outputs, strict=True)
         ]
 
     @cached_property

@@ -9,7 +9,7 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.estimation.pipeline import EstimatorPipeline
-from thermaltool.model import Excursion, Model, away_from_rest, excursions, extrapolated, relative
+from thermaltool.model import Excursion, Model, away_from_rest, excursions, extrapolated, zero_of
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.signals.agreement import Agreement, agreement
@@ -94,13 +94,14 @@ def estimate(
 def _agreement(
     model: Model, record: Record, estimates: Mapping[str, Float]
 ) -> dict[str, Agreement]:
-    """With the measured channels; what counts from its first value is compared from there on."""
+    """With the measured channels; what has no zero counts from the level of its first rows."""
     references = {d.channel: d.reference for d in model.drives}
     references |= {o.channel: o.offset for o in model.outputs}
     return {
         name: agreement(
-            relative(record.columns[name], references[name]),
-            values - values[:1] if references[name] == "first" else values,
+            record.columns[name]
+            - zero_of(record.time, record.columns[name], values, references[name]).value,
+            values,
         )
         for name, values in estimates.items()
         if name in record.columns and len(record)

@@ -20,7 +20,7 @@ from thermaltool.effects.effect import STILL, Effect, Side
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
 from thermaltool.responses.modes import Float
-from thermaltool.units import Reference
+from thermaltool.units import Hold, Reference
 
 # A function of the moment alone, of values of any shape.
 StaticMap = Callable[[Float], Float | None]
@@ -57,6 +57,11 @@ class InputColumn:
     commanded: bool = False
     to_true: tuple[StaticMap, ...] = ()
     to_acting: tuple[StaticMap, ...] = ()
+
+    @property
+    def hold(self) -> Hold:
+        """Whether its first value is exact: of a command, and of a source as its effect has it."""
+        return "zero" if self.commanded or self.calibrated is None else "first"
 
 
 def apply_maps(maps: Iterable[StaticMap], values: Float) -> Float:

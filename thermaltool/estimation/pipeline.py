@@ -125,7 +125,7 @@ class EstimatorPipeline:
         ndarray, shape (n, n_columns)
         """
         found = [
-            apply_maps(each.to_true, relative(columns[each.column], each.rest))
+            apply_maps(each.to_true, relative(columns[each.column], each.rest, each.hold))
             for each in self.input_columns
         ]
         return np.column_stack(found)

@@ -11,7 +11,7 @@ import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
-from thermaltool.model import Drive, Model, Output, Role, Term, relative
+from thermaltool.model import Drive, Model, Output, Role, Term, agreements, relative, zeros_of
 from thermaltool.record import Record
 from thermaltool.responses import response_class
 from thermaltool.responses.modes import Float
@@ -122,15 +122,34 @@ def calibrate(
             for k, drive in enumerate(drives)
         )
     ranges = (
-        _extent([relative(r.column(d.channel), d.reference) for r in records]) for d in drives
+        _extent([relative(r.column(d.channel), d.reference, d.hold) for r in records])
+        for d in drives
     )
-    return Model(
+    model = Model(
         drives=tuple(replace(d, range=own) for d, own in zip(drives, ranges, strict=True)),
         outputs=tuple(outputs),
         terms=tuple(terms),
         sample_period=min(record.period for record in records),
         provenance={"logs": [record.source for record in records if record.digest]},
     )
+    return model if plan.free_start else _as_simulated(model, records)
+
+
+def _as_simulated(model: Model, records: Sequence[Record]) -> Model:
+    """The model with fits as `simulate` gives them; the fit itself leaves every zero free."""
+    found, zeros = agreements(model, records), [zeros_of(model, record) for record in records]
+    outputs = []
+    for output in model.outputs:
+        own = found[output.channel]
+        fit = {
+            "rmse": own.rmse,
+            "rmse_zero_free": output.fit["rmse"],
+            "max_error": own.max_error,
+            "fit_percent": own.fit_percent,
+            "zeros": [each[output.channel].document() for each in zeros],
+        }
+        outputs.append(replace(output, fit={**output.fit, **fit}))
+    return replace(model, outputs=tuple(outputs))
 
 
 def _output(

@@ -10,9 +10,9 @@ import numpy as np
 from thermaltool.errors import ModelError
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.fit import Fit
-from thermaltool.model import Drive, Model, Output, Role, Term, relative
-from thermaltool.signals.agreement import Agreement, agreement
-from thermaltool.units import Reference, drive_reference, hold_of, is_displacement
+from thermaltool.model import Drive, Model, Output, Role, Term, agreements, rest_level
+from thermaltool.signals.agreement import Agreement
+from thermaltool.units import Hold, Reference, drive_reference, hold_of, is_displacement
 
 
 def model_document(
@@ -37,8 +37,9 @@ def model_document(
         model, data = fit.model, fit.data.measured(0)
         for k, name in enumerate(model.names):
             rest = drive_reference(name) if reference is None else reference
-            extent = _extent(data, [u[k] for u in data.u], rest)
-            drives[name] = Drive(name, hold_of(name), rest, extent)
+            hold = hold_of(name)
+            extent = _extent(data, [u[k] for u in data.u], rest, hold)
+            drives[name] = Drive(name, hold, rest, extent)
         for name, term in zip(model.names, fit.terms, strict=True):
             if isinstance(term, str):
                 raise ModelError(term)
@@ -62,18 +63,17 @@ def agreement_from_rest(model: Model, data: TrainingData) -> Agreement:
     """
     (target,), data = data.outputs, data.measured(0)
     output = next(o for o in model.outputs if o.channel == target)
-    measured, computed = [], []
-    for k in data.begins.values():
-        computed.append(model.simulate(data.records[k])[target])
-        measured.append(relative(data.y[k][0], output.offset))
-    return agreement(np.concatenate(measured), np.concatenate(computed))
+    records = [data.records[k] for k in data.begins.values()]
+    return agreements(model, records, [output])[target]
 
 
-def _extent(data: TrainingData, values: Sequence[Array], rest: Reference) -> tuple[float, float]:
+def _extent(
+    data: TrainingData, values: Sequence[Array], rest: Reference, hold: Hold = "first"
+) -> tuple[float, float]:
     """Least and largest value of a channel from what counts as its zero in each experiment."""
     begins = data.begins
     moved = np.concatenate([
-        v - (values[begins[record.origin]][0] if rest == "first" else rest)
+        v - rest_level(values[begins[record.origin]], rest, hold)
         for v, record in zip(values, data.records, strict=True)
     ])  # fmt: skip
     return float(moved.min()), float(moved.max())

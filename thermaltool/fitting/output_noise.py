@@ -19,7 +19,7 @@ MIN_NOISE = 1e-4
 
 
 def measured(output: Output, record: Record) -> Float:
-    """Readings relative to rest, shape (n,), NaN where missing [unit of the output]."""
+    """Readings, shape (n,), NaN where missing; a zero that is free is near theirs [unit]."""
     return relative(needed(record, output.channel), output.offset)
 
 

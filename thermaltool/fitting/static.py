@@ -28,6 +28,7 @@ from thermaltool.model import (
     Output,
     Term,
     acting_drives,
+    agreements,
     relative,
     simulate_response,
     term_input,
@@ -35,7 +36,7 @@ from thermaltool.model import (
 from thermaltool.model.curves import Form, SearchedCurve, searched_curve
 from thermaltool.model.simulate import acting_effects, dead_times
 from thermaltool.record import Record
-from thermaltool.signals.agreement import Agreement, agreement
+from thermaltool.signals.agreement import Agreement
 
 # Logarithms of a spline's steps against those of a straight line stay within this.
 MAX_LOG_STEP = 6.0
@@ -196,7 +197,7 @@ class _CurveProblem:
         model = self.model_at(p)
         rows = [
             self.noise[output.channel].whitened(k, error[:, None])[:, 0]
-            for k, output, _, error in _errors(model, self.outputs, self.records)
+            for k, output, error in _errors(model, self.outputs, self.records)
         ]
         for t in model.terms if self.refit else ():
             if t.output in self.noise:
@@ -219,7 +220,7 @@ class _CurveProblem:
     def weigh(self, p: Float) -> None:
         """Take the noise from what is left at `p`."""
         left: dict[str, list[Float]] = {o.channel: [] for o in self.outputs}
-        for _, output, _, error in _errors(self.model_at(p), self.outputs, self.records):
+        for _, output, error in _errors(self.model_at(p), self.outputs, self.records):
             left[output.channel].append(error)
         self.noise = {
             o.channel: OutputNoise.of_errors(o, self.records, left[o.channel]) for o in self.outputs
@@ -238,41 +239,16 @@ class _CurveProblem:
         return np.asarray(min(found, key=lambda each: each.cost).x, float)
 
 
-def agreements(
-    model: Model, records: Sequence[Record], outputs: Sequence[Output] | None = None
-) -> dict[str, Agreement]:
-    """Agreement of every output over all records, an arbitrary zero estimated in each.
-
-    Parameters
-    ----------
-    model : Model
-    records : sequence of Record
-    outputs : sequence of Output, optional
-        Default: all of the model.
-    """
-    readings: dict[str, list[Float]] = {}
-    computed: dict[str, list[Float]] = {}
-    every = model.outputs if outputs is None else outputs
-    for _, output, values, error in _errors(model, every, records):
-        offset = np.mean(error) if output.offset == "first" and error.size else 0.0
-        readings.setdefault(output.channel, []).append(values)
-        computed.setdefault(output.channel, []).append(values - error + offset)
-    return {
-        name: agreement(np.concatenate(values), np.concatenate(computed[name]))
-        for name, values in readings.items()
-    }
-
-
 def _errors(
     model: Model, outputs: Sequence[Output], records: Sequence[Record]
-) -> Iterator[tuple[int, Output, Float, Float]]:
-    """(number of the record, output, measured, error) where there are readings."""
+) -> Iterator[tuple[int, Output, Float]]:
+    """(number of the record, output, error) where there are readings, to a constant."""
     for k, record in enumerate(records):
         computed = model.simulate(record)
         for output in outputs:
             values = measured(output, record)
             there = np.isfinite(values)
-            yield k, output, values[there], (values - computed[output.channel])[there]
+            yield k, output, (values - computed[output.channel])[there]
 
 
 def correct(
@@ -351,7 +327,7 @@ def _shapes(response: Any) -> Iterator[Any]:
 
 def _largest(drive: Drive, records: Sequence[Record]) -> float:
     """Largest distance of a drive from its reference."""
-    moved = (relative(needed(r, drive.channel), drive.reference) for r in records)
+    moved = (relative(needed(r, drive.channel), drive.reference, drive.hold) for r in records)
     return max(*(float(np.nanmax(np.abs(u))) for u in moved), 1e-300)
 
 
@@ -374,7 +350,8 @@ def _with_ranges(model: Model, problem: _CurveProblem, after: Mapping[str, Agree
     """Ranges that the records have widened, how well it fits, and where it comes from."""
     drives = []
     for drive in model.drives:
-        seen = [relative(needed(r, drive.channel), drive.reference) for r in problem.records]
+        values = [needed(r, drive.channel) for r in problem.records]
+        seen = [relative(each, drive.reference, drive.hold) for each in values]
         drives.append(replace(drive, range=_widened(drive.range, seen)))
     outputs = []
     for output in model.outputs:

@@ -43,8 +43,8 @@ class Drive:
     hold : "zero" or "first"
         Between samples: constant (heat, voltage, speed), or a straight line (a temperature).
     reference : "first" or float
-        What counts as no drive; "first" is the first value of the log (the machine is taken to be
-        at rest there).
+        What counts as no drive; "first" is the level of the log's first rows (the machine is taken
+        to be at rest there; `thermaltool.model.rest`).
     range : (float, float)
         Values, relative to the reference, that the calibration has seen.
     """
@@ -64,8 +64,8 @@ class Output:
     channel : str
     role : "sensor" or "deflection"
     offset : "first" or float
-        Its value at rest; "first" where the zero is arbitrary (a displacement): the first value
-        of a log.
+        Its value at rest; "first" where the zero is arbitrary (a displacement): the median of
+        measured minus simulated over the first rows of a log.
     range : (float, float)
         Values, relative to rest, that the calibration has seen.
     fit : mapping

@@ -14,10 +14,10 @@ import numpy as np
 
 from thermaltool.effects.effect import SIDES, Effect, needed
 from thermaltool.errors import ModelError
+from thermaltool.model.rest import relative
 from thermaltool.record import Record
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Float, Hold, Modes
-from thermaltool.units import Reference
 
 if TYPE_CHECKING:
     from thermaltool.model.document import Model, Term
@@ -76,7 +76,7 @@ def acting_drives(model: Model, effects: Sequence[Effect], record: Record) -> di
     for drive in model.drives:
         if drive.channel not in record.columns:
             raise ModelError(f"the model's drive {drive.channel} is not in the log")
-        u = relative(record.columns[drive.channel], drive.reference)
+        u = relative(record.columns[drive.channel], drive.reference, drive.hold)
         for effect in effects:
             if effect.side == "drive" and effect.channel == drive.channel:
                 u = effect.drive(record, u)
@@ -114,7 +114,8 @@ def term_input(model: Model, term: Term, inputs: Mapping[str, Float], record: Re
     if term.band is None:
         return inputs[term.drive]
     chooser = term.band.channel
-    values = relative(needed(record, chooser), model.reference(chooser))
+    hold = next((d.hold for d in model.drives if d.channel == chooser), "zero")
+    values = relative(needed(record, chooser), model.reference(chooser), hold)
     return inputs[term.drive] * term.band.share(values)
 
 
@@ -175,20 +176,6 @@ def read_outputs(
     for effect in sorted(effects, key=lambda e: SIDES.index(e.side)):
         result = {name: effect.output(name, result, record) for name in result}
     return result
-
-
-def relative(values: Float, rest: Reference) -> Float:
-    """Values minus the value at rest, which may be the first one that is there.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-    rest : "first" or float
-    """
-    if rest != "first":
-        return values - rest
-    there = np.flatnonzero(np.isfinite(values))
-    return values - values[there[0]] if len(there) else values
 
 
 def simulate_response(

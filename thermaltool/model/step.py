@@ -45,6 +45,9 @@ class ModelRecursion:
         Those that are computed; all by default.
     horizon : float [s]
         How far `ahead` looks.
+    rests : mapping of channel to float, optional
+        What drives count from that have no zero of their own, where it is known (`drive_rests`).
+        A stream has no more than their first value.
 
     Attributes
     ----------
@@ -64,6 +67,7 @@ class ModelRecursion:
         period: float | None = None,
         outputs: Iterable[str] | None = None,
         horizon: float = 0.0,
+        rests: Mapping[str, float] | None = None,
     ) -> None:
         effects = acting_effects(model, digest)
         for effect in effects:
@@ -87,7 +91,9 @@ class ModelRecursion:
         self._outputs, self._held = wanted, [holds[t.drive] == "zero" for t in self.terms]
         choosers = [t.band.channel for t in self.terms if t.band is not None]
         drives = [d.channel for d in model.drives]
-        self._references = {c: model.reference(c) for c in dict.fromkeys([*drives, *choosers])}
+        self._references = {
+            c: (rests or {}).get(c, model.reference(c)) for c in dict.fromkeys([*drives, *choosers])
+        }
         self._drives: list[tuple[str, list[EffectMemory]]] = [
             (c, [(e, {}) for e in effects if (e.side, e.channel) == ("drive", c)]) for c in drives
         ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thermaltool.model.simulate import relative
+from thermaltool.model.rest import relative
 from thermaltool.responses.modes import Float
 
 if TYPE_CHECKING:
@@ -55,11 +55,14 @@ def excursions(model: Model, columns: Mapping[str, Float]) -> tuple[Excursion, .
     columns : mapping of channel to ndarray, shape (n,); channels that are absent are passed over
     """
     found = []
-    rests = [(d.channel, d.reference, d.range) for d in model.drives]
-    rests += [(o.channel, o.offset, o.range) for o in model.outputs]
-    for channel, rest, seen in rests:
-        if channel in columns:
-            found += _excursion(channel, relative(columns[channel], rest), seen)
+    for drive in model.drives:
+        if drive.channel in columns:
+            values = relative(columns[drive.channel], drive.reference, drive.hold)
+            found += _excursion(drive.channel, values, drive.range)
+    for output in model.outputs:
+        if output.channel in columns:
+            values = relative(columns[output.channel], output.offset)
+            found += _excursion(output.channel, values, output.range)
     return tuple(found)
 
 

@@ -11,7 +11,7 @@ from thermaltool.responses import Response, parameter_names
 
 def calibration_table(model: Model) -> str:
     """Each output with its fit and its responses."""
-    rows = [["output", "rmse", "fit %", "max", "rows", "parameters"]]
+    rows = [["output", "rmse", "zero free", "fit %", "max", "rows", "parameters"]]
     for output in model.outputs:
         fit = output.fit
         responses = [t.response for t in model.terms if t.output == output.channel]
@@ -19,6 +19,7 @@ def calibration_table(model: Model) -> str:
             [
                 output.channel,
                 f"{fit['rmse']:.4g}",
+                f"{fit.get('rmse_zero_free', fit['rmse']):.4g}",
                 f"{fit['fit_percent']:.2f}",
                 f"{fit['max_error']:.3g}",
                 str(fit["rows"]),

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from thermaltool.effects.curve import Curve
-from thermaltool.fitting.static import Corrected, agreements
-from thermaltool.model import Model, relative
+from thermaltool.fitting.static import Corrected
+from thermaltool.model import Model, agreements, relative
 from thermaltool.record import Record
 
 # A drive farther from its reference than this share of its range is on.
@@ -19,7 +19,7 @@ def correction_warnings(model: Model, record: Record) -> list[str]:
     """Drives that are on where a record begins, each a sentence."""
     sentences = []
     for drive in model.drives:
-        first = relative(record.column(drive.channel), drive.reference)[0]
+        first = relative(record.column(drive.channel), drive.reference, drive.hold)[0]
         if abs(first) > MAX_OFF_SHARE * max(map(abs, drive.range)):
             sentences.append(
                 f"{record.name}: begins with {drive.channel} {first:g} away from rest: it is taken "

@@ -11,7 +11,7 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs import Log
-from thermaltool.model import Model, relative
+from thermaltool.model import Model, from_rest, zero_of
 from thermaltool.report.records import RESIDUAL, SETPOINT, deflection_of, label_time
 from thermaltool.report.style import (
     COMPUTED,
@@ -74,9 +74,9 @@ def draw_comparison(model: Model, log: Log, channels: Sequence[str] = ()) -> Fig
     simulated = model.simulate(log)
     pairs = []
     for name in choose(outputs, channels, log.name):
-        measured = log.columns.get(name)
-        if measured is not None:
-            measured = relative(measured, outputs[name].offset)
+        measured = None
+        if name in log.columns:
+            measured = from_rest(log, outputs[name], simulated[name])
         pairs.append(Pair(f"{name}, from rest", _unit(name), simulated[name], measured))
     return draw_pairs(f"The model on {Path(log.name).name}", log, pairs, "simulated")
 
@@ -84,8 +84,8 @@ def draw_comparison(model: Model, log: Log, channels: Sequence[str] = ()) -> Fig
 def draw_estimate(log: Log, reference: Log, channels: Sequence[str] = ()) -> Figure:
     """What ``estimate`` writes, against the log that holds the truth.
 
-    Displacements, angles and absolute temperatures count from the first value of the reference:
-    their zero is arbitrary.
+    The zero of displacements, angles and absolute temperatures is arbitrary: they count from the
+    level of measured minus estimated over the first rows.
 
     Raises
     ------
@@ -99,9 +99,10 @@ def draw_estimate(log: Log, reference: Log, channels: Sequence[str] = ()) -> Fig
             log.name,
         )
     pairs = [
-        Pair(_titled(name), _unit(name), log.columns[name], _at(log.time, reference, name))
+        Pair(_titled(name), _unit(name), log.columns[name],
+             _measured(log.time, log.columns[name], reference, name))
         for name in choose(common, channels, log.name)
-    ]
+    ]  # fmt: skip
     title = f"{Path(log.name).name} against {Path(reference.name).name}"
     return draw_pairs(title, log, pairs, "estimated")
 
@@ -125,7 +126,7 @@ def draw_compensation(log: Log, reference: Log, channels: Sequence[str] = ()) ->
     for name in choose(known, channels, log.name):
         deflection = deflection_of(name)
         against = np.where(counts, -log.columns[name], np.nan)
-        measured = _at(log.time, reference, deflection)
+        measured = _measured(log.time, against, reference, deflection)
         pairs.append(Pair(f"{_titled(deflection)}, and {name}", _unit(name), against, measured))
     title = f"{Path(log.name).name} against {Path(reference.name).name}"
     return draw_pairs(title, log, pairs, "−setpoint", "what is left:\nmeasured + setpoint")
@@ -198,11 +199,17 @@ def _titled(channel: str) -> str:
     return f"{channel}, from rest" if counts_from_first(channel) else channel
 
 
+def _measured(time: Array, computed: Array, reference: Log, channel: str) -> Array:
+    """A channel of the reference at the times of a result, from rest where its zero is free."""
+    values = _at(time, reference, channel)
+    if not counts_from_first(channel):
+        return values
+    return values - zero_of(time, values, computed, "first").value
+
+
 def _at(time: Array, reference: Log, channel: str) -> Array:
     """A channel of the reference at the times of a result, NaN outside its record."""
     values = reference.columns[channel]
-    if counts_from_first(channel):
-        values = relative(values, "first")
     if np.array_equal(time, reference.time):
         return values
     there = np.isfinite(values)

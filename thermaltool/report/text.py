@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from thermaltool.logs import Log
-    from thermaltool.model import Excursion
+    from thermaltool.model import Excursion, Zero
 
 
 def aligned(rows: Sequence[Sequence[str]], texts: int | None = None) -> str:
@@ -50,3 +50,11 @@ def pause_messages(log: Log, meaning: str) -> Iterator[str]:
     for part in log.segments[1:]:
         pause = log.time[part.start] - log.time[part.start - 1]
         yield row_message(log, part.start, f"a pause of {pause:g} s; {meaning}")
+
+
+def zero_message(channel: str, zero: Zero, log: Log) -> str:
+    """From what the zero of an output was taken that has none of its own."""
+    return (
+        f"{channel}: counts from the median of measured minus simulated over the first "
+        f"{zero.stop - log.time[0]:.4g} s ({zero.rows} readings)"
+    )

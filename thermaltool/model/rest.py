@@ -1,0 +1,185 @@
+"""Rest: what a channel counts from where it has no zero of its own; one rule for all commands.
+
+- A commanded drive (held between samples) counts from its first value.
+- A measured drive counts from the level of its first rows, `start_level`.
+- A displacement counts from the median of measured minus simulated over the first rows: while the
+  model has moved by less than a tenth of what it moves in the log. Its own motion is thus no rest,
+  an error of its gain hardly goes into the zero, and neither a wrong first reading nor a jump of
+  the first minute shifts a whole log.
+
+A stream has the first reading alone, and counts from that one (`ModelRecursion`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thermaltool.record import Record
+from thermaltool.responses.modes import Float, Hold
+from thermaltool.signals.agreement import Agreement, agreement
+from thermaltool.signals.start_level import start_level
+from thermaltool.units import Reference
+
+if TYPE_CHECKING:
+    from thermaltool.model.document import Model, Output
+
+
+# Share of what the model moves in a log up to which a row counts as a first one. In any case so
+# many rows count, the median of which has a quarter of the noise of one reading, or this share of a
+# short log, and no fewer than three.
+STILL_SHARE, ENOUGH_ROWS, SHORT_SHARE, LEAST_ROWS = 0.1, 30, 0.05, 3
+
+
+@dataclass(frozen=True)
+class Zero:
+    """What an output counts from in a log.
+
+    Attributes
+    ----------
+    value : float [unit of the output]
+        Reading at rest.
+    rows : int
+        Readings that it was estimated from; 0 where the model states it.
+    start, stop : float [s]
+        Times of the first and last of these; NaN where there are none.
+    """
+
+    value: float
+    rows: int = 0
+    start: float = float("nan")
+    stop: float = float("nan")
+
+    def document(self) -> dict[str, Any]:
+        """As JSON: null for what is not there."""
+        known = {"zero": self.value, "zero_from_s": self.start, "zero_to_s": self.stop}
+        return {
+            **{k: v if np.isfinite(v) else None for k, v in known.items()},
+            "zero_rows": self.rows,
+        }
+
+
+def rest_level(values: Float, rest: Reference, hold: Hold = "first") -> float:
+    """The value that a channel counts from; 0 where it has no value at all.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    rest : "first" or float
+    hold : "zero" or "first"
+        Whether it is commanded, and its first value exact, or measured.
+    """
+    if rest != "first":
+        return rest
+    if hold == "first":
+        level = start_level(values).value
+    else:
+        there = np.flatnonzero(np.isfinite(values))
+        level = float(values[there[0]]) if len(there) else float("nan")
+    return level if np.isfinite(level) else 0.0
+
+
+def relative(values: Float, rest: Reference, hold: Hold = "first") -> Float:
+    """Values minus the value at rest; see `rest_level`.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    rest : "first" or float
+    hold : "zero" or "first"
+    """
+    return values - rest_level(values, rest, hold)
+
+
+def zero_of(time: Float, measured: Float, simulated: Float, rest: Reference) -> Zero:
+    """What a measured output counts from.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,) [s]
+    measured, simulated : ndarray, shape (n,) [unit of the output]
+        As read, NaN where missing, and relative to rest.
+    rest : "first" or float
+    """
+    if rest != "first":
+        return Zero(rest)
+    there = np.flatnonzero(np.isfinite(measured) & np.isfinite(simulated))
+    if not len(there):
+        return Zero(0.0)
+    moved = np.abs(simulated[there] - simulated[there[0]])
+    still = int(np.argmax(np.append(moved > STILL_SHARE * np.ptp(simulated[there]), True)))
+    enough = max(min(ENOUGH_ROWS, int(SHORT_SHARE * len(there))), LEAST_ROWS)
+    first = there[: max(still, enough)]
+    value = float(np.median(measured[first] - simulated[first]))
+    return Zero(value, len(first), float(time[first[0]]), float(time[first[-1]]))
+
+
+def from_rest(record: Record, output: Output, simulated: Float) -> Float:
+    """An output as measured, relative to rest, shape (n,).
+
+    Parameters
+    ----------
+    record : Record
+        With the output, NaN where missing.
+    output : Output
+    simulated : ndarray, shape (n,)
+        Relative to rest.
+    """
+    values = record.column(output.channel)
+    return values - zero_of(record.time, values, simulated, output.offset).value
+
+
+def drive_rests(model: Model, record: Record) -> dict[str, float]:
+    """What every drive counts from in a record, by channel.
+
+    Parameters
+    ----------
+    model : Model
+    record : Record
+    """
+    return {
+        d.channel: rest_level(record.column(d.channel), d.reference, d.hold) for d in model.drives
+    }
+
+
+def zeros_of(model: Model, record: Record) -> dict[str, Zero]:
+    """What every measured output counts from in a record, the model run from rest.
+
+    Parameters
+    ----------
+    model : Model
+    record : Record
+        With the drives, and what the effects need.
+    """
+    simulated = model.simulate(record)
+    return {
+        o.channel: zero_of(record.time, record.columns[o.channel], simulated[o.channel], o.offset)
+        for o in model.outputs
+        if o.channel in record.columns
+    }
+
+
+def agreements(
+    model: Model, records: Sequence[Record], outputs: Sequence[Output] | None = None
+) -> dict[str, Agreement]:
+    """Agreement of every output over all records, the model run from rest in each.
+
+    Parameters
+    ----------
+    model : Model
+    records : sequence of Record
+        With the drives, what the effects need, and the outputs.
+    outputs : sequence of Output, optional
+        Default: all of the model.
+    """
+    runs = [(record, model.simulate(record)) for record in records]
+    return {
+        o.channel: agreement(
+            np.concatenate([from_rest(record, o, run[o.channel]) for record, run in runs]),
+            np.concatenate([run[o.channel] for _, run in runs]),
+        )
+        for o in (model.outputs if outputs is None else outputs)
+    }
