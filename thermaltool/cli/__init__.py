@@ -6,6 +6,7 @@ import importlib
 import os
 import signal
 import sys
+import warnings
 from typing import Any
 
 import click
@@ -125,10 +126,16 @@ def _defaults(
     return {known[key.replace("_", "-")]: value for key, value in table.items()}
 
 
+def _show_warning(message: Warning | str, *where: Any) -> None:
+    """One line on stderr, as everything that a command says."""
+    click.echo(str(message), err=True)
+
+
 def main() -> None:
     """Entry point: every way out has its exit code and at most one line on stderr."""
     # As an exception, so that a half-written file is taken away.
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(TERMINATED))
+    warnings.showwarning = _show_warning
     debug = "--debug" in sys.argv[1:]
     name = " ".join(["thermaltool", *[arg for arg in sys.argv[1:] if arg in COMMANDS][:1]])
     try:

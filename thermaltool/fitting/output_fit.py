@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.covariance import block_covariance
 from thermaltool.fitting.discrepancy import Discrepancy, discrepancy
 from thermaltool.fitting.projection import CalibrationProblem, Parametrization, Triangle
+from thermaltool.fitting.start_search import StartSearch
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
 from thermaltool.responses import Response, response_class
@@ -31,8 +31,6 @@ SETTLED_TIME_CONSTANTS = 3
 # Residuals beyond this many robust standard deviations count linearly (Huber); their weights are
 # found anew at most so often, until none changes by more than this.
 HUBER_THRESHOLD, MAX_REWEIGHTINGS, WEIGHT_TOLERANCE = 2.5, 8, 1e-3
-# Step of a trust region that counts as one, in logarithms; where the search ends.
-STEP_SCALE, STEP_TOLERANCE, LOSS_TOLERANCE = 0.3, 1e-10, 1e-13
 
 
 @dataclass(frozen=True)
@@ -130,13 +128,14 @@ def fit_output(
         if len(record) < 2:
             raise FitError(f"a log of {len(record)} rows says nothing of a response")
     for drive in drives:
-        inputs = [relative(r.column(drive.channel), drive.reference) for r in records]
+        inputs = [relative(r.column(drive.channel), drive.reference, drive.hold) for r in records]
         if not any(np.any(u) for u in inputs):
             raise FitError("the drive never leaves its reference: nothing to fit")
     classes = tuple(response_class(kind) for kind in kinds)
     constants = tuple({k: (fixed or {}).get(k, v) for k, v in c.fixed.items()} for c in classes)
     parametrization = Parametrization(classes, constants)
-    problem = CalibrationProblem.assemble(records, drives, output, free_start)
+    delays = [constant.get("delay", 0.0) for constant in constants]
+    problem = CalibrationProblem.assemble(records, drives, output, free_start, delays)
     rows = len(problem.measured)
     unknowns = parametrization.searched + parametrization.gains + len(records)
     if rows <= unknowns:
@@ -144,7 +143,7 @@ def fit_output(
 
     duration = max(record.duration for record in records)
     period = min(record.period for record in records)
-    search = _StartSearch(problem, parametrization, parametrization.limits(period, duration))
+    search = StartSearch(problem, parametrization, parametrization.limits(period, duration))
     weights = np.ones(rows)
     triangle = problem.compress(weights)
     reached = search.best(parametrization.starts(period, duration), triangle, starts, progress)
@@ -159,64 +158,6 @@ def fit_output(
     return _described(search, theta, triangle, weights, duration, rmses)
 
 
-class _StartSearch:
-    """Errors of a set of rates relative to the deviation of the output, and where they are least.
-
-    By the bounded trust region of scipy. The damped Gauss-Newton of signals/gauss_newton.py is as
-    fast, and comes closer to a minimum that both find; but kinds of four rates and more have many,
-    and from the same starts it ended in others: 2 % higher on the gantry with two drives [squared
-    error], 26 % higher or 10 % lower on the hair dryer with the longest step that it may take.
-    """
-
-    def __init__(
-        self,
-        problem: CalibrationProblem,
-        parametrization: Parametrization,
-        bounds: tuple[Float, Float],
-    ) -> None:
-        self.problem, self.parametrization, self.bounds = problem, parametrization, bounds
-        rows = len(problem.measured)
-        self.scale = float(np.std(problem.measured)) * np.sqrt(rows) or 1.0
-
-    def errors(self, theta: Float, triangle: Triangle) -> Float:
-        unit = self.parametrization.unit_weights(theta, self.problem.grid)
-        return self.problem.project(unit, triangle)[0] / self.scale
-
-    def refine(self, theta: Float, triangle: Triangle) -> tuple[float, Float]:
-        """Size of the errors at the minimum near `theta`, and where it is."""
-        low, high = self.bounds
-        inside = np.clip(theta, low + 1e-9, high - 1e-9)
-        solution = least_squares(
-            self.errors, inside, bounds=self.bounds, x_scale=STEP_SCALE,
-            xtol=STEP_TOLERANCE, ftol=LOSS_TOLERANCE, args=(triangle,),
-        )  # fmt: skip
-        return float(np.linalg.norm(self.errors(solution.x, triangle))), solution.x
-
-    def best(
-        self,
-        grid: Sequence[Float],
-        triangle: Triangle,
-        starts: int,
-        progress: Callable[[str], None],
-    ) -> list[tuple[float, Float]]:
-        """Where the best `starts` of a grid lead to, the best first (FitError: none is finite)."""
-        sizes = np.array([np.linalg.norm(self.errors(theta, triangle)) for theta in grid])
-        order = [k for k in np.argsort(sizes) if np.isfinite(sizes[k])][:starts]
-        if not order:
-            raise FitError("no start of the search has a finite error")
-        reached = []
-        for number, k in enumerate(order):
-            progress(f"start {number + 1} of {len(order)}")
-            reached.append(self.refine(grid[k], triangle))
-        return sorted(reached, key=lambda result: result[0])
-
-    def fitted(self, theta: Float, triangle: Triangle) -> tuple[Float, Float]:
-        """Residual of every row [unit of the output], and gains, decays, offsets."""
-        unit = self.parametrization.unit_weights(theta, self.problem.grid)
-        linear = self.problem.project(unit, triangle)[1]
-        return self.problem.residual(unit, linear), linear
-
-
 def _huber_weights(residual: Float) -> Float | None:
     """Weights of the squares; None where most of the residual is zero."""
     spread = robust_std(residual)
@@ -226,7 +167,7 @@ def _huber_weights(residual: Float) -> Float | None:
 
 
 def _described(
-    search: _StartSearch,
+    search: StartSearch,
     theta: Float,
     triangle: Triangle,
     weights: Float,

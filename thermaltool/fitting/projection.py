@@ -120,6 +120,12 @@ class Parametrization:
             at += len(cls.searched)
         return parts
 
+    def excess(self, theta: Float) -> Float:
+        """How far `theta` is beyond what a kind can be followed at; shape (kinds with a bound,)."""
+        parts = zip(self.classes, self.split(theta), strict=True)
+        bounded = [(cls.search_excess, own) for cls, own in parts if hasattr(cls, "search_excess")]
+        return np.array([excess(**own) for excess, own in bounded])
+
     def responses(self, theta: Float, gains: Float) -> tuple[Response, ...]:
         """The responses that `theta` (logarithms) and `gains` stand for."""
         built, at = [], 0
@@ -134,10 +140,12 @@ class Parametrization:
         n, columns = len(grid.rates), []
         parts = zip(self.classes, self.fixed, self.split(theta), strict=True)
         for k, (cls, fixed, searched) in enumerate(parts):
+            # The design has the delay (`CalibrationProblem.assemble`).
+            undelayed = {**fixed, "delay": 0.0} if "delay" in fixed else fixed
             for gain in cls.gains:
                 ones = {name: float(name == gain) for name in cls.gains}
                 column = np.zeros(n * len(self.classes))
-                column[k * n : (k + 1) * n] = grid.weights(cls(**searched, **ones, **fixed))
+                column[k * n : (k + 1) * n] = grid.weights(cls(**searched, **ones, **undelayed))
                 columns.append(column)
         return np.column_stack(columns)
 
@@ -182,7 +190,11 @@ class CalibrationProblem:
 
     @staticmethod
     def assemble(
-        records: Sequence[Record], drives: Sequence[Drive], output: str, free_start: bool
+        records: Sequence[Record],
+        drives: Sequence[Drive],
+        output: str,
+        free_start: bool,
+        delays: Sequence[float] = (),
     ) -> CalibrationProblem:
         """Drive the grid with every record's inputs and stack the rows that are measured.
 
@@ -193,6 +205,8 @@ class CalibrationProblem:
         output : str
         free_start : bool
             Whether a decay of every rate is among the columns of each record.
+        delays : sequence of float [s]
+            Of each drive; none by default.
 
         Raises
         ------
@@ -210,8 +224,10 @@ class CalibrationProblem:
             there = np.isfinite(values)
             block = np.zeros((int(there.sum()), n * inputs + decays + len(records)))
             for d, drive in enumerate(drives):
-                u = relative(record.column(drive.channel), drive.reference)
+                u = relative(record.column(drive.channel), drive.reference, drive.hold)
                 states = grid.states(record.time, u, drive.hold)
+                if delays and delays[d]:
+                    states = grid.delayed(states, record.time, u, drive.hold, delays[d])
                 block[:, d * n : (d + 1) * n] = states[there]
             if free_start:
                 since = record.time[there] - record.time[0]

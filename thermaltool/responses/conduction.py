@@ -24,6 +24,9 @@ CONTOUR_NODES = 28
 SLOWEST_SHARE = 0.9
 FASTEST_OF_SAMPLE, FASTEST_OF_SLOWEST, FASTEST_OF_DELAY = 8.0, 1000.0, 30.0
 LIMIT_OF_SAMPLE, LIMIT_OF_SLOWEST = 800.0, 30000.0
+# A fit keeps √a·r, the distance in lengths over which the heat is lost, below this: farther away a
+# part in 10⁵ of it arrives, and no sum of exponentials follows.
+MAX_LOSS_LENGTHS = 10.0
 
 
 @dataclass(frozen=True)
@@ -138,6 +141,18 @@ class Conduction:
             "alpha": (1e-4 * r0**2 / duration, 1e3 * r0**2 / period),
             "r": (r0 * 1.001, 300 * r0),
         }
+
+    @classmethod
+    def search_excess(cls, a: float, r: float, **others: float) -> float:
+        """How far a fit is beyond `MAX_LOSS_LENGTHS`, as a logarithm; 0 within.
+
+        Parameters
+        ----------
+        a : float [1/length²]
+        r : float [length]
+        **others : float
+        """
+        return max(float(np.log(np.sqrt(a) * r / MAX_LOSS_LENGTHS)), 0.0)
 
     @classmethod
     def starts(cls, period: float, duration: float, **fixed: float) -> list[tuple[float, ...]]:

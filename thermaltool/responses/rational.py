@@ -33,7 +33,7 @@ class Rational:
     omega : float [rad/s]
     zeta : float, between 0 and 1
     delay : float [s]
-        L. `calibrate` leaves it at zero; ``identify`` finds it.
+        L. A fit takes it as given (`calibrate` compares some); ``identify`` finds it.
     """
 
     kind: ClassVar[str]
@@ -135,14 +135,7 @@ class Rational:
         ----------
         period, duration : float [s]
         delay : float [s]
-
-        Raises
-        ------
-        ModelError
-            A delay: the fit's bank of exponentials has none.
         """
-        if delay:
-            raise ModelError(f"{cls.kind}: calibrate fits no delay; thermaltool identify does")
         lags, turns = (period / 4, 50 * duration), (0.02 / duration, 4 / period)
         ranges = {"omega": turns, "zeta": (0.01, 0.999)}
         return {name: ranges.get(name, lags) for name in cls.searched}
