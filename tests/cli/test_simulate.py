@@ -29,7 +29,9 @@ def test_outputs_and_residuals(thermaltool, files):
     measured = log[:, log_names.index("dT_pair1_K")]
     np.testing.assert_allclose(values[:, 1] + values[:, 2], measured, atol=1e-9)
     assert np.std(values[:, 2]) == pytest.approx(0.01, rel=0.2)
-    assert [line.split()[0] for line in result.err.splitlines()] == ["output", *COLUMNS[1::2]]
+    told = [line.split()[0] for line in result.err.splitlines()]
+    assert told == ["output", *COLUMNS[1::2], "d_x_um:"]
+    assert "d_x_um: counts from the median of measured minus simulated" in result.err
 
 
 @pytest.mark.parametrize("rows", ["0,1\n10,1\n", ""])
@@ -62,6 +64,10 @@ def test_json(thermaltool, files):
     assert set(result.json) == {"dT_pair1_K", "d_x_um"}
     assert set(result.json["d_x_um"]) == {
         "rmse", "max_error", "mean", "band", "steady", "fit_percent", "rows", "rmse_zero_free",
+        "zero",
+        "zero_from_s",
+        "zero_to_s",
+        "zero_rows",
     }  # fmt: skip
     assert table(target.read_text())[0] == COLUMNS
     assert thermaltool("simulate", files.model, files.log, "--json").json == result.json

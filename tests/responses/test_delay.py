@@ -9,7 +9,9 @@ import pytest
 
 from thermaltool.errors import ModelError
 from thermaltool.estimation.cascade import lagged_modes
-from thermaltool.model import simulate_response
+from thermaltool.fitting.output_fit import fit_output
+from thermaltool.model import Drive, simulate_response
+from thermaltool.record import Record
 from thermaltool.responses.delay import DelayedModes, load_modes
 from thermaltool.responses.modes import Modes
 from thermaltool.responses.rational import Oscillation1, Rational2
@@ -86,9 +88,26 @@ def test_a_bad_delay_is_named(delay):
         DelayedModes(np.array([-1.0 + 0j]), np.ones(1, complex), delay=delay)
 
 
-def test_calibrate_is_told_that_it_fits_no_delay():
-    with pytest.raises(ModelError, match="identify"):
-        Rational2.search_box(1.0, 100.0, delay=3.0)
+@pytest.mark.parametrize("hold", ["zero", "first"])
+def test_a_fit_takes_a_delay_as_given(hold):
+    """On an irregular clock, with a delay that is no number of samples."""
+    time = np.cumsum(np.random.default_rng(3).choice([3.0, 7.0, 11.0], 500))
+    course = np.where(time // 500 % 2 == 1, 1.0, 0.0)
+    u = course if hold == "zero" else np.convolve(course, np.ones(9) / 9, "same")
+    drive = Drive("Q_main_1", hold, 0.0, (0.0, 1.0))
+    prompt = Rational2(5.0, 90.0, -2.0, 400.0)
+    # The response without the delay, on a clock that has the earlier moments too.
+    fine = np.unique(np.concatenate([time, time[time > time[0] + 37.3] - 37.3]))
+    row = np.searchsorted(time, fine, side="right") - 1
+    between = u[row] if hold == "zero" else np.interp(fine, time, u)
+    y = np.interp(time - 37.3, fine, simulate_response(prompt, fine, between, hold), left=0.0)
+    record = Record(time, {"Q_main_1": u, "dT_a_K": y})
+    found = fit_output([record], [drive], "dT_a_K", ["rational2"], {"delay": 37.3})
+    assert found.rmse < 1e-5
+    response = found.responses[0]
+    assert response.delay == 37.3
+    t = np.geomspace(1, 3000, 50)
+    np.testing.assert_allclose(response.step(t + 37.3), prompt.step(t), atol=1e-3)
 
 
 def test_the_file_keeps_a_delay_and_a_lag_behind_it():

@@ -126,7 +126,7 @@ def _defaults(
     return {known[key.replace("_", "-")]: value for key, value in table.items()}
 
 
-def _show_warning(message: Warning | str, *where: Any) -> None:
+def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:
     """One line on stderr, as everything that a command says."""
     click.echo(str(message), err=True)
 

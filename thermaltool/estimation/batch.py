@@ -9,10 +9,11 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.estimation.pipeline import EstimatorPipeline
-from thermaltool.model import Excursion, Model, away_from_rest, excursions, extrapolated, zero_of
+from thermaltool.model import Excursion, Model, away_from_rest, beside, excursions, extrapolated
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.signals.agreement import Agreement, agreement
+from thermaltool.units import Reference
 
 
 @dataclass(frozen=True)
@@ -98,11 +99,11 @@ def _agreement(
     references = {d.channel: d.reference for d in model.drives}
     references |= {o.channel: o.offset for o in model.outputs}
     return {
-        name: agreement(
-            record.columns[name]
-            - zero_of(record.time, record.columns[name], values, references[name]).value,
-            values,
-        )
+        name: agreement(_counted(record.columns[name], values, references[name]), values)
         for name, values in estimates.items()
         if name in record.columns and len(record)
     }
+
+
+def _counted(measured: Float, estimated: Float, rest: Reference) -> Float:
+    return beside(measured, estimated) if rest == "first" else measured - rest

@@ -120,11 +120,11 @@ class Parametrization:
             at += len(cls.searched)
         return parts
 
-    def excess(self, theta: Float) -> Float:
-        """How far `theta` is beyond what a kind can be followed at; shape (kinds with a bound,)."""
+    def excess(self, theta: Float) -> float:
+        """How far `theta` (logarithms) is beyond what its kinds can be followed at; 0 within."""
         parts = zip(self.classes, self.split(theta), strict=True)
         bounded = [(cls.search_excess, own) for cls, own in parts if hasattr(cls, "search_excess")]
-        return np.array([excess(**own) for excess, own in bounded])
+        return float(sum(excess(**own) for excess, own in bounded))
 
     def responses(self, theta: Float, gains: Float) -> tuple[Response, ...]:
         """The responses that `theta` (logarithms) and `gains` stand for."""

@@ -66,7 +66,7 @@ class StartSearch:
         """
         unit = self.parametrization.unit_weights(theta, self.problem.grid)
         errors = self.problem.project(unit, triangle)[0] / self.scale
-        return np.append(errors, self.parametrization.excess(theta))
+        return errors * (1 + self.parametrization.excess(theta))
 
     def refine(self, theta: Float, triangle: Triangle) -> tuple[float, Float]:
         """Size of the errors at the minimum near `theta`, and where it is.

@@ -13,6 +13,7 @@ from thermaltool.model.document import (
 from thermaltool.model.rest import (
     Zero,
     agreements,
+    beside,
     drive_rests,
     from_rest,
     relative,
@@ -52,6 +53,7 @@ __all__ = [
     "acting_drives",
     "agreements",
     "away_from_rest",
+    "beside",
     "drive_rests",
     "dumps",
     "excursions",

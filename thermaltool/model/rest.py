@@ -6,6 +6,8 @@
   model has moved by less than a tenth of what it moves in the log. Its own motion is thus no rest,
   an error of its gain hardly goes into the zero, and neither a wrong first reading nor a jump of
   the first minute shifts a whole log.
+- Beside an estimate, which follows with a delay, it counts from the level of the first rows of
+  measured minus estimated, `start_level`.
 
 A stream has the first reading alone, and counts from that one (`ModelRecursion`).
 """
@@ -115,6 +117,19 @@ def zero_of(time: Float, measured: Float, simulated: Float, rest: Reference) -> 
     first = there[: max(still, enough)]
     value = float(np.median(measured[first] - simulated[first]))
     return Zero(value, len(first), float(time[first[0]]), float(time[first[-1]]))
+
+
+def beside(measured: Float, estimated: Float) -> Float:
+    """A measured channel without a zero of its own as it stands beside an estimate, shape (n,).
+
+    An estimate follows with a delay: it says nothing of how the first rows move, and the level of
+    the difference counts as that of a measured drive does.
+
+    Parameters
+    ----------
+    measured, estimated : ndarray, shape (n,) [unit of the channel]
+    """
+    return measured - rest_level(measured - estimated, "first")
 
 
 def from_rest(record: Record, output: Output, simulated: Float) -> Float:

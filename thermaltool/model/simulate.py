@@ -114,7 +114,7 @@ def term_input(model: Model, term: Term, inputs: Mapping[str, Float], record: Re
     if term.band is None:
         return inputs[term.drive]
     chooser = term.band.channel
-    hold = next((d.hold for d in model.drives if d.channel == chooser), "zero")
+    hold: Hold = next((d.hold for d in model.drives if d.channel == chooser), "zero")
     values = relative(needed(record, chooser), model.reference(chooser), hold)
     return inputs[term.drive] * term.band.share(values)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs import Log
-from thermaltool.model import Model, from_rest, zero_of
+from thermaltool.model import Model, beside, from_rest, relative
 from thermaltool.report.records import RESIDUAL, SETPOINT, deflection_of, label_time
 from thermaltool.report.style import (
     COMPUTED,
@@ -126,7 +126,10 @@ def draw_compensation(log: Log, reference: Log, channels: Sequence[str] = ()) ->
     for name in choose(known, channels, log.name):
         deflection = deflection_of(name)
         against = np.where(counts, -log.columns[name], np.nan)
-        measured = _measured(log.time, against, reference, deflection)
+        # What is given out counts from rest: an error of its zero is one.
+        measured = _at(log.time, reference, deflection)
+        if counts_from_first(deflection):
+            measured = relative(measured, "first")
         pairs.append(Pair(f"{_titled(deflection)}, and {name}", _unit(name), against, measured))
     title = f"{Path(log.name).name} against {Path(reference.name).name}"
     return draw_pairs(title, log, pairs, "−setpoint", "what is left:\nmeasured + setpoint")
@@ -204,7 +207,7 @@ def _measured(time: Array, computed: Array, reference: Log, channel: str) -> Arr
     values = _at(time, reference, channel)
     if not counts_from_first(channel):
         return values
-    return values - zero_of(time, values, computed, "first").value
+    return beside(values, computed)
 
 
 def _at(time: Array, reference: Log, channel: str) -> Array:
