@@ -221,10 +221,20 @@ def asked(each, powers=(0.0, 70.0), lead=120.0):
     return np.array(given)
 
 
+def from_first_readings(each):
+    """The model as a stream counts: a whole record would count from the level of its first rows."""
+    first = {c: float(values[0]) for c, values in LOG.items()}
+    drives = (
+        replace(d, reference=first[d.channel]) if d.reference == "first" else d for d in each.drives
+    )
+    return replace(each, drives=tuple(drives))
+
+
 @every_model
 def test_the_model_is_held_at_zero_as_far_as_the_power_goes(name):
     each = MODELS[name]
     powers = asked(each)
+    each = from_first_readings(each)
     assert powers.min() >= 0
     assert powers.max() <= 70
     columns = {**LOG, HEATER: powers}

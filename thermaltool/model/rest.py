@@ -23,7 +23,6 @@ import numpy as np
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float, Hold
 from thermaltool.signals.agreement import Agreement, agreement
-from thermaltool.signals.start_level import start_level
 from thermaltool.units import Reference
 
 if TYPE_CHECKING:
@@ -77,6 +76,9 @@ def rest_level(values: Float, rest: Reference, hold: Hold = "first") -> float:
     if rest != "first":
         return rest
     if hold == "first":
+        # Imported on use: the stream reads models and needs no scipy.
+        from thermaltool.signals.start_level import start_level
+
         level = start_level(values).value
     else:
         there = np.flatnonzero(np.isfinite(values))
