@@ -49,14 +49,14 @@ def case(tmp_path, texts):
 
 @pytest.fixture
 def answer(case):
-    """``answer(causes=…, adequate=…)`` sets what the engine says."""
+    """``answer(causes=…, verdict=…)`` sets what the engine says."""
     # Not the monkeypatch fixture, which `thermaltool` undoes after every command.
     patch = pytest.MonkeyPatch()
 
     def set_to(**answers):
         def engine(model, logs, validate=(), progress=print, calibration=()):
             case.calls.append((model, logs, validate))
-            shown = answers.get("causes", 1), answers.get("adequate", False)
+            shown = answers.get("causes", 1), answers.get("verdict", "not adequate")
             spoiled = answers.get("spoiled")
             result = replace(diagnosed(logs, *shown), spoiled=spoiled)
             return replace(result, model=replace(model, effects=(SOURCE,) * len(result.causes)))
@@ -89,11 +89,18 @@ def test_what_the_engine_is_given(thermaltool, case, answer):
 
 
 @pytest.mark.parametrize(
-    ("adequate", "share", "code"),
-    [(True, None, 0), (False, None, 3), (True, 0.05, 3), (False, 0.9, 0), (False, 1, 0)],
+    ("verdict", "share", "code"),
+    [
+        ("adequate", None, 0),
+        ("not adequate", None, 3),
+        ("cannot judge", None, 4),
+        ("adequate", 0.05, 3),
+        ("not adequate", 0.9, 0),
+        ("cannot judge", 1, 0),
+    ],
 )
-def test_exit_code(thermaltool, case, answer, adequate, share, code):
-    answer(causes=0, adequate=adequate)  # noise accounts for 0.9 or 0.12
+def test_exit_code(thermaltool, case, answer, verdict, share, code):
+    answer(causes=0, verdict=verdict)  # noise accounts for 0.9 where it is adequate, else 0.12
     limit = () if share is None else ("--fail-above", share)
     assert thermaltool("diagnose", case.model, case.log, "-q", *limit).code == code
 
@@ -123,7 +130,7 @@ def test_extended_model_runs_in_the_other_commands(thermaltool, case, answer):
 
 
 def test_a_model_without_a_cause_is_written_too(thermaltool, case, answer):
-    answer(causes=0, adequate=True)
+    answer(causes=0, verdict="adequate")
     target = case.folder / "extended.json"
     assert thermaltool("diagnose", case.model, case.log, "-q", "-o", target).code == 0
     assert "effects" not in json.loads(target.read_text())

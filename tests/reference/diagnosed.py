@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from thermaltool.diagnosis.residual import residual_report
-from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Tried
+from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Tried, Verdict
 from thermaltool.diagnosis.written import Gain, WrittenStep
 from thermaltool.effects.second_source import SecondSource
 from thermaltool.model import Drive, Model, Output, Term
@@ -24,6 +24,7 @@ MODEL = Model(
     terms=(Term(DRIVE, OUTPUT, Deflection(A=50.0, a=0.002, B=20.0, b=5e-4, D=-0.01, d=0.001)),),
     sample_period=10.0,
 )
+UNDECIDED = "d_z_um: the calibration leaves b open, by which this log moves 3 µm"
 BEFORE = Agreement(20.0, 40.0, 12.0, 60.0, 1.0, 71.0, 2160)
 AFTER = Agreement(10.0, 12.0, 8.0, 20.0, 1.0, 91.0, 2160)
 SOURCE = SecondSource(BED, {f"gain[{OUTPUT}]": 0.6, "time_constant": 840.0})
@@ -42,7 +43,9 @@ def measured(seed: int = 4, bed: float = 60.0) -> Record:
     return Record(time, {**columns, OUTPUT: bent + noise}, digest=f"digest-{seed}")
 
 
-def diagnosed(logs: Sequence[Record], causes: int = 1, adequate: bool = False) -> Diagnosis:
+def diagnosed(
+    logs: Sequence[Record], causes: int = 1, verdict: Verdict = "not adequate"
+) -> Diagnosis:
     """What a diagnosis of `logs` should say."""
     log = logs[0]
     y = log.columns[OUTPUT] - log.columns[OUTPUT][0]
@@ -68,8 +71,8 @@ def diagnosed(logs: Sequence[Record], causes: int = 1, adequate: bool = False) -
     if causes:
         curves["extended"] = extended
     found = Diagnosis(
-        adequate=adequate,
-        noise_share=0.9 if adequate else 0.12,
+        verdict=verdict,
+        noise_share=0.9 if verdict == "adequate" else 0.12,
         residuals={OUTPUT: report},
         causes=(cause,) * causes,
         alternatives=(other,) if causes else (),
@@ -77,6 +80,7 @@ def diagnosed(logs: Sequence[Record], causes: int = 1, adequate: bool = False) -
         notes=(),
         model=MODEL,
         extends=bool(causes),
+        undecided=(UNDECIDED,) if verdict == "cannot judge" else (),
         written=tuple(
             WrittenStep(k, SOURCE if k else None, each.digest, OUTPUT, fit)
             for k, fit in enumerate([BEFORE, AFTER][: 1 + causes])

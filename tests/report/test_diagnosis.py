@@ -6,17 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference.diagnosed import BED, OUTPUT, diagnosed, measured
+from reference.diagnosed import BED, OUTPUT, UNDECIDED, diagnosed, measured
 
+from thermaltool.diagnosis.result import Cause, Location
+from thermaltool.effects.unknown import Unknown
 from thermaltool.report.diagnosis import main_output, summary, to_markdown
 from thermaltool.report.diagnosis_figures import draw_curves, draw_evidence, pictures
 from thermaltool.report.diagnosis_tables import duration, number, percent, sections
 from thermaltool.units import printed
 
 
-def document(causes=1, adequate=False, validated=(), **changed):
+def document(causes=1, verdict="not adequate", validated=(), **changed):
     log = measured()
-    found = diagnosed([log], causes, adequate).document()
+    found = diagnosed([log], causes, verdict).document()
     files = {"model": "model.json", "logs": [{"name": "in/run.csv", "sha256": log.digest}]}
     files["calibrated_on"] = []
     files["validated_on"] = [{"name": name, "sha256": name} for name in validated]
@@ -142,12 +144,34 @@ def test_a_model_that_spoils_a_log_is_told():
 
 def test_misfit_without_a_cause():
     lines = summary(document(causes=0))
-    assert lines[2].startswith("Cause: none in the catalogue explains it; the nearest is second_")
-    assert lines[3] == "Not known: this log cannot show transport_delay."
+    assert lines[2] == "Cause: none in the catalogue explains it."
+    assert lines[3].startswith("The nearest in the catalogue is second_source (T_bed_degC)")
+    assert lines[4] == "Not known: this log cannot show transport_delay."
+
+
+def test_cannot_judge():
+    """What would help is told, and no cause is missed."""
+    verdict, where, why, *rest = summary(document(causes=0, verdict="cannot judge"))
+    assert verdict.startswith("The model cannot be judged by run.csv: only 12 %")
+    assert where.startswith("It is wrong mostly while")
+    assert why == f"{UNDECIDED}."
+    assert not any(line.startswith("Cause") for line in rest)
+
+
+def test_what_no_cause_explains_has_its_place():
+    found = document(causes=0)
+    place = Location("x", OUTPUT, 3600.0, 7200.0, "heating", 600.0, 1800.0, 3.2)
+    cause = Cause(Unknown(OUTPUT, {"rms": 3.0}), 140.0, {}, {}, 0.0, location=place)
+    _, _, line, nearest, *_ = summary({**found, "causes": [cause.document()]})
+    assert line == (
+        "Cause: unknown (d_z_um), no cause of the catalogue explains what is left: 3.2 µm RMS, "
+        "mostly while heating, most from 60 to 120 min, 10 min to 30 min; evidence 140."
+    )
+    assert nearest.startswith("The nearest")
 
 
 def test_adequate():
-    verdict, nothing, blind = summary(document(causes=0, adequate=True))
+    verdict, nothing, blind = summary(document(causes=0, verdict="adequate"))
     assert verdict.startswith("The model is adequate for run.csv: 90 % of the residual's power")
     assert nothing == "No effect found: 3 causes were tried and none adds anything."
     assert blind == "Not known: this log cannot show transport_delay."

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
-from thermaltool.api.inputs import Reading, all_of, as_model, reads, warn_pauses
+from thermaltool.api.inputs import Reading, all_of, as_model, reads, warn_pauses, write_model
 from thermaltool.api.result import Notice, Result, notice, silent
-from thermaltool.documents import source_name
+from thermaltool.documents import source_name, write_whole
 from thermaltool.errors import LogError, ModelError
 from thermaltool.logs import read_log
 
@@ -76,6 +76,27 @@ class DiagnosisReport(Result):
         if command is not None:
             made["command"] = command
         return replace(model, provenance={**model.provenance, "diagnosed": made})
+
+    def write_extended(self, target: str, came_from: str, command: str | None = None) -> None:
+        """Write the extended model; the one that came in byte for byte where nothing changes.
+
+        Parameters
+        ----------
+        target, came_from : str
+            Files; the model that came in may be no file.
+        command : str, optional
+            How it was made.
+
+        Raises
+        ------
+        ModelError
+            A log would be worse by it.
+        """
+        if self.diagnosis.extends or not os.path.isfile(came_from):
+            write_model(self.extended(command), target)
+        else:
+            with open(came_from, "rb") as same:
+                write_whole(same.read(), target)
 
     @property
     def frame(self) -> pandas.DataFrame:

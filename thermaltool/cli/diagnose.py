@@ -12,7 +12,9 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progress, warn
 from thermaltool.cli.types import InputPath, NumberRange
-from thermaltool.documents import check_folder, write_json, write_whole
+from thermaltool.documents import check_folder, write_json
+
+EXIT_CODES = {"adequate": 0, "not adequate": DID_NOT_PASS, "cannot judge": 4}
 
 
 @click.command(
@@ -69,7 +71,7 @@ def command(
     extends the model by those that have evidence and help on data that the fit has not seen (-o),
     and says what these logs cannot tell apart. What is told of the extended model is what simulate
     makes of it. JSON goes to stdout, the verdict to stderr. Exit 0 where the model is adequate, 3
-    where it is not or -o would be worse.
+    where it is not or -o would be worse, 4 where these logs cannot judge it.
     """
     shared.one_thread()
     from thermaltool import api
@@ -91,11 +93,7 @@ def command(
     _keep(report, calibration, None)
     refused = output is not None and found.diagnosis.spoiled
     if output is not None and not refused:
-        if found.diagnosis.extends or not os.path.isfile(model):
-            api.write_model(found.extended(command_line()), output)
-        else:
-            with open(model, "rb") as same:  # byte for byte, whoever wrote it
-                write_whole(same.read(), output)
+        found.write_extended(output, model, command_line())
     if report is not None:
         found.write(report, lambda figure: shared.keep_inputs(figure, *inputs, *calibration))
     write_json(found.document(), "-")
@@ -103,8 +101,10 @@ def command(
         warn(found.table())
     if refused:
         warn(f"{output} is not written: {refused} would be worse than by {model}")
-    if refused or (not found.adequate if fail_above is None else found.exceeds(fail_above)):
-        sys.exit(DID_NOT_PASS)
+    code = EXIT_CODES[found.diagnosis.verdict]
+    if fail_above is not None:
+        code = DID_NOT_PASS if found.exceeds(fail_above) else 0
+    sys.exit(DID_NOT_PASS if refused else code)
 
 
 def _keep(report: str | None, inputs: Sequence[str], output: str | None) -> None:

@@ -26,7 +26,6 @@ from thermaltool.diagnosis.result import (
     Diagnosis,
     Tried,
     curves_of,
-    reports_of,
     unconfirmed,
 )
 from thermaltool.diagnosis.select import (
@@ -35,7 +34,14 @@ from thermaltool.diagnosis.select import (
     plain_forms_first,
     ranked,
 )
-from thermaltool.diagnosis.validate import Verdict, judge
+from thermaltool.diagnosis.validate import AcceptedCause, judge
+from thermaltool.diagnosis.verdict import (
+    reading_noise,
+    undecided,
+    unknown_cause,
+    verdict_of,
+    weigh_residuals,
+)
 from thermaltool.diagnosis.written import account, explained
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
@@ -43,8 +49,6 @@ from thermaltool.record import Record
 
 # Causes that are named at most, and that are held out at each step before the search is given up.
 MAX_CAUSES, MAX_HELD_OUT = 6, 4
-# Share of the residual's power that noise and floor must account for in an adequate model.
-ADEQUATE_SHARE = 0.5
 # Rows, and values of an output, by which a model is judged at least.
 MIN_ROWS = 20
 # What is left over on the calibration's own log is looked at again where its power above noise is
@@ -171,7 +175,7 @@ class _SearchState:
     unseen : tuple of Alternative
         What the logs cannot show.
     causes : tuple of Cause
-    verdicts : tuple of Verdict
+    verdicts : tuple of AcceptedCause
         Those that accepted them.
     notes : tuple of str
     tried : tuple of Tried
@@ -187,7 +191,7 @@ class _SearchState:
     ended: Hypothesis
     unseen: tuple[Alternative, ...]
     causes: tuple[Cause, ...] = ()
-    verdicts: tuple[Verdict, ...] = ()
+    verdicts: tuple[AcceptedCause, ...] = ()
     notes: tuple[str, ...] = ()
     tried: tuple[Tried, ...] = ()
     unconfirmed: CauseCandidate | None = None
@@ -197,7 +201,7 @@ class _SearchState:
     def noted(self, note: str) -> _SearchState:
         return replace(self, notes=(*self.notes, note))
 
-    def accepting(self, cause: Cause, after: Hypothesis, *verdict: Verdict) -> _SearchState:
+    def accepting(self, cause: Cause, after: Hypothesis, *verdict: AcceptedCause) -> _SearchState:
         return replace(
             self,
             hypothesis=after,
@@ -347,15 +351,22 @@ def _result(task: _Task, first: Hypothesis, search: _SearchState) -> Diagnosis:
     plain = first.with_model(task.model)
     extended = search.written(task)
     effects = [c.effect for c in search.causes]
-    noise = {o: first.white(o) for o in first.groups}
+    noise = {o: reading_noise(first, o) for o in first.groups}
     written = account(
         task.model, extended, effects, task.logs, task.validate, task.calibration,
         last.simulation.masked, noise,
     )  # fmt: skip
-    reports, share = reports_of(first, last, plain)
-    adequate = not search.causes and share >= ADEQUATE_SHARE
-    if not search.causes and not adequate:
-        search = search.noted("misfit found, no cause in the catalogue explains it")
+    reports, budgets = weigh_residuals(first, plain, noise)
+    left = budgets
+    if effects:
+        after, left = weigh_residuals(last, last.with_model(extended), noise)
+    unknown = unknown_cause(left, budgets, after if effects else reports, last)
+    causes = [
+        cause if gain is None else replace(cause, gain=gain, explained=explained(noise, gain))
+        for cause, gain in zip(search.causes, written.gains, strict=True)
+    ]
+    if unknown is not None:
+        causes.append(unknown)
     if search.unconfirmed is not None:
         search = search.noted(unconfirmed(search.unconfirmed.effect))
     for note in written.notes:
@@ -368,13 +379,10 @@ def _result(task: _Task, first: Hypothesis, search: _SearchState) -> Diagnosis:
         if each.candidate.place in places:  # not made idle by a later one
             task.progress(f"what else could be {each.candidate.effect.name}")
             alternatives += indistinguishable(each.before, each.candidate, each.rivals, effects)
-    causes = [
-        cause if gain is None else replace(cause, gain=gain, explained=explained(noise, gain))
-        for cause, gain in zip(search.causes, written.gains, strict=True)
-    ]
+    verdict = verdict_of(budgets, causes)
     return Diagnosis(
-        adequate,
-        float(np.clip(share, 0.0, 1.0)),
+        verdict,
+        min(each.accounted for each in budgets.values()),
         reports,
         tuple(causes),
         (*alternatives, *search.unseen),
@@ -384,5 +392,6 @@ def _result(task: _Task, first: Hypothesis, search: _SearchState) -> Diagnosis:
         extended != task.model,
         written.steps,
         written.spoiled,
+        undecided(first, budgets) if verdict == "cannot judge" else (),
         curves_of(first, last, plain, last.with_model(extended) if effects else None),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +21,40 @@ from thermaltool.units import printed
 Float = NDArray[np.float64]
 Interval = tuple[float, float]
 
-# The discrepancy of a clean log, of other inputs than the calibration's, is taken to be no larger
-# than this many times its floor.
-MAX_FLOORS = 2.0
+Verdict = Literal["adequate", "not adequate", "cannot judge"]
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where something is in the logs.
+
+    Attributes
+    ----------
+    log : str
+        Digest.
+    output : str
+    start, stop : float [s]
+        Of the stretch that has most of it for its length.
+    condition : str or None
+        What the machine does, or the level of a channel, in which most of it is; None for no one.
+    shortest, longest : float or None [s]
+        Periods that it mostly has.
+    rms : float [unit of the output]
+    """
+
+    log: str
+    output: str
+    start: float
+    stop: float
+    condition: str | None
+    shortest: float | None
+    longest: float | None
+    rms: float
 
 
 @dataclass(frozen=True)
 class Cause:
-    """An accepted cause.
+    """An accepted cause, or what no cause explains (`unknown`).
 
     Attributes
     ----------
@@ -48,6 +74,8 @@ class Cause:
         Other forms of the same cause at the same place, with their evidence.
     explained : float
         Share of the misfit (residual power above noise) that it removes, all channels.
+    location : Location or None
+        Of an unknown cause.
     """
 
     effect: Effect
@@ -57,6 +85,7 @@ class Cause:
     explained: float
     held_out: Mapping[str, Gain] = field(default_factory=dict)
     forms: tuple[tuple[Effect, float], ...] = ()
+    location: Location | None = None
 
     def document(self) -> dict[str, Any]:
         """As JSON; an effect confined to one log says to which."""
@@ -83,6 +112,7 @@ class Cause:
             ],
             "gain": _gains(self.gain),
             "held_out": _gains(self.held_out),
+            "location": None if self.location is None else asdict(self.location),
         }
 
 
@@ -149,10 +179,12 @@ class Diagnosis:
 
     Attributes
     ----------
-    adequate : bool
+    verdict : str
+        ``adequate``, ``not adequate``, or ``cannot judge``: the calibration leaves open what would
+        decide.
     noise_share : float
-        Share of the residual's power that measured noise and the calibration's floor account for,
-        at the worst output (1: nothing but noise).
+        Share of the residual's power that noise and what the calibration has shown account for, at
+        the worst output (1: nothing but noise).
     residuals : mapping of output to ResidualReport
     causes : tuple of Cause, in the order of acceptance
     alternatives : tuple of Alternative
@@ -167,12 +199,14 @@ class Diagnosis:
     spoiled : str or None
         Log and output of which the extended model is worse than the one that came in: it is not
         to be written.
+    undecided : tuple of str
+        Why the logs cannot judge the model, and what would help.
     curves : tuple of (output, Record)
         Of every output in every log what was ``measured``, ``simulated`` and, where there are
         causes, ``extended`` by them, relative to rest.
     """
 
-    adequate: bool
+    verdict: Verdict
     noise_share: float
     residuals: Mapping[str, ResidualReport]
     causes: tuple[Cause, ...]
@@ -183,11 +217,18 @@ class Diagnosis:
     extends: bool = True
     written: tuple[WrittenStep, ...] = ()
     spoiled: str | None = None
+    undecided: tuple[str, ...] = ()
     curves: tuple[tuple[str, Record], ...] = field(default=(), compare=False)
+
+    @property
+    def adequate(self) -> bool:
+        """Whether noise and the calibration's own error account for what is left."""
+        return self.verdict == "adequate"
 
     def document(self) -> dict[str, Any]:
         """As JSON: without the curves and the model, null for what is not finite."""
         document = {
+            "verdict": self.verdict,
             "adequate": self.adequate,
             "noise_share": self.noise_share,
             "residuals": {name: report.document() for name, report in self.residuals.items()},
@@ -207,54 +248,43 @@ class Diagnosis:
             "notes": self.notes,
             "written": [each.document() for each in self.written],
             "spoiled": self.spoiled,
+            "undecided": self.undecided,
         }
         return DIAGNOSIS.wrap(jsonable(document))
 
 
 def reports_of(
-    first: Hypothesis, last: Hypothesis, plain: Hypothesis
-) -> tuple[dict[str, ResidualReport], float]:
-    """Every output's residual, and the share of its power that noise and floor account for.
+    hypothesis: Hypothesis,
+    plain: Hypothesis,
+    white: Mapping[str, float],
+    floor: Mapping[str, float],
+) -> dict[str, ResidualReport]:
+    """Every output's residual, in the log that has most of its rows.
 
     Parameters
     ----------
-    first, last : Hypothesis
-        Before any cause, and with all of them.
+    hypothesis : Hypothesis
+        What the model may say for itself: its start in each log.
     plain : Hypothesis
-        The model as calibrated, as a user simulates it.
-
-    Returns
-    -------
-    reports : dict of output to ResidualReport
-    share : float
-        Of the worst output.
+        The model as a user simulates it.
+    white, floor : mapping of output to float [unit of the output]
+        Noise of a reading, and the discrepancy of a clean log.
     """
-    reports, share = {}, 1.0
-    # Where what is left was taken for white, its noise is not that of the sensor.
-    judged = first if "white" in last.assumptions else last
-    for output, groups in first.groups.items():
-        white = judged.white(output)
-        start = first.beginning(output)
-        residual = [r - x for r, x in zip(plain.simulation.residual(output), start, strict=True)]
-        rms = float(np.std(groups.joined(residual)))
-        floor = MAX_FLOORS * first.nuisance[output].floor() if "tight" in first.assumptions else 0.0
-        wrong = rms**2
-        if "tight" in first.assumptions:
-            wrong = float(np.mean(groups.joined(first.unexplained(output)) ** 2))
-        accounted = 1 - max(wrong - white**2 - floor**2, 0.0) / rms**2 if rms else 1.0
-        share = min(share, accounted)
+    reports = {}
+    for output, groups in hypothesis.groups.items():
+        start = hypothesis.beginning(output)
         k = int(np.argmax([len(rows) for rows in groups.rows]))
-        log = first.logs[k]
+        log = hypothesis.logs[k]
         reports[output] = residual_report(
             log.time,
-            residual[k],
-            first.simulation.measured[k][output],
-            {d.channel: log.columns[d.channel] for d in first.model.drives},
-            {c: v for c, v in log.columns.items() if c in first.scene.extra},
-            white,
-            floor,
+            plain.simulation.residual(output)[k] - start[k],
+            hypothesis.simulation.measured[k][output],
+            {d.channel: log.columns[d.channel] for d in hypothesis.model.drives},
+            {c: v for c, v in log.columns.items() if c in hypothesis.scene.extra},
+            white[output],
+            floor[output],
         )
-    return reports, share
+    return reports
 
 
 def curves_of(

@@ -39,8 +39,8 @@ RELATIVE_RANK = 1e-12
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """An accepted cause.
+class AcceptedCause:
+    """A cause that was accepted, and what led there.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ def judge(
     rivals: Sequence[CauseCandidate],
     calibrated: Model,
     unseen: Sequence[Record] = (),
-) -> Verdict | None:
+) -> AcceptedCause | None:
     """Verdict on a candidate; None where it is worth nothing on unseen data.
 
     Its signature has given it its evidence (`fit.evaluate`). It is fitted together with the model's
@@ -115,7 +115,7 @@ def judge(
         gains,
         tuple((c.effect, c.evidence) for c in rivals if candidate.has_other_form(c)),
     )
-    return Verdict(cause, candidate, rivals, before, after)
+    return AcceptedCause(cause, candidate, rivals, before, after)
 
 
 def _fitted_jointly(

@@ -80,7 +80,7 @@ def summary(document: Document) -> list[str]:
     if output is not None and not document["adequate"]:
         lines += _where(document["residuals"][output], output)
     causes = document["causes"]
-    if causes:
+    if [cause for cause in causes if cause["location"] is None]:
         lines += [_cause(document, cause, len(causes)) for cause in causes[:MAX_CAUSES_TOLD]]
         if len(causes) > MAX_CAUSES_TOLD:
             rest = causes[MAX_CAUSES_TOLD:]
@@ -88,23 +88,24 @@ def summary(document: Document) -> list[str]:
             lines.append(f"Further causes: {more}.")
         lines += [*_worth(document), *_spoiled(document)]
     else:
+        lines += [_cause(document, cause, 1) for cause in causes]
         lines += _no_cause(document)
     return [*lines, *_unknown(document)]
 
 
 def _verdict(document: Document) -> str:
-    share, adequate = document["noise_share"], document["adequate"]
-    verdict = "adequate" if adequate else "not adequate"
+    share, verdict = document["noise_share"], document["verdict"]
     line = f"The model is {verdict} for {names_of(document['logs'])}"
+    if verdict == "cannot judge":
+        line = f"The model cannot be judged by {names_of(document['logs'])}"
     output = main_output(document)
     if output is None:
         return f"{line}."
     report = document["residuals"][output]
     unit = channel_unit(output)
-    how = "only " if not adequate and share < 0.5 else ""
-    though = ", although" if not adequate and share >= 0.5 else ":"
+    how = "only " if verdict != "adequate" and share < 0.5 else ""
     return (
-        f"{line}{though} {how}{percent(share)} of the residual's power in {output} is sensor "
+        f"{line}: {how}{percent(share)} of the residual's power in {output} is sensor "
         f"noise or what the calibration itself left (residual {number(report['spread'])} {unit} "
         f"RMS, noise {number(report['noise']['white'])} {unit}"
         + (f", calibration {number(report['floor'])} {unit})." if report["floor"] else ").")
@@ -138,6 +139,9 @@ def _where(report: Document, output: str) -> Iterator[str]:
 
 def _cause(document: Document, cause: Document, count: int) -> str:
     number_of = f" {document['causes'].index(cause) + 1} of {count}" if count > 1 else ""
+    if cause["location"] is not None:
+        name = called(cause["name"], cause["channel"])
+        return f"Cause{number_of}: {name}, {_place(document, cause)}."
     values = [_parameter(name, each) for name, each in cause["parameters"].items()]
     where = f", in {_log_name(document, cause['log'])} alone" if cause["log"] else ""
     parameters = f": {', '.join(values)}" if values else ""
@@ -146,6 +150,21 @@ def _cause(document: Document, cause: Document, count: int) -> str:
         f"{cause['explanation'].partition(':')[0]}{where}{parameters}; "
         f"evidence {number(cause['evidence'])}{_weight(cause['evidence'])}."
     )
+
+
+def _place(document: Document, cause: Document) -> str:
+    """What an unknown cause is known by."""
+    place = cause["location"]
+    unit, length = time_unit(place["stop"])
+    start, stop = (f"{place[end] / length:.3g}" for end in ("start", "stop"))
+    line = f"{cause['explanation']}: {number(place['rms'])} {channel_unit(place['output'])} RMS"
+    if place["condition"]:
+        line += f", mostly while {place['condition']}"
+    line += f", most from {start} to {stop} {unit}"
+    if len(document["logs"]) > 1:
+        line += f" of {_log_name(document, place['log'])}"
+    band = {key: place[key] for key in ("shortest", "longest")}
+    return f"{line}, {band_name(band)}; evidence {number(cause['evidence'])}"
 
 
 def _weight(evidence: float) -> str:
@@ -202,17 +221,18 @@ def _spoiled(document: Document) -> Iterator[str]:
 
 def _no_cause(document: Document) -> Iterator[str]:
     tried = document["tried"]
-    if not document["adequate"]:
-        line = "Cause: none in the catalogue explains it"
+    yield from (f"{each}." for each in document["undecided"])
+    if document["verdict"] == "not adequate":
+        if not document["causes"]:
+            yield "Cause: none in the catalogue explains it."
         if tried:
             best = tried[0]
-            line += (
-                f"; the nearest is {called(best['name'], best['channel'])} "
-                f"(evidence {number(best['evidence'])}, {DECISIVE_EVIDENCE:g} is decisive"
-            )
             held = best["verdict"] == "evidence"
-            line += ", but it does not help on unseen rows)" if held else ")"
-        yield f"{line}."
+            yield (
+                f"The nearest in the catalogue is {called(best['name'], best['channel'])} "
+                f"(evidence {number(best['evidence'])}, {DECISIVE_EVIDENCE:g} is decisive"
+                f"{', but it does not help on unseen rows' if held else ''})."
+            )
     elif tried:
         names = {each["name"] for each in tried}
         suspected = any(each.get("kind") == "suspected" for each in document["alternatives"])

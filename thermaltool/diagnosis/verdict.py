@@ -1,0 +1,296 @@
+"""The verdict on a model: adequate, not adequate, or not to be judged by these logs.
+
+What `simulate` leaves of an output is noise, what the calibration itself was off by, what the
+calibration leaves open (moves of its parameters within their covariance), or none of these. Only
+the first two make a model adequate. What is none of these, and no cause of the catalogue, is a
+cause of its own: `unknown`, told by where, when and how large it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.residual import ResidualReport
+from thermaltool.diagnosis.result import Cause, Location, Verdict, reports_of
+from thermaltool.effects.effect import Float
+from thermaltool.effects.unknown import Unknown
+from thermaltool.signals.resolution import resolution_step
+from thermaltool.units import parse_channel, printed
+
+# The discrepancy of a clean log, of other inputs than the calibration's, is taken to be no larger
+# than this many times its floor.
+MAX_FLOORS = 2.0
+# Share of the residual's power that noise and floor must account for in an adequate model.
+ADEQUATE_SHARE = 0.5
+# A calibration that is itself off by more than this many times the noise of a reading is no
+# measure of what is wrong.
+MAX_CALIBRATED_OVER_NOISE = 5.0
+# What is left beside named causes is told from this share of the RMS that was there before them.
+MIN_SHARE_LEFT = 0.2
+# A condition holds what is left where its share of the power exceeds that of the time by so much.
+MIN_EXCESS = 0.15
+# Power that stands for none [unit of the output, squared].
+TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class ResidualBudget:
+    """Where the residual of an output goes, as RMS about the mean of each log.
+
+    Attributes
+    ----------
+    total : float [unit of the output]
+        What the model leaves; a start away from rest is fitted apart.
+    shown : float
+        What is left of it beside the error of shape that the calibration has shown.
+    unexplained : float
+        What is left beside the moves that the calibration leaves open, too.
+    white, floor : float
+        Noise of a reading, and the largest slow discrepancy of a clean log.
+    calibrated : float
+        What the model left of its own calibration, noise included.
+    rows : float
+        Independent rows.
+    """
+
+    total: float
+    shown: float
+    unexplained: float
+    white: float
+    floor: float
+    calibrated: float
+    rows: float
+
+    @property
+    def accounted(self) -> float:
+        """Share of the power that noise and what the calibration has shown account for."""
+        return 1.0 - self._above(self.shown)
+
+    @property
+    def allowed(self) -> float:
+        """Share of the power that these and what the calibration leaves open account for."""
+        return 1.0 - self._above(self.unexplained)
+
+    @property
+    def coarse(self) -> bool:
+        """Whether the calibration itself is too far off to judge anything by it."""
+        least = MAX_CALIBRATED_OVER_NOISE * self.white
+        return self.calibrated > least and self.total > least
+
+    @property
+    def evidence(self) -> float:
+        """Fall of BIC from what a clean log may have to what is there, of its independent rows."""
+        ratio = self.unexplained**2 / max(self.white**2 + self.floor**2, TINY)
+        if ratio <= 1:
+            return 0.0
+        return self.rows * (ratio - 1 - float(np.log(ratio))) - float(np.log(max(self.rows, 1.0)))
+
+    def _above(self, rms: float) -> float:
+        power = rms**2 - self.white**2 - self.floor**2
+        return float(np.clip(power / self.total**2, 0.0, 1.0)) if self.total else 0.0
+
+
+def reading_noise(hypothesis: Hypothesis, output: str) -> float:
+    """White noise of a reading, blind to misfit and outliers; a quantizer's at least.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+    output : str
+    """
+    readings = [log.columns[output] for log in hypothesis.logs if output in log.columns]
+    step = resolution_step(np.concatenate(readings)) or 0.0
+    return max(hypothesis.nuisance[output].white, step / float(np.sqrt(12.0)))
+
+
+def floor_of(hypothesis: Hypothesis, output: str) -> float:
+    """Largest slow discrepancy of a clean log [unit of the output]; 0 where nothing is known of it.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+    output : str
+    """
+    known = "tight" in hypothesis.assumptions
+    return MAX_FLOORS * hypothesis.nuisance[output].floor() if known else 0.0
+
+
+def budget_of(
+    hypothesis: Hypothesis, plain: Hypothesis, output: str, white: float, rows: float
+) -> ResidualBudget:
+    """Where the residual of an output goes.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        What the model may say for itself.
+    plain : Hypothesis
+        The model as a user simulates it.
+    output : str
+    white : float [unit of the output]
+        Noise of a reading.
+    rows : float
+        Independent rows.
+    """
+    groups, start = hypothesis.groups[output], hypothesis.beginning(output)
+    own = "tight" not in hypothesis.assumptions
+
+    def rms(residual: Sequence[Float], beginning: Sequence[Float] | None = None) -> float:
+        left = (
+            residual
+            if beginning is None
+            else [r - x for r, x in zip(residual, beginning, strict=True)]
+        )
+        about = [r - np.mean(r[k]) if len(k) else r for r, k in zip(left, groups.rows, strict=True)]
+        return float(np.sqrt(np.mean(np.square(groups.joined(about)))))
+
+    total = rms(plain.simulation.residual(output), start)
+    fit = next(o.fit for o in plain.model.outputs if o.channel == output)
+    return ResidualBudget(
+        total,
+        total if own else rms(hypothesis.simulation.residual(output), start),
+        total if own else rms(hypothesis.unexplained(output)),
+        white,
+        floor_of(hypothesis, output),
+        0.0 if own else float(fit.get("rmse", 0.0)),
+        rows,
+    )  # fmt: skip
+
+
+def weigh_residuals(
+    hypothesis: Hypothesis, plain: Hypothesis, noise: Mapping[str, float]
+) -> tuple[dict[str, ResidualReport], dict[str, ResidualBudget]]:
+    """Residual of every output, and where it goes.
+
+    Parameters
+    ----------
+    hypothesis, plain : Hypothesis
+        As in `budget_of`.
+    noise : mapping of output to float [unit of the output]
+        Of a reading.
+    """
+    floor = {output: floor_of(hypothesis, output) for output in hypothesis.groups}
+    reports = reports_of(hypothesis, plain, noise, floor)
+    return reports, {
+        output: budget_of(hypothesis, plain, output, noise[output], report.effective_rows)
+        for output, report in reports.items()
+    }
+
+
+def verdict_of(budgets: Mapping[str, ResidualBudget], causes: Sequence[Cause]) -> Verdict:
+    """Verdict on a model.
+
+    Parameters
+    ----------
+    budgets : mapping of output to ResidualBudget
+        Of the model as it came.
+    causes : sequence of Cause
+        The unknown one included.
+    """
+    if causes or any(each.allowed < ADEQUATE_SHARE for each in budgets.values()):
+        return "not adequate"
+    if any(each.accounted < ADEQUATE_SHARE or each.coarse for each in budgets.values()):
+        return "cannot judge"
+    return "adequate"
+
+
+def undecided(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> tuple[str, ...]:
+    """Why logs cannot judge a model, and what would help, a sentence an output.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        Without any cause.
+    budgets : mapping of output to ResidualBudget
+        Of the model as it came.
+    """
+    found = []
+    for output, each in budgets.items():
+        unit = printed(parse_channel(output).unit)
+        if each.allowed >= ADEQUATE_SHARE > each.accounted:
+            found.append(
+                f"{output}: the calibration leaves {_most_open(hypothesis, output)} open, by which "
+                f"this log moves {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit}: "
+                "calibrate on this log beside the calibration's own"
+            )
+        elif each.coarse:
+            found.append(
+                f"{output}: the calibration itself is off by {each.calibrated:.3g} {unit}, "
+                f"{each.calibrated / each.white:.0f} times the noise of a reading: calibrate with "
+                "another response, a further drive or a longer log"
+            )
+    return tuple(found)
+
+
+def _most_open(hypothesis: Hypothesis, output: str) -> str:
+    """The parameter by whose move the calibration explains most of an output."""
+    nuisance = hypothesis.nuisance[output]
+    fitted = hypothesis.evidence[output].fitted(hypothesis.assumptions, nuisance.group)
+    changes = hypothesis.groups[output].joined(nuisance.moves) * (nuisance.prior.root @ fitted)
+    own = np.std(changes, axis=0)[: len(nuisance.own)]
+    if not len(own):
+        return "the response"
+    each = nuisance.own[int(np.argmax(own))]
+    term = hypothesis.model.terms[each.term]
+    return f"{each.name} of the response to {term.drive}"
+
+
+def unknown_cause(
+    budgets: Mapping[str, ResidualBudget],
+    before: Mapping[str, ResidualBudget],
+    reports: Mapping[str, ResidualReport],
+    hypothesis: Hypothesis,
+) -> Cause | None:
+    """What is left beside all named causes, where it is not noise; None where it is.
+
+    Parameters
+    ----------
+    budgets, before : mapping of output to ResidualBudget
+        Of the model with the named causes, and as it came.
+    reports : mapping of output to ResidualReport
+        Of what is left.
+    hypothesis : Hypothesis
+        With the named causes.
+    """
+    worst = {
+        output: each
+        for output, each in budgets.items()
+        if each.allowed < ADEQUATE_SHARE
+        and each.evidence >= DECISIVE_EVIDENCE
+        and each.total > MIN_SHARE_LEFT * before[output].total
+    }
+    if not worst:
+        return None
+    output = max(worst, key=lambda o: worst[o].unexplained / worst[o].white)
+    place = _location(hypothesis, output, reports[output])
+    effect = Unknown(output, {"rms": worst[output].unexplained})
+    return Cause(effect, worst[output].evidence, {}, {}, 0.0, location=place)
+
+
+def _location(hypothesis: Hypothesis, output: str, report: ResidualReport) -> Location:
+    """Where most of a residual is."""
+    k = int(np.argmax([len(rows) for rows in hypothesis.groups[output].rows]))
+    log, worst = hypothesis.logs[k], report.worst
+    conditions = [c for c in report.conditions if c.power - c.time > MIN_EXCESS]
+    condition = max(conditions, key=lambda c: c.power - c.time, default=None)
+    name = None
+    if condition is not None:
+        name = (
+            condition.name if condition.channel is None else f"{condition.channel} {condition.name}"
+        )
+    band = max(report.bands, key=lambda b: b.power, default=None)
+    return Location(
+        log.digest,
+        output,
+        float(log.time[0]) if worst is None else worst.start,
+        float(log.time[-1]) if worst is None else worst.stop,
+        name,
+        None if band is None else band.shortest,
+        None if band is None else band.longest,
+        report.spread,
+    )
