@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from thermaltool.diagnosis.correction import corrected, uncorrected
-from thermaltool.diagnosis.diagnose import WITHIN_CALIBRATION, diagnose
+from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Diagnosis
 from thermaltool.diagnosis.select import fit_candidate, scan
+from thermaltool.diagnosis.state import WITHIN_CALIBRATION
 from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.model import Model, relative

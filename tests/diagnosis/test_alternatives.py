@@ -15,12 +15,12 @@ from thermaltool.diagnosis.alternatives import (
     suspected,
 )
 from thermaltool.diagnosis.correction import corrected
-from thermaltool.diagnosis.diagnose import RELEASED, WITHIN_CALIBRATION
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.information import InformationMatrix, angle, detectable, eliminated
 from thermaltool.diagnosis.inputs import duration_text, levels_of, library
 from thermaltool.diagnosis.select import fit_candidate
+from thermaltool.diagnosis.state import RELEASED, WITHIN_CALIBRATION
 from thermaltool.effects import effect_class
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.logs import read_log

@@ -7,8 +7,8 @@ import pytest
 from machines.hidden import hide
 
 from thermaltool.diagnosis.correction import corrected
-from thermaltool.diagnosis.diagnose import WITHIN_CALIBRATION
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.state import WITHIN_CALIBRATION
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.record import Record
 

@@ -8,10 +8,10 @@ from dataclasses import FrozenInstanceError
 import numpy as np
 import pytest
 
-from thermaltool.diagnosis.diagnose import RELEASED
 from thermaltool.diagnosis.fit import CandidateProducts, CauseCandidate, evaluate, profile
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.select import fit_candidate
+from thermaltool.diagnosis.state import RELEASED
 from thermaltool.diagnosis.validate import judge
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term

@@ -10,39 +10,30 @@ causes made idle is taken out again.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from thermaltool.diagnosis.alternatives import indistinguishable, invisible, suspected, tried_causes
-from thermaltool.diagnosis.correction import corrected
-from thermaltool.diagnosis.evidence import STRONG_EVIDENCE, Assumptions
+from thermaltool.diagnosis.alternatives import invisible, tried_causes
+from thermaltool.diagnosis.answer import answer
+from thermaltool.diagnosis.evidence import STRONG_EVIDENCE
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.no_signature import find_outliers, too_short
-from thermaltool.diagnosis.result import (
-    Alternative,
-    Cause,
-    Diagnosis,
-    Tried,
-    curves_of,
-    unconfirmed,
+from thermaltool.diagnosis.no_signature import (
+    beyond_calibration,
+    find_outliers,
+    is_trend,
+    too_short,
 )
+from thermaltool.diagnosis.result import Diagnosis
 from thermaltool.diagnosis.select import (
     Progress,
     fit_candidate,
     plain_forms_first,
     ranked,
 )
-from thermaltool.diagnosis.validate import AcceptedCause, judge
-from thermaltool.diagnosis.verdict import (
-    reading_noise,
-    undecided,
-    unknown_cause,
-    verdict_of,
-    weigh_residuals,
-)
-from thermaltool.diagnosis.written import account, explained
+from thermaltool.diagnosis.state import DiagnosisTask, SearchState
+from thermaltool.diagnosis.validate import judge
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -54,10 +45,6 @@ MIN_ROWS = 20
 # What is left over on the calibration's own log is looked at again where its power above noise is
 # this many times that of the noise.
 MIN_MISFIT = 1.0
-
-# What a model may say for itself: of other logs than the calibration's, and of its own.
-WITHIN_CALIBRATION: Assumptions = frozenset({"offset", "accepted", "tight"})
-RELEASED: Assumptions = frozenset({"offset", "accepted", "released"})
 
 
 def diagnose(
@@ -97,7 +84,7 @@ def diagnose(
     _check(model, logs)
     if validate:
         _check(model, validate)
-    task = _Task(model, tuple(logs), tuple(validate), tuple(calibration), progress)
+    task = DiagnosisTask(model, tuple(logs), tuple(validate), tuple(calibration), progress)
     progress("noise")
     first = task.first()
     progress("what these logs cannot show")
@@ -105,11 +92,11 @@ def diagnose(
     outliers = find_outliers(first)
     # They are left out from here on; whether they are a cause is told at the end.
     start = first if outliers is None else first.with_masked(outliers.masked)
-    search = _second_look(task, _forward(task, _SearchState(start, start, unseen)))
+    search = _second_look(task, _forward(task, SearchState(start, start, unseen)))
     search = _backward(search)
     if outliers is not None:
         search = _with_outliers(search)
-    return _result(task, first, search)
+    return answer(task, first, search)
 
 
 def _check(model: Model, logs: Sequence[Record]) -> None:
@@ -136,104 +123,17 @@ def _check(model: Model, logs: Sequence[Record]) -> None:
         raise FitError(f"{names} never moves: nothing to compare a response with")
 
 
-@dataclass(frozen=True)
-class _Task:
-    """What is asked."""
-
-    model: Model
-    logs: tuple[Record, ...]
-    validate: tuple[Record, ...]
-    calibration: tuple[Record, ...]
-    progress: Progress
-
-    @property
-    def own(self) -> bool:
-        """Whether the model was calibrated on one of the logs."""
-        sources = {each.get("sha256") for each in self.model.provenance.get("logs", ())}
-        return any(log.digest in sources for log in self.logs)
-
-    def first(self) -> Hypothesis:
-        """The model without any cause."""
-        # On the calibration's own log the error of its shape is what is to be explained.
-        known = self.model if self.own else corrected(self.model)
-        assumptions = RELEASED if self.own else WITHIN_CALIBRATION
-        if self.own and any(o.fit.get("free_start") for o in self.model.outputs):
-            assumptions |= {"initial"}
-        return Hypothesis.of(known, self.logs, known, assumptions)
-
-
-@dataclass(frozen=True)
-class _SearchState:
-    """How far the search for causes is.
-
-    Attributes
-    ----------
-    hypothesis : Hypothesis
-        With the accepted causes.
-    ended : Hypothesis
-        In which the last step ended: its assumptions hold for what follows.
-    unseen : tuple of Alternative
-        What the logs cannot show.
-    causes : tuple of Cause
-    verdicts : tuple of AcceptedCause
-        Those that accepted them.
-    notes : tuple of str
-    tried : tuple of Tried
-    unconfirmed : CauseCandidate or None
-        The strongest one that unseen data did not confirm.
-    suspects : tuple of CauseCandidate
-        What has some evidence in the end.
-    exhausted : bool
-        No further cause was found.
-    """
-
-    hypothesis: Hypothesis
-    ended: Hypothesis
-    unseen: tuple[Alternative, ...]
-    causes: tuple[Cause, ...] = ()
-    verdicts: tuple[AcceptedCause, ...] = ()
-    notes: tuple[str, ...] = ()
-    tried: tuple[Tried, ...] = ()
-    unconfirmed: CauseCandidate | None = None
-    suspects: tuple[CauseCandidate, ...] = ()
-    exhausted: bool = False
-
-    def noted(self, note: str) -> _SearchState:
-        return replace(self, notes=(*self.notes, note))
-
-    def accepting(self, cause: Cause, after: Hypothesis, *verdict: AcceptedCause) -> _SearchState:
-        return replace(
-            self,
-            hypothesis=after,
-            ended=after,
-            causes=(*self.causes, cause),
-            verdicts=(*self.verdicts, *verdict),
-        )
-
-    def written(self, task: _Task) -> Model:
-        """The model with the causes as a user gets it; as it came in where there are none."""
-        # Readings that are left out change nothing of the model.
-        if all(cause.effect.name == "outliers" for cause in self.causes):
-            return task.model
-        return self.hypothesis.written(task.model).model
-
-    def open(self) -> Hypothesis:
-        """The accepted causes under the assumptions in which the last step ended."""
-        ended = self.ended
-        return replace(self.hypothesis, calibrated=ended.calibrated, assumptions=ended.assumptions)
-
-
 # ---------------------------------------------------------------- forward
 
 
-def _forward(task: _Task, search: _SearchState) -> _SearchState:
+def _forward(task: DiagnosisTask, search: SearchState) -> SearchState:
     """Causes one after another, until none is left or they are enough."""
     while not search.exhausted and len(search.causes) < MAX_CAUSES:
         search = _step(task, search)
     return search
 
 
-def _step(task: _Task, search: _SearchState) -> _SearchState:
+def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
     """One more cause, or the end of the search."""
     hypothesis = search.hypothesis
     blind = {p for each in search.unseen for p in zip(each.names, each.channels, strict=True)}
@@ -241,6 +141,8 @@ def _step(task: _Task, search: _SearchState) -> _SearchState:
         ranking = ranked(hypothesis, blind, task.progress)
         if not search.tried:
             search = replace(search, tried=tried_causes(hypothesis, ranking))
+        told = [c for c in ranking.fitted if not is_trend(c.effect, task.model)]
+        ranking = replace(ranking, fitted=told)
         better = ranking.better_assumptions()
         if better is None:
             break
@@ -251,6 +153,9 @@ def _step(task: _Task, search: _SearchState) -> _SearchState:
             cause = too_short(task.model, hypothesis, changed)
             if cause is not None:
                 return search.accepting(cause, changed)
+            why = beyond_calibration(task.model, task.logs)
+            if why is not None:
+                return replace(search, ended=changed, undecided=why, exhausted=True)
             search = search.noted(
                 "the model's own parameters have changed since the calibration, beyond its "
                 "uncertainty: calibrate again"
@@ -281,7 +186,7 @@ def _is_freed(before: Hypothesis, after: Hypothesis) -> bool:
     return "tight" in before.assumptions and "released" in after.assumptions
 
 
-def _second_look(task: _Task, search: _SearchState) -> _SearchState:
+def _second_look(task: DiagnosisTask, search: SearchState) -> SearchState:
     """Slow causes on the calibration's own log, where a slow discrepancy explains as much.
 
     Without a clean calibration nothing says how large a discrepancy may be. What is left over
@@ -314,7 +219,7 @@ def _misfit(hypothesis: Hypothesis) -> float:
 # ---------------------------------------------------------------- backward, and the answer
 
 
-def _backward(search: _SearchState) -> _SearchState:
+def _backward(search: SearchState) -> SearchState:
     """The search without the causes that later ones made idle."""
     for cause in search.causes:
         effects = search.hypothesis.model.effects
@@ -330,7 +235,7 @@ def _backward(search: _SearchState) -> _SearchState:
     return search
 
 
-def _with_outliers(search: _SearchState) -> _SearchState:
+def _with_outliers(search: SearchState) -> SearchState:
     """Outliers of what is left in the end: a cause where leaving them out is of use."""
     opened = search.open().with_masked({})
     outliers = find_outliers(opened)
@@ -343,55 +248,3 @@ def _with_outliers(search: _SearchState) -> _SearchState:
     first = not causes or outliers.cause.evidence > causes[0].evidence
     causes = (outliers.cause, *causes) if first else (*causes, outliers.cause)
     return replace(search, causes=causes)
-
-
-def _result(task: _Task, first: Hypothesis, search: _SearchState) -> Diagnosis:
-    """What is told of a finished search."""
-    last = search.hypothesis
-    plain = first.with_model(task.model)
-    extended = search.written(task)
-    effects = [c.effect for c in search.causes]
-    noise = {o: reading_noise(first, o) for o in first.groups}
-    written = account(
-        task.model, extended, effects, task.logs, task.validate, task.calibration,
-        last.simulation.masked, noise,
-    )  # fmt: skip
-    reports, budgets = weigh_residuals(first, plain, noise)
-    left = budgets
-    if effects:
-        after, left = weigh_residuals(last, last.with_model(extended), noise)
-    unknown = unknown_cause(left, budgets, after if effects else reports, last)
-    causes = [
-        cause if gain is None else replace(cause, gain=gain, explained=explained(noise, gain))
-        for cause, gain in zip(search.causes, written.gains, strict=True)
-    ]
-    if unknown is not None:
-        causes.append(unknown)
-    if search.unconfirmed is not None:
-        search = search.noted(unconfirmed(search.unconfirmed.effect))
-    for note in written.notes:
-        search = search.noted(note)
-    alternatives: list[Alternative] = []
-    if search.suspects and not search.causes:
-        alternatives += suspected(search.ended, search.suspects)
-    places = [(e.name, e.channel, e.log) for e in effects]
-    for each in search.verdicts:
-        if each.candidate.place in places:  # not made idle by a later one
-            task.progress(f"what else could be {each.candidate.effect.name}")
-            alternatives += indistinguishable(each.before, each.candidate, each.rivals, effects)
-    verdict = verdict_of(budgets, causes)
-    return Diagnosis(
-        verdict,
-        min(each.accounted for each in budgets.values()),
-        reports,
-        tuple(causes),
-        (*alternatives, *search.unseen),
-        search.tried,
-        tuple(dict.fromkeys(search.notes)),
-        extended,
-        extended != task.model,
-        written.steps,
-        written.spoiled,
-        undecided(first, budgets) if verdict == "cannot judge" else (),
-        curves_of(first, last, plain, last.with_model(extended) if effects else None),
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from thermaltool.diagnosis.simulation import Mask
 from thermaltool.diagnosis.validate import held_out_gains
 from thermaltool.diagnosis.written import Gain, compare
 from thermaltool.effects import effect_class
-from thermaltool.effects.effect import Float
+from thermaltool.effects.effect import Effect, Float
 from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.signals.robust import robust_std
@@ -24,12 +25,19 @@ from thermaltool.signals.robust import robust_std
 # Neighbours on either side with which a reading is compared, rows that are compared at least, and
 # the chance to call one of a clean log an outlier.
 NEIGHBOURS, MIN_ROWS, FALSE_ALARMS = 3, 50, 0.01
+# Readings come in bursts where a pause is so many times the usual step, and a burst has so many
+# readings on average.
+MIN_PAUSE, MIN_BURST = 3.0, 2.0
 # Fewer outliers than this are all left out of more than one in forty draws of a block bootstrap.
 MIN_OUTLIERS_DRAWN = 4
 # A drive that changes by this share of its range between two rows is switched.
 MIN_SWITCH = 0.05
 # A calibration that covers fewer of the slowest time constants has not seen the steady state.
 MIN_COVERED = 2.0
+# ... and of fewer than this one it is not sure: after three, 5 % of a step are still to come.
+MIN_SETTLED = 3.0
+# ... and one that is not sure says nothing of a log that is so many times longer.
+MAX_BEYOND = 2.0
 # ... and setting its parameters free has to bring the RMS of unseen rows below this share.
 MAX_RMS_LEFT = 0.8
 
@@ -69,6 +77,7 @@ def find_outliers(hypothesis: Hypothesis) -> OutlierMask | None:
             spread = max(robust_std(deviation), white)
             limit = -float(ndtri(FALSE_ALARMS / 2 / len(rows)))
             out = np.abs(_from_both_sides(residual[rows])) > limit * spread
+            out |= _bursts_off(log.time[rows], residual[rows], white)
             out &= ~_after_a_switch(hypothesis.model, log)[rows]
             # A step or a ramp stands out of its neighbours too, on one side: it is left alone.
             moved = ~out & (np.abs(deviation) > limit * spread)
@@ -138,21 +147,94 @@ def _from_both_sides(values: Float) -> Float:
     return np.where(np.sign(before) == np.sign(after), np.sign(before) * smaller, 0.0)
 
 
+def _bursts_off(time: Float, values: Float, white: float) -> NDArray[np.bool_]:
+    """Readings of bursts that stand out of the bursts beside them; none without bursts."""
+    steps = np.diff(time)
+    burst = np.append(0, np.cumsum(steps > MIN_PAUSE * np.median(steps)))
+    count = int(burst[-1]) + 1
+    if count < MIN_ROWS or len(time) < MIN_BURST * count:
+        return np.zeros(len(time), bool)
+    medians = np.array(
+        [np.median(part) for part in np.split(values, np.flatnonzero(np.diff(burst)) + 1)]
+    )
+    deviation = _from_both_sides(medians)
+    spread = max(robust_std(deviation), white)
+    limit = -float(ndtri(FALSE_ALARMS / 2 / count))
+    return np.asarray((np.abs(deviation) > limit * spread)[burst])
+
+
 def _heavy_tails(z: Float) -> float:
     """Fall of BIC from a Gaussian to one with a wider one mixed in."""
 
     def negative(point: Float) -> float:
         share = 0.3 / (1 + np.exp(-point[0]))
-        wide, narrow = np.exp(point[1]), np.exp(point[2])
-        density = (1 - share) / narrow * np.exp(-0.5 * (z / narrow) ** 2)
-        density += share / (narrow * (1 + wide)) * np.exp(-0.5 * (z / (narrow * (1 + wide))) ** 2)
-        return -float(np.sum(np.log(np.maximum(density, 1e-300))))
+        narrow = np.exp(point[2])
+        wide = narrow * (1 + np.exp(point[1]))
+        usual = np.log((1 - share) / narrow) - 0.5 * (z / narrow) ** 2
+        rare = np.log(share / wide) - 0.5 * (z / wide) ** 2
+        return -float(np.sum(np.logaddexp(usual, rare)))
 
     plain = 0.5 * len(z) * (1 + np.log(np.mean(z**2)))
-    best = minimize(
-        negative, np.array([-3.0, 1.0, 0.0]), method="Nelder-Mead", options={"maxfev": 200}
+    # From tails that are hardly wider, and from such as hold the largest.
+    starts = (1.0, float(np.log(max(np.max(np.abs(z)), np.e))))
+    best = min(
+        (
+            minimize(negative, [-3.0, wide, 0.0], method="Nelder-Mead", options={"maxfev": 200})
+            for wide in starts
+        ),
+        key=lambda found: found.fun,
     )
     return float(2 * (plain - best.fun) - 2 * np.log(len(z)))
+
+
+def unsettled(model: Model) -> dict[str, float]:
+    """Length of the calibration [s] of every output whose steady state it has not seen for sure.
+
+    Parameters
+    ----------
+    model : Model
+    """
+    found = {}
+    for o in model.outputs:
+        covered = o.fit.get("covered")
+        if covered is not None and covered < MIN_SETTLED:
+            slowest = max(t.response.slowest() for t in model.terms if t.output == o.channel)
+            found[o.channel] = float(covered * slowest)
+    return found
+
+
+def beyond_calibration(model: Model, logs: Sequence[Record]) -> str | None:
+    """Why a calibration that had not settled says nothing of logs much longer; None where it does.
+
+    Parameters
+    ----------
+    model : Model
+    logs : sequence of Record
+    """
+    longest = max(log.duration for log in logs)
+    for output, length in unsettled(model).items():
+        if longest > MAX_BEYOND * length:
+            return (
+                f"{output}: the calibration lasts {length:.0f} s, too short to see a steady "
+                f"state, and this log {longest:.0f} s: calibrate on a log as long"
+            )
+    return None
+
+
+def is_trend(effect: Effect, model: Model) -> bool:
+    """Whether a cause could be the model's own slow part, which the calibration has not seen.
+
+    A drift, or what no channel tells of and is slower than the calibration was long.
+
+    Parameters
+    ----------
+    effect : Effect
+    model : Model
+    """
+    length = min(unsettled(model).values(), default=np.inf)
+    slow = max(effect.parameters.get(name, 0.0) for name in ("time_constant", "period"))
+    drifts = effect.name == "sensor_drift" and effect.channel in unsettled(model)
+    return drifts or (not effect.channel and slow > length)
 
 
 def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause | None:

@@ -32,6 +32,8 @@ FOLDS = 6
 # A cause has to explain this many times the slow discrepancy of a clean log, or, where that is
 # large, this share of what is wrong now.
 MIN_FLOORS, MAX_SHARE_OF_MISFIT = 1.0, 0.7
+# Change of an output by a cause, over the range in which it was measured, at most.
+MAX_OF_MEASURED = 2.0
 # Turns between the model's own parameters and those of a cause.
 MAX_TURNS = 2
 # Singular values of the scaled normal matrix of a fold that count, relative to the largest.
@@ -104,6 +106,8 @@ def judge(
                 return None
         noise = {o: before.white(o) for o in before.groups}
         intervals = after.intervals(len(after.model.effects) - 1)
+        if not _sure(candidate.effect, intervals) or _too_large(after, candidate.effect):
+            return None
     except ModelError:  # the effect runs away with the parameters that go with it
         return None
     cause = Cause(
@@ -116,6 +120,29 @@ def judge(
         tuple((c.effect, c.evidence) for c in rivals if candidate.has_other_form(c)),
     )
     return AcceptedCause(cause, candidate, rivals, before, after)
+
+
+def _sure(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether some parameter is sure not to be what it is without the effect."""
+    given = {n: ends for n, ends in intervals.items() if not effect.parameter(n).fixed}
+    neutral = {n: effect.parameter(n).neutral for n in given}
+    return not given or any(not low <= neutral[n] <= high for n, (low, high) in given.items())
+
+
+def _too_large(hypothesis: Hypothesis, effect: Effect) -> bool:
+    """Whether an effect moves an output by more than all that was measured of it.
+
+    Two large changes that cancel are no cause, but what the logs do not tell apart.
+    """
+    simulation = hypothesis.simulation
+    rest = tuple(e for e in simulation.model.effects if e != effect)
+    without = replace(simulation, model=replace(simulation.model, effects=rest))
+    for output, change in without.displacement(effect).items():
+        groups = hypothesis.groups[output]
+        moved = float(np.ptp(groups.joined(change)))
+        if moved > MAX_OF_MEASURED * float(np.ptp(simulation.measured_rows(output))):
+            return True
+    return False
 
 
 def _fitted_jointly(

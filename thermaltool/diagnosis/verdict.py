@@ -182,7 +182,9 @@ def weigh_residuals(
     }
 
 
-def verdict_of(budgets: Mapping[str, ResidualBudget], causes: Sequence[Cause]) -> Verdict:
+def verdict_of(
+    budgets: Mapping[str, ResidualBudget], causes: Sequence[Cause], undecided: bool = False
+) -> Verdict:
     """Verdict on a model.
 
     Parameters
@@ -191,7 +193,11 @@ def verdict_of(budgets: Mapping[str, ResidualBudget], causes: Sequence[Cause]) -
         Of the model as it came.
     causes : sequence of Cause
         The unknown one included.
+    undecided : bool
+        The search found that the logs cannot judge.
     """
+    if undecided and not causes:
+        return "cannot judge"
     if causes or any(each.allowed < ADEQUATE_SHARE for each in budgets.values()):
         return "not adequate"
     if any(each.accounted < ADEQUATE_SHARE or each.coarse for each in budgets.values()):

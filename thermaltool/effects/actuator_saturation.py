@@ -10,6 +10,7 @@ import numpy as np
 
 from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
+from thermaltool.units import parse_channel
 
 
 class ActuatorSaturation(Effect):
@@ -50,5 +51,7 @@ class ActuatorSaturation(Effect):
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         for drive, level in scene.levels().items():
+            if parse_channel(drive).dimension.startswith("temperature"):
+                continue  # measured, not commanded
             for share in (0.2, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9, 0.96):
                 yield cls(drive, {"limit": share * level, "level": level})

@@ -9,9 +9,14 @@ import numpy as np
 
 from thermaltool.effects.channels import air_is_logged, is_air
 from thermaltool.effects.dynamics import elapsed
-from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene
+from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, reference_of
 from thermaltool.effects.source import HeatSource
 from thermaltool.record import Record
+from thermaltool.units import parse_channel
+
+# Temperature of the structure for one of the air at most, with what a sensor may be off by; and a
+# swing over what a log shows of it.
+MAX_AIR_GAIN, MAX_SWING = 1.2, 1.5
 
 
 class AmbientDrift(HeatSource):
@@ -45,6 +50,28 @@ class AmbientDrift(HeatSource):
         phase = self.parameters["phase"]
         since = elapsed(record.time, memory) / self.parameters["period"]
         return swing * (np.sin(2 * np.pi * since + phase) - np.sin(phase))
+
+    def plausible(self, scene: Scene) -> bool:
+        for name, value in self.parameters.items():
+            base, output = reference_of(name)
+            if not output:
+                continue
+            # Nothing warms more than the air that warms it.
+            warms = base == "gain" and parse_channel(output).dimension.startswith("temperature")
+            if warms and abs(value) > MAX_AIR_GAIN:
+                return False
+            if base == "swing" and not self._seen(value, output, scene):
+                return False
+        return super().plausible(scene)
+
+    def _seen(self, swing: float, output: str, scene: Scene) -> bool:
+        """Whether a log shows a swing, not the beginning of it, and no more than the machine."""
+        change = max(
+            float(np.ptp(np.asarray(self.unlogged(output, log))))
+            for log in scene.logs
+            if self.log in (None, log.digest)
+        )
+        return abs(swing) < MAX_SWING * change and change < 2 * scene.reach(output)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

@@ -12,6 +12,8 @@ from thermaltool.record import Record
 # On clean logs of simulated machines the error of a response's shape had up to this much evidence
 # as a lag (development seeds; no other cause had any): odds of e^-12.
 ODDS_BESIDE_SHAPE_ERROR = 6e-6
+# A heavy probe in still air takes a quarter of an hour; what is slower is the machine [s].
+SLOWEST_SENSOR = 900.0
 
 
 class SensorLag(Effect):
@@ -26,11 +28,16 @@ class SensorLag(Effect):
     signature: ClassVar[str] = "the residual of one output is minus its own slope, smoothed"
     source: ClassVar[str] = "Doebelin, Measurement Systems, ch. 3 (first-order instrument)"
     causal: ClassVar[bool] = True
-    known: ClassVar = {"time_constant": Parameter("s", low=0.0, high=1e6, log=True)}
+    known: ClassVar = {"time_constant": Parameter("s", low=0.0, high=SLOWEST_SENSOR, log=True)}
 
     def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
         tau = self.parameters["time_constant"]
         return lagged(record.time, y, tau, "first", float(y[0]), memory) if tau > 0 else y
+
+    def plausible(self, scene: Scene) -> bool:
+        # A sensor slower than what it measures is a part of the machine.
+        slowest = scene.slowest.get(self.channel, SLOWEST_SENSOR)
+        return super().plausible(scene) and self.parameters["time_constant"] < slowest
 
     @property
     def odds(self) -> float:
@@ -44,5 +51,5 @@ class SensorLag(Effect):
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         for output in scene.outputs:
-            for tau in time_constants(scene.period / 2, scene.duration, 8):
+            for tau in time_constants(scene.period / 2, min(scene.duration, SLOWEST_SENSOR), 8):
                 yield cls(output, {"time_constant": tau})

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
-from thermaltool.signals.detrend import difference_sigma
+from thermaltool.signals.detrend import difference_sigma, find_outliers
 from thermaltool.signals.row_groups import RowGroups
 
 # Prior size of a lag's weight, in units of the white noise; drift over white, in variance; number
@@ -80,6 +80,16 @@ def discrepancy(
     span : ndarray, shape (p,)
         Size of each parameter (1 for a logarithm).
     """
+    # What stands alone is no noise, and would pass for much of it.
+    kept = np.concatenate(
+        [
+            np.flatnonzero(record == k)[~find_outliers(own_rows, difference_sigma(own_rows))]
+            for k in np.unique(record)
+            for own_rows in [residual[record == k]]
+        ]
+    )
+    time, record, residual = time[kept], record[kept], residual[kept]
+    own, free, lags = own[kept], free[kept], lags[kept]
     members = [record == k for k in np.unique(record)]
     groups = RowGroups.of([Record(time[each], {}) for each in members])
     assert groups is not None

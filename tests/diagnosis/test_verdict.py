@@ -1,0 +1,105 @@
+"""Three verdicts, and what no cause explains: on a machine of two masses, written by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermaltool.diagnosis.diagnose import diagnose
+from thermaltool.diagnosis.verdict import ResidualBudget, verdict_of
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.model import Model
+from thermaltool.record import Record
+
+DUTY = np.repeat([0.0, 1.0, 0.0, 0.6, 0.3, 1.0, 0.0, 0.8, 0.0, 0.5], 120)
+TIME = 3.0 * np.arange(len(DUTY))
+# A pump of a few irregular runs in the second half of the log.
+PUMP = np.zeros(len(DUTY))
+for begin, length in ((620, 40), (705, 25), (790, 70), (930, 35), (1060, 80)):
+    PUMP[begin : begin + length] = 1.0
+
+
+def machine(heat: np.ndarray, seed: int, noise: float = 0.1) -> np.ndarray:
+    """Deflection of a mass that a hotter one warms, read with noise [µm]."""
+    hot = cold = 0.0
+    found = []
+    for q in np.append(0.0, heat[:-1]):
+        hot += 3.0 * (20 * q - hot) / 150
+        cold += 3.0 * (3 * hot - cold) / 500
+        found.append(cold)
+    return np.array(found) + noise * np.random.default_rng([1122, seed]).standard_normal(len(heat))
+
+
+def log(deflection: np.ndarray, name: str, heat: np.ndarray = DUTY) -> Record:
+    return Record(TIME[: len(heat)], {"Q_main_1": heat, "d_y_um": deflection}, digest=name)
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    plan = CalibrationPlan(("Q_main_1",), (), ("d_y_um",))
+    return calibrate([log(machine(DUTY, 1), "calibration")], plan)
+
+
+def test_what_no_cause_explains_is_told_with_its_place(model: Model) -> None:
+    """Something pulls at the probe now and then: no heat, no drift, no step of one instant."""
+    found = diagnose(model, [log(machine(DUTY, 2) + 3.0 * PUMP, "pump")])
+    (cause,) = [c for c in found.causes if c.effect.name == "unknown"]
+    assert found.verdict == "not adequate"
+    assert cause.location is not None
+    assert (cause.effect.channel, cause.location.log) == ("d_y_um", "pump")
+    # Its runs are in the second half.
+    assert cause.location.start > TIME[560]
+    assert 0.3 < cause.location.rms < 3.0
+    assert found.document()["causes"][-1]["location"]["output"] == "d_y_um"
+    # It is no part of what is written.
+    assert all(effect.name != "unknown" for effect in found.model.effects)
+
+
+def test_a_short_calibration_comes_before_any_cause() -> None:
+    """Fifteen minutes with one step leave open what a machine of eight minutes does later."""
+    rows = 300
+    plan = CalibrationPlan(("Q_main_1",), (), ("d_y_um",))
+    model = calibrate([log(machine(DUTY, 3)[:rows], "short", DUTY[:rows])], plan)
+    found = diagnose(model, [log(machine(DUTY, 4), "long")])
+    assert [cause.effect.name for cause in found.causes] == ["record_too_short"]
+
+
+@pytest.mark.parametrize(
+    ("shown", "unexplained", "calibrated", "verdict"),
+    [
+        (1.2, 1.1, 1.1, "adequate"),
+        (9.0, 1.1, 1.1, "cannot judge"),  # by what the calibration leaves open
+        (9.0, 8.0, 1.1, "not adequate"),
+        (1.2, 1.1, 7.0, "cannot judge"),  # the calibration itself is no better
+    ],
+)
+def test_what_decides(shown: float, unexplained: float, calibrated: float, verdict: str) -> None:
+    budget = ResidualBudget(10.0, shown, unexplained, 1.0, 1.0, calibrated, 50.0)
+    assert verdict_of({"d_y_um": budget}, ()) == verdict
+
+
+def test_evidence_grows_with_what_is_left() -> None:
+    small, large = (
+        ResidualBudget(10.0, rms, rms, 1.0, 1.0, 1.1, 50.0).evidence for rms in (2.0, 4.0)
+    )
+    assert 0 < small < large
+    assert ResidualBudget(1.0, 1.0, 1.0, 1.0, 1.0, 1.1, 50.0).evidence == 0
+
+
+@pytest.mark.parametrize("burst", [1, 3])
+def test_wrong_bursts_are_found(model: Model, burst: int) -> None:
+    """Readings come in threes; a wrong one is alone, or all three are wrong, by 4 mm."""
+    time = np.repeat(60.0 * np.arange(400), 3) + np.tile([0.0, 4.0, 8.0], 400)
+    wrong = np.zeros(len(time), bool)
+    for k in (31, 77, 140, 255, 300, 344, 391):
+        wrong[3 * k : 3 * k + burst] = True
+    heat = np.where((time > 3000) & (time < 12000), 1.0, 0.0)
+    fine = np.arange(0.0, time[-1] + 3, 3.0)
+    clean = np.interp(time, fine, machine((((fine > 3000) & (fine < 12000)) * 1.0), 5, 0.0))
+    noise = 0.1 * np.random.default_rng(1122).standard_normal(len(time))
+    record = Record(
+        time, {"Q_main_1": heat, "d_y_um": clean + noise + 4000.0 * wrong}, digest="bursts"
+    )
+    found = diagnose(model, [record])
+    assert found.causes[0].effect.name == "outliers"
+    assert found.residuals["d_y_um"].noise.white < 0.2

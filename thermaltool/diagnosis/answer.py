@@ -1,0 +1,81 @@
+"""The answer of a finished search: verdict, causes and what they are worth, what is left open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from thermaltool.diagnosis.alternatives import indistinguishable, suspected
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.result import Alternative, Diagnosis, curves_of, unconfirmed
+from thermaltool.diagnosis.state import DiagnosisTask, SearchState
+from thermaltool.diagnosis.verdict import (
+    reading_noise,
+    undecided,
+    unknown_cause,
+    verdict_of,
+    weigh_residuals,
+)
+from thermaltool.diagnosis.written import account, explained
+
+
+def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagnosis:
+    """What is told of a finished search.
+
+    Parameters
+    ----------
+    task : DiagnosisTask
+    first : Hypothesis
+        Without any cause.
+    search : SearchState
+    """
+    last = search.hypothesis
+    plain = first.with_model(task.model)
+    extended = search.written(task)
+    effects = [c.effect for c in search.causes]
+    noise = {o: reading_noise(first, o) for o in first.groups}
+    written = account(
+        task.model, extended, effects, task.logs, task.validate, task.calibration,
+        last.simulation.masked, noise,
+    )  # fmt: skip
+    reports, budgets = weigh_residuals(first, plain, noise)
+    # Where the model itself had more to say than any cause, that is what was left in the end.
+    ended = last if effects else search.ended
+    after, left = reports, budgets
+    if effects or ended.assumptions != first.assumptions:
+        after, left = weigh_residuals(ended, last.with_model(extended) if effects else ended, noise)
+    unknown = None if search.undecided else unknown_cause(left, budgets, after, ended)
+    causes = [
+        cause if gain is None else replace(cause, gain=gain, explained=explained(noise, gain))
+        for cause, gain in zip(search.causes, written.gains, strict=True)
+    ]
+    if unknown is not None:
+        causes.append(unknown)
+    if search.unconfirmed is not None:
+        search = search.noted(unconfirmed(search.unconfirmed.effect))
+    for note in written.notes:
+        search = search.noted(note)
+    alternatives: list[Alternative] = []
+    if search.suspects and not search.causes:
+        alternatives += suspected(search.ended, search.suspects)
+    places = [(e.name, e.channel, e.log) for e in effects]
+    for each in search.verdicts:
+        if each.candidate.place in places:  # not made idle by a later one
+            task.progress(f"what else could be {each.candidate.effect.name}")
+            alternatives += indistinguishable(each.before, each.candidate, each.rivals, effects)
+    verdict = verdict_of(budgets, causes, search.undecided is not None)
+    open_questions = (search.undecided,) if search.undecided else undecided(first, budgets)
+    return Diagnosis(
+        verdict,
+        min(each.accounted for each in budgets.values()),
+        reports,
+        tuple(causes),
+        (*alternatives, *search.unseen),
+        search.tried,
+        tuple(dict.fromkeys(search.notes)),
+        extended,
+        extended != task.model,
+        written.steps,
+        written.spoiled,
+        open_questions if verdict == "cannot judge" else (),
+        curves_of(first, last, plain, last.with_model(extended) if effects else None),
+    )

@@ -1,0 +1,139 @@
+"""What a diagnosis is asked, and how far its search for causes is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from thermaltool.diagnosis.correction import corrected
+from thermaltool.diagnosis.evidence import Assumptions
+from thermaltool.diagnosis.fit import CauseCandidate
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.result import Alternative, Cause, Tried
+from thermaltool.diagnosis.select import Progress
+from thermaltool.diagnosis.validate import AcceptedCause
+from thermaltool.model import Model
+from thermaltool.record import Record
+
+# What a model may say for itself: of other logs than the calibration's, and of its own.
+WITHIN_CALIBRATION: Assumptions = frozenset({"offset", "accepted", "tight"})
+RELEASED: Assumptions = frozenset({"offset", "accepted", "released"})
+
+
+@dataclass(frozen=True)
+class DiagnosisTask:
+    """What is asked.
+
+    Attributes
+    ----------
+    model : Model
+    logs, validate, calibration : tuple of Record
+        Diagnosed, unseen, and the calibration's.
+    progress : callable
+        Told what is being done.
+    """
+
+    model: Model
+    logs: tuple[Record, ...]
+    validate: tuple[Record, ...]
+    calibration: tuple[Record, ...]
+    progress: Progress
+
+    @property
+    def own(self) -> bool:
+        """Whether the model was calibrated on one of the logs."""
+        sources = {each.get("sha256") for each in self.model.provenance.get("logs", ())}
+        return any(log.digest in sources for log in self.logs)
+
+    def first(self) -> Hypothesis:
+        """The model without any cause."""
+        # On the calibration's own log the error of its shape is what is to be explained.
+        known = self.model if self.own else corrected(self.model)
+        assumptions = RELEASED if self.own else WITHIN_CALIBRATION
+        if self.own and any(o.fit.get("free_start") for o in self.model.outputs):
+            assumptions |= {"initial"}
+        return Hypothesis.of(known, self.logs, known, assumptions)
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """How far the search for causes is.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+        With the accepted causes.
+    ended : Hypothesis
+        In which the last step ended: its assumptions hold for what follows.
+    unseen : tuple of Alternative
+        What the logs cannot show.
+    causes : tuple of Cause
+    verdicts : tuple of AcceptedCause
+        Those that accepted them.
+    notes : tuple of str
+    tried : tuple of Tried
+    unconfirmed : CauseCandidate or None
+        The strongest one that unseen data did not confirm.
+    suspects : tuple of CauseCandidate
+        What has some evidence in the end.
+    exhausted : bool
+        No further cause was found.
+    undecided : str or None
+        Why these logs cannot judge the model.
+    """
+
+    hypothesis: Hypothesis
+    ended: Hypothesis
+    unseen: tuple[Alternative, ...]
+    causes: tuple[Cause, ...] = ()
+    verdicts: tuple[AcceptedCause, ...] = ()
+    notes: tuple[str, ...] = ()
+    tried: tuple[Tried, ...] = ()
+    unconfirmed: CauseCandidate | None = None
+    suspects: tuple[CauseCandidate, ...] = ()
+    exhausted: bool = False
+    undecided: str | None = None
+
+    def noted(self, note: str) -> SearchState:
+        """The same with a note more.
+
+        Parameters
+        ----------
+        note : str
+        """
+        return replace(self, notes=(*self.notes, note))
+
+    def accepting(self, cause: Cause, after: Hypothesis, *verdict: AcceptedCause) -> SearchState:
+        """The same with a cause more.
+
+        Parameters
+        ----------
+        cause : Cause
+        after : Hypothesis
+            With it.
+        *verdict : AcceptedCause
+            What led there, where a candidate did.
+        """
+        return replace(
+            self,
+            hypothesis=after,
+            ended=after,
+            causes=(*self.causes, cause),
+            verdicts=(*self.verdicts, *verdict),
+        )
+
+    def written(self, task: DiagnosisTask) -> Model:
+        """The model with the causes as a user gets it; as it came in where there are none.
+
+        Parameters
+        ----------
+        task : DiagnosisTask
+        """
+        # Readings that are left out change nothing of the model.
+        if all(cause.effect.name == "outliers" for cause in self.causes):
+            return task.model
+        return self.hypothesis.written(task.model).model
+
+    def open(self) -> Hypothesis:
+        """The accepted causes under the assumptions in which the last step ended."""
+        ended = self.ended
+        return replace(self.hypothesis, calibrated=ended.calibrated, assumptions=ended.assumptions)
