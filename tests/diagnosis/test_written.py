@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from thermaltool.diagnosis.written import compare, spoiled_by, steps_of
+from thermaltool.diagnosis.written import compare, rezeroed, spoiled_by, steps_of
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
@@ -94,6 +94,38 @@ def test_simulate_of_the_written_file_is_what_is_told(thermaltool, folder, model
     ]
     assert [chain[0]["rms_before"], chain[-1]["rms_after"]] == pytest.approx(ends, rel=1e-6)
     assert ends[1] < 0.2 < 1.0 < ends[0]
+
+
+def test_a_sensor_that_was_put_in_anew_has_a_new_zero(thermaltool, folder, model):
+    """Half a kelvin more at rest, since the calibration: it goes into the file with the cause."""
+    rows = [line.split(",") for line in (folder / "bed.csv").read_text().splitlines()]
+    log, target = folder / "put_in_anew.csv", folder / "put_in_anew.json"
+    moved = [[*r[:3], f"{float(r[3]) + 0.5:.5f}", r[4]] for r in rows[1:]]
+    log.write_text("\n".join(",".join(r) for r in [rows[0], *moved]))
+    found = thermaltool("diagnose", model, log, "-o", target).json
+    assert found["causes"][0]["name"] == "second_source"
+    told = thermaltool("simulate", target, log, "--json").json["dT_pair1_K"]
+    assert abs(told["mean"]) < 0.01
+    before = thermaltool("simulate", model, log, "--json").json["dT_pair1_K"]
+    assert before["mean"] > 0.4
+
+
+def test_zeros_that_logs_disagree_about_stay():
+    time = np.arange(300.0)
+    parts = Deflection(A=1.0, a=0.1, B=0.5, b=0.05, D=0.1, d=0.08)
+    model = Model(
+        drives=(Drive("Q_main_1", "zero", 0.0, (0.0, 1.0)),),
+        outputs=(Output("dT_pair1_K", "sensor", 0.25, (0.0, 1.0)),),
+        terms=(Term("Q_main_1", "dT_pair1_K", parts),),
+        sample_period=1.0,
+    )
+    idle = np.zeros(300)
+
+    def log(zero: float) -> Record:
+        return Record(time, {"Q_main_1": idle, "dT_pair1_K": idle + zero}, digest=f"{zero}")
+
+    assert rezeroed(model, [log(0.5), log(0.55)], {}).outputs[0].offset == pytest.approx(0.525)
+    assert rezeroed(model, [log(0.5), log(-0.5)], {}) == model
 
 
 def without(path, column: str):

@@ -11,6 +11,7 @@ from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Alternative, Cause, Tried
 from thermaltool.diagnosis.select import Progress
 from thermaltool.diagnosis.validate import AcceptedCause
+from thermaltool.diagnosis.written import cannot_run, rezeroed
 from thermaltool.model import Model
 from thermaltool.record import Record
 
@@ -131,7 +132,12 @@ class SearchState:
         # Readings that are left out change nothing of the model.
         if all(cause.effect.name == "outliers" for cause in self.causes):
             return task.model
-        return self.hypothesis.written(task.model).model
+        last = self.hypothesis
+        known = [log for log in task.calibration if cannot_run(last.model, log) is None]
+        if known and "released" in last.assumptions and not task.own:
+            # What many logs have settled one log does not overturn.
+            last = last.with_logs((*last.logs, *known)).fitted()
+        return rezeroed(last.written(task.model).model, task.logs, last.simulation.masked)
 
     def open(self) -> Hypothesis:
         """The accepted causes under the assumptions in which the last step ended."""

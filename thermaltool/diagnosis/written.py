@@ -218,6 +218,34 @@ def gains_of(
     }
 
 
+def rezeroed(model: Model, logs: Sequence[Record], masked: Mask) -> Model:
+    """The model with the zeros that logs have: a sensor's zero is that of the last time.
+
+    A zero moves where all logs say so, by more than they differ. What counts from its first
+    reading has none.
+
+    Parameters
+    ----------
+    model : Model
+    logs : sequence of Record
+    masked : mapping of (digest, output) to ndarray of bool
+        Outliers: rows that do not count.
+    """
+    simulated = SimulatedLogs(model, tuple(logs), masked)
+    outputs = []
+    for o in model.outputs:
+        groups = simulated.groups.get(o.channel)
+        if o.offset != "first" and groups is not None:
+            residual = simulated.residual(o.channel)
+            off = [
+                float(np.mean(r[k])) for r, k in zip(residual, groups.rows, strict=True) if len(k)
+            ]
+            if min(np.abs(off)) > np.ptp(off):
+                o = replace(o, offset=o.offset + float(np.mean(off)))
+        outputs.append(o)
+    return replace(model, outputs=tuple(outputs))
+
+
 def cannot_run(model: Model, log: Record) -> str | None:
     """Why a model cannot be run over a log; None where it can.
 
