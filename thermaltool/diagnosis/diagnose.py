@@ -34,6 +34,7 @@ from thermaltool.diagnosis.select import (
 )
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.validate import judge
+from thermaltool.diagnosis.written import cannot_run, spoiled_by
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -93,7 +94,7 @@ def diagnose(
     # They are left out from here on; whether they are a cause is told at the end.
     start = first if outliers is None else first.with_masked(outliers.masked)
     search = _second_look(task, _forward(task, SearchState(start, start, unseen)))
-    search = _backward(search)
+    search = _of_use(task, _backward(search))
     if outliers is not None:
         search = _with_outliers(search)
     return answer(task, first, search)
@@ -141,7 +142,7 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
         ranking = ranked(hypothesis, blind, task.progress)
         if not search.tried:
             search = replace(search, tried=tried_causes(hypothesis, ranking))
-        told = [c for c in ranking.fitted if not is_trend(c.effect, task.model)]
+        told = [c for c in ranking.fitted if not is_trend(c.effect, task.model, task.logs)]
         ranking = replace(ranking, fitted=told)
         better = ranking.better_assumptions()
         if better is None:
@@ -153,8 +154,12 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
             cause = too_short(task.model, hypothesis, changed)
             if cause is not None:
                 return search.accepting(cause, changed)
-            why = beyond_calibration(task.model, task.logs)
-            if why is not None:
+            for output, length in beyond_calibration(task.model, task.logs).items():
+                why = (
+                    f"{output}: the calibration lasts {length:.0f} s, too short to see a steady "
+                    f"state, and this log {max(log.duration for log in task.logs):.0f} s: "
+                    "calibrate on a log as long"
+                )
                 return replace(search, ended=changed, undecided=why, exhausted=True)
             search = search.noted(
                 "the model's own parameters have changed since the calibration, beyond its "
@@ -232,6 +237,27 @@ def _backward(search: SearchState) -> SearchState:
         if again.evidence < (0.0 if "white" in without.assumptions else STRONG_EVIDENCE):
             kept = tuple(c for c in search.causes if c is not cause)
             search = replace(search, causes=kept, hypothesis=without)
+    return search
+
+
+def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
+    """The search without causes that change nothing for the better in the written model."""
+    for cause in search.causes:
+        written = search.written(task)
+        rest = tuple(e for e in written.effects if e != cause.effect)
+        if len(rest) == len(written.effects):
+            continue
+        logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
+        noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
+        masked = search.hypothesis.simulation.masked
+        if spoiled_by(written, replace(written, effects=rest), logs, masked, noise) is None:
+            last = search.hypothesis
+            kept = tuple(e for e in last.model.effects if e != cause.effect)
+            search = replace(
+                search.noted(f"{cause.effect.name} explains nothing in the written model"),
+                causes=tuple(c for c in search.causes if c is not cause),
+                hypothesis=last.with_model(replace(last.model, effects=kept)),
+            )
     return search
 
 

@@ -203,8 +203,8 @@ def unsettled(model: Model) -> dict[str, float]:
     return found
 
 
-def beyond_calibration(model: Model, logs: Sequence[Record]) -> str | None:
-    """Why a calibration that had not settled says nothing of logs much longer; None where it does.
+def beyond_calibration(model: Model, logs: Sequence[Record]) -> dict[str, float]:
+    """Those of `unsettled` of which logs are so much longer that the calibration says nothing.
 
     Parameters
     ----------
@@ -212,29 +212,25 @@ def beyond_calibration(model: Model, logs: Sequence[Record]) -> str | None:
     logs : sequence of Record
     """
     longest = max(log.duration for log in logs)
-    for output, length in unsettled(model).items():
-        if longest > MAX_BEYOND * length:
-            return (
-                f"{output}: the calibration lasts {length:.0f} s, too short to see a steady "
-                f"state, and this log {longest:.0f} s: calibrate on a log as long"
-            )
-    return None
+    return {o: length for o, length in unsettled(model).items() if longest > MAX_BEYOND * length}
 
 
-def is_trend(effect: Effect, model: Model) -> bool:
+def is_trend(effect: Effect, model: Model, logs: Sequence[Record]) -> bool:
     """Whether a cause could be the model's own slow part, which the calibration has not seen.
 
-    A drift, or what no channel tells of and is slower than the calibration was long.
+    In logs `beyond_calibration`: a drift, or what no channel tells of and is slower than the
+    calibration was long.
 
     Parameters
     ----------
     effect : Effect
     model : Model
+    logs : sequence of Record
     """
-    length = min(unsettled(model).values(), default=np.inf)
+    lengths = beyond_calibration(model, logs)
     slow = max(effect.parameters.get(name, 0.0) for name in ("time_constant", "period"))
-    drifts = effect.name == "sensor_drift" and effect.channel in unsettled(model)
-    return drifts or (not effect.channel and slow > length)
+    drifts = effect.name == "sensor_drift" and effect.channel in lengths
+    return drifts or (not effect.channel and slow > min(lengths.values(), default=np.inf))
 
 
 def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause | None:
