@@ -89,6 +89,17 @@ def test_an_accident_acts_in_its_own_log_alone(model: Model) -> None:
     )
 
 
+def test_an_accident_needs_no_unseen_log_to_show_it(model: Model) -> None:
+    """What happened in the morning cannot help in the evening; it is told on the morning's rows."""
+    hit = log(LEVELS, 4)
+    hit.columns["d_y_um"][TIME > 1500] += 3.0
+    found = diagnose(model, [hit], validate=[log(LEVELS, 5)])
+    (cause,) = found.causes
+    assert cause.effect.name in ("geometry_step", "sensor_offset_step")
+    assert cause.effect.log == hit.digest
+    assert cause.gain["d_y_um"].rms_after < 0.2 < cause.gain["d_y_um"].rms_before
+
+
 def test_gain_on_a_log_that_no_fit_saw(model: Model) -> None:
     source = np.where(np.sin(TIME / 300) > 0.3, 1.0, 0.0)
     first = log(LEVELS + 0.2 * source, 5, Q_pump_W=40 * source)

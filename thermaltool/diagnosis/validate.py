@@ -101,8 +101,13 @@ def judge(
             # What fitting the model anew does for itself is no merit of the cause. The zero of a
             # displacement is arbitrary in every log.
             old = alone.written(calibrated).with_logs(unseen)
-            gains = gains_of(old.simulation, new.with_logs(unseen).simulation, is_displacement)
-            if not is_practical(before, gains):
+            there = gains_of(old.simulation, new.with_logs(unseen).simulation, is_displacement)
+            # What happened in one log does nothing for another, but may not do harm there.
+            if candidate.effect.log is None:
+                gains = there
+                if not is_practical(before, gains):
+                    return None
+            elif any(gain.spoiled for gain in there.values()):
                 return None
         noise = {o: before.white(o) for o in before.groups}
         intervals = after.intervals(len(after.model.effects) - 1)

@@ -361,11 +361,12 @@ def account(
             f"{worse[1]} in {_name(worse[0])}, a log of the calibration, is worse by the written "
             "model: the machine has changed since, or the cause is another"
         )
-    runs = [SimulatedLogs(each, tuple(unseen or own), masked) for each in models]
-    gains = [
-        gains_of(one, other, lambda output: True) if one.model != other.model else None
-        for one, other in itertools.pairwise(runs)
-    ]
+    gains: list[Mapping[str, Gain] | None] = []
+    for cause, (one, other) in zip(causes, itertools.pairwise(models), strict=True):
+        # What happened in one log is worth something there alone.
+        judged = tuple(own if cause.log is not None else unseen or own)
+        runs = [SimulatedLogs(each, judged, masked) for each in (one, other)]
+        gains.append(gains_of(runs[0], runs[1], lambda output: True) if one != other else None)
     steps = written_steps(models, causes, [*own, *unseen, *before])
     return WrittenAccount(steps, tuple(gains), spoiled, tuple(notes))
 

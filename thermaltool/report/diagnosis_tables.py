@@ -257,7 +257,8 @@ def _gains(document: Document) -> Section:
             low, high = (number(end) for end in gain["interval"])
             rows.append(
                 [
-                    called(cause["name"], cause["channel"]),
+                    called(cause["name"], cause["channel"])
+                    + (" in its log" if cause["log"] and document["validated_on"] else ""),
                     channel,
                     channel_unit(channel),
                     number(gain["rms_before"]),
