@@ -1,7 +1,7 @@
 """Machines that the tool was not made for, known and unknown trouble in them: what does it say?
 
     python benchmarks/exam.py [--logs 54] [--plants rod ...] [--sizes 2 5 15] [--seed N]
-        [--json FILE] [--keep FOLDER] [--only N ...]
+        [--json FILE] [--keep FOLDER] [--only N ...] [--no-validate]
 
 Six kinds of machine (tests/machines/foreign) in numpy alone. Each is calibrated with the default
 options of `calibrate`; its later logs have one thing wrong that is built into the machine, of a
@@ -89,7 +89,9 @@ def _plan(
         yield plan[k]
 
 
-def run(trials: Sequence[Trial], processes: int, keep: Path | None = None) -> list[Score]:
+def run(
+    trials: Sequence[Trial], processes: int, keep: Path | None = None, validate: bool = True
+) -> list[Score]:
     """Scores in the order of the trials; a machine is a task."""
     tasks = [
         list(own) for _, own in groupby(trials, key=lambda trial: (trial.plant, trial.machine))
@@ -97,7 +99,7 @@ def run(trials: Sequence[Trial], processes: int, keep: Path | None = None) -> li
     results: dict[int, Score] = {}
     begin = time.monotonic()
     with ProcessPoolExecutor(processes) as pool:
-        waiting = [pool.submit(score_machine, task, keep) for task in tasks]
+        waiting = [pool.submit(score_machine, task, keep, validate) for task in tasks]
         for done in as_completed(waiting):
             for result in done.result():
                 results[result.trial.index] = result
@@ -120,6 +122,8 @@ def main() -> int:
     parser.add_argument("--json", type=Path, metavar="FILE", help="every log and its score")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="for logs, models, answers")
     parser.add_argument("--only", type=int, nargs="*", metavar="N", help="these logs of the run")
+    parser.add_argument("--no-validate", action="store_true",
+                        help="diagnose is not given the other log; simulate is")  # fmt: skip
     parser.add_argument("--must", action="store_true", help="exit 3 where a requirement is missed")
     options = parser.parse_args()
     seed = options.seed
@@ -130,7 +134,7 @@ def main() -> int:
     if options.only is not None:
         trials = [trial for trial in trials if trial.index in options.only]
     keep = options.keep and options.keep.resolve()
-    scores = run(trials, options.processes, keep)
+    scores = run(trials, options.processes, keep, not options.no_validate)
     print("\n".join(tables(scores, options.sizes, seed)))
     if options.json:
         logs = [asdict(s) | _verdict(s) for s in scores]

@@ -123,8 +123,19 @@ def calibrated(plant: Plant, machine: int, folder: Path) -> Calibrated:
     return Calibrated(plant, folder, options, residual, seconds)
 
 
-def score_machine(trials: Sequence[Trial], keep: Path | None = None) -> list[Score]:
-    """The logs of one machine, calibrated once. Files stay in `keep`, if given."""
+def score_machine(
+    trials: Sequence[Trial], keep: Path | None = None, validate: bool = True
+) -> list[Score]:
+    """The logs of one machine, calibrated once.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+    keep : Path, optional
+        Folder in which the files stay.
+    validate : bool
+        Whether `diagnose` is given the validation log; `simulate` is in any case.
+    """
     name, machine = trials[0].plant, trials[0].machine
     plant = PLANTS[name](np.random.default_rng(machine))
     with contextlib.ExitStack() as stack:
@@ -141,10 +152,10 @@ def score_machine(trials: Sequence[Trial], keep: Path | None = None) -> list[Sco
             known = calibrated(plant, machine, Path("."))
         except _FailedError as error:
             return [Score(trial, failure=str(error)) for trial in trials]
-        return [score(trial, known) for trial in trials]
+        return [score(trial, known, validate) for trial in trials]
 
 
-def score(trial: Trial, known: Calibrated) -> Score:
+def score(trial: Trial, known: Calibrated, validate: bool = True) -> Score:
     """Hide, diagnose, simulate, compare."""
     plant, folder = known.plant, known.folder
     level = {name: float(np.std(values)) for name, values in known.residual.items()}
@@ -162,6 +173,7 @@ def score(trial: Trial, known: Calibrated) -> Score:
     plain = Score(
         trial,
         found.size,
+        max(level[name] / plant.noise[name].sigma for name in level),
         None if found.fault is None else found.fault.channel,
         None if found.fault is None else found.fault.begins,
         None if found.fault is None else found.fault.ends,
@@ -170,8 +182,9 @@ def score(trial: Trial, known: Calibrated) -> Score:
     )
     begin = time.process_time()
     try:
-        said = call("diagnose", folder / "model.json", logs["diagnosed"], "--validate",
-                    logs["validation"], "-o", new, *known.options, may=(0, 3, 4))  # fmt: skip
+        unseen = ["--validate", logs["validation"]] * validate
+        said = call("diagnose", folder / "model.json", logs["diagnosed"], *unseen,
+                    "-o", new, *known.options, may=(0, 3, 4))  # fmt: skip
         seconds = time.process_time() - begin
         (folder / f"{stem}.json").write_text(said)
         document = json.loads(said)

@@ -105,6 +105,8 @@ class Score:
     trial : Trial
     size : float
         Reached.
+    left : float
+        What the model leaves of a clean log over the noise of a reading, at the worst output.
     channel, begins, ends
         Where and when, where the truth has a place or a time.
     duration : float
@@ -130,6 +132,7 @@ class Score:
 
     trial: Trial
     size: float = 0.0
+    left: float = float("nan")
     channel: str | None = None
     begins: float | None = None
     ends: float | None = None

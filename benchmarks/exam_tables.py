@@ -37,6 +37,8 @@ HOW_COUNTED = f"""\
 - *Told off*: largest relative difference between an RMS in the report and that of `simulate`.
 - *Seen by a test told all*: mean power of a matched filter that knows the change to the row, 3 %
   false alarms, noise as the model leaves it in a clean log. *Blind*: its power is below one half.
+- *Left over noise*: what the calibrated model leaves of a clean log, about its mean, over the noise
+  of a reading, at the worst output; median of the machines.
 - A log on which a command fails counts as answered wrong, a clean one as named."""
 
 
@@ -90,11 +92,24 @@ def other_rows(scores: Sequence[Score]) -> Iterator[list[str]]:
             f"{100 * max((s.told_off for s in done), default=np.nan):.2g} %",
             percent([bool(s.failure) for s in here]),
             percent([s.power < BLIND for s in here if np.isfinite(s.power)]),
+            f"{np.median([s.left for s in done] or [np.nan]):.3g} ×",
         ]
 
 
-OTHER = ["machine", "unknown: called", "or located", "misnamed", "silent", "written worse",
-         "worse on calibration", "refused", "told off", "failed", "blind"]  # fmt: skip
+OTHER = [
+    "machine",
+    "unknown: called",
+    "or located",
+    "misnamed",
+    "silent",
+    "written worse",
+    "worse on calibration",
+    "refused",
+    "told off",
+    "failed",
+    "blind",
+    "left over noise",
+]
 
 
 def _first(s: Score) -> bool:

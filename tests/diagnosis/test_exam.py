@@ -59,7 +59,7 @@ def test_the_runner_scores_a_clean_and_a_troubled_log(scores):
 
 
 def test_what_is_right_and_wrong():
-    plain = scoring.Score(trial("size 5", "sensor_gain"), 5.0, "T_far_degC")
+    plain = scoring.Score(trial("size 5", "sensor_gain"), channel="T_far_degC")
 
     def named(name: str, evidence: float = 50.0, channel: str = "T_far_degC", begins=None):
         return scoring.Named(name, channel, evidence, 0.9, begins)
@@ -88,7 +88,9 @@ def test_what_is_right_and_wrong():
 
 
 def test_what_an_unknown_kind_is_told_as():
-    plain = scoring.Score(trial("unknown", "contact_loss"), 15.0, "T_far_degC", 500.0, None, 1000.0)
+    plain = scoring.Score(
+        trial("unknown", "contact_loss"), channel="T_far_degC", begins=500.0, duration=1000.0
+    )
 
     def told(name: str, channel: str = "", evidence: float = 50.0, begins: float | None = None):
         return replace(plain, causes=(scoring.Named(name, channel, evidence, 0.9, begins),))
