@@ -18,7 +18,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from itertools import groupby
@@ -90,9 +90,13 @@ def _plan(
 
 
 def run(
-    trials: Sequence[Trial], processes: int, keep: Path | None = None, validate: bool = True
+    trials: Sequence[Trial],
+    processes: int,
+    keep: Path | None = None,
+    validate: bool = True,
+    save: Callable[[Sequence[Score]], None] = lambda scores: None,
 ) -> list[Score]:
-    """Scores in the order of the trials; a machine is a task."""
+    """Scores in the order of the trials; a machine is a task, after which `save` gets them all."""
     tasks = [
         list(own) for _, own in groupby(trials, key=lambda trial: (trial.plant, trial.machine))
     ]
@@ -108,6 +112,7 @@ def run(
             minutes = (time.monotonic() - begin) / 60
             print(f"{len(results)} of {len(trials)} logs, {minutes:.1f} min", file=sys.stderr,
                   flush=True)  # fmt: skip
+            save([results[trial.index] for trial in trials if trial.index in results])
     return [results[trial.index] for trial in trials]
 
 
@@ -119,7 +124,9 @@ def main() -> int:
     parser.add_argument("--sizes", type=float, nargs="*", default=SIZES, choices=SIZES)
     parser.add_argument("--seed", type=int, help="of machines, trouble, noise; drawn if absent")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="every log and its score")
+    parser.add_argument(
+        "--json", type=Path, metavar="FILE", help="every log and its score, kept up as it goes"
+    )
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="for logs, models, answers")
     parser.add_argument("--only", type=int, nargs="*", metavar="N", help="these logs of the run")
     parser.add_argument("--no-validate", action="store_true",
@@ -134,12 +141,15 @@ def main() -> int:
     if options.only is not None:
         trials = [trial for trial in trials if trial.index in options.only]
     keep = options.keep and options.keep.resolve()
-    scores = run(trials, options.processes, keep, not options.no_validate)
+
+    def save(scores: Sequence[Score]) -> None:
+        if options.json:
+            logs = [asdict(s) | _verdict(s) for s in scores]
+            text = json.dumps(jsonable({"seed": seed, "logs": logs}), indent=1, allow_nan=False)
+            options.json.write_text(text + "\n")
+
+    scores = run(trials, options.processes, keep, not options.no_validate, save)
     print("\n".join(tables(scores, options.sizes, seed)))
-    if options.json:
-        logs = [asdict(s) | _verdict(s) for s in scores]
-        text = json.dumps(jsonable({"seed": seed, "logs": logs}), indent=1, allow_nan=False)
-        options.json.write_text(text + "\n")
     missed = [what for what, _, _, reached in requirements(scores) if not reached]
     for what in missed if options.must else ():
         print(f"missed: {what}", file=sys.stderr)
