@@ -17,17 +17,21 @@ BLIND = 0.5
 ASKED = {5.0: (0.85, 0.95), 15.0: (0.95, 0.95)}
 MAX_SILENT, MAX_CLEAN, MIN_LOCATED, MAX_MISNAMED, MAX_TOLD_OFF = 0.03, 0.03, 0.8, 0.05, 0.01
 
-_INSTEAD = ", ".join(f"{' or '.join(v)} for {k}" for k, v in INDISTINGUISHABLE.items())
+_PAIRS = {
+    frozenset({k.partition("/")[0], v}) for k, names in INDISTINGUISHABLE.items() for v in names
+}
+_INSTEAD = ", ".join(sorted(" and ".join(sorted(pair)) for pair in _PAIRS))
 HOW_COUNTED = f"""\
 - *Size*: RMS of what is changed, without noise and about its mean, over what the calibrated model
   leaves of a clean log (about its mean too), at the output where that is largest. A log that
   reaches less than {100 * REACHED:.0f} % of its size counts for none; frozen and swapped sensors
   have the size that they have.
 - *In the group*: first, or in a group of at most three that the tool declares indistinguishable
-  from its first cause, or {_INSTEAD}.
+  from its first cause or, where it names none, suspects; or one for the other of {_INSTEAD}
+  (of a source, one that is not logged).
 - *Wrong*: a first cause with evidence above {SURE:g} that is not in the group. *Silent*: no cause.
 - Causes that are true of the machine itself (the bent characteristic of the chain's and the
-  spindle's drive) are left out.
+  spindle's drive, the plate's commands that act before they are logged) are left out.
 - *Unknown kinds* are called `unknown` (or by a name that such a cause has got since), or *located*:
   some cause has the right channel, or begins within {100 * NEAR:.0f} % of the log of the right
   instant. *Misnamed*: neither, and a cause with evidence above {SURE:g}.

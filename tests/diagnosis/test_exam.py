@@ -118,11 +118,11 @@ def test_what_is_worse():
 
 
 def test_the_default_run_is_large_and_the_same_for_every_choice_of_plants():
-    trials = exam.draw(54, list(PLANTS), exam.SIZES, 1)
+    trials = exam.draw(exam.LOGS, list(PLANTS), exam.SIZES, 1)
     assert len(trials) >= 300
     kinds = {t.kind for t in trials if t.group == "unknown"}
     assert len(kinds) >= 8
     slabs = [(t.kind, t.machine, t.seed) for t in trials if t.plant == "slab"]
-    alone = [(t.kind, t.machine, t.seed) for t in exam.draw(54, ["slab"], exam.SIZES, 1)]
+    alone = [(t.kind, t.machine, t.seed) for t in exam.draw(exam.LOGS, ["slab"], exam.SIZES, 1)]
     assert slabs == alone
     assert not [t for t in trials if t.plant in exam.NOT_FOR.get(t.kind, ())]

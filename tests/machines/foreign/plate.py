@@ -78,4 +78,6 @@ def plate(generator: Generator) -> Plant:
         source=int(number[int(generator.integers(3, ALONG - 2)), -1]),
         jitter=generator.uniform(0.1, 0.35),
         dropped=generator.uniform(0.03, 0.12),
+        # A command acts up to a row before it is logged.
+        own=frozenset({"transport_delay"}),
     )
