@@ -24,8 +24,8 @@ _INSTEAD = ", ".join(sorted(" and ".join(sorted(pair)) for pair in _PAIRS))
 HOW_COUNTED = f"""\
 - *Size*: RMS of what is changed, without noise and about its mean, over what the calibrated model
   leaves of a clean log (about its mean too), at the output where that is largest. A log that
-  reaches less than {100 * REACHED:.0f} % of its size counts for none; frozen and swapped sensors
-  have the size that they have.
+  reaches less than {100 * REACHED:.0f} % of its size counts for none; frozen and swapped
+  sensors have the size that they have, which counts from 5 on.
 - *In the group*: first, or in a group of at most three that the tool declares indistinguishable
   from its first cause or, where it names none, suspects; or one for the other of {_INSTEAD}
   (of a source, one that is not logged).
@@ -62,6 +62,12 @@ def sized(scores: Sequence[Score], size: float) -> list[Score]:
     return [s for s in here if s.failure or s.size >= REACHED * size]
 
 
+def natural(scores: Sequence[Score]) -> list[Score]:
+    """Logs of what has no strength, where it is as large as is wanted."""
+    here = of_group(scores, "natural")
+    return [s for s in here if s.failure or s.size >= REACHED * s.trial.size]
+
+
 def of_group(scores: Sequence[Score], group: str) -> list[Score]:
     return [s for s in scores if s.trial.group == group]
 
@@ -80,7 +86,7 @@ def known_rows(scores: Sequence[Score], sizes: Sequence[float]) -> Iterator[list
         for size in sizes:
             found = sized(here, size)
             row += [percent([hit(s) for s in found]) for hit in _KNOWN.values()]
-        yield [*row, percent([s.first for s in of_group(here, "natural")])]
+        yield [*row, percent([s.first for s in natural(here)])]
 
 
 def other_rows(scores: Sequence[Score]) -> Iterator[list[str]]:
@@ -176,9 +182,9 @@ def kind_rows(scores: Sequence[Score], sizes: Sequence[float]) -> Iterator[list[
         row = [kind]
         for size in sizes:
             row.append(percent([s.first for s in sized(here, size)]))
-        row.append(percent([s.first for s in of_group(here, "natural")]))
+        row.append(percent([s.first for s in natural(here)]))
         least = min(5.0, *sizes)
-        large = [s for s in here if s.trial.group == "natural" or s.trial.size >= least]
+        large = [s for size in sizes if size >= least for s in sized(here, size)] + natural(here)
         row.append(_named(s for s in large if not s.first))
         yield row
 
