@@ -103,3 +103,9 @@ def test_wrong_bursts_are_found(model: Model, burst: int) -> None:
     found = diagnose(model, [record])
     assert found.causes[0].effect.name == "outliers"
     assert found.residuals["d_y_um"].noise.white < 0.2
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_reading_that_stands_still_is_judged_in_silence(model: Model) -> None:
+    found = diagnose(model, [log(np.full(len(DUTY), 5.0), "dead")])
+    assert found.verdict == "not adequate"

@@ -158,6 +158,7 @@ def test_an_output_that_only_unseen_logs_have(thermaltool, folder, model):
     found = thermaltool("diagnose", model, part, "--validate", folder / "again.csv")
     assert found.code in (0, 3)
     assert found.json["residuals"].keys() == {"dT_pair1_K"}
+    assert "no column d_y_um (there are: " in found.err
 
 
 def test_outliers_change_nothing_of_the_model(thermaltool, folder, model):

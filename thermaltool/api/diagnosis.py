@@ -12,6 +12,7 @@ from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.documents import source_name, write_whole
 from thermaltool.errors import LogError, ModelError
 from thermaltool.logs import read_log
+from thermaltool.record import hint
 
 if TYPE_CHECKING:
     import pandas
@@ -221,6 +222,10 @@ def diagnose(
     def read(each: Data) -> Log:
         log = read_log(each, **reading, need=found.needs())
         _check(log, found)
+        for output in found.outputs:
+            if output.channel not in log.columns:
+                near = hint(output.channel, log.columns)
+                warn(f"{log.name}: no column {output.channel}{near}: it is not judged there")
         for excursion in excursions(found, log.columns):
             warn(excursion_message(log, excursion))
         warn_pauses(log, warn)
@@ -259,8 +264,6 @@ def _calibration_logs(
 def _check(log: Log, model: Model) -> None:
     """Refuse a log by which the model cannot be judged."""
     import numpy as np
-
-    from thermaltool.record import hint
 
     outputs = [output.channel for output in model.outputs]
     there = [name for name in outputs if name in log.columns]

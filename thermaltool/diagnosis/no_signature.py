@@ -28,6 +28,8 @@ NEIGHBOURS, MIN_ROWS, FALSE_ALARMS = 3, 50, 0.01
 # Readings come in bursts where a pause is so many times the usual step, and a burst has so many
 # readings on average.
 MIN_PAUSE, MIN_BURST = 3.0, 2.0
+# Logarithm of any size or share in the mixture, at most.
+MAX_LOG = 50.0
 # Fewer outliers than this are all left out of more than one in forty draws of a block bootstrap.
 MIN_OUTLIERS_DRAWN = 4
 # A drive that changes by this share of its range between two rows is switched.
@@ -167,6 +169,7 @@ def _heavy_tails(z: Float) -> float:
     """Fall of BIC from a Gaussian to one with a wider one mixed in."""
 
     def negative(point: Float) -> float:
+        point = np.clip(point, -MAX_LOG, MAX_LOG)
         share = 0.3 / (1 + np.exp(-point[0]))
         narrow = np.exp(point[2])
         wide = narrow * (1 + np.exp(point[1]))
