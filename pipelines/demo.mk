@@ -41,7 +41,8 @@ $(OUT)/noise.json: $(SAMPLES)/frame_idle.parquet | $(OUT)
 
 $(OUT)/model.json: $(SAMPLES)/frame_step100.parquet | $(OUT)
 	$(THERMALTOOL) calibrate $< --drive Q_main_1 $(PAIRS:%=--sensor %) \
-	    $(DEFLECTIONS:%=--deflection %) -o $@
+	    $(DEFLECTIONS:%=--deflection %) $(PAIRS:%=--response %=conduction) \
+	    $(DEFLECTIONS:%=--response %=deflection) -o $@
 
 $(OUT)/far_%.json: $(OUT)/model.json $(OUT)/noise.json
 	$(THERMALTOOL) regularize $< --noise $(OUT)/noise.json --sensor $(FAR) --form $* -q -o $@

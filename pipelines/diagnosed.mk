@@ -58,7 +58,8 @@ spindle_heat.PLAN := --drive n_spindle_rpm --sensor T_t5_degC --response T_t5_de
 spindle_heat.LOGS := $(SPINDLE)
 spindle_growth.MAP := cnc_spindle
 spindle_growth.TRAIN := $(SPINDLE)
-spindle_growth.PLAN := --drive T_t5_degC --deflection d_ch3_um --initial free
+spindle_growth.PLAN := --drive T_t5_degC --deflection d_ch3_um --response d_ch3_um=deflection \
+    --initial free
 spindle_growth.LOGS := $(SPINDLE)
 
 ifeq ($(wildcard $(DATA)/gantry $(DATA)/daisy),)

@@ -17,7 +17,7 @@ SETS := gantry heating_system hairdryer
 # TRAIN and TEST are the logs, OPTIONS the calibration, JUDGED the rows of TEST that count.
 gantry.TRAIN := $(DATA)/gantry/run_2021-06-13_morning.csv
 gantry.TEST := $(DATA)/gantry/run_2021-06-13_evening.csv
-gantry.OPTIONS := --drive T_bed_degC --deflection d_z_um
+gantry.OPTIONS := --drive T_bed_degC --deflection d_z_um --response d_z_um=deflection
 gantry.JUDGED :=
 
 heating_system.TRAIN := $(DATA)/daisy/heating_system.csv

@@ -140,7 +140,8 @@ def made(tmp_path_factory, small_log):
 
     log, model, noise = (folder / name for name in ("log.csv", "model.json", "noise.json"))
     roles = ("--drive", "Q_main_1", "--sensor", "dT_pair1_K", "--deflection", "d_x_um")
-    make(calibrate.command, "model.json", log, *roles, "--starts", 2)
+    kinds = ("--response", "dT_pair1_K=conduction", "--response", "d_x_um=deflection")
+    make(calibrate.command, "model.json", log, *roles, *kinds, "--starts", 2)
     design = (model, "--noise", noise, "--form")
     make(regularize.command, "kalman.json", *design, "kalman", "--walk", 0.02)
     make(regularize.command, "kernel.json", *design, "kernel", *KERNEL)

@@ -114,7 +114,8 @@ def calibrate(
     deflections : str or sequence of str
         Outputs that will be computed.
     kinds : mapping of output to kind of response, optional
-        Default: conduction for sensors, deflection for deflections.
+        Default: of all kinds (`conduction`, `deflection`, `joint_deflection`, sums of one to four
+        lags with a delay or without) the one that evidence and held-out rows speak for.
     fixed : mapping of parameter to value, optional
         Parameters that are not fitted.
     reference : "first" or float, optional
@@ -170,6 +171,7 @@ def calibrate(
         loss,
         starts,
         initial == "free",
+        choose=True,
     )
     need = (*drives, *sensors, *deflections)
     logs = [

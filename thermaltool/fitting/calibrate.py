@@ -11,6 +11,8 @@ import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
+from thermaltool.fitting.projection import GridStates
+from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, KindCandidate, choose_response
 from thermaltool.model import Drive, Model, Output, Role, Term, agreements, relative, zeros_of
 from thermaltool.record import Record
 from thermaltool.responses import response_class
@@ -27,7 +29,8 @@ class CalibrationPlan:
     drives, sensors, deflections : tuple of str
         Channels by role.
     kinds : mapping of output channel to kind of response
-        Default: conduction for a sensor, deflection for a deflection.
+        Default: conduction for a sensor, deflection for a deflection; with `choose` the one that
+        evidence and held-out rows speak for.
     reference : "first", float or None
         What counts as no drive; None is "first" for an absolute temperature and 0 otherwise.
     hold : "zero", "first" or None
@@ -35,6 +38,8 @@ class CalibrationPlan:
     fixed : mapping of parameter name to value
     loss, starts, free_start
         See `fit_output`.
+    choose : bool
+        Compare all kinds for every output whose kind is not given.
     """
 
     drives: tuple[str, ...]
@@ -47,6 +52,11 @@ class CalibrationPlan:
     loss: Loss = "huber"
     starts: int = 6
     free_start: bool = False
+    choose: bool = False
+
+    def chosen(self, channel: str) -> bool:
+        """Whether the kind of an output is to be found."""
+        return self.choose and channel not in self.kinds
 
     def drive(self, channel: str) -> Drive:
         """A drive of the model; its range is that of the records (`calibrate`)."""
@@ -77,7 +87,10 @@ class CalibrationPlan:
         for channel in self.kinds:
             if channel not in names[len(self.drives) :]:
                 raise ModelError(f"a kind of response for {channel}, which is no output of the fit")
-        constants = {name for _, _, kind in outputs for name in response_class(kind).fixed}
+        kinds = {kind for channel, _, kind in outputs if not self.chosen(channel)}
+        if any(self.chosen(channel) for channel, _, _ in outputs):
+            kinds |= set(KINDS)
+        constants = {name for kind in kinds for name in response_class(kind).fixed}
         for name, value in self.fixed.items():
             if name not in constants or not 0 < value < float("inf"):
                 known = f"one of {', '.join(sorted(constants))}" if constants else "nothing here"
@@ -109,17 +122,29 @@ def calibrate(
     plan.check()
     drives = [plan.drive(channel) for channel in plan.drives]
     outputs: list[Output] = []
+    states: GridStates = {}
     terms: list[Term] = []
     for channel, role, kind in plan.outputs():
-        own = {k: v for k, v in plan.fixed.items() if k in response_class(kind).fixed}
+        say = partial(_say, progress, channel)
+        kinds = [kind] * len(drives)
+        delays: tuple[float, ...] = ()
+        tried: tuple[KindCandidate, ...] = ()
+        if plan.chosen(channel):
+            tried = choose_response(
+                records, drives, channel, kind, plan.fixed, plan.free_start, say, states
+            )
+            for taken in (each for each in tried if each.chosen):
+                kinds, delays = list(taken.kinds), taken.delays
+        acting = [k for k, own in enumerate(kinds) if own != LEFT_OUT]
+        used, kinds = [drives[k] for k in acting], [kinds[k] for k in acting]
         fit = fit_output(
-            records, drives, channel, [kind] * len(drives), own, plan.loss, plan.starts,
-            plan.free_start, partial(_say, progress, channel),
+            records, used, channel, kinds, plan.fixed, plan.loss, plan.starts,
+            plan.free_start, say, delays if any(delays) else None, states,
         )  # fmt: skip
-        outputs.append(_output(channel, role, fit, records, plan))
+        outputs.append(_output(channel, role, fit, records, plan, used, tried))
         terms += (
             Term(drive.channel, channel, fit.responses[k], *fit.response_covariance(k))
-            for k, drive in enumerate(drives)
+            for k, drive in enumerate(used)
         )
     ranges = (
         _extent([relative(r.column(d.channel), d.reference, d.hold) for r in records])
@@ -153,7 +178,13 @@ def _as_simulated(model: Model, records: Sequence[Record]) -> Model:
 
 
 def _output(
-    channel: str, role: Role, fit: OutputFit, records: Sequence[Record], plan: CalibrationPlan
+    channel: str,
+    role: Role,
+    fit: OutputFit,
+    records: Sequence[Record],
+    plan: CalibrationPlan,
+    drives: Sequence[Drive],
+    candidates: Sequence[KindCandidate],
 ) -> Output:
     measured = [record.column(channel) for record in records]
     levels = [y - offset for y, offset in zip(measured, fit.offsets, strict=True)]
@@ -173,7 +204,8 @@ def _output(
             "free_start": plan.free_start,
             "starts_rmse": list(fit.starts),
             "unidentified": list(fit.unidentified),
-            "discrepancy": _discrepancy(fit, plan.drives),
+            "discrepancy": _discrepancy(fit, [drive.channel for drive in drives]),
+            **({"candidates": [each.document() for each in candidates]} if candidates else {}),
         },
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.covariance import block_covariance
 from thermaltool.fitting.discrepancy import Discrepancy, discrepancy
-from thermaltool.fitting.projection import CalibrationProblem, Parametrization, Triangle
+from thermaltool.fitting.projection import CalibrationProblem, GridStates, Parametrization, Triangle
 from thermaltool.fitting.start_search import StartSearch
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
@@ -84,6 +84,30 @@ class OutputFit:
         return self.covariance[np.ix_(own, own)], names
 
 
+def check_records(records: Sequence[Record], drives: Sequence[Drive]) -> None:
+    """Refuse records that say nothing of a response.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    drives : sequence of Drive
+
+    Raises
+    ------
+    FitError
+        Fewer than two rows; a drive that never moves.
+    LogError
+        A channel that a record does not have.
+    """
+    for record in records:
+        if len(record) < 2:
+            raise FitError(f"a log of {len(record)} rows says nothing of a response")
+    for drive in drives:
+        inputs = [relative(r.column(drive.channel), drive.reference, drive.hold) for r in records]
+        if not any(np.any(u) for u in inputs):
+            raise FitError("the drive never leaves its reference: nothing to fit")
+
+
 def fit_output(
     records: Sequence[Record],
     drives: Sequence[Drive],
@@ -94,6 +118,8 @@ def fit_output(
     starts: int = 6,
     free_start: bool = False,
     progress: Callable[[str], None] = lambda message: None,
+    delays: Sequence[float] | None = None,
+    states: GridStates | None = None,
 ) -> OutputFit:
     """Fit one output to its drives over all records at once.
 
@@ -116,6 +142,11 @@ def fit_output(
         How many of the best points of a coarse grid are refined.
     free_start : bool
         The machine came from another level: each gain gets a decay per record.
+    progress : callable
+    delays : sequence of float, optional [s]
+        Of each drive's response; default: the fixed ``delay``, else none.
+    states : dict, optional
+        See `CalibrationProblem.assemble`.
 
     Raises
     ------
@@ -124,18 +155,17 @@ def fit_output(
     LogError
         A channel that a record does not have.
     """
-    for record in records:
-        if len(record) < 2:
-            raise FitError(f"a log of {len(record)} rows says nothing of a response")
-    for drive in drives:
-        inputs = [relative(r.column(drive.channel), drive.reference, drive.hold) for r in records]
-        if not any(np.any(u) for u in inputs):
-            raise FitError("the drive never leaves its reference: nothing to fit")
+    check_records(records, drives)
     classes = tuple(response_class(kind) for kind in kinds)
     constants = tuple({k: (fixed or {}).get(k, v) for k, v in c.fixed.items()} for c in classes)
+    if delays is not None:
+        constants = tuple(
+            {**own, "delay": delay} if "delay" in own else own
+            for own, delay in zip(constants, delays, strict=True)
+        )
     parametrization = Parametrization(classes, constants)
-    delays = [constant.get("delay", 0.0) for constant in constants]
-    problem = CalibrationProblem.assemble(records, drives, output, free_start, delays)
+    delays = [own.get("delay", 0.0) for own in constants]
+    problem = CalibrationProblem.assemble(records, drives, output, free_start, delays, states)
     rows = len(problem.measured)
     unknowns = parametrization.searched + parametrization.gains + len(records)
     if rows <= unknowns:
@@ -155,7 +185,11 @@ def fit_output(
         weights, triangle = new, problem.compress(new)
         theta = search.refine(theta, triangle)[1]
     rmses = tuple(size * search.scale / np.sqrt(rows) for size, _ in reached)
-    return _described(search, theta, triangle, weights, duration, rmses)
+    lags = problem
+    if any(delays):
+        # What a calibration knows beyond its kind is told of the drives as they are.
+        lags = CalibrationProblem.assemble(records, drives, output, free_start, (), states)
+    return _described(search, theta, triangle, weights, duration, rmses, lags)
 
 
 def _huber_weights(residual: Float) -> Float | None:
@@ -173,6 +207,7 @@ def _described(
     weights: Float,
     duration: float,
     starts: tuple[float, ...],
+    undelayed: CalibrationProblem,
 ) -> OutputFit:
     problem, parametrization = search.problem, search.parametrization
     residual, linear = search.fitted(theta, triangle)
@@ -189,7 +224,7 @@ def _described(
     n = len(problem.grid.rates)
     # Slower than the record is no shape: it would pass for any drift.
     lags = np.flatnonzero(problem.grid.rates >= 1 / duration)
-    bank = problem.design[:, np.concatenate([d * n + lags for d in range(problem.drives)])]
+    bank = undelayed.design[:, np.concatenate([d * n + lags for d in range(problem.drives)])]
     variation = float(np.linalg.norm(problem.measured - np.mean(problem.measured)))
     share = float(np.linalg.norm(residual)) / variation if variation else 1.0
     return OutputFit(

@@ -24,6 +24,10 @@ from thermaltool.responses import Response
 from thermaltool.responses.modes import Float
 from thermaltool.responses.relaxation import RelaxationGrid
 
+# What a drive makes of every rate of the grid, by the number of the record and the channel of the
+# drive: shape (rows, rates).
+GridStates = dict[tuple[int, str], Float]
+
 # Ends of the grid of rates: of the slowest over the longest record, and of the fastest, times the
 # sample period.
 SLOWEST_RATE, FASTEST_RATE = 0.05, 4.0
@@ -195,6 +199,7 @@ class CalibrationProblem:
         output: str,
         free_start: bool,
         delays: Sequence[float] = (),
+        states: GridStates | None = None,
     ) -> CalibrationProblem:
         """Drive the grid with every record's inputs and stack the rows that are measured.
 
@@ -207,6 +212,9 @@ class CalibrationProblem:
             Whether a decay of every rate is among the columns of each record.
         delays : sequence of float [s]
             Of each drive; none by default.
+        states : dict, optional
+            What drives make of the grid, by record and channel: taken where it is there, else
+            put there. For problems of the same records and drives.
 
         Raises
         ------
@@ -219,16 +227,19 @@ class CalibrationProblem:
         n, inputs = len(grid.rates), len(drives)
         decays = n * len(records) if free_start else 0
         blocks, measured, owner, times = [], [], [], []
+        known: GridStates = {} if states is None else states
         for k, record in enumerate(records):
             values = record.column(output)
             there = np.isfinite(values)
             block = np.zeros((int(there.sum()), n * inputs + decays + len(records)))
             for d, drive in enumerate(drives):
                 u = relative(record.column(drive.channel), drive.reference, drive.hold)
-                states = grid.states(record.time, u, drive.hold)
+                x = known.get((k, drive.channel))
+                if x is None:
+                    x = known[k, drive.channel] = grid.states(record.time, u, drive.hold)
                 if delays and delays[d]:
-                    states = grid.delayed(states, record.time, u, drive.hold, delays[d])
-                block[:, d * n : (d + 1) * n] = states[there]
+                    x = grid.delayed(x, record.time, u, drive.hold, delays[d])
+                block[:, d * n : (d + 1) * n] = x[there]
             if free_start:
                 since = record.time[there] - record.time[0]
                 to = slice(n * inputs + k * n, n * inputs + (k + 1) * n)

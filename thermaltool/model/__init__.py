@@ -1,5 +1,6 @@
 """The model document: what a calibration writes and every later command reads."""
 
+from thermaltool.model.characteristics import Characteristics, characteristics
 from thermaltool.model.document import (
     Drive,
     Model,
@@ -42,6 +43,7 @@ from thermaltool.model.validity import (
 __all__ = [
     "MARGIN",
     "NOT_AT_REST",
+    "Characteristics",
     "Drive",
     "Excursion",
     "Model",
@@ -54,6 +56,7 @@ __all__ = [
     "agreements",
     "away_from_rest",
     "beside",
+    "characteristics",
     "drive_rests",
     "dumps",
     "excursions",

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from thermaltool.model import Model, to_document
+from thermaltool.fitting.response_choice import LEFT_OUT
+from thermaltool.model import Characteristics, Model, characteristics, to_document
 from thermaltool.report.text import aligned
-from thermaltool.responses import Response, parameter_names
+from thermaltool.signals.intervals import Estimate
+
+# From here on a time constant is told in minutes, and in hours [s].
+MINUTES_FROM, HOURS_FROM = 120.0, 7200.0
 
 
 def calibration_table(model: Model) -> str:
-    """Each output with its fit and its responses."""
-    rows = [["output", "rmse", "zero free", "fit %", "max", "rows", "parameters"]]
+    """Each output with its fit, each response as a person asks for it, and the kinds compared."""
+    rows = [["output", "rmse", "zero free", "fit %", "max", "rows", "responses"]]
     for output in model.outputs:
         fit = output.fit
-        responses = [t.response for t in model.terms if t.output == output.channel]
+        kinds = [t.response.kind for t in model.terms if t.output == output.channel]
         rows.append(
             [
                 output.channel,
@@ -23,7 +28,56 @@ def calibration_table(model: Model) -> str:
                 f"{fit['fit_percent']:.2f}",
                 f"{fit['max_error']:.3g}",
                 str(fit["rows"]),
-                "; ".join(map(_parameters, responses)),
+                kinds[0] if len(set(kinds)) == 1 else " + ".join(kinds),
+            ]
+        )
+    parts = [aligned(rows), _responses([characteristics(term) for term in model.terms])]
+    for output in model.outputs:
+        candidates = output.fit.get("candidates")
+        if candidates:
+            parts.append(_candidates(output.channel, candidates))
+    return "\n\n".join(parts)
+
+
+def _responses(found: Sequence[Characteristics]) -> str:
+    rows = [["drive", "output", "static gain", "", "time constants"]]
+    for each in found:
+        delay = f"; delay {_duration(each.delay)}" if each.delay else ""
+        rows.append(
+            [
+                each.drive,
+                each.output,
+                f"{each.gain.value:.4g} {each.gain.unit}".strip(),
+                f"({each.gain.low:.4g} to {each.gain.high:.4g})",
+                ", ".join(map(_constant, each.time_constants)) + delay,
+            ]
+        )
+    return aligned(rows)
+
+
+def _constant(constant: Estimate) -> str:
+    low, high = (_duration(each) for each in (constant.low, constant.high))
+    return f"{_duration(constant.value)} ({low} to {high})"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < MINUTES_FROM:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60:.3g} min" if seconds < HOURS_FROM else f"{seconds / 3600:.3g} h"
+
+
+def _candidates(channel: str, candidates: Sequence[Mapping[str, Any]]) -> str:
+    """What was compared for one output, and why one kind is taken."""
+    rows = [[f"{channel}: kinds compared", "parameters", "rmse", "held out", "criterion", ""]]
+    for each in candidates:
+        rows.append(
+            [
+                each["label"],
+                str(each["parameters"]),
+                f"{each['rmse']:.3g}",
+                "" if each["held_out"] is None else f"{each['held_out']:.3g}",
+                f"{each['criterion']:.0f}",
+                each["note"],
             ]
         )
     return aligned(rows)
@@ -31,15 +85,39 @@ def calibration_table(model: Model) -> str:
 
 def calibration_warnings(model: Model) -> list[str]:
     """What the records leave open, each a sentence."""
-    return [f"{o.channel}: {sentence}" for o in model.outputs for sentence in o.fit["unidentified"]]
+    found = [
+        f"{o.channel}: {sentence}" for o in model.outputs for sentence in o.fit["unidentified"]
+    ]
+    for output in model.outputs:
+        for drive in _left_out(output.fit.get("candidates", ()), model):
+            found.append(
+                f"{output.channel}: without {drive}: these logs show no response to it. To see "
+                f"one, change {drive} alone, while the other drives rest"
+            )
+    for term in model.terms:
+        each = characteristics(term)
+        if each.may_be_zero and term.covariance is not None:
+            hold = 3 * term.response.slowest()
+            found.append(
+                f"{each.output}: the gain of {each.drive} may be zero ({each.gain}): change it "
+                f"alone, while the other drives rest, and hold it for {_duration(hold)}"
+            )
+    return found
+
+
+def _left_out(candidates: Sequence[Mapping[str, Any]], model: Model) -> list[str]:
+    """Drives that the chosen kinds leave out."""
+    return [
+        drive.channel
+        for each in candidates
+        if each["chosen"]
+        for drive, kind in zip(model.drives, each["kinds"], strict=True)
+        if kind == LEFT_OUT
+    ]
 
 
 def calibration_document(model: Model) -> dict[str, Any]:
     """Outputs and terms as the model file has them."""
     document = to_document(model)
-    return {key: document[key] for key in ("outputs", "terms")}
-
-
-def _parameters(response: Response) -> str:
-    names = parameter_names(response.kind)
-    return " ".join([response.kind, *(f"{n}={getattr(response, n):.4g}" for n in names)])
+    own = {key: document[key] for key in ("outputs", "terms")}
+    return {**own, "responses": [characteristics(term).document() for term in model.terms]}

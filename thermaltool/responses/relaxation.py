@@ -24,6 +24,10 @@ TIMES_PER_RATE, FIRST_TIME, LAST_TIME = 6, 0.5, 40.0
 STEADY_STATE_WEIGHT, START_WEIGHT = 10.0, 1e3
 # Singular values below this share of the largest are rounding.
 SINGULAR_TOLERANCE = 1e-14
+# A clock of more stretches of one length than this is uneven.
+MAX_SPANS = 50
+# Below this the first terms of a series are exact to rounding.
+SERIES_BELOW = 1e-4
 # Largest error of a step response, relative to its largest value.
 STEP_TOLERANCE = 3e-5
 
@@ -97,13 +101,33 @@ class RelaxationGrid:
         -------
         ndarray, shape (n_samples, n)
         """
+        spans = list(uniform_spans(time))
+        if len(spans) > MAX_SPANS:
+            return self._states_uneven(time, u, hold)
         x = np.zeros((len(time), len(self.rates)))
         bank = Modes((-self.rates).astype(complex), np.ones(len(self.rates), complex))
-        for rows, dt in uniform_spans(time):
+        for rows, dt in spans:
             one = bank.discretize(dt, hold)
             phi, g0, g1 = np.diag(one.F), one.G0[:, 0] * self.rates, one.G1[:, 0] * self.rates
             for k in range(rows.start, rows.stop - 1):
                 x[k + 1] = phi * x[k] + g0 * u[k] + g1 * u[k + 1]
+        return x
+
+    def _states_uneven(self, time: Float, u: Float, hold: Hold) -> Float:
+        """`states` where nearly every sample has a length of its own: all lengths at once."""
+        z = np.outer(np.diff(time), self.rates)
+        phi = np.exp(-z)
+        if hold == "zero":
+            added = -np.expm1(-z) * u[:-1, None]
+        else:
+            # Means of e^(−z) over the sample, from a ramp up and a ramp down; by series where the
+            # difference would be rounding.
+            up = np.where(z > SERIES_BELOW, 1 + np.expm1(-z) / np.maximum(z, SERIES_BELOW),
+                          z / 2 - z**2 / 6 + z**3 / 24)  # fmt: skip
+            added = (-np.expm1(-z) - up) * u[:-1, None] + up * u[1:, None]
+        x = np.zeros((len(time), len(self.rates)))
+        for k in range(len(time) - 1):
+            x[k + 1] = phi[k] * x[k] + added[k]
         return x
 
     def delayed(self, states: Float, time: Float, u: Float, hold: Hold, delay: float) -> Float:

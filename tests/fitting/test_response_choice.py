@@ -1,0 +1,144 @@
+"""The kind of response is found on plants that share no code with the package."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.response_choice import LEFT_OUT
+from thermaltool.model import agreements
+from thermaltool.record import Record
+from thermaltool.report.calibration import calibration_table, calibration_warnings
+
+HEAT, ROOM, OUTPUT = "Q_main_W", "Q_second_W", "dT_a_K"
+TIME = 10.0 * np.arange(900)
+
+
+def switched(seed, time=TIME, block=500.0):
+    level = np.random.default_rng(seed).choice([0.0, 50.0, 100.0], 1 + int(time[-1] // block))
+    return np.where(time < 100, 0.0, level[(time // block).astype(int)])
+
+
+def lags(u, gains, taus, delay=0, dt=10.0):
+    """Held input through lags in parallel, each by its exact recursion; the delay in samples."""
+    late = np.concatenate([np.zeros(delay), u])[: len(u)]
+    y = np.zeros(len(u))
+    for gain, tau in zip(gains, taus, strict=True):
+        kept, x = np.exp(-dt / tau), 0.0
+        for k in range(1, len(u)):
+            x = kept * x + (1 - kept) * late[k - 1]
+            y[k] += gain * x
+    return y
+
+
+@cache
+def rod(seed):
+    """A rod of 60 cells that loses heat along its length, heated at one end, read in its middle."""
+    cells, u = 60, switched(seed)
+    conduct, loss, heat = 0.04, 2e-4, 2e-3  # between cells, to the air [1/s], per power [K/W s]
+    matrix = -(loss + 2 * conduct) * np.eye(cells)
+    matrix += conduct * (np.eye(cells, k=1) + np.eye(cells, k=-1))
+    matrix[0, 0] += conduct
+    matrix[-1, -1] += conduct
+    rates, shapes = np.linalg.eigh(matrix)
+    kept = np.exp(10.0 * rates)
+    into, out = shapes[0] * heat, shapes[cells // 4]
+    x, y = np.zeros(cells), np.zeros(len(u))
+    for k in range(1, len(u)):
+        x = kept * x + (kept - 1) / rates * into * u[k - 1]
+        y[k] = out @ x
+    return u, y
+
+
+def record(u, y, sigma, seed, **more):
+    noise = sigma * np.random.default_rng(seed).standard_normal(len(u))
+    return Record(TIME, {HEAT: u, OUTPUT: y + noise, **more}, digest=str(seed))
+
+
+def fitted(log, drives=(HEAT,), kinds=None):
+    plan = CalibrationPlan(drives, (OUTPUT,), kinds=kinds or {}, starts=2, choose=True)
+    return calibrate([log], plan)
+
+
+def chosen(model):
+    (found,) = (each for each in model.outputs[0].fit["candidates"] if each["chosen"])
+    return found
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_one_lag_is_one_lag(seed):
+    u = switched(seed)
+    model = fitted(record(u, lags(u, [0.05], [600.0]), 0.05, seed))
+    assert chosen(model)["kinds"] == ["rational1"]
+    assert chosen(model)["delays"] == [0.0]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_rod_is_followed_to_its_noise_on_another_input(seed):
+    """The record is as long as the rod's slowest time constant: what comes later is not in it."""
+    sigma = 0.02
+    model = fitted(record(*rod(seed), sigma, seed))
+    unseen = record(*rod(seed + 10), sigma, seed + 10)
+    assert agreements(model, [unseen])[OUTPUT].rmse < 1.5 * sigma
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_delay_that_the_log_shows_is_found(seed):
+    u = switched(seed)
+    model = fitted(record(u, lags(u, [0.05, 0.03], [300.0, 1500.0], delay=12), 0.02, seed))
+    assert chosen(model)["delays"][0] == pytest.approx(120.0, abs=8.0)
+    assert model.terms[0].response.delay == chosen(model)["delays"][0]
+    other = switched(seed + 5)
+    late = lags(other, [0.05, 0.03], [300.0, 1500.0], delay=12)
+    assert agreements(model, [record(other, late, 0.02, 9)])[OUTPUT].rmse < 0.025
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_drive_that_does_nothing_is_left_out_and_told(seed):
+    u = switched(seed)
+    idle = switched(seed + 20, block=700.0)
+    log = record(u, lags(u, [0.05], [600.0]), 0.05, seed, **{ROOM: idle})
+    model = fitted(log, (HEAT, ROOM))
+    assert chosen(model)["kinds"][1] == LEFT_OUT
+    assert [term.drive for term in model.terms] == [HEAT]
+    assert f"{OUTPUT}: without {ROOM}: these logs show no response to it" in "\n".join(
+        calibration_warnings(model)
+    )
+    assert agreements(model, [log])[OUTPUT].rmse == pytest.approx(0.05, rel=0.1)
+
+
+def test_two_drives_may_have_two_kinds():
+    u, v = switched(4), switched(5, block=900.0)
+    y = lags(u, [0.05], [200.0]) + lags(v, [0.08, -0.03], [2000.0, 300.0])
+    model = fitted(record(u, y, 0.02, 4, **{ROOM: v}), (HEAT, ROOM))
+    assert model.terms[0].response.kind == "rational1"
+    assert agreements(model, [record(u, y, 0.02, 6, **{ROOM: v})])[OUTPUT].rmse < 0.023
+
+
+def test_outliers_choose_nothing():
+    u = switched(1)
+    log = record(u, lags(u, [0.05], [600.0]), 0.05, 1)
+    log.columns[OUTPUT][50::97] = -180.0
+    assert chosen(fitted(log))["kinds"] == ["rational1"]
+
+
+def test_a_kind_that_is_given_is_taken_and_nothing_is_compared():
+    u = switched(1)
+    model = fitted(record(u, lags(u, [0.05], [600.0]), 0.05, 1), kinds={OUTPUT: "deflection"})
+    assert model.terms[0].response.kind == "deflection"
+    assert "candidates" not in model.outputs[0].fit
+
+
+def test_the_comparison_is_told_with_its_reason():
+    u = switched(1)
+    text = calibration_table(fitted(record(u, lags(u, [0.05], [600.0]), 0.05, 1)))
+    assert f"{OUTPUT}: kinds compared" in text
+    (line,) = (line for line in text.splitlines() if line.startswith("rational1 "))
+    assert "chosen: the fewest parameters among those that are as good" in line
+    # What a person asks for: 0.05 K/W and ten minutes.
+    (line,) = (line for line in text.splitlines() if line.startswith(HEAT))
+    assert "K/W" in line
+    assert "10 min" in line or "9.9" in line or "10.1 min" in line

@@ -1,0 +1,388 @@
+"""Which kind of response an output has to each drive: by evidence, and by rows held out.
+
+Every kind is fitted to the same records and asked twice. Evidence: the Bayesian information
+criterion, with as many rows as the colour of the residual leaves independent. Prediction: the error
+on blocks of rows that the fit has not seen, in turn. Of the kinds that no other one surpasses in
+either, the one with the fewest parameters is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from thermaltool.fitting.output_fit import check_records
+from thermaltool.fitting.projection import GridStates
+from thermaltool.fitting.response_search import BLOCKS, CandidateData, FittedKinds, KindSearch
+from thermaltool.model import Drive
+from thermaltool.record import Record
+from thermaltool.responses.modes import Float
+
+# Below so many rows for each drive nothing is compared.
+MIN_ROWS = 50
+# Kinds that compete; those with a delay are tried where the delay itself has evidence.
+KINDS = (
+    "conduction",
+    "rational1",
+    "rational2",
+    "rational3",
+    "rational4",
+    "deflection",
+    "joint_deflection",
+)
+# In place of a kind: these records show no response to the drive.
+LEFT_OUT = "none"
+DELAYED = ("rational1", "rational2", "rational3")
+# What is tried for one drive where there are several.
+KINDS_FOR_ONE = ("rational1", "rational2", "deflection")
+# Sums over so many blocks say how many rows are independent.
+INDEPENDENT_BLOCKS = 48
+# Fall of the criterion that counts: odds of 150 to 1.
+DECISIVE = 10.0
+# An error beside that of the best kind counts from this share of a reading's noise: with less of it
+# the whole error is at most an eighth larger, which is not worth a parameter.
+MIN_EXCESS = 0.5
+# A larger error on held-out blocks is sure from so many standard errors: not where one block, the
+# only one with a step in it, makes it.
+SURE = 2.0
+# Terms that are so many times larger than the output, and cancel, are no answer.
+MAX_CANCELLATION = 10.0
+# Unless nothing else comes within so many times its error.
+MAX_LOSS = 2.0
+# A time constant of so many of the longest record is a trend, and its gain a guess.
+MAX_SLOWEST = 2.0
+# Delays that are tried: these many samples, up to this share of the longest record; then so many
+# more between the neighbours of the best.
+DELAY_SAMPLES, MAX_DELAY_SHARE, DELAY_STEPS = (0.5, 1, 2, 4, 8, 16, 32, 64), 0.05, 8
+# Longer delays are not tried behind one that leaves so many times the squared error of the best.
+GIVE_UP = 2.0
+# What is said of the one that is taken.
+WHY_ALONE = "chosen: no other is as good"
+WHY_SIMPLEST = "chosen: the fewest parameters among those that are as good"
+
+
+@dataclass(frozen=True)
+class KindCandidate:
+    """One choice of kinds, and what it is worth.
+
+    Attributes
+    ----------
+    kinds : tuple of str, one for each drive
+    delays : tuple of float [s]
+    parameters : int
+        Fitted ones, without offsets.
+    rmse : float [unit of the output]
+        Of the means over groups of rows.
+    held_out : float or None [unit of the output]
+        The same of rows that the fit has not seen; None where evidence has ruled it out before.
+    criterion : float
+        Above the least of all candidates.
+    cancellation : float
+        Size of the largest term over that of the output.
+    note : str
+        Why it is not taken, or why it is.
+    chosen : bool
+    """
+
+    kinds: tuple[str, ...]
+    delays: tuple[float, ...]
+    parameters: int
+    rmse: float
+    held_out: float | None
+    criterion: float
+    cancellation: float
+    note: str = ""
+    chosen: bool = False
+
+    def document(self) -> dict[str, Any]:
+        """As JSON."""
+        return {
+            **asdict(self),
+            "label": self.label,
+            "kinds": list(self.kinds),
+            "delays": list(self.delays),
+        }
+
+    @property
+    def label(self) -> str:
+        """The kinds, with their delays."""
+        parts = [
+            f"{kind} delay={delay:.4g}" if delay else kind
+            for kind, delay in zip(self.kinds, self.delays, strict=True)
+        ]
+        return parts[0] if len(set(parts)) == 1 else " + ".join(parts)
+
+
+def choose_response(
+    records: Sequence[Record],
+    drives: Sequence[Drive],
+    output: str,
+    usual: str,
+    fixed: Mapping[str, float] | None = None,
+    free_start: bool = False,
+    progress: Callable[[str], None] = lambda message: None,
+    states: GridStates | None = None,
+) -> tuple[KindCandidate, ...]:
+    """All kinds of response on the same records, the chosen one among them.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    drives : sequence of Drive
+    output : str
+    usual : str
+        The kind that is taken among equals.
+    fixed : mapping of parameter name to value, optional
+    free_start : bool
+        See `fit_output`.
+    progress : callable
+    states : dict, optional
+        See `CalibrationProblem.assemble`.
+
+    Returns
+    -------
+    tuple of KindCandidate
+        By their number of parameters; none where the rows are too few to compare.
+    """
+    check_records(records, drives)
+    if sum(len(record) for record in records) < MIN_ROWS * len(drives):
+        return ()
+    task = KindSearch(
+        records, drives, output, free_start, fixed or {}, {} if states is None else states
+    )
+    still = (0.0,) * len(drives)
+    found: list[FittedKinds] = []
+    for kind in KINDS if len(drives) == 1 else dict.fromkeys((usual, *KINDS_FOR_ONE)):
+        progress(f"trying {kind}")
+        own = task.fit((kind,) * len(drives), still)
+        found += [own] if own is not None else []
+    if not found:
+        return ()
+    rows = _independent(min(_sound(found), key=lambda each: each.size))
+    if not (fixed or {}).get("delay"):
+        progress("trying delays")
+        found += _delayed(task, found, rows)
+    if len(drives) > 1:
+        progress("trying a kind for each drive")
+        found += _mixed(task, found, rows)
+    return _Judgement(found, task.data(still), rows).candidates(usual)
+
+
+def _independent(found: FittedKinds) -> float:
+    """Rows that count as independent, from sums of the residual over blocks."""
+    rows, residual = len(found.residual), found.residual
+    blocks = min(INDEPENDENT_BLOCKS, rows)
+    starts = np.arange(blocks) * rows // blocks
+    sums = np.add.reduceat(residual, starts)
+    own = float(np.sum(residual**2))
+    return rows / max(float(np.sum(sums**2)) / own, 1.0) if own else float(rows)
+
+
+def _criterion(found: FittedKinds, rows: float) -> float:
+    """The Bayesian information criterion of so many independent rows, to a constant."""
+    floor = np.finfo(float).eps
+    return rows * float(np.log(max(found.size, floor))) + found.parameters * float(np.log(rows))
+
+
+def _delayed(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
+    """Rational kinds with the delay of each drive that has evidence."""
+    rationals = [each for each in found if each.kinds[0] in DELAYED]
+    if not rationals:
+        return []
+    base = _best(rationals, rows)
+    longest = MAX_DELAY_SHARE * task.duration
+    tried = [k * task.period for k in DELAY_SAMPLES if k * task.period <= longest]
+    if not tried:
+        return []
+
+    def size(delay: float, d: int) -> float:
+        """Sum of squares with another delay of drive d, from the rates of `base`."""
+        delays = (*base.delays[:d], delay, *base.delays[d + 1 :])
+        return task.size(base.kinds, delays, base.theta)
+
+    def searched(delay: float, d: int) -> float:
+        """The same, from all starts."""
+        found = task.fit(base.kinds, (*base.delays[:d], delay, *base.delays[d + 1 :]))
+        return base.size if found is None else found.size
+
+    for d in range(len(base.delays)):
+        sizes = []
+        for delay in tried:
+            sizes.append(size(delay, d))
+            if sizes[-1] > GIVE_UP * min(*sizes, base.size):
+                break
+        fall = float(np.log(base.size / max(min(sizes), np.finfo(float).tiny)))
+        if rows * fall < DECISIVE + np.log(rows):
+            continue
+        k = int(np.argmin(sizes))
+        low, high = tried[k - 1] if k else 0.0, tried[min(k + 1, len(tried) - 1)]
+        # Rates that were found without the delay stand for a part of it: each place has its own.
+        delay = _golden(partial(searched, d=d), low, high, DELAY_STEPS)
+        delays = (*base.delays[:d], delay, *base.delays[d + 1 :])
+        base = task.fit(base.kinds, delays) or base
+    if not any(base.delays):
+        return []
+    others = (task.fit((kind,) * len(base.kinds), base.delays) for kind in DELAYED)
+    return [each for each in others if each is not None]
+
+
+def _golden(size: Callable[[float], float], low: float, high: float, steps: int) -> float:
+    """Place of a minimum between two places, by golden section."""
+    ratio = (np.sqrt(5.0) - 1) / 2
+    a, b = high - ratio * (high - low), low + ratio * (high - low)
+    at_a, at_b = size(a), size(b)
+    for _ in range(steps):
+        if at_a <= at_b:
+            high, b, at_b = b, a, at_a
+            a = high - ratio * (high - low)
+            at_a = size(a)
+        else:
+            low, a, at_a = a, b, at_b
+            b = low + ratio * (high - low)
+            at_b = size(b)
+    return float(a if at_a <= at_b else b)
+
+
+def _mixed(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
+    """Without each of the drives, and with another kind for one after the other."""
+    alike = {each.kinds[0]: each for each in found if not any(each.delays)}
+    best = _best(found, rows)
+    tried: list[FittedKinds] = []
+    for d in range(len(best.kinds)):
+        others = [_left_out(task, best, d)]
+        for kind in KINDS_FOR_ONE:
+            if (
+                kind == best.kinds[d]
+                or kind not in alike
+                or (best.delays[d] and kind not in DELAYED)
+            ):
+                continue
+            rates = [best.rates(k) for k in range(len(best.kinds))]
+            rates[d] = alike[kind].rates(d)
+            kinds = (*best.kinds[:d], kind, *best.kinds[d + 1 :])
+            others.append(task.fit(kinds, best.delays, np.concatenate(rates)))
+        tried += [each for each in others if each is not None]
+        best = _best([best, *(each for each in tried if LEFT_OUT not in each.kinds)], rows)
+    return tried
+
+
+def _best(found: Sequence[FittedKinds], rows: float) -> FittedKinds:
+    """The one of most evidence among the sound ones."""
+    return min(_sound(found), key=lambda each: _criterion(each, rows))
+
+
+def _sound(found: Sequence[FittedKinds]) -> list[FittedKinds]:
+    """Those that may be an answer: all, where no sound one comes near."""
+    least = min(each.size for each in found)
+    sound = [each for each in found if not _unsound(each)]
+    if not sound or min(each.size for each in sound) > MAX_LOSS**2 * least:
+        return list(found)
+    return sound
+
+
+def _unsound(each: FittedKinds) -> str:
+    """Why a candidate is no answer, however close it comes; empty where it is one."""
+    if each.cancellation > MAX_CANCELLATION:
+        return f"terms of {each.cancellation:.3g} times the output cancel"
+    if each.slowest > MAX_SLOWEST:
+        return f"a time constant of {each.slowest:.3g} times the record"
+    return ""
+
+
+def _left_out(task: KindSearch, best: FittedKinds, d: int) -> FittedKinds | None:
+    if any(best.delays):
+        return None
+    kinds = (*best.kinds[:d], *best.kinds[d + 1 :])
+    rates = [best.rates(k) for k in range(len(best.kinds)) if k != d]
+    fit = task.without(d).fit(kinds, (0.0,) * len(kinds), np.concatenate(rates))
+    if fit is None:
+        return None
+    return replace(fit, kinds=(*kinds[:d], LEFT_OUT, *kinds[d:]), delays=best.delays)
+
+
+class _Judgement:
+    """Candidates side by side: what each is worth beside the best, in evidence and prediction."""
+
+    def __init__(self, found: Sequence[FittedKinds], data: CandidateData, rows: float) -> None:
+        self.data, self.rows = data, rows
+        # A delay is a cause of its own: it has to say more than any kind without one.
+        plain = [each for each in found if not any(each.delays)]
+        gain = _criterion(_best(plain, rows), rows) - _criterion(_best(found, rows), rows)
+        self.found = list(found) if gain > DECISIVE else plain
+        sound = _sound(self.found)
+        self.least = _criterion(_best(sound, rows), rows)
+        closest, kept = min(sound, key=lambda each: each.size), {id(each) for each in sound}
+        self.notes = [
+            self._before(each, closest) if id(each) in kept else _unsound(each)
+            for each in self.found
+        ]
+        left = [each for each, note in zip(self.found, self.notes, strict=True) if not note]
+        best = min(left, key=lambda each: float(np.sum(each.held_out**2)))
+        self.notes = [
+            note or self._held_out(each, best)
+            for each, note in zip(self.found, self.notes, strict=True)
+        ]
+
+    def rms(self, errors: Float) -> float:
+        """Root mean square of means over groups of rows, from errors times root of the number."""
+        size = self.data.size
+        return float(np.sqrt(np.average(errors**2 / size, weights=size)))
+
+    def _counts(self, errors: Float, others: Float) -> bool:
+        """Whether errors are larger than others by what is worth a parameter."""
+        excess = self.rms(errors) ** 2 - self.rms(others) ** 2
+        return excess > (MIN_EXCESS * self.data.noise) ** 2
+
+    def _before(self, each: FittedKinds, closest: FittedKinds) -> str:
+        """Why a candidate is out before any row is held out; empty where it is not."""
+        less = _criterion(each, self.rows) > self.least + DECISIVE
+        return "less evidence" if less and self._counts(each.residual, closest.residual) else ""
+
+    def _held_out(self, each: FittedKinds, best: FittedKinds) -> str:
+        """Why a candidate is out by rows held out; empty where it is not."""
+        blocks = np.arange(len(best.held_out)) * BLOCKS // len(best.held_out)
+        worse = np.bincount(blocks, each.held_out**2 - best.held_out**2)
+        sure = float(np.sum(worse)) > SURE * float(np.std(worse)) * np.sqrt(len(worse))
+        if sure and self._counts(each.held_out, best.held_out):
+            return "predicts held-out rows worse"
+        return ""
+
+    def candidates(self, usual: str) -> tuple[KindCandidate, ...]:
+        """Every candidate with its note, the chosen one among them.
+
+        Parameters
+        ----------
+        usual : str
+            The kind that is taken among equals.
+        """
+        sound = [k for k, note in enumerate(self.notes) if not note]
+        taken = min(
+            sound,
+            key=lambda k: (
+                self.found[k].parameters,
+                self.found[k].kinds[0] != usual,
+                self.rms(self.found[k].held_out),
+            ),
+        )
+        result = []
+        for k, (each, note) in enumerate(zip(self.found, self.notes, strict=True)):
+            if k == taken:
+                note = WHY_ALONE if len(sound) == 1 else WHY_SIMPLEST
+            result.append(
+                KindCandidate(
+                    each.kinds,
+                    each.delays,
+                    each.parameters,
+                    self.rms(each.residual),
+                    self.rms(each.held_out) if "held_out" in each.__dict__ else None,
+                    _criterion(each, self.rows) - self.least,
+                    each.cancellation,
+                    note or "more parameters",
+                    k == taken,
+                )
+            )
+        return tuple(sorted(result, key=lambda each: (each.parameters, each.criterion)))

@@ -1,0 +1,289 @@
+"""Kinds of response fitted to the same records, with the errors on rows held out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.projection import CalibrationProblem, GridStates, Parametrization, Triangle
+from thermaltool.fitting.start_search import COARSE, StartSearch
+from thermaltool.model import Drive
+from thermaltool.record import Record
+from thermaltool.responses import response_class
+from thermaltool.responses.modes import Float
+from thermaltool.signals.detrend import difference_sigma
+from thermaltool.signals.robust import robust_std
+
+# Rows are averaged over groups until no more than so many are left: thermal responses are slower.
+MAX_GROUPS = 1200
+# The records are cut into so many blocks, every fourth of which is held out in turn.
+BLOCKS, FOLDS = 96, 4
+# Starts of each search that are refined.
+STARTS = 2
+# Rows whose residual is beyond so many robust deviations of a first fit take no part.
+MAX_DEVIATIONS = 8.0
+
+
+@dataclass(frozen=True)
+class CandidateData:
+    """Records with given delays: rows in groups, and what each fold leaves of them.
+
+    Attributes
+    ----------
+    problem : CalibrationProblem
+        Of means over groups of rows, times the root of their number.
+    whole : Triangle
+    folds : tuple of Triangle
+        Without the rows of each fold.
+    fold : ndarray of int, shape (groups,)
+    size : ndarray, shape (groups,)
+        Number of rows.
+    noise : float [unit of the output]
+        White noise of a reading.
+    """
+
+    problem: CalibrationProblem
+    whole: Triangle
+    folds: tuple[Triangle, ...]
+    fold: NDArray[np.int64]
+    size: Float
+    noise: float
+
+
+@dataclass(frozen=True)
+class FittedKinds:
+    """Kinds of response fitted to all rows.
+
+    Attributes
+    ----------
+    kinds : tuple of str, one for each drive
+    delays : tuple of float [s]
+    parameters : int
+        Fitted ones, without offsets.
+    theta : ndarray, shape (searched,)
+        Logarithms of rates and shapes.
+    residual : ndarray, shape (groups,) [unit of the output]
+        Of the mean of a group of rows, times the root of their number.
+    cancellation : float
+        Size of the largest term over that of the output.
+    slowest : float
+        Slowest time constant over the longest record.
+    search : StartSearch
+    data : CandidateData
+    """
+
+    kinds: tuple[str, ...]
+    delays: tuple[float, ...]
+    parameters: int
+    theta: Float
+    residual: Float
+    cancellation: float
+    slowest: float
+    search: StartSearch
+    data: CandidateData
+
+    def rates(self, drive: int) -> Float:
+        """Logarithms of one drive's rates and shapes, shape (own searched,).
+
+        Parameters
+        ----------
+        drive : int
+        """
+        lengths = [len(cls.searched) for cls in self.search.parametrization.classes]
+        return np.split(self.theta, np.cumsum(lengths)[:-1])[drive]
+
+    @property
+    def size(self) -> float:
+        """Sum of squares [unit² of the output]."""
+        return float(np.sum(self.residual**2))
+
+    @cached_property
+    def held_out(self) -> Float:
+        """Errors as `residual`, by fits that have not seen the rows, shape (groups,)."""
+        errors = np.zeros_like(self.residual)
+        for k, triangle in enumerate(self.data.folds):
+            there = self.data.fold == k
+            near = self.search.refine(self.theta, triangle)[1]
+            errors[there] = self.search.fitted(near, triangle)[0][there]
+        return errors
+
+
+@dataclass
+class KindSearch:
+    """All that candidates share: records, drives, and the rows that count.
+
+    Attributes
+    ----------
+    records : sequence of Record
+    drives : sequence of Drive
+    output : str
+    free_start : bool
+    fixed : mapping of parameter name to value
+    states : dict
+        See `CalibrationProblem.assemble`.
+    """
+
+    records: Sequence[Record]
+    drives: Sequence[Drive]
+    output: str
+    free_start: bool
+    fixed: Mapping[str, float]
+    states: GridStates
+    _data: dict[tuple[float, ...], CandidateData] = field(default_factory=dict)
+
+    def without(self, drive: int) -> KindSearch:
+        """The same rows with one drive left out, by its number.
+
+        Parameters
+        ----------
+        drive : int
+        """
+        keep = self._sound
+        rest = [each for k, each in enumerate(self.drives) if k != drive]
+        other = replace(self, drives=rest, _data={})
+        still = (0.0,) * len(rest)
+        other.__dict__["_sound"] = keep
+        other._data[still] = _grouped(other._assemble(still), keep)
+        return other
+
+    @cached_property
+    def duration(self) -> float:
+        """Of the longest record [s]."""
+        return max(record.duration for record in self.records)
+
+    @cached_property
+    def period(self) -> float:
+        """Shortest sample period [s]."""
+        return min(record.period for record in self.records)
+
+    def _parametrization(self, kinds: Sequence[str]) -> Parametrization:
+        classes = tuple(response_class(kind) for kind in kinds)
+        constants = tuple({k: self.fixed.get(k, v) for k, v in c.fixed.items()} for c in classes)
+        return Parametrization(classes, constants)
+
+    def _search(self, data: CandidateData, kinds: Sequence[str]) -> StartSearch:
+        own = self._parametrization(kinds)
+        return StartSearch(data.problem, own, own.limits(self.period, self.duration), COARSE)
+
+    @cached_property
+    def _sound(self) -> NDArray[np.bool_]:
+        """Rows that are no outliers of a first fit, shape (rows,)."""
+        problem = self._assemble((0.0,) * len(self.drives))
+        kinds = ["rational2"] * len(self.drives)
+        own = self._parametrization(kinds)
+        search = StartSearch(problem, own, own.limits(self.period, self.duration), COARSE)
+        triangle = problem.compress(np.ones(len(problem.measured)))
+        starts = own.starts(self.period, self.duration)
+        theta = search.best(starts, triangle, 1, _silent)[0][1]
+        for _ in range(2):
+            residual = search.fitted(theta, triangle)[0]
+            spread = robust_std(residual)
+            keep = np.abs(residual) <= MAX_DEVIATIONS * spread if spread else residual == residual
+            if keep.all():
+                break
+            triangle = problem.compress(keep.astype(float))
+            theta = search.refine(theta, triangle)[1]
+        self._data[(0.0,) * len(self.drives)] = _grouped(problem, keep)
+        return np.asarray(keep)
+
+    def _assemble(self, delays: tuple[float, ...]) -> CalibrationProblem:
+        return CalibrationProblem.assemble(
+            self.records, self.drives, self.output, self.free_start, delays, self.states
+        )
+
+    def data(self, delays: tuple[float, ...]) -> CandidateData:
+        """Rows in groups, the drives delayed.
+
+        Parameters
+        ----------
+        delays : tuple of float [s]
+        """
+        keep = self._sound
+        if delays not in self._data:
+            self._data[delays] = _grouped(self._assemble(delays), keep)
+        return self._data[delays]
+
+    def size(self, kinds: Sequence[str], delays: tuple[float, ...], theta: Float) -> float:
+        """Sum of squares at the minimum near `theta` [unit² of the output].
+
+        Parameters
+        ----------
+        kinds : sequence of str
+        delays : tuple of float [s]
+        theta : ndarray, shape (searched,)
+        """
+        data = self.data(delays)
+        search = self._search(data, kinds)
+        return float((search.refine(theta, data.whole)[0] * search.scale) ** 2)
+
+    def fit(
+        self, kinds: tuple[str, ...], delays: tuple[float, ...], theta: Float | None = None
+    ) -> FittedKinds | None:
+        """Kinds fitted to all rows; None where they cannot be.
+
+        Parameters
+        ----------
+        kinds : tuple of str, one for each drive
+        delays : tuple of float [s]
+        theta : ndarray, shape (searched,), optional
+            Where to start; the grids of the kinds by default.
+        """
+        data = self.data(delays)
+        search = self._search(data, kinds)
+        own = search.parametrization
+        unknowns = own.searched + own.gains + len(self.records)
+        if len(data.problem.measured) * (FOLDS - 1) <= unknowns * FOLDS:
+            return None
+        starts = own.starts(self.period, self.duration) if theta is None else [theta]
+        try:
+            theta = search.best(starts, data.whole, STARTS, _silent)[0][1]
+        except FitError:
+            return None
+        residual, linear = search.fitted(theta, data.whole)
+        unit = own.unit_weights(theta, data.problem.grid) * linear[: own.gains]
+        terms = data.problem.design[:, : len(unit)] @ unit
+        measured = data.problem.measured
+        spread = float(np.linalg.norm(measured - np.mean(measured))) or 1.0
+        largest = float(np.max(np.linalg.norm(terms - terms.mean(axis=0), axis=0)))
+        count = own.searched + own.gains + sum(int(delay > 0) for delay in delays)
+        responses = own.responses(theta, linear[: own.gains])
+        slowest = max(response.slowest() for response in responses) / self.duration
+        return FittedKinds(
+            kinds, delays, count, theta, residual, largest / spread, slowest, search, data
+        )
+
+
+def _silent(message: str) -> None:
+    """No word of progress."""
+
+
+def _grouped(problem: CalibrationProblem, keep: NDArray[np.bool_]) -> CandidateData:
+    """Means of groups of rows, each times the root of its number, so that noise stays white."""
+    size = -(-int(keep.sum()) // MAX_GROUPS)
+    record = problem.record[keep]
+    place = np.arange(len(record)) - np.searchsorted(record, record)
+    starts = np.flatnonzero(np.diff(record * len(record) + place // size, prepend=-1))
+    root = np.sqrt(np.diff(np.append(starts, len(record))))
+    grouped = replace(
+        problem,
+        design=np.add.reduceat(problem.design[keep], starts) / root[:, None],
+        measured=np.add.reduceat(problem.measured[keep], starts) / root,
+        time=problem.time[keep][starts],
+        record=record[starts],
+    )
+    rows = len(starts)
+    fold = np.arange(rows) * min(BLOCKS, rows) // rows % FOLDS
+    whole = grouped.compress(np.ones(rows))
+    return CandidateData(
+        grouped,
+        whole,
+        tuple(grouped.compress((fold != k).astype(float)) for k in range(FOLDS)),
+        fold,
+        root**2,
+        difference_sigma(problem.measured[keep]),
+    )
