@@ -132,8 +132,9 @@ def fit(frame: pd.DataFrame) -> api.Calibration:
 def test_a_calibration_prints_its_table_and_draws_the_log(
     fit: api.Calibration, frame: pd.DataFrame
 ) -> None:
-    head, row, *notes = str(fit).splitlines()
-    assert notes == list(fit.notes)
+    head, row, *rest = str(fit).splitlines()
+    assert rest[len(rest) - len(fit.notes) :] == list(fit.notes)
+    assert any(line.startswith("d_z_um: kinds compared") for line in rest)
     assert head.split()[:2] == ["output", "rmse"]
     assert row.startswith("d_z_um")
     assert set(fit.frame.index.get_level_values("output")) == {"d_z_um"}
@@ -143,7 +144,10 @@ def test_a_calibration_prints_its_table_and_draws_the_log(
     assert [ax.get_title("left") for ax in fit.plot().axes] == ["d_z_um, from rest", ""]
 
 
-def test_what_a_fit_leaves_open_is_printed_below_its_table(fit: api.Calibration) -> None:
+def test_what_a_fit_leaves_open_is_printed_below_its_table(frame: pd.DataFrame) -> None:
+    # Of one lag three are not identified.
+    kinds = {"d_z_um": "deflection"}
+    fit = tt.calibrate(frame, ["Q_motor_W"], deflections=["d_z_um"], kinds=kinds)
     assert fit.notes
     assert str(fit) == repr(fit) == "\n".join([fit.table(), *fit.notes])
     said: list[str] = []

@@ -55,7 +55,11 @@ def test_stdin_to_stdout_and_again_the_same(thermaltool, files):
 def test_json(thermaltool, files):
     target = files.folder / "new.json"
     result = thermaltool("calibrate", files.log, *SENSOR, *QUICK, "--json", "-o", target)
-    assert set(result.json) == {"outputs", "terms"}
+    assert set(result.json) == {"outputs", "terms", "responses"}
+    (response,) = result.json["responses"]
+    assert response["gain"][1] < response["gain"][0] < response["gain"][2]
+    assert response["gain_unit"] == "K"
+    assert result.json["outputs"][0]["fit"]["candidates"]
     fit = result.json["outputs"][0]["fit"]
     assert {"rmse", "max_error", "fit_percent", "rows", "offsets", "unidentified"} <= set(fit)
     assert fit["rows"] == 240
@@ -93,7 +97,7 @@ def test_kind_and_fixed_radius(thermaltool, files):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--fix", "r1=0.2"), "cannot fix r1 = 0.2: it must be above 0, and one of r0"),
+        (("--fix", "r1=0.2"), "cannot fix r1 = 0.2: it must be above 0, and one of delay, r0"),
         (("--fix", "r0=-1"), "cannot fix r0 = -1"),
         (("--response", "dT_pair1_K=radiation"), "unknown response 'radiation'; known: conduction"),
         (("--response", "d_y_um=deflection"), "d_y_um, which is no output of the fit"),

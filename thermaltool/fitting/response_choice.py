@@ -189,45 +189,49 @@ def _criterion(found: FittedKinds, rows: float) -> float:
 
 
 def _delayed(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
-    """Rational kinds with the delay of each drive that has evidence."""
+    """Rational kinds, each with its own delay of the drives for which there is evidence."""
     rationals = [each for each in found if each.kinds[0] in DELAYED]
-    if not rationals:
-        return []
-    base = _best(rationals, rows)
     longest = MAX_DELAY_SHARE * task.duration
     tried = [k * task.period for k in DELAY_SAMPLES if k * task.period <= longest]
-    if not tried:
+    if not rationals or not tried:
         return []
+    best = _best(rationals, rows)
+    brackets = {d: _bracket(task, best, d, tried, rows) for d in range(len(best.kinds))}
+    fits = []
+    for base in rationals if any(brackets.values()) else []:
+        each = base
+        for d, bracket in brackets.items():
+            if bracket is not None:
+                delay = _golden(partial(_size_of, task, each, d), *bracket, DELAY_STEPS)
+                each = task.fit(each.kinds, _with_delay(each, d, delay)) or each
+        fits.append(each)
+    return [each for each in fits if any(each.delays)]
 
-    def size(delay: float, d: int) -> float:
-        """Sum of squares with another delay of drive d, from the rates of `base`."""
-        delays = (*base.delays[:d], delay, *base.delays[d + 1 :])
-        return task.size(base.kinds, delays, base.theta)
 
-    def searched(delay: float, d: int) -> float:
-        """The same, from all starts."""
-        found = task.fit(base.kinds, (*base.delays[:d], delay, *base.delays[d + 1 :]))
-        return base.size if found is None else found.size
+def _with_delay(each: FittedKinds, d: int, delay: float) -> tuple[float, ...]:
+    return (*each.delays[:d], delay, *each.delays[d + 1 :])
 
-    for d in range(len(base.delays)):
-        sizes = []
-        for delay in tried:
-            sizes.append(size(delay, d))
-            if sizes[-1] > GIVE_UP * min(*sizes, base.size):
-                break
-        fall = float(np.log(base.size / max(min(sizes), np.finfo(float).tiny)))
-        if rows * fall < DECISIVE + np.log(rows):
-            continue
-        k = int(np.argmin(sizes))
-        low, high = tried[k - 1] if k else 0.0, tried[min(k + 1, len(tried) - 1)]
-        # Rates that were found without the delay stand for a part of it: each place has its own.
-        delay = _golden(partial(searched, d=d), low, high, DELAY_STEPS)
-        delays = (*base.delays[:d], delay, *base.delays[d + 1 :])
-        base = task.fit(base.kinds, delays) or base
-    if not any(base.delays):
-        return []
-    others = (task.fit((kind,) * len(base.kinds), base.delays) for kind in DELAYED)
-    return [each for each in others if each is not None]
+
+def _size_of(task: KindSearch, base: FittedKinds, d: int, delay: float) -> float:
+    """Sum of squares with another delay of one drive: each delay has rates of its own."""
+    found = task.fit(base.kinds, _with_delay(base, d, delay))
+    return base.size if found is None else found.size
+
+
+def _bracket(
+    task: KindSearch, base: FittedKinds, d: int, tried: Sequence[float], rows: float
+) -> tuple[float, float] | None:
+    """Between which delays that of a drive lies; None where there is no evidence of one."""
+    sizes: list[float] = []
+    for delay in tried:
+        sizes.append(task.size(base.kinds, _with_delay(base, d, delay), base.theta))
+        if sizes[-1] > GIVE_UP * min(*sizes, base.size):
+            break
+    fall = float(np.log(base.size / max(min(sizes), np.finfo(float).tiny)))
+    if rows * fall < DECISIVE + np.log(rows):
+        return None
+    k = int(np.argmin(sizes))
+    return tried[k - 1] if k else 0.0, tried[min(k + 1, len(tried) - 1)]
 
 
 def _golden(size: Callable[[float], float], low: float, high: float, steps: int) -> float:
