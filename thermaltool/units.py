@@ -8,6 +8,7 @@ absent (``T_degC``) and may contain underscores.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -92,6 +93,36 @@ def parse_channel(name: str) -> Channel:
     if quantity == "T" and unit in ("K", "mK"):
         raise UnitError(f"{name}: an absolute temperature is in degC; a difference is dT_..._K")
     return Channel(name, quantity, place, unit)
+
+
+def parse_quantity(text: str) -> tuple[float, str | None]:
+    """A number and its unit as they are typed: ``5um``, ``0.5 °C``; None where there is no unit.
+
+    Raises
+    ------
+    UnitError
+        No number, or an unknown unit (the message lists the known ones).
+    """
+    found = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*", text)
+    if found is None:
+        raise UnitError(f"{text!r} is not a number with a unit, like 5um")
+    value, unit = float(found[1]), found[2]
+    unit = next((name for name, shown in _SYMBOLS.items() if shown == unit), unit)
+    if unit and unit not in UNITS:
+        raise UnitError(f"{text}: unknown unit {unit!r}; known: {', '.join(UNITS)}")
+    return value, unit or None
+
+
+def converted(value: float, unit: str, to: str) -> float | None:
+    """A difference in another unit; None where the two do not go together.
+
+    A difference of temperatures is the same in K and in degC.
+    """
+    (own, factor), (other, divisor) = UNITS[unit], UNITS[to]
+    # "temperature difference" is one of temperatures
+    if own.partition(" ")[0] != other.partition(" ")[0]:
+        return None
+    return value * factor / divisor
 
 
 def hold_of(channel: str) -> Hold:

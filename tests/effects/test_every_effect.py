@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import replace
 from functools import cache
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 from effects.machine import AIR, BEARING, COOLANT, HEAT, PART, columns, model, scene
 
+from thermaltool.diagnosis.action import action_of
+from thermaltool.diagnosis.severity import Severity
 from thermaltool.effects import CATALOGUE, effect_class, load_effect
 from thermaltool.effects.effect import SIDES, reference_of
 from thermaltool.errors import ModelError
@@ -60,10 +63,23 @@ def test_it_is_described(name):
     cls = effect_class(name)
     assert cls.name == name
     assert cls.side in SIDES
-    for text in (cls.explanation, cls.signature, cls.source):
+    for text in (cls.explanation, cls.action, cls.signature, cls.source):
         assert len(text) > 15
         assert text == text.strip()
         assert not text.endswith(".")
+
+
+@acting
+def test_an_action_has_its_place_and_its_numbers(name):
+    """Every form says where to look, and no number is missing."""
+    for effect in variants(name):
+        output = next((own for n in effect.parameters if (own := reference_of(n)[1])), "")
+        severity = {output or place().outputs[0]: Severity(3.25, 1.0)}
+        said = action_of(effect, severity, {})
+        assert any(where and where in said for where in (effect.channel, output))
+        assert effect.channel or "3.25" in said
+        assert not re.search(r"[{}]|nan", said)
+        assert action_of(effect, {}, {})
 
 
 @causes

@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.residual import residual_report
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Tried, Verdict
+from thermaltool.diagnosis.severity import Severity
 from thermaltool.diagnosis.written import Gain, WrittenStep
 from thermaltool.effects.second_source import SecondSource
 from thermaltool.model import Drive, Model, Output, Term
@@ -58,7 +60,11 @@ def diagnosed(
     gain = Gain(16.4, 6.1, 40.0, 12.0, 71.0, 91.0, (9.1, 11.3))
     held_out = replace(gain, rms_before=18.0, rms_after=7.0)
     intervals = {f"gain[{OUTPUT}]": (0.59, 0.63), "time_constant": (800.0, 880.0)}
-    cause = Cause(SOURCE, 552.0, intervals, {OUTPUT: gain}, 0.9, {OUTPUT: held_out})
+    severity = {OUTPUT: Severity(24.0, 15.0)}
+    cause = Cause(
+        SOURCE, 552.0, intervals, {OUTPUT: gain}, 0.9, {OUTPUT: held_out},
+        severity=severity, action=action_of(SOURCE, severity, {OUTPUT: WHITE}),
+    )  # fmt: skip
     other = Alternative(
         ("second_source", "ambient_drift"), (BED, ""), 4.0, "the bed alone, lamp off, for 2 h", 60.0
     )

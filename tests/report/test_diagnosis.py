@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from reference.diagnosed import BED, OUTPUT, UNDECIDED, diagnosed, measured
 
+from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.result import Cause, Location
+from thermaltool.diagnosis.severity import Severity
 from thermaltool.effects.unknown import Unknown
 from thermaltool.report.diagnosis import main_output, summary, to_markdown
 from thermaltool.report.diagnosis_figures import draw_curves, draw_evidence, pictures
-from thermaltool.report.diagnosis_tables import duration, number, percent, sections
+from thermaltool.report.diagnosis_tables import sections
+from thermaltool.report.diagnosis_words import duration, number, percent
 from thermaltool.units import printed
 
 
@@ -48,8 +51,8 @@ def test_contract_of_the_issue():
     assert alternative["separating_experiment"].startswith("the bed alone")
 
 
-def test_five_lines_for_a_new_user():
-    verdict, where, cause, worth, unknown = summary(document())
+def test_a_few_lines_for_a_new_user():
+    verdict, where, cause, severe, action, worth, unknown = summary(document())
     assert verdict.startswith(
         "The model is not adequate for run.csv: only 12 % of the residual's power in d_z_um is "
         "sensor noise or what the calibration itself left (residual "
@@ -63,6 +66,11 @@ def test_five_lines_for_a_new_user():
         "know: gain[d_z_um] 0.6 (0.59 to 0.63) µm/°C, time_constant 840 (800 to 880) s; "
         "evidence 552 (decisive)."
     )
+    assert severe == "Severity: it moves d_z_um by up to 24 µm (15 µm RMS over its rows)."
+    assert action == (
+        "To do: look at what warms with T_bed_degC: it adds 0.6 µm/°C to d_z_um; insulate it, or "
+        "leave the column in every log so that the model follows it."
+    )
     assert worth == (
         "On run.csv, the written model takes the residual of d_z_um from 16 to 6 µm RMS, the "
         "zero of each log free (20 to 10 µm as simulate counts); these rows it has seen, held out "
@@ -74,12 +82,35 @@ def test_five_lines_for_a_new_user():
     )
 
 
+def test_severity_against_a_tolerance():
+    log = measured()
+    files = {"model": "m", "calibrated_on": [], "validated_on": []}
+    files["logs"] = [{"name": "run.csv", "sha256": log.digest}]
+
+    def told(tolerance):
+        found = diagnosed([log]).document({OUTPUT: tolerance})
+        assert found["tolerance"] == {OUTPUT: tolerance}
+        return summary({**found, **files})[3], {**found, **files}
+
+    line, found = told(10.0)
+    assert line == (
+        "Severity: it moves d_z_um by up to 24 µm (15 µm RMS over its rows), 2.4 times the "
+        "tolerance of 10 µm."
+    )
+    assert found["causes"][0]["severity"][OUTPUT] == {
+        "largest": 24.0, "rms": 15.0, "tolerance": 10.0, "times_tolerance": 2.4,
+    }  # fmt: skip
+    assert told(30.0)[0].endswith(", within the tolerance of 30 µm.")
+    rows = next(s.rows for s in sections(found) if s.title.startswith("How severe"))
+    assert rows[1] == ["second_source (T_bed_degC)", OUTPUT, "µm", "24", "15", "10", "2.4"]
+
+
 def test_unseen_logs_are_named():
     found = document(validated=["in/evening.csv"])
     found["written"] += [{**row, "log": "in/evening.csv", "rmse": 9.0 - row["step"],
                           "rmse_zero_free": 5.0 - row["step"]}
                          for row in found["written"]]  # fmt: skip
-    assert summary(found)[3] == (
+    assert summary(found)[5] == (
         "On evening.csv, the written model takes the residual of d_z_um from 5 to 4 µm RMS, the "
         "zero of each log free (9 to 8 µm as simulate counts)."
     )
@@ -92,11 +123,11 @@ def test_several_causes():
     last = {**found["written"][-1], "step": 2, "rmse": 3.0, "rmse_zero_free": 2.0}
     found["written"].append(last)
     lines = summary({**found, "causes": [found["causes"][0], second]})
-    assert [line.split(":")[0] for line in lines[2:4]] == ["Cause 1 of 2", "Cause 2 of 2"]
-    assert ", in run.csv alone: " in lines[3]
+    assert [line.split(":")[0] for line in lines[2:8:3]] == ["Cause 1 of 2", "Cause 2 of 2"]
+    assert ", in run.csv alone: " in lines[5]
     # One chain, from the model that came in to the file that is written.
-    assert "of d_z_um from 16 to 6 to 2 µm RMS" in lines[4]
-    assert "(20 to 10 to 3 µm as simulate counts)" in lines[4]
+    assert "of d_z_um from 16 to 6 to 2 µm RMS" in lines[8]
+    assert "(20 to 10 to 3 µm as simulate counts)" in lines[8]
     many = summary({**found, "causes": [found["causes"][0]] * 5})
     assert "Further causes: second_source (T_bed_degC), second_source (T_bed_degC)." in many
 
@@ -105,7 +136,7 @@ def test_a_gain_that_is_not_sure_is_not_claimed():
     found = document()
     gain = found["causes"][0]["gain"][OUTPUT]
     gain.update(interval=[-0.2, 0.4], claimed=False)
-    assert summary(found)[3].endswith("; the gain is not sure.")
+    assert summary(found)[5].endswith("; the gain is not sure.")
     rows = next(s.rows for s in sections(found) if s.title.startswith("What knowing"))
     assert rows[1][5] == "-0.2 to 0.4, not claimed"
 
@@ -116,7 +147,7 @@ def test_the_output_that_gains_most_is_told():
     cause["gain"]["d_x_um"] = {**cause["gain"][OUTPUT], "claimed": False}
     found["written"] += [{**row, "output": "d_x_um", "rmse_zero_free": 5.0 / (1 + 9 * row["step"])}
                          for row in found["written"]]  # fmt: skip
-    worth = summary(found)[3]
+    worth = summary(found)[5]
     assert "of d_x_um from 5 to 0.5 µm" in worth
     assert worth.endswith("; the gain is not sure.")
 
@@ -139,7 +170,7 @@ def test_every_log_has_its_line_by_every_model():
 
 
 def test_a_model_that_spoils_a_log_is_told():
-    assert "is not to be used" in summary(document(spoiled="d_z_um in other.csv"))[4]
+    assert "is not to be used" in summary(document(spoiled="d_z_um in other.csv"))[6]
 
 
 def test_misfit_without_a_cause():
@@ -161,11 +192,20 @@ def test_cannot_judge():
 def test_what_no_cause_explains_has_its_place():
     found = document(causes=0)
     place = Location("x", OUTPUT, 3600.0, 7200.0, "heating", 600.0, 1800.0, 3.2)
-    cause = Cause(Unknown(OUTPUT, {"rms": 3.0}), 140.0, {}, {}, 0.0, location=place)
-    _, _, line, nearest, *_ = summary({**found, "causes": [cause.document()]})
+    unknown, severity = Unknown(OUTPUT, {"rms": 3.0}), {OUTPUT: Severity(5.0, 3.2)}
+    action = action_of(unknown, severity, {}, place)
+    cause = Cause(
+        unknown, 140.0, {}, {}, 0.0, location=place, severity=severity, action=action
+    ).document({})
+    _, _, line, severe, to_do, nearest, *_ = summary({**found, "causes": [cause]})
     assert line == (
         "Cause: unknown (d_z_um), no cause of the catalogue explains what is left: 3.2 µm RMS, "
         "mostly while heating, most from 60 to 120 min, 10 min to 30 min; evidence 140."
+    )
+    assert severe == ("Severity: d_z_um is off by 3.2 µm RMS, by 5 µm RMS where it is worst.")
+    assert to_do.startswith(
+        "To do: look at the machine where d_z_um is off, from 60 min to 120 min into the log, "
+        "mostly while heating: log whatever else changes then"
     )
     assert nearest.startswith("The nearest")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
 from thermaltool.api.inputs import Reading, all_of, as_model, reads, warn_pauses, write_model
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from thermaltool.logs.reader import Data
     from thermaltool.model import Model
 
+    Tolerance = str | float | Sequence[str] | Mapping[str, str | float]
+
 
 @dataclass(frozen=True, repr=False)
 class DiagnosisReport(Result):
@@ -37,6 +39,8 @@ class DiagnosisReport(Result):
         What the report calls the model.
     logs, unseen, calibration : tuple of Log
         Diagnosed, validated on, and the calibration's own where they were found.
+    tolerance : mapping of output to float [unit of the output]
+        Against which severity is told.
     """
 
     diagnosis: Diagnosis
@@ -44,6 +48,7 @@ class DiagnosisReport(Result):
     logs: tuple[Log, ...]
     unseen: tuple[Log, ...]
     calibration: tuple[Log, ...] = ()
+    tolerance: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def adequate(self) -> bool:
@@ -121,7 +126,7 @@ class DiagnosisReport(Result):
     def document(self) -> dict[str, Any]:
         """The diagnosis as JSON-ready data, with the model and the logs that it is of."""
         return {
-            **self.diagnosis.document(),
+            **self.diagnosis.document(self.tolerance),
             "model": self.model_name,
             "logs": [log.source for log in self.logs],
             "validated_on": [log.source for log in self.unseen],
@@ -165,6 +170,7 @@ def diagnose(
     data: Data | Sequence[Data],
     *,
     validate: Sequence[Data] = (),
+    tolerance: Tolerance = (),
     warn: Notice = notice,
     progress: Notice = silent,
     **reading: Unpack[Reading],
@@ -182,6 +188,9 @@ def diagnose(
     validate : sequence of str, path, pandas.DataFrame or Record
         Logs that no fit sees, on which gains are measured. Without them those of the written
         model are told on `data`, beside those on stretches of it that were held out in turn.
+    tolerance : str, float, sequence of str, or mapping of output to str or float
+        What an output may be off by: ``"5um"``, ``5`` in its own unit, ``"d_z_um=5um"``. The
+        severity of each cause is told against it.
     warn, progress : callable
         Take a sentence where the model extrapolates or a log pauses, and a word now and then.
     **reading
@@ -197,6 +206,8 @@ def diagnose(
         A log that cannot be read, lacks a drive or has no output of the model; the same log twice.
     ModelError, FitError
         Nothing to judge the model by.
+    UnitError
+        A tolerance that fits no output.
 
     Examples
     --------
@@ -214,10 +225,12 @@ def diagnose(
     ['geometry_step']
     """
     from thermaltool.diagnosis.diagnose import diagnose as run
+    from thermaltool.diagnosis.severity import tolerances_of
     from thermaltool.model import excursions
     from thermaltool.report.text import excursion_message
 
     found = as_model(model)
+    allowed = tolerances_of(_typed(tolerance), [output.channel for output in found.outputs])
 
     def read(each: Data) -> Log:
         log = read_log(each, **reading, need=found.needs())
@@ -238,7 +251,14 @@ def diagnose(
     progress("done\n")
     given = isinstance(model, str | os.PathLike)
     name = os.path.basename(source_name(os.fspath(model))) if given else "<model>"  # type: ignore[arg-type]
-    return DiagnosisReport(diagnosis, name, logs, unseen, calibration)
+    return DiagnosisReport(diagnosis, name, logs, unseen, calibration, allowed)
+
+
+def _typed(tolerance: Tolerance) -> list[str]:
+    """Tolerances as they are typed at the command line."""
+    if isinstance(tolerance, Mapping):
+        return [f"{output}={value}" for output, value in tolerance.items()]
+    return [str(tolerance)] if isinstance(tolerance, str | float | int) else list(tolerance)
 
 
 def _calibration_logs(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import sys
-from collections.abc import Sequence
 from typing import Any
 
 import click
@@ -12,7 +10,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progress, warn
 from thermaltool.cli.types import InputPath, NumberRange
-from thermaltool.documents import check_folder, write_json
+from thermaltool.documents import write_json
 
 EXIT_CODES = {"adequate": 0, "not adequate": DID_NOT_PASS, "cannot judge": 4}
 
@@ -45,6 +43,13 @@ EXIT_CODES = {"adequate": 0, "not adequate": DID_NOT_PASS, "cannot judge": 4}
     help="Report in Markdown, with its figures beside it as PNG.",
 )
 @click.option(
+    "--tolerance",
+    multiple=True,
+    metavar="[CHANNEL=]VALUE[UNIT]",
+    help="What an output may be off by, e.g. 5um or d_z_um=5um; without a unit in that of the "
+    "outputs; repeatable. Each cause is told against it.  [default: none]",
+)
+@click.option(
     "--fail-above",
     type=NumberRange(0, 1),
     metavar="SHARE",
@@ -60,6 +65,7 @@ def command(
     validate: tuple[str, ...],
     output: str | None,
     report: str | None,
+    tolerance: tuple[str, ...],
     fail_above: float | None,
     as_json: bool,
     quiet: int,
@@ -83,14 +89,14 @@ def command(
     if report == "-":
         raise click.UsageError("stdout takes the JSON: give --report a file, FILE.md")
     shared.check_files(output, *inputs)
-    _keep(report, inputs, output)
-    found = api.diagnose(model, logs, validate=validate, **reading,
+    shared.keep_from_report(report, inputs, output)
+    found = api.diagnose(model, logs, validate=validate, tolerance=tolerance, **reading,
                          warn=silent if quiet else warn,
                          progress=terminal_progress("diagnose"))  # fmt: skip
     calibration = [log.name for log in found.calibration]
     if output is not None:
         shared.keep_inputs(output, *calibration)
-    _keep(report, calibration, None)
+    shared.keep_from_report(report, calibration, None)
     refused = output is not None and found.diagnosis.spoiled
     if output is not None and not refused:
         found.write_extended(output, model, command_line())
@@ -105,13 +111,3 @@ def command(
     if fail_above is not None:
         code = DID_NOT_PASS if found.exceeds(fail_above) else 0
     sys.exit(DID_NOT_PASS if refused else code)
-
-
-def _keep(report: str | None, inputs: Sequence[str], output: str | None) -> None:
-    """Refuse a report that would replace an input or the model, or cannot be written."""
-    if report is None:
-        return
-    for name in (*inputs, output or "-"):
-        if name != "-" and os.path.realpath(report) == os.path.realpath(name):
-            raise click.UsageError(f"--report {report} would replace {name}")
-    check_folder(report)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import click
@@ -153,6 +153,16 @@ def keep_inputs(output: str, *inputs: str) -> None:
         if both and os.path.samefile(output, name):
             raise click.UsageError(f"-o {output} would replace the input")
     check_folder(output)
+
+
+def keep_from_report(report: str | None, inputs: Sequence[str], output: str | None) -> None:
+    """Refuse a report that would replace an input or the model, or cannot be written."""
+    if report is None:
+        return
+    for name in (*inputs, output or "-"):
+        if name != "-" and os.path.realpath(report) == os.path.realpath(name):
+            raise click.UsageError(f"--report {report} would replace {name}")
+    check_folder(report)
 
 
 @contextlib.contextmanager

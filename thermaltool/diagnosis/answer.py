@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.alternatives import indistinguishable, suspected
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.result import Alternative, Diagnosis, curves_of, unconfirmed
+from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, curves_of, unconfirmed
+from thermaltool.diagnosis.severity import Severity, severity_of, severity_of_outliers
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.verdict import (
     reading_noise,
@@ -50,6 +52,20 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     ]
     if unknown is not None:
         causes.append(unknown)
+
+    def severity(cause: Cause) -> dict[str, Severity]:
+        if cause.location is not None:
+            rms, worst = cause.location.rms, after[cause.location.output].worst
+            return {cause.location.output: Severity(worst.rms if worst else rms, rms)}
+        if cause.effect.name == "outliers":
+            return severity_of_outliers(extended, task.logs, last.simulation.masked)
+        return severity_of(extended, cause.effect, task.logs)
+
+    moved = [severity(cause) for cause in causes]
+    causes = [
+        replace(c, severity=each, action=action_of(c.effect, each, noise, c.location))
+        for c, each in zip(causes, moved, strict=True)
+    ]
     if search.unconfirmed is not None:
         search = search.noted(unconfirmed(search.unconfirmed.effect))
     for note in written.notes:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.residual import ResidualReport, residual_report
+from thermaltool.diagnosis.severity import Severity
 from thermaltool.diagnosis.written import Gain, WrittenStep
 from thermaltool.documents import DIAGNOSIS, jsonable
 from thermaltool.effects.effect import Effect
@@ -76,6 +77,10 @@ class Cause:
         Share of the misfit (residual power above noise) that it removes, all channels.
     location : Location or None
         Of an unknown cause.
+    severity : mapping of output to Severity
+        How much it moves each output over the diagnosed logs.
+    action : str
+        What a technician can do about it.
     """
 
     effect: Effect
@@ -86,15 +91,26 @@ class Cause:
     held_out: Mapping[str, Gain] = field(default_factory=dict)
     forms: tuple[tuple[Effect, float], ...] = ()
     location: Location | None = None
+    severity: Mapping[str, Severity] = field(default_factory=dict)
+    action: str = ""
 
-    def document(self) -> dict[str, Any]:
-        """As JSON; an effect confined to one log says to which."""
+    def document(self, tolerance: Mapping[str, float]) -> dict[str, Any]:
+        """As JSON; an effect confined to one log says to which.
+
+        Parameters
+        ----------
+        tolerance : mapping of output to float [unit of the output]
+        """
         effect = self.effect
         return {
             "name": effect.name,
             "channel": effect.channel,
             "log": effect.log,
             "explanation": effect.explanation,
+            "action": self.action,
+            "severity": {
+                name: each.document(tolerance.get(name)) for name, each in self.severity.items()
+            },
             "source": effect.source,
             "evidence": self.evidence,
             "explained": self.explained,
@@ -225,14 +241,22 @@ class Diagnosis:
         """Whether noise and the calibration's own error account for what is left."""
         return self.verdict == "adequate"
 
-    def document(self) -> dict[str, Any]:
-        """As JSON: without the curves and the model, null for what is not finite."""
+    def document(self, tolerance: Mapping[str, float] | None = None) -> dict[str, Any]:
+        """As JSON: without the curves and the model, null for what is not finite.
+
+        Parameters
+        ----------
+        tolerance : mapping of output to float [unit of the output], optional
+            Against which the severity of each cause is told.
+        """
+        tolerance = tolerance or {}
         document = {
             "verdict": self.verdict,
             "adequate": self.adequate,
             "noise_share": self.noise_share,
             "residuals": {name: report.document() for name, report in self.residuals.items()},
-            "causes": [cause.document() for cause in self.causes],
+            "causes": [cause.document(tolerance) for cause in self.causes],
+            "tolerance": dict(tolerance),
             "alternatives": [
                 {
                     "names": each.names,

@@ -22,6 +22,10 @@ class ActuatorSaturation(Effect):
     explanation: ClassVar[str] = (
         "the actuator gives all it has: a heater at full power, an amplifier at its rail"
     )
+    action: ClassVar[str] = (
+        "see what really comes at {channel}: nothing more acts above {limit}; command no "
+        "more than that, or fit a stronger actuator"
+    )
     signature: ClassVar[str] = (
         "above one level of the drive nothing more follows; below it everything is right"
     )

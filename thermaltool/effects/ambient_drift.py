@@ -30,6 +30,15 @@ class AmbientDrift(HeatSource):
     explanation: ClassVar[str] = (
         "the air around the machine warms or cools, and frame, column and sensors follow it"
     )
+    action: ClassVar[str] = (
+        "look at the air at {channel}: it moves {output} by {gain}; keep draughts and sun "
+        "off the machine, or leave the column in every log so that the model follows it"
+    )
+    action_unlogged: ClassVar[str] = (
+        "log the temperature of the air beside the machine (a column T_ambient_degC): "
+        "something like it moves {output} by up to {moves}; keep draughts and sun off the "
+        "machine"
+    )
     signature: ClassVar[str] = (
         "absolute temperatures and deflections follow the air through a lag, or swing slowly "
         "together where it is not logged; differences of temperature hardly move"

@@ -21,6 +21,10 @@ class Backlash(Effect):
     explanation: ClassVar[str] = (
         "play between command and actuator: a gear, a spindle nut, a valve stem"
     )
+    action: ClassVar[str] = (
+        "look for play between {channel} and what it moves (gear, nut, valve stem), {width} "
+        "of it: take it up, or always come from the same side"
+    )
     signature: ClassVar[str] = (
         "after every reversal of the drive the outputs stand still until the play is taken up"
     )

@@ -33,6 +33,11 @@ class ConvectionState(Effect):
         "the machine loses heat at another rate in some state: coolant on, spindle turning, fan, "
         "or the drive off (cooling down differs from warming up)"
     )
+    action: ClassVar[str] = (
+        "look at what changes the cooling with {channel} (coolant, fan, an open door, "
+        "standstill): the rate of heat loss changes by {rate}; keep it the same in all runs, "
+        "or leave the column in the log"
+    )
     signature: ClassVar[str] = (
         "all outputs decay at another rate while the state lasts, in proportion to their level"
     )

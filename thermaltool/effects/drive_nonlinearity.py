@@ -24,6 +24,10 @@ class DriveNonlinearity(Effect):
         "heat is not proportional to what is logged: power goes with voltage squared, friction "
         "with a power of the speed, a regulator has a dead band"
     )
+    action: ClassVar[str] = (
+        "measure what really acts at three levels of {channel} (power in W, not voltage or "
+        "speed): it is no straight line ({fitted}); log what acts instead"
+    )
     signature: ClassVar[str] = (
         "every output of the drive is too large at some levels of it and too small at others, "
         "with the same dynamics"

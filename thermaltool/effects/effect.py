@@ -189,6 +189,10 @@ class Effect:
     name: ClassVar[str]
     side: ClassVar[Side]
     explanation: ClassVar[str]
+    # What a technician can do, with places for {channel}, {output}, {partner}, {moves} and the
+    # parameters; `thermaltool.diagnosis.action` fills them. The other one where nothing is logged.
+    action: ClassVar[str]
+    action_unlogged: ClassVar[str] = ""
     signature: ClassVar[str]
     source: ClassVar[str]
     known: ClassVar[Mapping[str, Parameter]]

@@ -19,6 +19,10 @@ class GeometryStep(Effect):
     explanation: ClassVar[str] = (
         "the structure itself moved: a collision, a new clamping, a slipped wedge"
     )
+    action: ClassVar[str] = (
+        "look at clamping, bolts and wedges, and at what happened {time} into the log: "
+        "{output} jumped by {step}; tighten and set the zero again"
+    )
     signature: ClassVar[str] = (
         "several displacements jump between the same two samples and stay; no temperature does"
     )

@@ -31,6 +31,11 @@ class Hysteresis(Effect):
         "an actuator follows a rising command otherwise than a falling one: a piezo, a magnetic "
         "valve, a mechanical regulator"
     )
+    action: ClassVar[str] = (
+        "look at the actuator of {channel}: rising and falling commands give different "
+        "results over {width}; come to each level from the same side, or close a loop around "
+        "it"
+    )
     signature: ClassVar[str] = (
         "every output of the drive is too small on the way up and too large on the way down, "
         "with rounded corners, at any speed"

@@ -28,6 +28,10 @@ class JointContact(Effect):
         "a joint closes or opens as the parts expand, and passes on heat and displacement "
         "otherwise than at rest"
     )
+    action: ClassVar[str] = (
+        "look at the joints in the way of {channel} (bolts, bearings, wedges; {fitted}): "
+        "clean, tighten or preload them so that they stay as they are when the parts warm"
+    )
     signature: ClassVar[str] = (
         "a displacement departs from proportion to the drive by its level and sign, while the "
         "temperatures stay in proportion"

@@ -19,6 +19,10 @@ class Outliers(Effect):
     explanation: ClassVar[str] = (
         "single readings are wrong: a spark, a lost bit, a loose contact, a chip on the probe"
     )
+    action: ClassVar[str] = (
+        "look at plug, cable, shield and probe of {channel}: {share_percent} of its readings "
+        "are off by about {amplitude}"
+    )
     signature: ClassVar[str] = "isolated readings far from those before and after, in one channel"
     source: ClassVar[str] = "Rousseeuw & Leroy 1987, ch. 1"
     causal: ClassVar[bool] = True

@@ -19,6 +19,11 @@ class PartTemperature(Effect):
     explanation: ClassVar[str] = (
         "the workpiece is warmer or colder than the model takes it to be and expands by itself"
     )
+    action: ClassVar[str] = (
+        "measure the workpiece before it is clamped: {channel} moves {output} by "
+        "{coefficient}; let it come to the machine's temperature, or leave the column in the "
+        "log"
+    )
     signature: ClassVar[str] = (
         "displacements follow the part's temperature without a lag; the machine's own "
         "temperatures do not"

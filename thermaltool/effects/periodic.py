@@ -35,6 +35,11 @@ class Periodic(Effect):
     explanation: ClassVar[str] = (
         "something goes by a clock: air conditioning, a pump, a chiller's hysteresis, day and night"
     )
+    action: ClassVar[str] = (
+        "look for what goes by a clock of {period} (air conditioning, chiller, pump, sun): "
+        "it moves {output} by up to {moves}; log it in a column of its own, or shield the "
+        "machine from it"
+    )
     signature: ClassVar[str] = "a line in the residual's spectrum that none of the drives has"
     source: ClassVar[str] = "ISO 230-3 (cycling of the environment)"
     causal: ClassVar[bool] = True

@@ -35,6 +35,10 @@ class Radiation(Effect):
     explanation: ClassVar[str] = (
         "a hot machine radiates: it loses heat faster than in proportion to its temperature"
     )
+    action: ClassVar[str] = (
+        "look at the hot surfaces at {channel}: the hotter they are, the more heat they "
+        "radiate; shield them, and calibrate up to the temperatures of use"
+    )
     signature: ClassVar[str] = (
         "every output falls short at the highest level and decays fast from there, and is right "
         "at low ones"

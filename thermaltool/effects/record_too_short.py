@@ -19,6 +19,10 @@ class RecordTooShort(Effect):
         "the record ends before the slowest part of the machine has settled, so its time constant "
         "and steady state are guessed"
     )
+    action: ClassVar[str] = (
+        "calibrate again on a log that lasts until the slowest part has settled: three of "
+        "its slowest time constants, where this calibration has {covered}"
+    )
     signature: ClassVar[str] = (
         "the residual grows with the time since a change of the drive, beyond what was calibrated"
     )

@@ -27,6 +27,14 @@ class SecondSource(HeatSource):
         "heat enters from somewhere that the model does not know: bearing friction beside the "
         "motor, a bed, a hot end, a pump"
     )
+    action: ClassVar[str] = (
+        "look at what warms with {channel}: it adds {gain} to {output}; insulate it, or "
+        "leave the column in every log so that the model follows it"
+    )
+    action_unlogged: ClassVar[str] = (
+        "look for what was switched on {start} into the log (pump, light, bearing, another "
+        "machine): it moves {output} by up to {moves}; log it in a column of its own"
+    )
     signature: ClassVar[str] = (
         "the residual follows another channel of the log through a lag, or starts to rise in "
         "several outputs at one instant and settles"

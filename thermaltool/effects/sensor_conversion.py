@@ -24,6 +24,11 @@ class SensorConversion(Effect):
         "a signal is converted by the wrong curve: another thermistor's constants, another type "
         "of thermocouple, a straight line for a bent characteristic"
     )
+    action: ClassVar[str] = (
+        "check how {channel} is converted (constants of the thermistor, type of "
+        "thermocouple, characteristic): compare it with a reference at three values over its "
+        "range"
+    )
     signature: ClassVar[str] = (
         "the residual of one output is a bent function of the output itself, alike at every time "
         "and rate"

@@ -18,6 +18,10 @@ class SensorDrift(Effect):
     explanation: ClassVar[str] = (
         "one sensor's zero creeps: an ageing probe, a warming amplifier, a mount that yields"
     )
+    action: ClassVar[str] = (
+        "compare {channel} with a reference before and after a run: its zero creeps by "
+        "{rate}; let the amplifier warm up first, look at the mount, or change the probe"
+    )
     signature: ClassVar[str] = "a straight line in time in one channel, whatever the machine does"
     source: ClassVar[str] = "JCGM 200 (VIM), 4.21 (instrumental drift)"
     causal: ClassVar[bool] = True

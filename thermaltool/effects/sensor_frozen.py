@@ -29,6 +29,10 @@ class SensorFrozen(Effect):
     explanation: ClassVar[str] = (
         "one reading keeps its value: a hung converter, a lost bus, a probe at its stop"
     )
+    action: ClassVar[str] = (
+        "look at probe, converter and bus of {channel}: it read the same value from {start} "
+        "into the log on; leave these rows out"
+    )
     signature: ClassVar[str] = (
         "one channel repeats itself to the last digit while the machine goes on"
     )

@@ -19,6 +19,10 @@ class SensorGain(Effect):
     explanation: ClassVar[str] = (
         "a scale factor is wrong: amplifier range, step size, calibration sheet of another probe"
     )
+    action: ClassVar[str] = (
+        "compare {channel} with a reference at two values: it reads {gain} times what it "
+        "should; look at amplifier range, step size and calibration sheet"
+    )
     signature: ClassVar[str] = "the residual is the simulated output itself, in one channel alone"
     source: ClassVar[str] = "JCGM 106; the step size in a header of the gantry logs"
     memoryless: ClassVar[bool] = True

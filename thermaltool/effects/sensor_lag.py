@@ -25,6 +25,10 @@ class SensorLag(Effect):
         "one sensor answers late: a poorly seated thermometer, a heavy housing, a filter in the "
         "amplifier"
     )
+    action: ClassVar[str] = (
+        "look at how {channel} is seated: it follows with a time constant of "
+        "{time_constant}; better contact, a lighter housing or a shorter filter"
+    )
     signature: ClassVar[str] = "the residual of one output is minus its own slope, smoothed"
     source: ClassVar[str] = "Doebelin, Measurement Systems, ch. 3 (first-order instrument)"
     causal: ClassVar[bool] = True

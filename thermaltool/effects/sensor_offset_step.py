@@ -20,6 +20,10 @@ class SensorOffsetStep(Effect):
     explanation: ClassVar[str] = (
         "one sensor's zero jumped: a connector, a slipped probe, a range switch"
     )
+    action: ClassVar[str] = (
+        "look at plug and mount of {channel}: its zero jumped by {step}, {time} into the "
+        "log; set the zero again"
+    )
     signature: ClassVar[str] = "one channel jumps between two samples and stays; no other does"
     source: ClassVar[str] = "Basseville & Nikiforov 1993, ch. 2 (additive change)"
     causal: ClassVar[bool] = True

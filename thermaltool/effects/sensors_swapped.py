@@ -18,6 +18,10 @@ class SensorsSwapped(Effect):
     name: ClassVar[str] = "sensors_swapped"
     side: ClassVar[Side] = "wiring"
     explanation: ClassVar[str] = "two plugs or two columns have changed places"
+    action: ClassVar[str] = (
+        "look at plugs and columns of {channel} and {partner}: each reads what the other "
+        "should; change them back"
+    )
     signature: ClassVar[str] = "each of two outputs reads what the other one should"
     source: ClassVar[str] = "field practice (like plugs side by side)"
     causal: ClassVar[bool] = True

@@ -23,6 +23,11 @@ class TransportDelay(Effect):
     explanation: ClassVar[str] = (
         "the drive acts later than it is logged: a pipe, a belt, a controller's cycle, two clocks"
     )
+    action: ClassVar[str] = (
+        "look at clocks and at the way from {channel} to the machine (pipe, belt, "
+        "controller): it acts {delay} after it is logged; set the clocks, or log what "
+        "arrives"
+    )
     signature: ClassVar[str] = "the residual follows minus the slope of every output of the drive"
     source: ClassVar[str] = "Ljung 1999, 7.2 (dead time)"
     causal: ClassVar[bool] = True

@@ -17,6 +17,11 @@ class Unknown(Effect):
     name: ClassVar[str] = "unknown"
     side: ClassVar[Side] = "structure"
     explanation: ClassVar[str] = "no cause of the catalogue explains what is left"
+    action: ClassVar[str] = (
+        "look at the machine where {output} is off, from {start} to {stop} into the "
+        "log{condition}: log whatever else changes then in a column of its own, and diagnose "
+        "again"
+    )
     signature: ClassVar[str] = "a residual that is larger than noise and calibration allow"
     source: ClassVar[str] = "Kennedy & O'Hagan 2001"
     causal: ClassVar[bool] = True

@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from thermaltool.documents import write_whole
-from thermaltool.report.diagnosis_tables import (
+from thermaltool.report.diagnosis_advice import severity_sentence
+from thermaltool.report.diagnosis_tables import sections
+from thermaltool.report.diagnosis_words import (
     DECISIVE_EVIDENCE,
     ROLES,
     Document,
@@ -22,7 +24,6 @@ from thermaltool.report.diagnosis_tables import (
     names_of,
     number,
     percent,
-    sections,
     with_unit,
     written_chains,
 )
@@ -68,7 +69,7 @@ def main_output(document: Document) -> str | None:
 
 
 def summary(document: Document) -> list[str]:
-    """At most six sentences that need no explanation, the verdict first.
+    """A few sentences that need no explanation, the verdict first.
 
     Parameters
     ----------
@@ -81,14 +82,16 @@ def summary(document: Document) -> list[str]:
         lines += _where(document["residuals"][output], output)
     causes = document["causes"]
     if [cause for cause in causes if cause["location"] is None]:
-        lines += [_cause(document, cause, len(causes)) for cause in causes[:MAX_CAUSES_TOLD]]
+        for cause in causes[:MAX_CAUSES_TOLD]:
+            lines += [_cause(document, cause, len(causes)), *_advice(document, cause)]
         if len(causes) > MAX_CAUSES_TOLD:
             rest = causes[MAX_CAUSES_TOLD:]
             more = ", ".join(called(cause["name"], cause["channel"]) for cause in rest)
             lines.append(f"Further causes: {more}.")
         lines += [*_worth(document), *_spoiled(document)]
     else:
-        lines += [_cause(document, cause, 1) for cause in causes]
+        for cause in causes:
+            lines += [_cause(document, cause, 1), *_advice(document, cause)]
         lines += _no_cause(document)
     return [*lines, *_unknown(document)]
 
@@ -150,6 +153,14 @@ def _cause(document: Document, cause: Document, count: int) -> str:
         f"{cause['explanation'].partition(':')[0]}{where}{parameters}; "
         f"evidence {number(cause['evidence'])}{_weight(cause['evidence'])}."
     )
+
+
+def _advice(document: Document, cause: Document) -> Iterator[str]:
+    """How severe a cause is, and what to do about it."""
+    if severe := severity_sentence(document, cause):
+        yield severe
+    if cause["action"]:
+        yield f"To do: {cause['action']}."
 
 
 def _place(document: Document, cause: Document) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from thermaltool.record import Record
-from thermaltool.report.diagnosis_tables import DECISIVE_EVIDENCE, Document, called, number
+from thermaltool.report.diagnosis_words import DECISIVE_EVIDENCE, Document, called, number
 from thermaltool.report.style import (
     COMPUTED,
     ERROR,

@@ -1,0 +1,63 @@
+"""What a technician can do about a cause: its action with the fitted numbers filled in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from thermaltool.diagnosis.inputs import duration_text
+from thermaltool.effects.effect import Effect, reference_of
+from thermaltool.units import parse_channel, printed
+
+if TYPE_CHECKING:
+    from thermaltool.diagnosis.result import Location
+    from thermaltool.diagnosis.severity import Severity
+
+
+def action_of(
+    effect: Effect,
+    severity: Mapping[str, Severity],
+    noise: Mapping[str, float],
+    location: Location | None = None,
+) -> str:
+    """A sentence that says what to look at and what to do.
+
+    Parameters
+    ----------
+    effect : Effect
+    severity : mapping of output to Severity
+    noise : mapping of output to float [unit of the output]
+        Of a reading: the output that is moved most is told.
+    location : Location, optional
+        Of an unknown cause.
+    """
+    named = [own for name in effect.parameters if (own := reference_of(name)[1])]
+    output = max(
+        severity,
+        key=lambda o: severity[o].largest / noise.get(o, 1.0),
+        default=next(iter(named), effect.channel),
+    )
+    values = {"channel": effect.channel, "partner": effect.partner or "", "output": output}
+    largest = severity[output].largest if output in severity else 0.0
+    values["moves"] = _text(largest, parse_channel(output).unit) if output else ""
+    fitted = []
+    for name, value in effect.parameters.items():
+        base, own = reference_of(name)
+        if own in (None, output):
+            values[base] = _text(value, effect.unit(name))
+            values[f"{base}_percent"] = f"{100 * value:.3g} %"
+            if not effect.parameter(name).fixed:
+                fitted.append(f"{base} {values[base]}")
+    values["fitted"] = ", ".join(fitted)
+    if location is not None:
+        values["start"], values["stop"] = (_text(t, "s") for t in (location.start, location.stop))
+        values["condition"] = f", mostly while {location.condition}" if location.condition else ""
+    form = effect.action if effect.channel else effect.action_unlogged or effect.action
+    return form.format_map(values)
+
+
+def _text(value: float, unit: str) -> str:
+    """A value as a person says it: times in a handy unit."""
+    if unit == "s":
+        return f"{'-' if value < 0 else ''}{duration_text(abs(value))}"
+    return f"{value:.3g} {printed(unit)}".rstrip()

@@ -1,0 +1,57 @@
+"""What a technician gets from a diagnosis: how severe a cause is, and what to do about it."""
+
+from __future__ import annotations
+
+from thermaltool.report.diagnosis_words import Document, number
+from thermaltool.report.style import channel_unit
+
+
+def worst_moved(document: Document, cause: Document) -> str | None:
+    """The output that a cause moves most: against its tolerance, else against its noise.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    cause : mapping
+        One of its causes.
+    """
+    severity, residuals = cause["severity"], document["residuals"]
+
+    def weight(output: str) -> tuple[float, float]:
+        each, report = severity[output], residuals.get(output)
+        noise = report["noise"]["white"] if report else 0.0
+        return each["times_tolerance"] or 0.0, each["largest"] / (noise or 1.0)
+
+    return max(severity, key=weight, default=None)
+
+
+def severity_sentence(document: Document, cause: Document) -> str:
+    """``Severity: it moves d_z_um by up to 12 µm (5 µm RMS), 2.4 times the tolerance of 5 µm.``
+
+    Empty where nothing is known of it.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    cause : mapping
+        One of its causes.
+    """
+    output = worst_moved(document, cause)
+    if output is None:
+        return ""
+    each, unit = cause["severity"][output], channel_unit(output)
+    largest, rms = (f"{number(each[key])} {unit}".rstrip() for key in ("largest", "rms"))
+    if cause["location"] is not None:
+        line = f"Severity: {output} is off by {rms} RMS, by {largest} RMS where it is worst"
+    elif cause["name"] == "outliers":
+        line = f"Severity: readings of {output} are off by up to {largest}"
+    else:
+        line = f"Severity: it moves {output} by up to {largest} ({rms} RMS over its rows)"
+    if each["times_tolerance"] is None:
+        return f"{line}."
+    allowed = f"the tolerance of {number(each['tolerance'])} {unit}".rstrip()
+    if each["times_tolerance"] > 1:
+        return f"{line}, {number(each['times_tolerance'])} times {allowed}."
+    return f"{line}, within {allowed}."
