@@ -142,3 +142,14 @@ def test_the_comparison_is_told_with_its_reason():
     (line,) = (line for line in text.splitlines() if line.startswith(HEAT))
     assert "K/W" in line
     assert "10 min" in line or "9.9" in line or "10.1 min" in line
+
+
+def test_gains_that_cancel_are_told_and_not_chosen():
+    """Two drives that go together: what one adds the other takes off."""
+    u = switched(1)
+    almost = u + 0.02 * np.random.default_rng(0).standard_normal(len(u))
+    log = record(u, lags(u, [0.05], [600.0]), 0.05, 1, **{ROOM: almost})
+    forced = fitted(log, (HEAT, ROOM), kinds={OUTPUT: "rational3"})
+    assert any("gains cancel" in note for note in calibration_warnings(forced))
+    free = fitted(log, (HEAT, ROOM))
+    assert not any("gains cancel" in note for note in calibration_warnings(free))

@@ -11,7 +11,13 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.covariance import block_covariance
 from thermaltool.fitting.discrepancy import Discrepancy, discrepancy
-from thermaltool.fitting.projection import CalibrationProblem, GridStates, Parametrization, Triangle
+from thermaltool.fitting.projection import (
+    MAX_CANCELLATION,
+    CalibrationProblem,
+    GridStates,
+    Parametrization,
+    Triangle,
+)
 from thermaltool.fitting.start_search import StartSearch
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
@@ -237,6 +243,7 @@ def _described(
         fit_percent=100 * (1 - share),
         unidentified=(
             *_unidentified(names, np.exp(theta), np.sqrt(np.diag(covariance))),
+            *_cancelling(search, theta, linear[:gains]),
             *_unsettled(responses, parametrization, covariance, duration),
         ),
         starts=starts,
@@ -262,6 +269,21 @@ def _unidentified(names: Sequence[str], values: Float, deviation: Float) -> list
         if error > MAX_PARAMETER_ERROR * value
     ]
     return [f"not identified one by one: {', '.join(weak)}"] if weak else []
+
+
+def _cancelling(search: StartSearch, theta: Float, gains: Float) -> list[str]:
+    """Terms that are far larger than the output, in one sentence."""
+    unit = search.parametrization.unit_weights(theta, search.problem.grid)
+    size = search.problem.cancellation(unit, gains)
+    if size <= MAX_CANCELLATION:
+        return []
+    names = search.parametrization.names()[len(theta) :]
+    shown = ", ".join(f"{name} {gain:.4g}" for name, gain in zip(names, gains, strict=True))
+    return [
+        f"gains cancel ({shown}): terms of {size:.3g} times the output, which these logs cannot "
+        "tell apart, and which another input will not leave in balance; take fewer of them "
+        "(--response), or move the drives one at a time"
+    ]
 
 
 def _unsettled(

@@ -31,6 +31,8 @@ GridStates = dict[tuple[int, str], Float]
 # Ends of the grid of rates: of the slowest over the longest record, and of the fastest, times the
 # sample period.
 SLOWEST_RATE, FASTEST_RATE = 0.05, 4.0
+# Terms that are so many times larger than the output, and cancel, are no answer.
+MAX_CANCELLATION = 10.0
 # Directions of the linear problem below this share of the largest, once scaled, are rounding.
 MIN_DIRECTION = 1e-12
 
@@ -303,6 +305,19 @@ class CalibrationProblem:
         columns = triangle.R @ self.combine(unit)
         linear = linear_least_squares(columns, triangle.z, MIN_DIRECTION)
         return triangle.z - columns @ linear, linear
+
+    def cancellation(self, unit: Float, gains: Float) -> float:
+        """Size of the largest term over that of the output: far above 1, terms cancel.
+
+        Parameters
+        ----------
+        unit : ndarray, shape (drives · n, gains)
+            `Parametrization.unit_weights`.
+        gains : ndarray, shape (gains,)
+        """
+        terms = self.design[:, : len(unit)] @ (unit * gains)
+        spread = float(np.linalg.norm(self.measured - np.mean(self.measured))) or 1.0
+        return float(np.max(np.linalg.norm(terms - terms.mean(axis=0), axis=0))) / spread
 
     def residual(self, unit: Float, linear: Float) -> Float:
         """Error of every row, shape (rows,) [unit of the output]."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from thermaltool.fitting.output_fit import check_records
-from thermaltool.fitting.projection import GridStates
+from thermaltool.fitting.projection import MAX_CANCELLATION, GridStates
 from thermaltool.fitting.response_search import BLOCKS, CandidateData, FittedKinds, KindSearch
 from thermaltool.model import Drive
 from thermaltool.record import Record
@@ -49,9 +49,7 @@ MIN_EXCESS = 0.5
 # A larger error on held-out blocks is sure from so many standard errors: not where one block, the
 # only one with a step in it, makes it.
 SURE = 2.0
-# Terms that are so many times larger than the output, and cancel, are no answer.
-MAX_CANCELLATION = 10.0
-# Unless nothing else comes within so many times its error.
+# A kind whose terms cancel is no answer, unless nothing else comes within so many times its error.
 MAX_LOSS = 2.0
 # A time constant of so many of the longest record is a trend, and its gain a guess.
 MAX_SLOWEST = 2.0

@@ -245,16 +245,13 @@ class KindSearch:
         except FitError:
             return None
         residual, linear = search.fitted(theta, data.whole)
-        unit = own.unit_weights(theta, data.problem.grid) * linear[: own.gains]
-        terms = data.problem.design[:, : len(unit)] @ unit
-        measured = data.problem.measured
-        spread = float(np.linalg.norm(measured - np.mean(measured))) or 1.0
-        largest = float(np.max(np.linalg.norm(terms - terms.mean(axis=0), axis=0)))
+        unit = own.unit_weights(theta, data.problem.grid)
+        cancellation = data.problem.cancellation(unit, linear[: own.gains])
         count = own.searched + own.gains + sum(int(delay > 0) for delay in delays)
         responses = own.responses(theta, linear[: own.gains])
         slowest = max(response.slowest() for response in responses) / self.duration
         return FittedKinds(
-            kinds, delays, count, theta, residual, largest / spread, slowest, search, data
+            kinds, delays, count, theta, residual, cancellation, slowest, search, data
         )
 
 
