@@ -50,9 +50,10 @@ MIN_EXCESS = 0.5
 # only one with a step in it, makes it.
 SURE = 2.0
 # A kind whose terms cancel is no answer, unless nothing else comes within so many times its error.
-MAX_LOSS = 2.0
-# A time constant of so many of the longest record is a trend, and its gain a guess.
-MAX_SLOWEST = 2.0
+CANCELLING_LOSS = 2.0
+# A time constant of so many of the longest record is a trend, and its gain a guess; without it the
+# error may be so many times larger.
+MAX_SLOWEST, SLOW_LOSS = 2.0, 1.25
 # Delays that are tried: these many samples, up to this share of the longest record; then so many
 # more between the neighbours of the best.
 DELAY_SAMPLES, MAX_DELAY_SHARE, DELAY_STEPS = (0.5, 1, 2, 4, 8, 16, 32, 64), 0.05, 8
@@ -278,12 +279,19 @@ def _best(found: Sequence[FittedKinds], rows: float) -> FittedKinds:
 
 
 def _sound(found: Sequence[FittedKinds]) -> list[FittedKinds]:
-    """Those that may be an answer: all, where no sound one comes near."""
+    """Those that may be an answer: whose terms do not cancel, of lags that the records show."""
+    steady = _unless_far(found, lambda each: each.cancellation <= MAX_CANCELLATION, CANCELLING_LOSS)
+    return _unless_far(steady, lambda each: each.slowest <= MAX_SLOWEST, SLOW_LOSS)
+
+
+def _unless_far(
+    found: Sequence[FittedKinds], allowed: Callable[[FittedKinds], bool], loss: float
+) -> list[FittedKinds]:
+    """Those that are allowed; all, where none of them comes near the least error."""
+    kept = [each for each in found if allowed(each)]
     least = min(each.size for each in found)
-    sound = [each for each in found if not _unsound(each)]
-    if not sound or min(each.size for each in sound) > MAX_LOSS**2 * least:
-        return list(found)
-    return sound
+    near = kept and min(each.size for each in kept) <= loss**2 * least
+    return kept if near else list(found)
 
 
 def _unsound(each: FittedKinds) -> str:
