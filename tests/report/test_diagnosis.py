@@ -12,8 +12,9 @@ from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.result import Cause, Location
 from thermaltool.diagnosis.severity import Severity
 from thermaltool.effects.unknown import Unknown
-from thermaltool.report.diagnosis import main_output, summary, to_markdown
+from thermaltool.report.diagnosis import main_output, summary
 from thermaltool.report.diagnosis_figures import draw_curves, draw_evidence, pictures
+from thermaltool.report.diagnosis_markdown import to_markdown
 from thermaltool.report.diagnosis_tables import sections
 from thermaltool.report.diagnosis_words import duration, number, percent
 from thermaltool.units import printed
@@ -208,6 +209,97 @@ def test_what_no_cause_explains_has_its_place():
         "mostly while heating: log whatever else changes then"
     )
     assert nearest.startswith("The nearest")
+
+
+def gains(before, after):
+    return {OUTPUT: {**document()["causes"][0]["gain"][OUTPUT], "rms_before": before,
+                     "rms_after": after}}  # fmt: skip
+
+
+def test_outliers_are_worth_what_leaving_them_out_is():
+    """They are in every log that the written model is run over, which tells nothing of them."""
+    found = document()
+    source = {**found["causes"][0], "gain": gains(6.0, 2.0)}
+    outliers = {**source, "name": "outliers", "channel": OUTPUT, "parameters": {}, "action": "",
+                "gain": gains(422.0, 6.0)}  # fmt: skip
+    alone = [{**row, "rmse_zero_free": 422.0, "rmse": 430.0} for row in found["written"]]
+    lines = summary({**found, "causes": [outliers], "written": alone})
+    assert "Without these readings the residual of d_z_um is 6 µm RMS, not 422." in lines
+    assert not any("written model" in line for line in lines)
+    both = summary({**found, "causes": [outliers, source], "written": alone})
+    told = [line for line in both if "written model" in line]
+    assert told[0].startswith(
+        "On run.csv, they left out, the written model takes the residual of d_z_um from 6 to 2 µm"
+    )
+    assert not any("422 to" in line for line in both)
+
+
+def test_a_cause_that_is_no_part_of_a_model_is_no_step_of_the_chain():
+    found = document()
+    first = {**found["causes"][0], "name": "record_too_short", "gain": {}}
+    rows = [found["written"][0], {**found["written"][0], "step": 1}]
+    rows.append({**found["written"][-1], "step": 2})
+    lines = summary({**found, "causes": [first, found["causes"][0]], "written": rows})
+    assert any("of d_z_um from 16 to 6 µm RMS" in line for line in lines)
+
+
+def test_not_adequate_where_most_is_noise_is_no_contradiction():
+    verdict = summary(document(noise_share=0.7))[0]
+    assert verdict.startswith(
+        "The model is not adequate for run.csv: what is more than noise in d_z_um has a cause "
+        "(residual "
+    )
+    assert "70 %" not in verdict
+
+
+def test_hardly_any_is_no_number():
+    assert (
+        ": hardly any of the residual's power in d_z_um is"
+        in summary(document(causes=0, noise_share=0.0))[0]
+    )
+
+
+def test_causes_that_differ_are_not_said_to_look_alike():
+    """An angle near 90° is no reason to tell two causes apart by an experiment alone."""
+    found = document()
+    other = {**found["alternatives"][0], "angle_deg": 88.0}
+    assert summary({**found, "alternatives": [other]})[-1] == (
+        "Not sure: ambient_drift has as much evidence as second_source (T_bed_degC); to find out: "
+        "the bed alone, lamp off, for 2 h."
+    )
+    rows = next(s.rows for s in sections({**found, "alternatives": [other]})
+                if s.title.startswith("What else"))  # fmt: skip
+    assert rows[1][:3] == ["as likely", "second_source (T_bed_degC) / ambient_drift", "88°"]
+    rows = next(s.rows for s in sections(found) if s.title.startswith("What else"))
+    assert rows[1][0] == "look alike"
+
+
+def test_channels_that_the_residual_does_not_follow_are_left_out():
+    found = document()
+    report = found["residuals"][OUTPUT]
+    room = {**report["conditions"][-1], "channel": "T_room_degC", "name": "20 to 21",
+            "power": 1.0, "time": 0.3}  # fmt: skip
+    report["conditions"] = [room]
+    report["dependences"] = [
+        {"channel": "T_room_degC", "lag": [0.0, 0.0], "correlation": 0.3, "bound": 0.4,
+         "p_value": 0.2},
+    ]  # fmt: skip
+
+    def shown():
+        titles = [s.title for s in sections(found)]
+        return "T_room_degC" in summary(found)[1], [t for t in titles if "follows" in t]
+
+    assert shown() == (False, [])
+    report["dependences"][0]["correlation"] = -0.5
+    assert shown() == (True, ["Inputs that the residual follows, now or later"])
+
+
+def test_what_an_unknown_cause_explains_is_nothing_to_tell():
+    found = document(causes=0)
+    place = Location("x", OUTPUT, 3600.0, 7200.0, None, 600.0, 1800.0, 3.2)
+    cause = Cause(Unknown(OUTPUT, {"rms": 3.0}), 140.0, {}, {}, 0.0, location=place).document({})
+    rows = next(s.rows for s in sections({**found, "causes": [cause]}) if s.title == "Causes")
+    assert rows[1][3] == "–"
 
 
 def test_adequate():

@@ -159,7 +159,7 @@ class DiagnosisReport(Result):
         OutputError
             It cannot be written.
         """
-        from thermaltool.report.diagnosis import write_report
+        from thermaltool.report.diagnosis_markdown import write_report
 
         write_report(path, self.document(), self.diagnosis.curves, check)
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.alternatives import indistinguishable, suspected
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, curves_of, unconfirmed
-from thermaltool.diagnosis.severity import Severity, severity_of, severity_of_outliers
+from thermaltool.diagnosis.severity import (
+    Severity,
+    fraction_removed,
+    severity_of,
+    severity_of_outliers,
+)
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.verdict import (
     reading_noise,
@@ -17,7 +23,7 @@ from thermaltool.diagnosis.verdict import (
     verdict_of,
     weigh_residuals,
 )
-from thermaltool.diagnosis.written import account, explained
+from thermaltool.diagnosis.written import Gain, account, cannot_run, explained
 
 
 def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagnosis:
@@ -46,10 +52,17 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     if effects or ended.assumptions != first.assumptions:
         after, left = weigh_residuals(ended, last.with_model(extended) if effects else ended, noise)
     unknown = None if search.undecided else unknown_cause(left, budgets, after, ended)
-    causes = [
-        cause if gain is None else replace(cause, gain=gain, explained=explained(noise, gain))
-        for cause, gain in zip(search.causes, written.gains, strict=True)
-    ]
+    masked = last.simulation.masked
+
+    def told(cause: Cause, gain: Mapping[str, Gain] | None) -> Cause:
+        if gain is None:  # no part of a model
+            return replace(cause, explained=explained(noise, cause.gain))
+        judged = task.logs if cause.effect.log is not None else task.validate or task.logs
+        runs = [log for log in judged if cannot_run(extended, log) is None]
+        share = fraction_removed(extended, cause.effect, runs, masked, noise)
+        return replace(cause, gain=gain, explained=share)
+
+    causes = [told(*each) for each in zip(search.causes, written.gains, strict=True)]
     if unknown is not None:
         causes.append(unknown)
 
@@ -58,7 +71,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
             rms, worst = cause.location.rms, after[cause.location.output].worst
             return {cause.location.output: Severity(worst.rms if worst else rms, rms)}
         if cause.effect.name == "outliers":
-            return severity_of_outliers(extended, task.logs, last.simulation.masked)
+            return severity_of_outliers(extended, task.logs, masked)
         return severity_of(extended, cause.effect, task.logs)
 
     moved = [severity(cause) for cause in causes]
@@ -66,7 +79,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         replace(c, severity=each, action=action_of(c.effect, each, noise, c.location))
         for c, each in zip(causes, moved, strict=True)
     ]
-    if search.unconfirmed is not None:
+    if search.unconfirmed is not None and (search.causes or not search.suspects):
         search = search.noted(unconfirmed(search.unconfirmed.effect))
     for note in written.notes:
         search = search.noted(note)

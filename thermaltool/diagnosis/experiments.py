@@ -243,4 +243,4 @@ def _words(chosen: Effect, rivals: Sequence[Effect]) -> str:
         return "log the temperature of the air beside the machine (a column T_ambient_degC)"
     if "second_source" in names:
         return "log what else switches near the machine (pumps, lights, spindle), a column each"
-    return "no input of this model tells them apart: look at the machine"
+    return "look at the machine, for no input of this model would tell them apart"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.record import Record
-from thermaltool.units import hold_of
+from thermaltool.units import hold_of, parse_channel, printed
 
 # Rows of an experiment that are simulated at most (where it would have more, they are further
 # apart), and means of rows that count.
@@ -96,8 +96,8 @@ class ChannelLevels:
 
     def say(self, value: float) -> str:
         """A value with the unit of the channel."""
-        unit = self.channel.rpartition("_")[2]
-        return f"{value:.3g}" + ("" if unit == "1" else f" {unit}")
+        text = f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+        return f"{text} {printed(parse_channel(self.channel).unit)}".rstrip()
 
 
 def levels_of(hypothesis: Hypothesis, channel: str) -> ChannelLevels:

@@ -74,7 +74,8 @@ class Cause:
     forms : tuple of (Effect, float)
         Other forms of the same cause at the same place, with their evidence.
     explained : float
-        Share of the misfit (residual power above noise) that it removes, all channels.
+        Share of the misfit (residual power above noise, all channels) that the written model
+        would have without this cause, and does not have with it.
     location : Location or None
         Of an unknown cause.
     severity : mapping of output to Severity
@@ -254,6 +255,7 @@ class Diagnosis:
             "verdict": self.verdict,
             "adequate": self.adequate,
             "noise_share": self.noise_share,
+            "drives": [drive.channel for drive in self.model.drives],
             "residuals": {name: report.document() for name, report in self.residuals.items()},
             "causes": [cause.document(tolerance) for cause in self.causes],
             "tolerance": dict(tolerance),
@@ -348,7 +350,8 @@ def unconfirmed(effect: Effect) -> str:
         f"{name} {effect.parameters[name]:.3g} {printed(effect.unit(name))}".rstrip()
         for name in (*effect.linear(), *effect.searched())
     )
+    said = ": ".join(part for part in (effect.channel, values) if part)
     return (
-        f"what is left looks most like {effect.name} ({effect.channel or 'no channel'}: "
-        f"{values}), but rows that its fit has not seen do not confirm it"
+        f"what is left looks most like {effect.name}{f' ({said})' if said else ''}, but rows that "
+        "its fit has not seen do not confirm it"
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from thermaltool.diagnosis.simulation import Mask, SimulatedLogs
+from thermaltool.diagnosis.written import explained, gains_of
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import UnitError
 from thermaltool.model import Model
@@ -74,6 +75,30 @@ def severity_of(model: Model, effect: Effect, logs: Sequence[Record]) -> dict[st
         change = np.concatenate(series)
         found[output] = Severity(float(np.max(np.abs(change))), float(np.sqrt(np.mean(change**2))))
     return found
+
+
+def fraction_removed(
+    model: Model, effect: Effect, logs: Sequence[Record], masked: Mask, noise: Mapping[str, float]
+) -> float:
+    """Share of the misfit above noise that comes back where a cause alone is left out.
+
+    Parameters
+    ----------
+    model : Model
+        With all causes.
+    effect : Effect
+        One of them.
+    logs : sequence of Record
+    masked : mapping of (digest, output) to ndarray of bool, shape (rows of the log,)
+        Outliers: rows that do not count.
+    noise : mapping of output to float [unit of the output]
+        Of a reading.
+    """
+    rest = tuple(e for e in model.effects if e != effect)
+    runs = [
+        SimulatedLogs(each, tuple(logs), masked) for each in (replace(model, effects=rest), model)
+    ]
+    return explained(noise, gains_of(runs[0], runs[1], lambda output: True))
 
 
 def severity_of_outliers(model: Model, logs: Sequence[Record], masked: Mask) -> dict[str, Severity]:

@@ -25,8 +25,9 @@ class DriveNonlinearity(Effect):
         "with a power of the speed, a regulator has a dead band"
     )
     action: ClassVar[str] = (
-        "measure what really acts at three levels of {channel} (power in W, not voltage or "
-        "speed): it is no straight line ({fitted}); log what acts instead"
+        "measure what really acts at three levels of {channel}: it is no straight line of it "
+        "({fitted}); log what acts instead (power, not voltage or speed), or keep the cause in "
+        "the model"
     )
     signature: ClassVar[str] = (
         "every output of the drive is too large at some levels of it and too small at others, "

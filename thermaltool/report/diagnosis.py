@@ -1,56 +1,42 @@
-"""What a diagnosis says, for people: its first lines, its tables, and the whole in Markdown.
+"""What a diagnosis says, for people: its first lines, and its tables in short.
 
 All of it is read off the JSON document of a diagnosis.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from thermaltool.documents import write_whole
-from thermaltool.report.diagnosis_advice import severity_sentence
+from thermaltool.report.diagnosis_advice import severity_sentence, worst_moved
 from thermaltool.report.diagnosis_tables import sections
 from thermaltool.report.diagnosis_words import (
     DECISIVE_EVIDENCE,
-    ROLES,
+    ChainStep,
     Document,
     band_name,
     called,
     condition_name,
     judged_on,
+    kind_of,
     names_of,
     number,
     percent,
+    relevant_conditions,
+    these_logs,
     with_unit,
     written_chains,
 )
 from thermaltool.report.style import channel_unit, time_unit
 from thermaltool.report.text import aligned
 
-if TYPE_CHECKING:
-    from thermaltool.record import Record
-
+# A smaller share is told as hardly any.
+MIN_SHARE_TOLD = 0.01
 # A condition is told where it holds so much more of the misfit than of the time, a band where it
 # holds this share of the misfit.
 MIN_EXCESS, MIN_BAND_SHARE = 0.1, 0.5
 # Causes that are told one by one.
 MAX_CAUSES_TOLD = 3
-GLOSSARY = """\
-- *Noise* is the white noise of a reading, estimated on the same log. *Slow discrepancy* is what
-  the model gets wrong without having a name: its size and how fast it changes.
-- *Rest is white*: whether what noise and slow discrepancy leave is unpredictable.
-  *Independent rows* say as much about a mean as all rows, whose errors follow each other.
-- *Heating* and *cooling*: the output moves away from rest, or back to it.
-- *Evidence* is the fall of BIC when the cause is added, under white noise plus a slow
-  discrepancy, after a correction for the number of causes tried. From 4.6 (odds of 10) a cause is
-  tried on unseen rows; above 10 (odds of 150) it is called decisive.
-- *Gain* is what the cause takes off the residual, by the written models without it and with it,
-  the zero of each log free, with its 95 % interval; one that includes zero is not claimed.
-- *Detectable* is the RMS change of an output that this log would have shown.
-"""
 
 
 def main_output(document: Document) -> str | None:
@@ -77,9 +63,9 @@ def summary(document: Document) -> list[str]:
         The diagnosis as JSON.
     """
     lines = [_verdict(document)]
-    output = main_output(document)
-    if output is not None and not document["adequate"]:
-        lines += _where(document["residuals"][output], output)
+    output = _output_told(document)
+    if output is not None and output in document["residuals"] and not document["adequate"]:
+        lines += _where(document, output)
     causes = document["causes"]
     if [cause for cause in causes if cause["location"] is None]:
         for cause in causes[:MAX_CAUSES_TOLD]:
@@ -96,32 +82,49 @@ def summary(document: Document) -> list[str]:
     return [*lines, *_unknown(document)]
 
 
+def _output_told(document: Document) -> str | None:
+    """The output that the first sentences are of: that of the cause, where the others are good."""
+    causes = document["causes"]
+    if document["verdict"] == "not adequate" and document["noise_share"] >= 0.5 and causes:
+        return worst_moved(document, causes[0]) or main_output(document)
+    return main_output(document)
+
+
 def _verdict(document: Document) -> str:
     share, verdict = document["noise_share"], document["verdict"]
     line = f"The model is {verdict} for {names_of(document['logs'])}"
     if verdict == "cannot judge":
         line = f"The model cannot be judged by {names_of(document['logs'])}"
-    output = main_output(document)
-    if output is None:
+    output = _output_told(document)
+    if output is None or output not in document["residuals"]:
         return f"{line}."
     report = document["residuals"][output]
     unit = channel_unit(output)
-    how = "only " if verdict != "adequate" and share < 0.5 else ""
+    sizes = (
+        f"(residual {number(report['spread'])} {unit} RMS, noise "
+        f"{number(report['noise']['white'])} {unit}"
+        + (f", calibration {number(report['floor'])} {unit})" if report["floor"] else ")")
+    )
+    if verdict == "not adequate" and share >= 0.5:
+        return f"{line}: what is more than noise in {output} has a cause {sizes}."
+    much = f"{'only ' if verdict != 'adequate' else ''}{percent(share)}"
+    if share < MIN_SHARE_TOLD:
+        much = "hardly any"
     return (
-        f"{line}: {how}{percent(share)} of the residual's power in {output} is sensor "
-        f"noise or what the calibration itself left (residual {number(report['spread'])} {unit} "
-        f"RMS, noise {number(report['noise']['white'])} {unit}"
-        + (f", calibration {number(report['floor'])} {unit})." if report["floor"] else ").")
+        f"{line}: {much} of the residual's power in {output} is sensor noise or what the "
+        f"calibration itself left {sizes}."
     )
 
 
-def _where(report: Document, output: str) -> Iterator[str]:
+def _where(document: Document, output: str) -> Iterator[str]:
     """When it is wrong, and how slowly."""
+    report = document["residuals"][output]
+    conditions = relevant_conditions(document, report)
     line, stretch = "It is wrong in every condition alike", report["worst"]
-    if report["conditions"]:
+    if conditions:
         # What the machine does says more to a reader than the level of a channel.
         worst = max(
-            report["conditions"],
+            conditions,
             key=lambda c: c["power"] - c["time"] + (c["channel"] is None) * MIN_EXCESS / 2,
         )
         if worst["power"] - worst["time"] > MIN_EXCESS:
@@ -197,29 +200,52 @@ def _parameter(name: str, each: Document) -> str:
 
 def _worth(document: Document) -> Iterator[str]:
     """What the written model is worth on the output that it does most for, cause after cause."""
-    chains = {
-        output: steps
-        for output, steps in written_chains(document).items()
-        if steps[-1] != steps[0] and steps[0].spread
-    }
+    named = [c for c in document["causes"] if c["location"] is None]
+    outliers = [c for c in named if c["name"] == "outliers"]
+    for gain in (c["gain"] for c in outliers if c["gain"]):
+        output = min(gain, key=lambda o: gain[o]["rms_after"] / (gain[o]["rms_before"] or 1.0))
+        before, after = (number(gain[output][key]) for key in ("rms_before", "rms_after"))
+        yield (
+            f"Without these readings the residual of {output} is {after} "
+            f"{channel_unit(output)} RMS, not {before}."
+        )
+    # Outliers are in all that is written: then the gains beside them count.
+    chains = _chains_without(named) if outliers else written_chains(document)
+    chains = {o: steps for o, steps in chains.items() if steps[-1] != steps[0] and steps[0].spread}
     if not chains:
         return
     best = min(chains, key=lambda output: chains[output][-1].spread / chains[output][0].spread)
     unit, steps = channel_unit(best), chains[best]
+    # A cause that is no part of a model changes nothing.
+    steps = [step for k, step in enumerate(steps) if not k or step != steps[k - 1]]
     free = " to ".join(number(step.spread) for step in steps)
     counted = " to ".join(number(step.rmse) for step in steps)
-    sure = any(cause["gain"].get(best, {}).get("claimed") for cause in document["causes"])
+    sure = any(cause["gain"].get(best, {}).get("claimed") for cause in named)
+    takes = "the extended model would take" if document["spoiled"] else "the written model takes"
     line = (
-        f"On {judged_on(document)}, the written model takes the residual of {best} from {free} "
-        f"{unit} RMS, the zero of each log free"
+        f"On {judged_on(document)}{', they left out' if outliers else ''}, {takes} the residual of "
+        f"{best} from {free} {unit} RMS, the zero of each log free"
     )
     if counted != free:
         line += f" ({counted} {unit} as simulate counts)"
-    held = [each for c in document["causes"] if (each := c["held_out"].get(best))]
+    held = [each for c in named if (each := c["held_out"].get(best))]
     if held and not document["validated_on"]:
         ends = f"{number(held[0]['rms_before'])} to {number(held[-1]['rms_after'])}"
         line += f"; these rows it has seen, held out in turn they go from {ends}"
     yield f"{line}{'.' if sure else '; the gain is not sure.'}"
+
+
+def _chains_without(named: Sequence[Document]) -> dict[str, list[ChainStep]]:
+    """The chain of gains of the causes beside outliers, these left out; zeros free."""
+    found: dict[str, list[ChainStep]] = {}
+    for cause in named:
+        if cause["name"] == "outliers":
+            continue
+        for output, gain in cause["gain"].items():
+            if output not in found:
+                found[output] = [ChainStep(gain["rms_before"], gain["rms_before"])]
+            found[output].append(ChainStep(gain["rms_after"], gain["rms_after"]))
+    return found
 
 
 def _spoiled(document: Document) -> Iterator[str]:
@@ -236,7 +262,8 @@ def _no_cause(document: Document) -> Iterator[str]:
     if document["verdict"] == "not adequate":
         if not document["causes"]:
             yield "Cause: none in the catalogue explains it."
-        if tried:
+        # What is suspected is told below.
+        if tried and not _suspected(document):
             best = tried[0]
             held = best["verdict"] == "evidence"
             yield (
@@ -246,39 +273,45 @@ def _no_cause(document: Document) -> Iterator[str]:
             )
     elif tried:
         names = {each["name"] for each in tried}
-        suspected = any(each.get("kind") == "suspected" for each in document["alternatives"])
-        adds = "is sure" if suspected else "adds anything"
+        adds = "is sure" if _suspected(document) else "adds anything"
         yield f"No effect found: {len(names)} causes were tried and none {adds}."
+
+
+def _suspected(document: Document) -> bool:
+    return any(each.get("kind") == "suspected" for each in document["alternatives"])
 
 
 def _unknown(document: Document) -> Iterator[str]:
     # The first of either kind: what looks alike, and what cannot be seen.
-    first_of_kind: dict[str | None, Document] = {}
+    first_of_kind: dict[str, Document] = {}
     for each in document["alternatives"]:
-        first_of_kind.setdefault(each.get("kind"), each)
-    for each in first_of_kind.values():
+        first_of_kind.setdefault(kind_of(each), each)
+    these = these_logs(document)
+    for kind, each in first_of_kind.items():
         first, *rest = [
             called(name, channel)
             for name, channel in zip(each["names"], each["channels"], strict=True)
         ]
-        if each.get("kind") == "invisible":
+        if kind == "invisible":
+            looks = "which look" if rest else "which looks"
             names = ", ".join([first, *rest])
-            line = (
-                f"Not known: this log cannot show {names}, which look like the model's own response"
-            )
+            line = f"Not known: {these} cannot show {names}, {looks} like the model's own response"
             aim = "to show them"
-        elif each.get("kind") == "suspected":
+        elif kind == "suspected":
             line = f"Not sure: what is left may be {' or '.join([first, *rest])}"
             aim = "to find out"
+        elif kind == "rival":
+            line = f"Not sure: {' or '.join(rest)} has as much evidence as {first}"
+            aim = "to find out"
         else:
-            line = f"Not known: {first} cannot be told from {' or '.join(rest)} in this log"
+            line = f"Not known: {first} cannot be told from {' or '.join(rest)} in {these}"
             aim = "to tell them apart"
         if each["separating_experiment"]:
             line += f"; {aim}: {each['separating_experiment']}"
         yield f"{line}."
     blind = dict.fromkeys(t["name"] for t in document["tried"] if t["verdict"] == "cannot be seen")
     if blind and not document["causes"] and "invisible" not in first_of_kind:
-        yield f"Not known: this log cannot show {', '.join(blind)}."
+        yield f"Not known: {these} cannot show {', '.join(blind)}."
     for note in document["notes"]:
         yield f"Note: {note}."
 
@@ -296,74 +329,3 @@ def short_form(document: Document) -> str:
         if section.short:
             parts += [f"\n{section.title}", aligned(section.rows)]
     return "\n".join(parts)
-
-
-# ---------------------------------------------------------------- Markdown
-
-
-def write_report(
-    path: str,
-    document: Document,
-    curves: Sequence[tuple[str, Record]],
-    check: Callable[[str], None] = lambda target: None,
-) -> None:
-    """Write the report in Markdown, its figures beside it as PNG.
-
-    Parameters
-    ----------
-    path : str
-    document : mapping
-        The diagnosis as JSON.
-    curves : sequence of (output, Record)
-        See `thermaltool.report.diagnosis_figures.pictures`.
-    check : callable
-        Takes the file of each figure before it is written, and may refuse it.
-    """
-    from thermaltool.report.diagnosis_figures import pictures
-
-    # Figures first: the report appears when what it shows is there.
-    figures = []
-    for picture in pictures(curves, document):
-        target = f"{os.path.splitext(path)[0]}_{picture.name}.png"
-        check(target)
-        write_whole(picture.png, target)
-        figures.append((os.path.basename(target), picture.what))
-    write_whole(to_markdown(document, figures).encode(), path)
-
-
-def to_markdown(document: Document, figures: Sequence[tuple[str, str]]) -> str:
-    """The whole report.
-
-    Parameters
-    ----------
-    figures : sequence of (str, str)
-        File relative to the report, and what it shows.
-    """
-    lines = [f"# {document['model']} on {names_of(document['logs'])}", ""]
-    for sentence in summary(document):
-        lines += [_escaped(sentence), ""]
-    for file, what in figures:
-        lines += [f"![{what}](<{file}>)", ""]
-    for section in sections(document):
-        lines += [f"## {section.title}", "", *_markdown_table(section.rows), ""]
-    lines += ["## Words", "", GLOSSARY.rstrip(), ""]
-    lines += ["## Inputs", ""]
-    for key, role in ROLES.items():
-        lines += [f"- {role}: `{log['name']}`, SHA-256 `{log['sha256']}`" for log in document[key]]
-    return "\n".join(lines) + "\n"
-
-
-def _markdown_table(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    heading, *body = rows
-    yield _row(heading)
-    yield _row(["---"] * len(heading))
-    yield from map(_row, body)
-
-
-def _row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(_escaped(cell).replace('|', chr(92) + '|') for cell in cells)} |"
-
-
-def _escaped(text: str) -> str:
-    """Underscores and stars of channel names as they stand."""
-    return text.replace("_", "\\_").replace("*", "\\*").replace("<", "&lt;")

@@ -7,18 +7,29 @@ from pathlib import Path
 
 from thermaltool.report.diagnosis_words import (
     ROLES,
+    ROUNDING,
     Document,
     band_name,
     called,
     condition_name,
     duration,
+    follows,
     judged_on,
+    kind_of,
     number,
     percent,
+    relevant_conditions,
 )
 from thermaltool.report.style import channel_unit
 from thermaltool.units import printed
 
+# What is open between causes, by kind.
+OPEN = {
+    "indistinguishable": "look alike",
+    "rival": "as likely",
+    "suspected": "may be",
+    "invisible": "cannot be seen",
+}
 # Causes listed as tried.
 MAX_LISTED = 12
 # Below this p-value what noise and discrepancy leave is not white.
@@ -94,7 +105,7 @@ def _causes(document: Document) -> Section:
             cause["name"],
             cause["channel"],
             number(cause["evidence"]),
-            percent(cause["explained"]),
+            "–" if cause["location"] is not None else percent(cause["explained"]),
         ]
         for name, each in cause["parameters"].items() or [("–", None)]:
             if each is None:
@@ -129,6 +140,8 @@ def _gains(document: Document) -> Section:
              "after", "fit % before", "after"]]  # fmt: skip
     for cause in document["causes"]:
         for channel, gain in cause["gain"].items():
+            if abs(gain["rms_before"] - gain["rms_after"]) <= ROUNDING * gain["rms_before"]:
+                continue  # it does not reach this output
             low, high = (number(end) for end in gain["interval"])
             rows.append(
                 [
@@ -171,15 +184,16 @@ def _written(document: Document) -> Section:
 
 
 def _alternatives(document: Document) -> Section:
-    rows = [["this log cannot tell apart", "angle", "what would", "opens to"]]
+    rows = [["open", "causes", "angle", "what would tell", "opens to"]]
     for each in document["alternatives"]:
         pairs = zip(each["names"], each["channels"], strict=True)
         rows.append(
             [
+                OPEN[kind_of(each)],
                 " / ".join(called(*pair) for pair in pairs),
-                f"{number(each['angle_deg'])}°",
+                f"{number(each['angle_deg'])}°" if len(each["names"]) > 1 else "–",
                 each["separating_experiment"] or "–",
-                f"{number(each['opened_deg'])}°",
+                "–" if each["opened_deg"] is None else f"{number(each['opened_deg'])}°",
             ]
         )
     return Section("What else it could be", rows)
@@ -205,7 +219,7 @@ def _conditions(document: Document) -> Section:
         rows += [
             [name, condition_name(c), number(c["rms"]), number(c["mean"]), percent(c["power"]),
              percent(c["time"])]
-            for c in report["conditions"]
+            for c in relevant_conditions(document, report)
         ]  # fmt: skip
     return Section("In which condition", rows, short=False)
 
@@ -221,15 +235,17 @@ def _dependences(document: Document) -> Section:
     rows = [["output", "follows", "most at a lag of", "correlation", "bound (1 %)", "p"]]
     for name, report in document["residuals"].items():
         for d in report["dependences"]:
+            if not follows(report, d["channel"]):
+                continue
             first, last = (duration(lag) for lag in d["lag"])
             rows.append(
                 [
                     name,
-                    f"{d['channel']}: {'yes' if abs(d['correlation']) > d['bound'] else 'no'}",
+                    d["channel"],
                     first if first == last else f"{first} to {last}",
                     number(d["correlation"]),
                     number(d["bound"]),
                     f"{d['p_value']:.2g}",
                 ]
             )
-    return Section("Does the residual follow an input or its past", rows, short=False)
+    return Section("Inputs that the residual follows, now or later", rows, short=False)

@@ -8,12 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from thermaltool.units import printed
+from thermaltool.units import hold_of, printed
 
 Document = Mapping[str, Any]
 
 # Fall of BIC from which a cause is called decisive: odds of 150.
 DECISIVE_EVIDENCE = 10.0
+# Below this a number is what rounding leaves of nothing; units are chosen so that none is so small.
+ROUNDING = 1e-12
+# Causes whose signatures are further apart do not look alike, though they may be as likely [deg].
+MIN_ANGLE_OF_RIVALS = 45.0
 # What a log is to a diagnosis, by its key in the JSON.
 ROLES = {"logs": "diagnosed", "validated_on": "validation", "calibrated_on": "calibration"}
 
@@ -27,6 +31,8 @@ def number(value: float | None) -> str:
     """
     if value is None:
         return "–"
+    if abs(value) < ROUNDING:
+        return "0"
     return f"{value:.0f}" if 1000 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
@@ -109,6 +115,67 @@ def judged_on(document: Document) -> str:
         The diagnosis as JSON.
     """
     return names_of(document["validated_on"] or document["logs"])
+
+
+def kind_of(alternative: Document) -> str:
+    """Kind of what is left open; ``rival`` where causes differ and have as much evidence.
+
+    Parameters
+    ----------
+    alternative : mapping
+    """
+    kind, angle = alternative.get("kind", "indistinguishable"), alternative["angle_deg"]
+    alike = kind != "indistinguishable" or angle is None or angle < MIN_ANGLE_OF_RIVALS
+    return str(kind) if alike else "rival"
+
+
+def these_logs(document: Document) -> str:
+    """``this log``, or ``these logs``.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    """
+    return "this log" if len(document["logs"]) == 1 else "these logs"
+
+
+def follows(report: Document, channel: str) -> bool:
+    """Whether the residual of an output follows a channel or its past beyond chance.
+
+    Parameters
+    ----------
+    report : mapping
+        Of the output.
+    channel : str
+    """
+    return any(
+        each["channel"] == channel and abs(each["correlation"]) > each["bound"]
+        for each in report["dependences"]
+    )
+
+
+def relevant_conditions(document: Document, report: Document) -> list[Document]:
+    """Conditions that may have to do with the misfit of an output.
+
+    What the machine does, levels of drives and of what is commanded; thirds of a channel that is
+    only measured where the residual follows it.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    report : mapping
+        Of the output.
+    """
+    return [
+        each
+        for each in report["conditions"]
+        if each["channel"] is None
+        or each["channel"] in document["drives"]
+        or hold_of(each["channel"]) == "zero"
+        or follows(report, each["channel"])
+    ]
 
 
 def names_of(logs: Sequence[Document]) -> str:
