@@ -241,8 +241,12 @@ def _backward(search: SearchState) -> SearchState:
 
 
 def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """The search without causes that change nothing for the better in the written model."""
-    for cause in search.causes:
+    """The search without causes that change nothing for the better in the written model.
+
+    Where a log does not begin at rest, what `simulate` leaves says too little of a cause.
+    """
+    known = "initial" not in search.open().assumptions
+    for cause in search.causes if known else ():
         written = search.written(task)
         rest = tuple(e for e in written.effects if e != cause.effect)
         if len(rest) == len(written.effects):
@@ -256,7 +260,7 @@ def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
             search = replace(
                 search.noted(f"{cause.effect.name} explains nothing in the written model"),
                 causes=tuple(c for c in search.causes if c is not cause),
-                hypothesis=last.with_model(replace(last.model, effects=kept)),
+                hypothesis=last.with_model(replace(last.model, effects=kept)).fitted(),
             )
     return search
 

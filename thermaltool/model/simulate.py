@@ -149,7 +149,9 @@ def sum_terms(model: Model, effects: Sequence[Effect], record: Record) -> dict[s
 
     outputs, cooling = sums(None), np.zeros(len(record.time))
     for _ in range(MAX_LOSS_ITERATIONS if losses else 0):
-        rates = [r for e in losses if (r := e.loss(record, outputs)) is not None]
+        # A loss that runs away with what it changes is found further on, by what is not finite.
+        with np.errstate(over="ignore", invalid="ignore"):
+            rates = [r for e in losses if (r := e.loss(record, outputs)) is not None]
         total = np.sum(rates, axis=0) if rates else np.zeros(len(record.time))
         exponent = np.append(0.0, np.cumsum(total[:-1] * np.diff(record.time)))
         change, cooling = float(np.max(np.abs(exponent - cooling))), exponent
