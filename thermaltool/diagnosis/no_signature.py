@@ -28,6 +28,8 @@ NEIGHBOURS, MIN_ROWS, FALSE_ALARMS = 3, 50, 0.01
 # Readings come in bursts where a pause is so many times the usual step, and a burst has so many
 # readings on average.
 MIN_PAUSE, MIN_BURST = 3.0, 2.0
+# A reading stands alone from so many times the range of its neighbours.
+MIN_RANGES_ALONE = 10.0
 # Logarithm of any size or share in the mixture, at most.
 MAX_LOG = 50.0
 # Fewer outliers than this are all left out of more than one in forty draws of a block bootstrap.
@@ -80,7 +82,7 @@ def find_outliers(hypothesis: Hypothesis) -> OutlierMask | None:
             limit = -float(ndtri(FALSE_ALARMS / 2 / len(rows)))
             out = np.abs(_from_both_sides(residual[rows])) > limit * spread
             out |= _bursts_off(log.time[rows], residual[rows], white)
-            out &= ~_after_a_switch(hypothesis.model, log)[rows]
+            out &= ~_after_a_switch(hypothesis.model, log)[rows] | _alone(residual[rows])
             # A step or a ramp stands out of its neighbours too, on one side: it is left alone.
             moved = ~out & (np.abs(deviation) > limit * spread)
             found = _heavy_tails(deviation[~moved] / spread) - 2 * np.log(len(hypothesis.groups))
@@ -133,10 +135,14 @@ def _after_a_switch(model: Model, log: Record) -> NDArray[np.bool_]:
 
 def _from_neighbours(values: Float) -> Float:
     """Deviation of every value from the median of its neighbours, itself left out."""
+    return values - np.median(_neighbours(values), axis=1)
+
+
+def _neighbours(values: Float) -> Float:
+    """The values on either side of every one, shape (n, 6)."""
     padded = np.pad(values, NEIGHBOURS, mode="reflect")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
-    others = np.delete(windows, NEIGHBOURS, axis=1)
-    return values - np.median(others, axis=1)
+    return np.delete(windows, NEIGHBOURS, axis=1)
 
 
 def _from_both_sides(values: Float) -> Float:
@@ -147,6 +153,13 @@ def _from_both_sides(values: Float) -> Float:
     after = values - np.median(windows[:, NEIGHBOURS + 1 :], axis=1)
     smaller = np.minimum(np.abs(before), np.abs(after))
     return np.where(np.sign(before) == np.sign(after), np.sign(before) * smaller, 0.0)
+
+
+def _alone(values: Float) -> NDArray[np.bool_]:
+    """Readings that are far from neighbours which agree, be it just after a switch."""
+    others = _neighbours(values)
+    far = np.abs(values - np.median(others, axis=1))
+    return np.asarray(far > MIN_RANGES_ALONE * np.ptp(others, axis=1))
 
 
 def _bursts_off(time: Float, values: Float, white: float) -> NDArray[np.bool_]:
