@@ -34,6 +34,9 @@ FOLDS = 6
 MIN_FLOORS, MAX_SHARE_OF_MISFIT = 1.0, 0.7
 # Change of an output by a cause, over the range in which it was measured, at most.
 MAX_OF_MEASURED = 2.0
+# What follows any slow course of one log has to explain this share of what is wrong; it is slow
+# with fewer periods or time constants in the log.
+MIN_SHARE_OF_COURSE, MAX_PERIODS_OF_COURSE = 0.5, 8.0
 # Turns between the model's own parameters and those of a cause.
 MAX_TURNS = 2
 # Singular values of the scaled normal matrix of a fold that count, relative to the largest.
@@ -113,6 +116,9 @@ def judge(
         intervals = after.intervals(len(after.model.effects) - 1)
         if not _sure(candidate.effect, intervals) or _too_large(after, candidate.effect):
             return None
+        share = explained(noise, gains)
+        if _any_slow_course(candidate.effect, after) and share < MIN_SHARE_OF_COURSE:
+            return None
     except ModelError:  # the effect runs away with the parameters that go with it
         return None
     cause = Cause(
@@ -120,7 +126,7 @@ def judge(
         candidate.evidence,
         intervals,
         gains,
-        explained(noise, gains),
+        share,
         gains,
         tuple((c.effect, c.evidence) for c in rivals if candidate.has_other_form(c)),
     )
@@ -132,6 +138,13 @@ def _sure(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> bool:
     given = {n: ends for n, ends in intervals.items() if not effect.parameter(n).fixed}
     neutral = {n: effect.parameter(n).neutral for n in given}
     return not given or any(not low <= neutral[n] <= high for n, (low, high) in given.items())
+
+
+def _any_slow_course(effect: Effect, hypothesis: Hypothesis) -> bool:
+    """Whether an effect of one log is slow enough there to follow whatever is slow."""
+    slow = max(effect.parameters.get(name, 0.0) for name in ("time_constant", "period"))
+    longest = max(log.duration for log in hypothesis.logs)
+    return effect.log is not None and slow > longest / MAX_PERIODS_OF_COURSE
 
 
 def _too_large(hypothesis: Hypothesis, effect: Effect) -> bool:

@@ -29,6 +29,9 @@ MIN_GAIN = 0.1
 # times of it where the zero is that of one reading, whose own noise it carries (two deviations).
 MIN_LOSS, MIN_LOSS_COUNTED = 0.1, 4.0
 
+# The zero of a sensor moves from so many times the RMS of what else is left.
+MIN_ZERO_MOVE = 5.0
+
 
 @dataclass(frozen=True)
 class Gain:
@@ -221,8 +224,8 @@ def gains_of(
 def rezeroed(model: Model, logs: Sequence[Record], masked: Mask) -> Model:
     """The model with the zeros that logs have: a sensor's zero is that of the last time.
 
-    A zero moves where all logs say so, by more than they differ. What counts from its first
-    reading has none.
+    A zero moves where all logs say so, by more than they differ, and by so much that what else is
+    left is small beside it. What counts from its first readings has none.
 
     Parameters
     ----------
@@ -237,10 +240,10 @@ def rezeroed(model: Model, logs: Sequence[Record], masked: Mask) -> Model:
         groups = simulated.groups.get(o.channel)
         if o.offset != "first" and groups is not None:
             residual = simulated.residual(o.channel)
-            off = [
-                float(np.mean(r[k])) for r, k in zip(residual, groups.rows, strict=True) if len(k)
-            ]
-            if min(np.abs(off)) > np.ptp(off):
+            own = [r[k] for r, k in zip(residual, groups.rows, strict=True) if len(k)]
+            off = np.array([np.mean(each) for each in own])
+            least = max(MIN_ZERO_MOVE * max(float(np.std(each)) for each in own), np.ptp(off))
+            if np.min(np.abs(off)) > least:
                 o = replace(o, offset=o.offset + float(np.mean(off)))
         outputs.append(o)
     return replace(model, outputs=tuple(outputs))
