@@ -13,7 +13,7 @@ from thermaltool.units import Hold, hold_of
 
 HOUR = 3600.0
 # A lag of more records than this is a trend.
-MAX_LAG_RECORDS = 3.0
+MAX_LAG_RECORDS = 1.0
 # A jump is looked for between the means of so many readings before and after it, and at so many
 # places for each.
 JUMP_READINGS, JUMP_PLACES = (2, 8, 32), 3
