@@ -31,6 +31,7 @@ class Case:
     log: Path
     other: Path
     calls: list
+    limits: object = None
 
 
 @pytest.fixture(scope="module")
@@ -54,8 +55,9 @@ def answer(case):
     patch = pytest.MonkeyPatch()
 
     def set_to(**answers):
-        def engine(model, logs, validate=(), progress=print, calibration=()):
+        def engine(model, logs, validate=(), progress=print, calibration=(), limits=None):
             case.calls.append((model, logs, validate))
+            case.limits = limits
             shown = answers.get("causes", 1), answers.get("verdict", "not adequate")
             spoiled = answers.get("spoiled")
             result = replace(diagnosed(logs, *shown), spoiled=spoiled)
@@ -86,6 +88,25 @@ def test_what_the_engine_is_given(thermaltool, case, answer):
     assert set(log.columns) == {DRIVE, BED, OUTPUT}
     assert log.digest != unseen.digest
     assert len(log.digest) == 64
+
+
+def test_tolerance_and_limits(thermaltool, case, answer):
+    options = ("--tolerance", "10um", "--limits", f"switch=30s,run=4h,fixed={BED}")
+    result = thermaltool("diagnose", case.model, case.log, *options)
+    assert result.json["tolerance"] == {OUTPUT: 10.0}
+    assert result.json["causes"][0]["severity"][OUTPUT]["times_tolerance"] == 2.4
+    assert "2.4 times the tolerance of 10 µm" in result.err
+    assert (case.limits.switch, case.limits.run, case.limits.fixed) == (30.0, 14400.0, {BED})
+
+
+@pytest.mark.parametrize(
+    "options", [("--tolerance", "5W"), ("--tolerance", "a lot"), ("--limits", "run=long")]
+)
+def test_tolerances_and_limits_that_cannot_be(thermaltool, case, answer, options):
+    result = thermaltool("diagnose", case.model, case.log, *options)
+    assert (result.code, result.out, result.err.count("\n")) == (1, "", 1)
+    assert result.err.startswith("thermaltool diagnose: ")
+    assert case.calls == []
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.information import InformationMatrix, angle, detectable, eliminated
 from thermaltool.diagnosis.inputs import duration_text, levels_of, library
+from thermaltool.diagnosis.limits import UNLIMITED
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.state import RELEASED, WITHIN_CALIBRATION
 from thermaltool.effects import effect_class
@@ -294,7 +295,7 @@ def test_the_models_own_gain_hides_a_sensors():
 
 def test_experiments_stay_inside_what_the_machine_has_seen():
     made = bench([NEAR], heat=0.7 * LEVELS)
-    for each in library(made, [cause("transport_delay", HEAT, delay=10.0)]):
+    for each in library(made, [cause("transport_delay", HEAT, delay=10.0)], UNLIMITED):
         heat = each.record.columns[HEAT]
         assert heat[0] == 0
         assert heat.min() >= 0

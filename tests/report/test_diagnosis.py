@@ -302,6 +302,22 @@ def test_what_an_unknown_cause_explains_is_nothing_to_tell():
     assert rows[1][3] == "–"
 
 
+def test_what_is_ruled_out():
+    entry = {"name": "radiation", "channel": OUTPUT, "output": OUTPUT, "above": 0.5,
+             "matters": 5.0, "odds": 55.0}  # fmt: skip
+    found = document(ruled_out=[entry, {**entry, "name": "sensor_gain", "odds": 1000.0}])
+    told = [line for line in summary(found) if line.startswith("Ruled out")]
+    assert told == [
+        "Ruled out: radiation (d_z_um), sensor_gain (d_z_um); this log would have shown half the "
+        "residual of each and did not."
+    ]
+    rows = next(s.rows for s in sections(found) if s.title.startswith("Ruled out"))
+    assert rows[1] == ["radiation", OUTPUT, "0.5 µm of d_z_um", "5 µm", "55 to 1"]
+    assert rows[2][-1] == "> 1000 to 1"
+    many = summary({**found, "ruled_out": [entry] * 6, "tolerance": {OUTPUT: 5.0}})
+    assert any("and 2 more; this log would have shown half the tolerance of" in x for x in many)
+
+
 def test_adequate():
     verdict, nothing, blind = summary(document(causes=0, verdict="adequate"))
     assert verdict.startswith("The model is adequate for run.csv: 90 % of the residual's power")

@@ -171,6 +171,7 @@ def diagnose(
     *,
     validate: Sequence[Data] = (),
     tolerance: Tolerance = (),
+    limits: str = "",
     warn: Notice = notice,
     progress: Notice = silent,
     **reading: Unpack[Reading],
@@ -191,6 +192,11 @@ def diagnose(
     tolerance : str, float, sequence of str, or mapping of output to str or float
         What an output may be off by: ``"5um"``, ``5`` in its own unit, ``"d_z_um=5um"``. The
         severity of each cause is told against it.
+    limits : str
+        What can be done at the machine, ``"switch=30s,run=4h,fixed=Q_fan_1,set=T_bed_degC"``:
+        shortest time between switches, longest run (a working day or the longest log without
+        one), channels that cannot be set, and temperatures or displacements that can, which are
+        else taken for what a sensor reads. Experiments that are asked for keep within.
     warn, progress : callable
         Take a sentence where the model extrapolates or a log pauses, and a word now and then.
     **reading
@@ -207,7 +213,7 @@ def diagnose(
     ModelError, FitError
         Nothing to judge the model by.
     UnitError
-        A tolerance that fits no output.
+        A tolerance that fits no output, a limit of another form.
 
     Examples
     --------
@@ -225,6 +231,7 @@ def diagnose(
     ['geometry_step']
     """
     from thermaltool.diagnosis.diagnose import diagnose as run
+    from thermaltool.diagnosis.limits import limits_of
     from thermaltool.diagnosis.severity import tolerances_of
     from thermaltool.model import excursions
     from thermaltool.report.text import excursion_message
@@ -247,7 +254,8 @@ def diagnose(
     logs, unseen = (tuple(read(each) for each in several) for several in (all_of(data), validate))
     _check_different([*logs, *unseen])
     calibration = _calibration_logs(found, [*logs, *unseen], reading)
-    diagnosis = run(found, logs, unseen, progress, calibration)
+    able = limits_of(limits, [name for log in logs for name in log.columns])
+    diagnosis = run(found, logs, unseen, progress, calibration, able)
     progress("done\n")
     given = isinstance(model, str | os.PathLike)
     name = os.path.basename(source_name(os.fspath(model))) if given else "<model>"  # type: ignore[arg-type]

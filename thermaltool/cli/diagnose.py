@@ -37,17 +37,20 @@ EXIT_CODES = {"adequate": 0, "not adequate": DID_NOT_PASS, "cannot judge": 4}
     help="Where the extended model goes: the input, byte for byte, where no cause is found; "
     "not written where a log would be worse by it.  [default: nowhere]",
 )
-@click.option(
-    "--report",
-    metavar="FILE.md",
-    help="Report in Markdown, with its figures beside it as PNG.",
-)
+@click.option("--report", metavar="FILE.md", help="Report in Markdown, its figures beside it.")
 @click.option(
     "--tolerance",
     multiple=True,
     metavar="[CHANNEL=]VALUE[UNIT]",
     help="What an output may be off by, e.g. 5um or d_z_um=5um; without a unit in that of the "
     "outputs; repeatable. Each cause is told against it.  [default: none]",
+)
+@click.option(
+    "--limits",
+    default="",
+    metavar="switch=TIME,run=TIME,fixed=CHANNEL,set=CHANNEL",
+    help="What experiments may ask for: shortest time between switches, longest run, channels "
+    "that cannot be set, temperatures that can.  [default: a working day or the longest log]",
 )
 @click.option(
     "--fail-above",
@@ -66,6 +69,7 @@ def command(
     output: str | None,
     report: str | None,
     tolerance: tuple[str, ...],
+    limits: str,
     fail_above: float | None,
     as_json: bool,
     quiet: int,
@@ -90,8 +94,8 @@ def command(
         raise click.UsageError("stdout takes the JSON: give --report a file, FILE.md")
     shared.check_files(output, *inputs)
     shared.keep_from_report(report, inputs, output)
-    found = api.diagnose(model, logs, validate=validate, tolerance=tolerance, **reading,
-                         warn=silent if quiet else warn,
+    found = api.diagnose(model, logs, validate=validate, tolerance=tolerance, limits=limits,
+                         **reading, warn=silent if quiet else warn,
                          progress=terminal_progress("diagnose"))  # fmt: skip
     calibration = [log.name for log in found.calibration]
     if output is not None:

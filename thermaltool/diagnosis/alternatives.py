@@ -24,6 +24,7 @@ from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.information import InformationMatrix, detectable, noise_after
 from thermaltool.diagnosis.inputs import library
+from thermaltool.diagnosis.limits import UNLIMITED, USUAL_LIMITS, ExperimentLimits
 from thermaltool.diagnosis.result import Alternative, Tried
 from thermaltool.diagnosis.select import Ranking, trials
 from thermaltool.effects import CATALOGUE, effect_class
@@ -50,6 +51,7 @@ def indistinguishable(
     chosen: CauseCandidate,
     rivals: Sequence[CauseCandidate],
     named: Sequence[Effect] = (),
+    limits: ExperimentLimits = USUAL_LIMITS,
 ) -> list[Alternative]:
     """What else an accepted cause could be, and the input that would tell.
 
@@ -68,6 +70,8 @@ def indistinguishable(
         Fitted under the same hypothesis; the accepted one may be among them.
     named : sequence of Effect
         All that is accepted in the end.
+    limits : ExperimentLimits
+        What can be done at the machine.
 
     Returns
     -------
@@ -94,12 +98,16 @@ def indistinguishable(
     effects = _few_names([chosen.effect, *(effect for _, effect in close)])
     if len(effects) < 2:
         return []
-    sentence, opened = separating_experiment(information, chosen.effect, effects[1:])
+    sentence, opened = separating_experiment(information, chosen.effect, effects[1:], limits)
     largest = max(now for now, effect in close if effect in effects[1:])
     return [_alternative(effects, largest, sentence, opened, "indistinguishable")]
 
 
-def suspected(hypothesis: Hypothesis, candidates: Sequence[CauseCandidate]) -> list[Alternative]:
+def suspected(
+    hypothesis: Hypothesis,
+    candidates: Sequence[CauseCandidate],
+    limits: ExperimentLimits = USUAL_LIMITS,
+) -> list[Alternative]:
     """What may be behind a misfit that is too small, or too little confirmed, to name its cause.
 
     Parameters
@@ -107,6 +115,8 @@ def suspected(hypothesis: Hypothesis, candidates: Sequence[CauseCandidate]) -> l
     hypothesis : Hypothesis
     candidates : sequence of CauseCandidate
         With evidence, the strongest first.
+    limits : ExperimentLimits
+        What can be done at the machine.
 
     Returns
     -------
@@ -129,46 +139,56 @@ def suspected(hypothesis: Hypothesis, candidates: Sequence[CauseCandidate]) -> l
         information = InformationMatrix(hypothesis, chosen[0].assumptions, noise)
         groups = [[caused, *simulation.span(effect)] for effect in rest]
         now = max(information.angle([information.of_logs(g)], len(g)) for g in groups)
-        sentence, opened = separating_experiment(information, first, rest)
+        sentence, opened = separating_experiment(information, first, rest, limits)
     return [_alternative(effects, now, sentence, opened, "suspected")]
 
 
-def invisible(hypothesis: Hypothesis) -> list[Alternative]:
+def invisible(hypothesis: Hypothesis, limits: ExperimentLimits = USUAL_LIMITS) -> list[Alternative]:
     """Causes whose place is there but which these logs cannot show, and the input that would.
+
+    Which they are does not depend on what can be done at the machine.
 
     Parameters
     ----------
     hypothesis : Hypothesis
+    limits : ExperimentLimits
+        What can be done at the machine.
 
     Returns
     -------
     list of Alternative
-        One for each channel, with the simplest input that would show all of its causes. `angle`
-        and `opened` are between a signature and what the model may say for itself, the smallest of
-        several.
+        One for each channel, with the simplest input within the limits that would show all of its
+        causes; no sentence where none does. `angle` and `opened` are between a signature and what
+        the model may say for itself, the smallest of several.
     """
     information = InformationMatrix(hypothesis, hypothesis.assumptions)
     unseen = list(_unseen(information))
     if not unseen:
         return []
-    experiments = library(hypothesis, unseen)
+    anything = library(hypothesis, unseen, UNLIMITED)
+    possible = {e.sentence: e for e in library(hypothesis, unseen, limits)}
+    count, others = len(anything), {e.sentence for e in anything}
+    experiments = [*anything, *(e for s, e in possible.items() if s not in others)]
+    feasible = np.array([e.sentence in possible for e in experiments])
     simulated = SimulatedExperiments(information, experiments, hypothesis.groups)
     places: dict[str, list[tuple[Effect, float, list[float]]]] = {}
     for effect in unseen:
         now = information.of_logs([hypothesis.simulation.displacement(effect)])
         then = simulated.of_logs([simulated.hypothesis.simulation.displacement(effect)])
         opened = [information.angle_to_model(now, each) for each in then]
-        if max(opened) >= MIN_ANGLE_SHOWN:
+        if max(opened[:count]) >= MIN_ANGLE_SHOWN:
             place = places.setdefault(effect.channel, [])
             place.append((effect, information.angle_to_model(now), opened))
     found = []
     for group in places.values():
-        least = np.min([opened for _, _, opened in group], axis=0)
-        k = int(np.argmax(least >= SIMPLEST_SHARE * least.max()))
+        least = np.where(feasible, np.min([opened for _, _, opened in group], axis=0), 0.0)
         effects = [effect for effect, _, _ in group]
         smallest = min(now for _, now, _ in group)
-        sentence = experiments[k].sentence
-        found.append(_alternative(effects, smallest, sentence, float(least[k]), "invisible"))
+        sentence, shown = "", float("nan")
+        if least.max() >= MIN_ANGLE_SHOWN:
+            k = int(np.argmax(least >= SIMPLEST_SHARE * least.max()))
+            sentence, shown = experiments[k].sentence, float(least[k])
+        found.append(_alternative(effects, smallest, sentence, shown, "invisible"))
     return found
 
 

@@ -85,12 +85,14 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         search = search.noted(note)
     alternatives: list[Alternative] = []
     if search.suspects and not search.causes:
-        alternatives += suspected(search.ended, search.suspects)
+        alternatives += suspected(search.ended, search.suspects, task.limits)
     places = [(e.name, e.channel, e.log) for e in effects]
     for each in search.verdicts:
         if each.candidate.place in places:  # not made idle by a later one
             task.progress(f"what else could be {each.candidate.effect.name}")
-            alternatives += indistinguishable(each.before, each.candidate, each.rivals, effects)
+            alternatives += indistinguishable(
+                each.before, each.candidate, each.rivals, effects, task.limits
+            )
     verdict = verdict_of(budgets, causes, search.undecided is not None)
     open_questions = (search.undecided,) if search.undecided else undecided(first, budgets)
     return Diagnosis(

@@ -19,6 +19,7 @@ from thermaltool.diagnosis.answer import answer
 from thermaltool.diagnosis.evidence import STRONG_EVIDENCE
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
 from thermaltool.diagnosis.no_signature import (
     beyond_calibration,
     find_outliers,
@@ -54,6 +55,7 @@ def diagnose(
     validate: Sequence[Record] = (),
     progress: Progress = lambda message: None,
     calibration: Sequence[Record] = (),
+    limits: ExperimentLimits = USUAL_LIMITS,
 ) -> Diagnosis:
     """What a model gets wrong on measured logs, and why.
 
@@ -72,6 +74,8 @@ def diagnose(
     calibration : sequence of Record
         Logs that the model was calibrated on, beside `logs`: what the written model makes of them
         is told. They are no veto: what has changed since is what is looked for.
+    limits : ExperimentLimits
+        What can be done at the machine; experiments that are asked for keep within.
 
     Returns
     -------
@@ -85,11 +89,11 @@ def diagnose(
     _check(model, logs)
     if validate:
         _check(model, validate)
-    task = DiagnosisTask(model, tuple(logs), tuple(validate), tuple(calibration), progress)
+    task = DiagnosisTask(model, tuple(logs), tuple(validate), tuple(calibration), progress, limits)
     progress("noise")
     first = task.first()
     progress("what these logs cannot show")
-    unseen = tuple(invisible(first))
+    unseen = tuple(invisible(first, limits))
     outliers = find_outliers(first)
     # They are left out from here on; whether they are a cause is told at the end.
     start = first if outliers is None else first.with_masked(outliers.masked)

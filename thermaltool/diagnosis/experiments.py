@@ -20,6 +20,7 @@ from thermaltool.diagnosis.information import (
     normal_matrix,
 )
 from thermaltool.diagnosis.inputs import Experiment, library
+from thermaltool.diagnosis.limits import ExperimentLimits
 from thermaltool.diagnosis.simulation import Changes, Series, SimulatedLogs
 from thermaltool.effects.effect import Effect
 from thermaltool.signals.likelihood import ColouredNoise
@@ -142,7 +143,10 @@ class Discrimination:
 
 
 def separating_experiment(
-    information: InformationMatrix, chosen: Effect, rivals: Sequence[Effect]
+    information: InformationMatrix,
+    chosen: Effect,
+    rivals: Sequence[Effect],
+    limits: ExperimentLimits,
 ) -> tuple[str, float]:
     """Experiment that would tell a cause from its rivals.
 
@@ -152,6 +156,8 @@ def separating_experiment(
         Under the noise that the cause leaves.
     chosen : Effect
     rivals : sequence of Effect
+    limits : ExperimentLimits
+        What can be done at the machine.
 
     Returns
     -------
@@ -167,7 +173,8 @@ def separating_experiment(
     experiments: Sequence[Experiment] = ()
     if any(_recurs(effect) for effect in (chosen, *rivals)):
         reached = {o for group in groups for changes in group for o in changes}
-        experiments = library(information.hypothesis, [chosen, *rivals])
+        experiments = library(information.hypothesis, [chosen, *rivals], limits)
+    if experiments:
         simulated = SimulatedExperiments(information, experiments, reached)
         then = simulated.hypothesis.simulation
         caused_then = _again(then, chosen, [caused])
@@ -201,7 +208,7 @@ def separating_experiment(
         good = [each for each in deciding if each[1] >= NEARLY_BEST * best]
         experiment, opened = min(good, key=lambda each: each[0].record.duration)
         return experiment.sentence, opened
-    return _words(chosen, rivals), float("nan")
+    return _words(information, chosen, rivals, limits), float("nan")
 
 
 def _recurs(effect: Effect) -> bool:
@@ -236,11 +243,21 @@ def _second_sensor(
     return channel, Discrimination.least(separations)
 
 
-def _words(chosen: Effect, rivals: Sequence[Effect]) -> str:
+def _words(
+    information: InformationMatrix,
+    chosen: Effect,
+    rivals: Sequence[Effect],
+    limits: ExperimentLimits,
+) -> str:
     """Advice where nothing that happened once can be asked to happen again."""
     names = {effect.name for effect in (chosen, *rivals)}
     if "ambient_drift" in names:
         return "log the temperature of the air beside the machine (a column T_ambient_degC)"
     if "second_source" in names:
         return "log what else switches near the machine (pumps, lights, spindle), a column each"
+    if not any(limits.can_set(d.channel) for d in information.hypothesis.model.drives):
+        return (
+            "log a run that warms the machine otherwise (longer, shorter, harder), and diagnose "
+            "both logs together"
+        )
     return "look at the machine, for no input of this model would tell them apart"

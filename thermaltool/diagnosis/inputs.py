@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.limits import ExperimentLimits
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.record import Record
 from thermaltool.units import hold_of, parse_channel, printed
@@ -18,8 +19,6 @@ from thermaltool.units import hold_of, parse_channel, printed
 MAX_ROWS, MAX_MEANS = 5000, 600
 # A level at which a log spends less than this share of its rows is not among its levels.
 MIN_SHARE_OF_ROWS = 0.03
-# An experiment lasts so long at most [s].
-MAX_DURATION = 3 * 86400.0
 # A fast experiment reads so many times as often.
 FAST_READINGS = 5
 # Drives that are moved at most.
@@ -141,7 +140,9 @@ def duration_text(seconds: float) -> str:
     raise ValueError(f"no duration: {seconds}")
 
 
-def library(hypothesis: Hypothesis, causes: Sequence[Effect]) -> list[Experiment]:
+def library(
+    hypothesis: Hypothesis, causes: Sequence[Effect], limits: ExperimentLimits
+) -> list[Experiment]:
     """Inputs that might tell `causes` from each other or from the model's own response.
 
     Parameters
@@ -149,25 +150,30 @@ def library(hypothesis: Hypothesis, causes: Sequence[Effect]) -> list[Experiment
     hypothesis : Hypothesis
     causes : sequence of Effect
         With the channels that they need, which are moved apart from the drives.
+    limits : ExperimentLimits
+        None that asks for more.
     """
     period = min(log.period for log in hypothesis.logs)
     slowest = max(t.response.slowest() for t in hypothesis.model.terms)
     # Not slower than what the logs have shown, not faster than can be read.
     slow = float(np.clip(slowest, 10 * period, max(log.duration for log in hypothesis.logs)))
+    run = limits.longest(max(log.duration for log in hypothesis.logs))
     drives = _relevant(hypothesis, causes)
-    found: list[Experiment] = []
+    plans: list[_Course] = []
     for drive in drives:
-        for plan in _plans(levels_of(hypothesis, drive), slow, period):
-            found.append(_experiment(hypothesis, plan, len(found)))
+        if limits.can_set(drive):
+            plans += _plans(levels_of(hypothesis, drive), slow, period, run, limits.switch)
     extra = dict.fromkeys(c for e in causes for c in e.needs() if c not in drives)
     known = {d.channel for d in hypothesis.model.drives}
     for channel in extra:
-        if channel not in known:
-            for plan in _beside(
-                levels_of(hypothesis, drives[0]), levels_of(hypothesis, channel), slow, period
-            ):
-                found.append(_experiment(hypothesis, plan, len(found)))
-    return found
+        if channel not in known and limits.can_set(channel):
+            with_drive = limits.can_set(drives[0])
+            plans += _beside(
+                levels_of(hypothesis, drives[0]), levels_of(hypothesis, channel), slow, period,
+                run, with_drive,
+            )  # fmt: skip
+    able = {plan.sentence: plan for plan in plans if plan.shortest >= limits.switch}
+    return [_experiment(hypothesis, plan, k) for k, plan in enumerate(able.values())]
 
 
 def _relevant(hypothesis: Hypothesis, causes: Sequence[Effect]) -> list[str]:
@@ -190,6 +196,7 @@ class _Course:
     duration: float
     period: float
     courses: Mapping[str, Callable[[Float], Float]]
+    shortest: float  # time between two changes [s]
 
 
 def _held(start: float, pieces: Iterable[tuple[float, float]]) -> Callable[[Float], Float]:
@@ -204,14 +211,17 @@ def _held(start: float, pieces: Iterable[tuple[float, float]]) -> Callable[[Floa
     return course
 
 
-def _plans(u: ChannelLevels, slow: float, period: float) -> Iterator[_Course]:
-    """Courses of one drive, the others at rest."""
+def _plans(
+    u: ChannelLevels, slow: float, period: float, run: float, switch: float
+) -> Iterator[_Course]:
+    """Courses of one drive, the others at rest, none longer than `run`."""
     a, b, c, name = u.start, u.furthest, u.third, u.channel
-    hold, long = min(1.5 * slow, MAX_DURATION / 6), min(4 * slow, MAX_DURATION / 2)
+    hold, long = min(1.5 * slow, run / 6), min(4 * slow, run / 2)
 
     def plan(sentence: str, pieces: Sequence[tuple[float, float]], step: float = period) -> _Course:
         total = sum(span for span, _ in pieces)
-        return _Course(sentence, total, step, {name: _held(a, pieces)})
+        shortest = min(span for span, _ in pieces)
+        return _Course(sentence, total, step, {name: _held(a, pieces)}, shortest)
 
     yield plan(
         f"bring {name} from {u.say(a)} to {u.say(b)} and hold it for {duration_text(long)}",
@@ -239,13 +249,13 @@ def _plans(u: ChannelLevels, slow: float, period: float) -> Iterator[_Course]:
             f"{duration_text(hold)} each, at least twice",
             [(hold, u.high), (hold, u.low)] * 2,
         )
-    pause = min(6 * hold, MAX_DURATION / 4)
+    pause = min(6 * hold, run / 4)
     yield plan(
         f"bring {name} to {u.say(b)} for {duration_text(hold)} and the same again after "
         f"{duration_text(pause)} at {u.say(a)}, in one log",
         [(hold, b), (pause, a), (hold, b)],
     )
-    ramp = min(3 * slow, MAX_DURATION / 4)
+    ramp = min(3 * slow, run / 4)
     yield _Course(
         f"ramp {name} slowly from {u.say(u.low)} to {u.say(u.high)} in {duration_text(ramp)} and "
         "back, twice",
@@ -256,6 +266,7 @@ def _plans(u: ChannelLevels, slow: float, period: float) -> Iterator[_Course]:
                 t > 0, u.low + (u.high - u.low) * (1 - np.abs((t / ramp) % 2 - 1)), a
             )
         },
+        ramp,
     )
     rest = 2 * long
     yield plan(f"record {duration_text(rest)} with {name} at {u.say(a)}", [(rest, a)])
@@ -263,7 +274,8 @@ def _plans(u: ChannelLevels, slow: float, period: float) -> Iterator[_Course]:
         return  # a temperature of the machine is not switched
     half = max(4 * period, float(f"{np.sqrt(4 * period * hold):.2g}"))
     for span, step in ((half, period), (4 * period, period), (2 * period, period / FAST_READINGS)):
-        count = max(4, min(int(2 * slow / span), int(MAX_MEANS * step / span)))
+        span = max(span, switch)
+        count = max(4, min(int(2 * slow / span), int(MAX_MEANS * step / span), int(run / span)))
         often = f", reading every {duration_text(step)}" if step < period else ""
         yield plan(
             f"switch {name} between {u.say(a)} and {u.say(b)} every {duration_text(span)}, for "
@@ -279,27 +291,26 @@ def _plans(u: ChannelLevels, slow: float, period: float) -> Iterator[_Course]:
     )
 
 
-def _beside(u: ChannelLevels, x: ChannelLevels, slow: float, period: float) -> Iterator[_Course]:
-    """Courses of a channel beside the drives, and of both against each other."""
-    hold = min(2 * slow, MAX_DURATION / 6)
+def _beside(
+    u: ChannelLevels, x: ChannelLevels, slow: float, period: float, run: float, with_drive: bool
+) -> Iterator[_Course]:
+    """Courses of a channel beside the drives and, `with_drive`, of both against each other."""
+    hold = min(2 * slow, run / 6)
     span = duration_text(hold)
-    driven = hold_of(x.channel) == "zero"
-    if driven:
+    if hold_of(x.channel) == "zero":
         said = f"switch {x.channel} to {x.say(x.furthest)} and back"
         alone = _held(x.start, [(hold, x.furthest), (hold, x.start)])
     else:
-        said = f"let {x.channel} change by {abs(x.furthest - x.start):.2g} and come back"
+        said = f"bring {x.channel} from {x.say(x.start)} to {x.say(x.furthest)} and back"
         size = x.furthest - x.start
 
         def alone(time: Float) -> Float:
             return x.start + size * np.sin(np.pi * time / (2 * hold)) ** 2
 
-    yield _Course(
-        f"{said} with {u.channel} at {u.say(u.start)}, {span} each way",
-        2 * hold,
-        period,
-        {x.channel: alone},
-    )
+    still = f" with {u.channel} at {u.say(u.start)}" if with_drive else ""
+    yield _Course(f"{said}{still}, {span} each way", 2 * hold, period, {x.channel: alone}, hold)
+    if not with_drive:
+        return
     yield _Course(
         f"{said}, {span} each way, and {u.channel} to {u.say(u.furthest)} and back at other times",
         4 * hold,
@@ -311,6 +322,7 @@ def _beside(u: ChannelLevels, x: ChannelLevels, slow: float, period: float) -> I
                           (hold, u.furthest), (0.3 * hold, u.start)]
             ),
         },
+        0.3 * hold,
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.residual import ResidualReport, residual_report
+from thermaltool.diagnosis.ruled_out import ruled_out
 from thermaltool.diagnosis.severity import Severity
 from thermaltool.diagnosis.written import Gain, WrittenStep
 from thermaltool.documents import DIAGNOSIS, jsonable
@@ -242,6 +243,16 @@ class Diagnosis:
         """Whether noise and the calibration's own error account for what is left."""
         return self.verdict == "adequate"
 
+    def _named(self) -> set[tuple[str, str]]:
+        """Causes that are accepted, and what may be behind a misfit instead."""
+        accepted = {(cause.effect.name, cause.effect.channel) for cause in self.causes}
+        rivals = {
+            pair
+            for each in self.alternatives
+            for pair in zip(each.names, each.channels, strict=True)
+        }
+        return accepted | rivals
+
     def document(self, tolerance: Mapping[str, float] | None = None) -> dict[str, Any]:
         """As JSON: without the curves and the model, null for what is not finite.
 
@@ -271,6 +282,10 @@ class Diagnosis:
                 for each in self.alternatives
             ],
             "tried": [asdict(each) for each in self.tried],
+            "ruled_out": [
+                asdict(each)
+                for each in ruled_out(self.tried, self.residuals, self._named(), tolerance)
+            ],
             "notes": self.notes,
             "written": [each.document() for each in self.written],
             "spoiled": self.spoiled,

@@ -8,6 +8,7 @@ from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.evidence import Assumptions
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
 from thermaltool.diagnosis.result import Alternative, Cause, Tried
 from thermaltool.diagnosis.select import Progress
 from thermaltool.diagnosis.validate import AcceptedCause
@@ -31,6 +32,8 @@ class DiagnosisTask:
         Diagnosed, unseen, and the calibration's.
     progress : callable
         Told what is being done.
+    limits : ExperimentLimits
+        What can be done at the machine.
     """
 
     model: Model
@@ -38,6 +41,7 @@ class DiagnosisTask:
     validate: tuple[Record, ...]
     calibration: tuple[Record, ...]
     progress: Progress
+    limits: ExperimentLimits = USUAL_LIMITS
 
     @property
     def own(self) -> bool:

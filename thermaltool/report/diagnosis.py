@@ -8,7 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from thermaltool.report.diagnosis_advice import severity_sentence, worst_moved
+from thermaltool.report.diagnosis_advice import (
+    ruled_out_sentence,
+    severity_sentence,
+    worst_moved,
+)
 from thermaltool.report.diagnosis_tables import sections
 from thermaltool.report.diagnosis_words import (
     DECISIVE_EVIDENCE,
@@ -79,6 +83,7 @@ def summary(document: Document) -> list[str]:
         for cause in causes:
             lines += [_cause(document, cause, 1), *_advice(document, cause)]
         lines += _no_cause(document)
+    lines += filter(None, [ruled_out_sentence(document)])
     return [*lines, *_unknown(document)]
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from thermaltool.report.diagnosis_words import Document, number
+from thermaltool.report.diagnosis_words import Document, called, number, these_logs
 from thermaltool.report.style import channel_unit
+
+# Causes that a sentence names as ruled out; the table has all.
+MAX_NAMED = 4
 
 
 def worst_moved(document: Document, cause: Document) -> str | None:
@@ -55,3 +58,26 @@ def severity_sentence(document: Document, cause: Document) -> str:
     if each["times_tolerance"] > 1:
         return f"{line}, {number(each['times_tolerance'])} times {allowed}."
     return f"{line}, within {allowed}."
+
+
+def ruled_out_sentence(document: Document) -> str:
+    """``Ruled out: radiation, transport_delay (Q_main_1): half of … would have been seen.``
+
+    Empty where nothing is.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    """
+    entries = document["ruled_out"]
+    if not entries:
+        return ""
+    names = [called(each["name"], each["channel"]) for each in entries]
+    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+    much = "half the tolerance" if document["tolerance"] else "half the residual"
+    which = "of each" if len(names) > 1 else "of it"
+    return (
+        f"Ruled out: {', '.join(names[:MAX_NAMED])}{more}; {these_logs(document)} would have shown "
+        f"{much} {which} and did not."
+    )

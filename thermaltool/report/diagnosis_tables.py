@@ -30,6 +30,8 @@ OPEN = {
     "suspected": "may be",
     "invisible": "cannot be seen",
 }
+# Larger odds are told as these.
+MAX_ODDS = 1000.0
 # Causes listed as tried.
 MAX_LISTED = 12
 # Below this p-value what noise and discrepancy leave is not white.
@@ -67,6 +69,7 @@ def sections(document: Document) -> list[Section]:
         _written(document),
         _alternatives(document),
         _tried(document),
+        _ruled_out(document),
         _conditions(document),
         _bands(document),
         _dependences(document),
@@ -211,6 +214,22 @@ def _tried(document: Document) -> Section:
     hidden = len(document["tried"]) - MAX_LISTED
     more = f" ({hidden} weaker ones not shown)" if hidden > 0 else ""
     return Section(f"Causes tried, each alone{more}", rows)
+
+
+def _ruled_out(document: Document) -> Section:
+    rows = [["cause", "channel", "would be seen from", "of what matters", "odds against"]]
+    for each in document["ruled_out"]:
+        unit = channel_unit(each["output"])
+        rows.append(
+            [
+                each["name"],
+                each["channel"],
+                f"{number(each['above'])} {unit} of {each['output']}",
+                f"{number(each['matters'])} {unit}".rstrip(),
+                f"{'> ' if each['odds'] >= MAX_ODDS else ''}{number(each['odds'])} to 1",
+            ]
+        )
+    return Section("Ruled out in a size that matters", rows, short=False)
 
 
 def _conditions(document: Document) -> Section:
