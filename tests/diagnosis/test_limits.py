@@ -148,6 +148,8 @@ def test_ruled_out_is_what_would_have_been_seen_and_was_not() -> None:
         Tried("hysteresis", DRIVE, 2.0, 0.1 * residual, "no evidence", OUTPUT),  # speaks for it
         Tried("backlash", DRIVE, -8.0, 0.8 * residual, "no evidence", OUTPUT),  # too small to see
         Tried("transport_delay", DRIVE, -7.1, None, "cannot be seen"),
+        Tried("periodic", OUTPUT, -8.0, 0.1 * residual, "no evidence", OUTPUT),  # any period
+        Tried("second_source", "", -8.0, 0.1 * residual, "no evidence", OUTPUT),  # anything
     )
     named = {("second_source", BED)}
     told = ruled_out(tried, found.residuals, named, {})

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 # A cause is ruled out where this fraction of what matters would have been seen: then what matters
 # has four times the evidence or more, which noise seldom takes away.
 MAX_FRACTION = 0.5
+# Causes of any period or course: what one of them would have shown says nothing of the others.
+# So do sources that nobody logged.
+OF_ANY_COURSE = ("periodic",)
 # Evidence is the fall of BIC, of which exp(half) is odds; more than these are not told.
 MAX_ODDS = 1000.0
 
@@ -68,6 +71,8 @@ def ruled_out(
     for each in tried:
         output, seen = each.output, each.detectable
         if output is None or seen is None or (each.name, each.channel) in named:
+            continue
+        if each.name in OF_ANY_COURSE or not each.channel:
             continue
         report = residuals.get(output)
         matters = tolerance.get(output, report.spread if report else 0.0)
