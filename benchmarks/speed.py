@@ -165,7 +165,7 @@ def batch_figures(model: Path, folder: Path) -> list[Figure]:
     ]
 
 
-def run_of(rows: int, seed: int, exponent: float = 1.0) -> Record:
+def run_of(rows: int, seed: int, exponent: float = 1.0, beside: int = 0) -> Record:
     """The published machine on a random duty, with noise, the air and another motor beside it.
 
     Its heat goes with a power of the drive that is logged.
@@ -175,6 +175,12 @@ def run_of(rows: int, seed: int, exponent: float = 1.0) -> Record:
     duty = np.repeat(random.random(rows // 400 + 1), 400)[:rows]
     outputs = published_machine().simulate(Record(time_s, {"Q_main_1": duty**exponent}))
     columns = {"Q_main_1": duty, "Q_pump_1": np.roll(duty, 700)}
+    for k in range(beside):
+        # Speeds, heats and temperatures in turn, each on a course of its own.
+        name = (f"n_axis{k}_rpm", f"Q_aux{k}_W", f"T_place{k}_degC")[k % 3]
+        steps = np.repeat(random.random(rows // 300 + 1), 300)[:rows]
+        swing = 20 + np.cumsum(random.standard_normal(rows)) / 50
+        columns[name] = swing if k % 3 == 2 else 100 * steps
     columns["T_air_degC"] = 20 + np.sin(time_s / 700) + 0.05 * random.standard_normal(rows)
     for name, values in outputs.items():
         columns[name] = values + (0.02 if name.startswith("dT") else 0.1) * random.standard_normal(
@@ -194,6 +200,11 @@ def diagnose_figures() -> list[Figure]:
             lambda log=log: diagnose(model, [log]), clock=time.process_time, repeats=2
         )
         figures.append(Figure(f"diagnose, 10⁴ rows, 3 outputs, {name}", seconds, "s", 30))
+    wide = run_of(10_000, 3, 1.3, beside=14)  # 20 channels
+    begin = time.process_time()
+    diagnose(model, [wide])
+    seconds = time.process_time() - begin
+    figures.append(Figure("diagnose, 10⁴ rows, 20 channels, power law", seconds, "s", 60))
     return figures
 
 

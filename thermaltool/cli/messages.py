@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Callable
+from time import monotonic
 
 import click
 
@@ -35,7 +36,13 @@ def emitter(command: str, quiet: int) -> Callable[[str], None]:
 
 
 def terminal_progress(label: str) -> Callable[[str], None]:
-    """A line that is overwritten, on a terminal only."""
+    """A line that is overwritten and says how long it has been, on a terminal only."""
     if not sys.stderr.isatty():
         return lambda message: None
-    return lambda message: click.echo(f"\r\033[K{label}: {message}", nl=False, err=True)
+    start = monotonic()
+
+    def say(message: str) -> None:
+        seconds = monotonic() - start
+        click.echo(f"\r\033[K{label}, {seconds:.0f} s: {message}", nl=False, err=True)
+
+    return say

@@ -166,8 +166,9 @@ def scan(
     progress : callable
     """
     found = []
-    for trial in trials(hypothesis):
-        progress(f"signatures, {trial.name}")
+    every = list(trials(hypothesis))
+    for k, trial in enumerate(every):
+        progress(f"signatures, {trial.name} ({k + 1} of {len(every)})")
         signatures = signatures_of(hypothesis, trial)
         if signatures:
             found.append((trial, signatures))

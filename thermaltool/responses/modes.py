@@ -29,6 +29,8 @@ Range = tuple[float, float]
 CLOCK_STEP = 1e-6
 # Samples of a block of `Recursion.run`: longer ones make its matrices larger than they save.
 BLOCK = 64
+# States of several modes that are kept at once on an uneven clock (8 MB).
+MAX_STATES = 2**20
 
 
 @dataclass(frozen=True)
@@ -278,35 +280,39 @@ class Modes:
         before, now = u[row], u[row] if hold == "zero" else np.interp(moments, time, u)
         phi, g0, g1, d0, d1 = self._coefficients(ahead, hold)
         y = np.zeros(len(moments))
-        for k, (first, second) in enumerate(self._states(np.diff(time), u, hold)):
-            passed = phi[k] * first[row] + g0[k] * before + g1[k] * now
-            y += (self.weights[k] * passed).real * (1 if self.poles[k].imag == 0 else 2)
-            if self.double[k]:
-                second = phi[k].real * (second[row] + ahead * first[row])
-                y += self.double[k] * (second + d0[k] * before + d1[k] * now)
+        for some, first, second in self._states(np.diff(time), u, hold):
+            first, second = first[:, row], second[:, row]
+            passed = phi[some] * first + g0[some] * before + g1[some] * now
+            weights = self.weights[some] * np.where(self.poles[some].imag == 0, 1, 2)
+            y += (weights @ passed).real
+            if np.any(self.double[some]):
+                second = phi[some].real * (second + ahead * first.real)
+                y += self.double[some] @ (second + d0[some] * before + d1[some] * now)
         return np.where(moments < time[0], 0.0, y)
 
     def _stepped(self, steps: Float, u: Float, hold: Hold) -> Float:
         """One recursion for each mode, its coefficients anew at every row: any clock."""
         y = np.zeros(len(u))
-        for k, (first, second) in enumerate(self._states(steps, u, hold)):
-            y += (self.weights[k] * first).real * (1 if self.poles[k].imag == 0 else 2)
-            y += self.double[k] * second
+        for some, first, second in self._states(steps, u, hold):
+            weights = self.weights[some] * np.where(self.poles[some].imag == 0, 1, 2)
+            real = not np.iscomplexobj(first)
+            y += weights.real @ first if real else (weights @ first).real
+            y += self.double[some] @ second
         return y
 
-    def _states(self, steps: Float, u: Float, hold: Hold) -> Iterator[tuple[Any, Float]]:
-        """State of every mode at every row, and that of its double pole, each shape (n,)."""
+    def _states(self, steps: Float, u: Float, hold: Hold) -> Iterator[tuple[slice, Any, Float]]:
+        """State of some modes at every row, and that of their double poles, each (modes, n)."""
         phi, g0, g1, d0, d1 = self._coefficients(steps, hold)
-        for k, double in enumerate(self.double):
-            real = self.poles[k].imag == 0
-            rows = phi[k].real if real else phi[k]
-            forced = g0[k] * u[:-1] + g1[k] * u[1:]
-            first = recursion_of(rows, forced.real if real else forced)
-            second = np.zeros(len(u))
-            if double:
-                passed = steps * rows * first[:-1] + d0[k] * u[:-1] + d1[k] * u[1:]
+        count = max(1, MAX_STATES // max(len(u), 1))
+        for start in range(0, len(self.poles), count):
+            some = slice(start, start + count)
+            first = recursion_of(phi[some], g0[some] * u[:-1] + g1[some] * u[1:])
+            second = np.zeros(first.shape)
+            if np.any(self.double[some]):
+                rows = phi[some].real
+                passed = steps * rows * first[:, :-1].real + d0[some] * u[:-1] + d1[some] * u[1:]
                 second = recursion_of(rows, passed)
-            yield first, second
+            yield some, first, second
 
     def _coefficients(self, lengths: Float, hold: Hold) -> list[Any]:
         """Decay of each mode over stretches of any length, weights of the inputs at their ends.

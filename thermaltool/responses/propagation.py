@@ -47,26 +47,37 @@ def propagate_double(p: Float, dt: float | Float, hold: Hold) -> tuple[Float, Fl
 
 
 def recursion_of(factor: Any, added: Any) -> Any:
-    """x_(k+1) = factor_k x_k + added_k from rest, the state at rest first, shape (n + 1,).
+    """x_(k+1) = factor_k x_k + added_k from rest, the state at rest first, shape (m, n + 1).
 
     Parameters
     ----------
-    factor, added : ndarray, shape (n,), real or complex
+    factor, added : ndarray, shape (m, n), real or complex
+        One recursion in each row.
     """
-    if not len(factor):
-        return np.zeros(1)
+    m, n = added.shape
+    found = np.zeros((m, n + 1), np.result_type(factor, added))
+    if not n:
+        return found
     # Imported on use: the stream goes row by row and needs neither.
-    if not np.ptp(factor):
+    if not np.ptp(factor, axis=1).any():
         from scipy.signal import lfilter
 
-        return np.append(0.0, lfilter([1.0], [1.0, -factor[0]], added))
+        for k in range(m):
+            found[k, 1:] = lfilter([1.0], [1.0, -factor[k, 0]], added[k])
+        return found
     from scipy.linalg.lapack import dtbtrs, ztbtrs
 
-    # A triangle of two diagonals, the main one of ones: forward substitution.
-    bands = np.stack([np.ones_like(factor), -np.append(factor[1:], 0.0)])
-    substituted = ztbtrs if np.iscomplexobj(added) else dtbtrs
-    x, _ = substituted(bands, added, uplo="L", diag="U")
-    return np.append(0.0, x)
+    # A triangle of two diagonals, the main one of ones: forward substitution. All recursions are
+    # one triangle, for a call costs as much as a thousand rows; the last row of each passes nothing
+    # on.
+    below = np.zeros((m, n), found.dtype)
+    np.negative(factor[:, 1:], out=below[:, :-1])
+    bands = np.empty((2, m * n), found.dtype, order="F")
+    bands[0], bands[1] = 1.0, below.ravel()
+    substituted = ztbtrs if np.iscomplexobj(found) else dtbtrs
+    x, _ = substituted(bands, added.ravel(), uplo="L", diag="U")
+    found[:, 1:] = x.reshape(m, n)
+    return found
 
 
 def _phi(order: int, z: Any) -> Any:

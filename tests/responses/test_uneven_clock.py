@@ -1,0 +1,49 @@
+"""Responses on an uneven clock, against the closed form of a step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermaltool.responses import modes
+from thermaltool.responses.modes import Modes
+
+RATES = np.array([0.002, 0.02, 0.4, 1.5])
+WEIGHTS = np.array([0.01, -0.03, 0.5, 0.2])
+POLE, WEIGHT, DOUBLE = -0.05 + 0.2j, 0.1 - 0.02j, 0.004
+
+
+def response(kind: str) -> Modes:
+    """Four real modes; one of them double, or a complex pair beside them."""
+    poles, weights, double = -RATES.astype(complex), WEIGHTS.astype(complex), np.zeros(4)
+    if kind == "double":
+        double[1] = DOUBLE
+    if kind == "complex":  # one pole stands for the pair
+        poles, weights = np.append(poles, POLE), np.append(weights, WEIGHT)
+        double = np.zeros(5)
+    return Modes(poles, weights, double)
+
+
+def step(kind: str, time: np.ndarray) -> np.ndarray:
+    """What a unit step at time 0 does, by hand."""
+    y = (WEIGHTS / RATES * -np.expm1(-np.outer(time, RATES))).sum(axis=1)
+    if kind == "double":  # of 1 / (s + p)²
+        p = RATES[1]
+        y += DOUBLE / p**2 * (1 - (1 + p * time) * np.exp(-p * time))
+    if kind == "complex":
+        y += 2 * (WEIGHT / POLE * (np.exp(POLE * time) - 1)).real
+    return y
+
+
+@pytest.mark.parametrize("kind", ["real", "double", "complex"])
+@pytest.mark.parametrize("most", [2**20, 1500, 1])
+def test_a_step_is_its_closed_form(kind: str, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All modes at once, two at a time, and one by one."""
+    monkeypatch.setattr(modes, "MAX_STATES", most)
+    lengths = np.random.default_rng(7).uniform(0.3, 4.0, 700).round(3)
+    time = np.concatenate([[0.0], np.cumsum(lengths)])
+    held, made = np.ones(len(time)), response(kind)
+    assert made.run(time, held, "zero") == pytest.approx(step(kind, time), abs=1e-9)
+    moments = np.array([0.0, 3.3, 500.0, time[-1] + 20.0])
+    assert made.at(time, held, "zero", moments) == pytest.approx(step(kind, moments), abs=1e-9)
+    assert made.at(time, held, "zero", np.array([-1.0])) == [0.0]
