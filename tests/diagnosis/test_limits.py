@@ -144,7 +144,7 @@ def test_ruled_out_is_what_would_have_been_seen_and_was_not() -> None:
     tried = (
         Tried("second_source", BED, -5.0, 0.1 * residual, "no evidence", OUTPUT),  # named
         Tried("sensor_gain", OUTPUT, -8.0, 0.1 * residual, "no evidence", OUTPUT),
-        Tried("radiation", OUTPUT, -20.0, 0.05 * residual, "no evidence", OUTPUT),
+        Tried("radiation", OUTPUT, -9000.0, 0.05 * residual, "no evidence", OUTPUT),
         Tried("hysteresis", DRIVE, 2.0, 0.1 * residual, "no evidence", OUTPUT),  # speaks for it
         Tried("backlash", DRIVE, -8.0, 0.8 * residual, "no evidence", OUTPUT),  # too small to see
         Tried("transport_delay", DRIVE, -7.1, None, "cannot be seen"),
@@ -154,7 +154,7 @@ def test_ruled_out_is_what_would_have_been_seen_and_was_not() -> None:
     named = {("second_source", BED)}
     told = ruled_out(tried, found.residuals, named, {})
     assert [each.name for each in told] == ["radiation", "sensor_gain"]
-    assert told[0].odds == 1000.0
+    assert told[0].odds == pytest.approx(1000.0)
     assert told[1].odds == pytest.approx(np.exp(4.0))
     assert told[1].matters == residual
     # A looser tolerance rules out more, a tight one nothing.

@@ -315,7 +315,12 @@ def test_what_is_ruled_out():
     assert rows[1] == ["radiation", OUTPUT, "0.5 µm of d_z_um", "5 µm", "55 to 1"]
     assert rows[2][-1] == "> 1000 to 1"
     many = summary({**found, "ruled_out": [entry] * 6, "tolerance": {OUTPUT: 5.0}})
-    assert any("and 2 more; this log would have shown half the tolerance of" in x for x in many)
+    assert any(
+        "and 2 more; this log would have shown half the tolerance of each" in x for x in many
+    )
+    mixed = summary({**found, "tolerance": {OUTPUT: 5.0},
+                     "ruled_out": [entry, {**entry, "output": "T_a_degC"}]})  # fmt: skip
+    assert any("of each, or of the residual where there is none, and did" in x for x in mixed)
 
 
 def test_adequate():

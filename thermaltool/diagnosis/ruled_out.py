@@ -78,6 +78,6 @@ def ruled_out(
         matters = tolerance.get(output, report.spread if report else 0.0)
         if each.evidence >= 0 or not np.isfinite(each.evidence) or seen > MAX_FRACTION * matters:
             continue
-        odds = float(min(np.exp(-each.evidence / 2), MAX_ODDS))
+        odds = float(np.exp(min(-each.evidence / 2, np.log(MAX_ODDS))))
         found.append(RuledOut(each.name, each.channel, output, seen, matters, odds))
     return tuple(sorted(found, key=lambda r: r.above / r.matters))

@@ -75,9 +75,12 @@ def ruled_out_sentence(document: Document) -> str:
         return ""
     names = [called(each["name"], each["channel"]) for each in entries]
     more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
-    much = "half the tolerance" if document["tolerance"] else "half the residual"
+    given = {each["output"] in document["tolerance"] for each in entries}
     which = "of each" if len(names) > 1 else "of it"
+    much = f"half the {'tolerance' if given == {True} else 'residual'} {which}"
+    if len(given) > 1:
+        much = f"half the tolerance {which}, or of the residual where there is none,"
     return (
         f"Ruled out: {', '.join(names[:MAX_NAMED])}{more}; {these_logs(document)} would have shown "
-        f"{much} {which} and did not."
+        f"{much} and did not."
     )

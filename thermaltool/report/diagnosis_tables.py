@@ -226,7 +226,7 @@ def _ruled_out(document: Document) -> Section:
                 each["channel"],
                 f"{number(each['above'])} {unit} of {each['output']}",
                 f"{number(each['matters'])} {unit}".rstrip(),
-                f"{'> ' if each['odds'] >= MAX_ODDS else ''}{number(each['odds'])} to 1",
+                f"{'> ' if each['odds'] > 0.999 * MAX_ODDS else ''}{number(each['odds'])} to 1",
             ]
         )
     return Section("Ruled out in a size that matters", rows, short=False)
