@@ -33,9 +33,10 @@ from thermaltool.diagnosis.select import (
     plain_forms_first,
     ranked,
 )
+from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.validate import judge
-from thermaltool.diagnosis.written import cannot_run, spoiled_by
+from thermaltool.diagnosis.written import cannot_run, gains_of, spoiled_by
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -207,12 +208,28 @@ def _second_look(task: DiagnosisTask, search: SearchState) -> SearchState:
     opened = search.open()
     white = replace(opened, assumptions=opened.assumptions | {"white"}).fitted()
     looked = _forward(task, replace(search, hypothesis=white, ended=white, exhausted=False))
-    if len(looked.causes) > len(search.causes):
+    if len(looked.causes) > len(search.causes) and not _worse_unseen(task, search, looked):
         return looked
     # Nothing more was found: what taking the rest for white made of the model is no finding.
     if search.causes:
         return replace(search, unconfirmed=looked.unconfirmed)
     return replace(looked, hypothesis=search.hypothesis)
+
+
+def _worse_unseen(task: DiagnosisTask, before: SearchState, after: SearchState) -> bool:
+    """Whether unseen logs are worse by the written model of one search than by that of another."""
+    models = before.written(task), after.written(task)
+    logs = tuple(
+        log for log in task.validate if all(cannot_run(model, log) is None for model in models)
+    )
+    one, other = (SimulatedLogs(model, logs, {}) for model in models)
+    noise = before.hypothesis
+    change = sum(
+        (gain.rms_after**2 - gain.rms_before**2) / noise.white(output) ** 2
+        for output, gain in gains_of(one, other, lambda output: True).items()
+        if output in noise.groups
+    )
+    return change > 0
 
 
 def _misfit(hypothesis: Hypothesis) -> float:
