@@ -1,4 +1,4 @@
-"""Delays on an irregular clock, found and run by the written model."""
+"""Delays on an irregular clock, and logs that begin while the machine is still warm."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from machines.post import (
     DRIVE,
     SENSORS,
     WHITE,
+    Course,
     Post,
     duty,
     even,
@@ -30,10 +31,10 @@ SEED = 20261122
 PLAN = CalibrationPlan((DRIVE,), SENSORS, DEFLECTIONS)
 
 
-def log_of(post, seed, time, delay=0.0, name=""):
-    """What is logged of a duty that acts `delay` later."""
+def log_of(post, seed, time, delay=0.0, name="", start=None):
+    """What is logged of a duty that acts `delay` later, from a state at the first row."""
     course = duty(seed, time)
-    outputs = read(post.outputs(post.simulate(time, course.later(delay))), seed)
+    outputs = read(post.outputs(post.simulate(time, course.later(delay), start)), seed)
     return Record(time, {DRIVE: logged(course, time), **outputs}, digest=name)
 
 
@@ -73,3 +74,27 @@ def test_a_known_delay_leaves_what_no_delay_leaves(irregular):
         }
     for output, white in WHITE.items():
         assert left[50.0][output] == pytest.approx(left[0.0][output], abs=0.3 * white)
+
+
+def warm(post, on, off):
+    """The state after so long under heat and so long without [s]."""
+    heated = Course(np.array([0.0, on]), np.array([0.8, 0.0]))
+    return post.simulate(np.array([0.0, on, on + max(off, 1e-3)]), heated)[-1]
+
+
+@pytest.mark.parametrize(("on", "off"), [(6000.0, 0.0), (1500.0, 0.0), (6000.0, 1200.0)])
+def test_a_warm_start_is_a_state_and_no_cause(on, off):
+    post, model = machine(False)
+    log = log_of(post, SEED + 3, even(), start=warm(post, on, off), name="warm")
+    found = diagnose(model, [log])
+    assert found.causes == ()
+    assert found.adequate
+    assert any("does not begin at rest" in note for note in found.notes)
+
+
+def test_a_cause_is_found_beside_a_warm_start():
+    post, model = machine(False)
+    log = log_of(post, SEED + 4, even(), 50.0, "both", warm(post, 3000.0, 300.0))
+    found = diagnose(model, [log])
+    assert [c.effect.name for c in found.causes] == ["transport_delay"]
+    assert found.causes[0].effect.parameters["delay"] == pytest.approx(50.0, abs=2.0)

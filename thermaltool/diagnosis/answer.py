@@ -37,6 +37,11 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     search : SearchState
     """
     last = search.hypothesis
+    if "initial" in search.ended.assumptions:
+        # A state at the first row is none of the model's faults: it is told, and counts no more.
+        first, last = (
+            replace(each, assumptions=each.assumptions | {"initial"}) for each in (first, last)
+        )
     plain = first.with_model(task.model)
     extended = search.written(task)
     effects = [c.effect for c in search.causes]

@@ -14,6 +14,9 @@ from thermaltool.effects.source import HeatSource
 from thermaltool.record import Record
 from thermaltool.units import parse_channel
 
+# A source that nobody logged is switched on after this share of a log at the earliest.
+MIN_START = 0.01
+
 
 class SecondSource(HeatSource):
     """A channel beside the drives warms the machine through a first-order lag.
@@ -73,7 +76,11 @@ class SecondSource(HeatSource):
             if (output := reference_of(name)[1]) is not None
         )
         seen = max(log.time[-1] for log in scene.logs if log.digest == self.log)
-        return reached and self.parameters["time_constant"] < seen - self.parameters["start"]
+        # What begins with the log is the state in which it was found.
+        began = max(log.time[0] for log in scene.logs if log.digest == self.log)
+        later = self.parameters["start"] - began > MIN_START * (seen - began)
+        lasting = seen - self.parameters["start"]
+        return reached and later and self.parameters["time_constant"] < lasting
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
