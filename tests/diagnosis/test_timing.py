@@ -28,7 +28,8 @@ from thermaltool.model import relative
 from thermaltool.record import Record
 
 SEED = 20261122
-PLAN = CalibrationPlan((DRIVE,), SENSORS, DEFLECTIONS)
+KINDS = dict.fromkeys(SENSORS, "conduction") | dict.fromkeys(DEFLECTIONS, "deflection")
+PLAN = CalibrationPlan((DRIVE,), SENSORS, DEFLECTIONS, KINDS)
 
 
 def log_of(post, seed, time, delay=0.0, name="", start=None):
@@ -88,7 +89,8 @@ def test_a_warm_start_is_a_state_and_no_cause(on, off):
     log = log_of(post, SEED + 3, even(), start=warm(post, on, off), name="warm")
     found = diagnose(model, [log])
     assert found.causes == ()
-    assert found.adequate
+    # The kinds of response follow this post to some times its noise: no model of it is adequate.
+    assert found.verdict != "not adequate"
     assert any("does not begin at rest" in note for note in found.notes)
 
 

@@ -65,6 +65,7 @@ AMBIENT = effect("ambient_drift", AIR, gain__T_column_degC=0.8, gain__d_y_um=6.0
 PART_WARM = effect("part_temperature", PART, coefficient__d_y_um=4.0)
 JOINT = effect("joint_contact", X, curvature=0.01)
 NONLINEAR = effect("drive_nonlinearity", HEAT, exponent=1.8, dead_band=0.05, level=1.0)
+DRIVE_GAIN = effect("drive_gain", HEAT, gain=1.3)
 SATURATION = effect("actuator_saturation", HEAT, limit=0.7, level=1.0)
 DELAY = effect("transport_delay", HEAT, delay=30.0)
 HYSTERESIS = effect("hysteresis", HEAT, width=0.2)
@@ -87,6 +88,7 @@ SUPPORTED = {
     "joint": (JOINT,),
     "source, joint": (BEARING_HEAT, JOINT),
     "nonlinear": (NONLINEAR,),
+    "drive gain": (DRIVE_GAIN,),
     "saturation": (SATURATION,),
     "delay": (DELAY,),
     "hysteresis": (HYSTERESIS,),
@@ -425,6 +427,14 @@ REFUSED = [
     (effect("sensor_frozen", NEAR, start=10.0), "sensor_frozen of dT_near_K: an accident"),
     (effect("sensor_offset_step", NEAR, step=1.0, time=9.0), "sensor_offset_step of dT_near_K"),
     (effect("geometry_step", X, step__d_x_um=1.0, time=9.0), "geometry_step of d_x_um"),
+    (effect("drive_gain_step", HEAT, gain=0.5, time=9.0), "drive_gain_step of Q_main_1: an acc"),
+    (effect("sensor_self_heating", NEAR, rise=1.0, time_constant=9.0), "sensor_self_heating of dT"),
+    (effect("logger_clock", NEAR, offset=9.0, logged__dT_near_K=1.0), "logger_clock of dT_near_K"),
+    (effect("stick_slip", X, width=9.0), "stick_slip of d_x_um: supported only where it bends"),
+    (
+        effect("switching_loss", NEAR, rate=1e-3, on=9.0, off=8.0),
+        "switching_loss of dT_near_K: it counts by the reading of a sensor",
+    ),
     (effect("outliers", NEAR, share=0.1, amplitude=1.0), "outliers of dT_near_K"),
     (effect("periodic", X, sine__d_x_um=1.0, cosine__d_x_um=1.0, period=60.0), "periodic of d_x"),
     (effect("record_too_short", X, covered=0.5), "record_too_short of d_x_um"),

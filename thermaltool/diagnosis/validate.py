@@ -199,8 +199,10 @@ def held_out_gains(before: Hypothesis, after: Hypothesis, seed: int = 0) -> dict
     result = {}
     # Where nothing says how large a slow discrepancy may be, it would bridge short stretches.
     events = "tight" in after.assumptions and any(e.event for e in after.model.effects)
+    # Nothing but the first block says what the start was like: it stays in the fit.
+    starts = "initial" in after.assumptions or any(e.at_start for e in after.model.effects)
     for output in before.groups:
-        old, new = (_held_out_errors(each, output, events) for each in (before, after))
+        old, new = (_held_out_errors(each, output, events, starts) for each in (before, after))
         result[output] = compare(before.simulation.measured_rows(output), old, new, seed)
     return result
 
@@ -234,7 +236,7 @@ def is_practical(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
 # ---------------------------------------------------------------- prediction of held-out rows
 
 
-def _held_out_errors(hypothesis: Hypothesis, output: str, events: bool) -> Float:
+def _held_out_errors(hypothesis: Hypothesis, output: str, events: bool, starts: bool) -> Float:
     """Error of every row, predicted from the other blocks, shape (rows,).
 
     A cause is judged beside what the calibration leaves open, which the other blocks say.
@@ -252,9 +254,7 @@ def _held_out_errors(hypothesis: Hypothesis, output: str, events: bool) -> Float
     for k in range(len(hypothesis.logs)):
         blocks = _blocks(np.flatnonzero(groups.owner == k), events)
         for fold in _folds(blocks):
-            # Nothing but the first block says what the start was like: it stays in the fit.
-            initial = "initial" in hypothesis.assumptions
-            held = np.setdiff1d(fold, blocks[0]) if initial else fold
+            held = np.setdiff1d(fold, blocks[0]) if starts else fold
             rest = np.setdiff1d(np.arange(groups.size), held)
             shift = _fit(hypothesis, output, coarse, rest, (level.ratio, level.tau), prior, centre)
             rows = np.isin(group, fold)

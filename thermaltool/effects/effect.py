@@ -198,6 +198,8 @@ class Effect:
     known: ClassVar[Mapping[str, Parameter]]
     # Whether it belongs to the log in which it was seen and says nothing of the next one.
     event: ClassVar[bool] = False
+    # Whether it is over soon after the first row: no later rows can say how large it was.
+    at_start: ClassVar[bool] = False
     # Whether it is a defect rather than how such a machine works.
     defect: ClassVar[bool] = False
     # Whether `drive` and `output` look at the value of the moment alone.

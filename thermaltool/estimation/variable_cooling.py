@@ -61,6 +61,8 @@ def check_cooling_supported(model: Model, measured: tuple[str, ...]) -> None:
             refuse(effect, f"not supported beside a measured drive ({measured[0]})")
         if any(channel in drives for channel in effect.needs()):
             refuse(effect, "it counts when the drive is off, and an estimate of it never is quite")
+        if any(channel in outputs for channel in effect.needs()):
+            refuse(effect, "it counts by the reading of a sensor, and estimates start from that")
         if not effect.needs() and effect.channel not in outputs:
             refuse(effect, "no column and no output tells the state")
         for sensor in model.sensors:
