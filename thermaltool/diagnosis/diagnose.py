@@ -16,7 +16,7 @@ import numpy as np
 
 from thermaltool.diagnosis.alternatives import invisible, tried_causes
 from thermaltool.diagnosis.answer import answer
-from thermaltool.diagnosis.evidence import STRONG_EVIDENCE
+from thermaltool.diagnosis.evidence import STRONG_EVIDENCE, released
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
@@ -171,6 +171,11 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 "uncertainty: calibrate again"
             )
         else:
+            # What a short calibration has not seen may pass for a start: it comes first.
+            freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
+            cause = too_short(task.model, hypothesis, freed)
+            if cause is not None:
+                return search.accepting(cause, freed)
             search = search.noted("a log does not begin at rest: its start decays are fitted apart")
         hypothesis = changed
     strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else STRONG_EVIDENCE)

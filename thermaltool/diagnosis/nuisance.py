@@ -40,9 +40,9 @@ MIN_CHANGE = 0.1
 MIN_NOISE_RATIO, MIN_NOISE_SHARE = 0.7, 1e-3
 # Smallest white noise [unit of the channel], and eigenvalue of a scaled covariance.
 MIN_WHITE, MIN_EIGENVALUE = 1e-12, 1e-12
-# Time constants of an unknown start, relative to the output's slowest, and the distance of their
-# logarithms within which weights go together: heat that was there decays, it does not alternate.
-START_TIME_CONSTANTS, START_CORRELATION = (1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02), 0.7
+# Time constants of an unknown start, relative to the output's slowest: so near each other that
+# their sum follows any decay to a hundredth of its height, also one slower than the model's.
+START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02)
 # Moves from which slopes are taken: of an own parameter, of what is linear in an effect and what is
 # not, all relative, and the smallest of an effect's parameter.
 OWN_MOVE, LINEAR_MOVE, SEARCHED_MOVE, MIN_MOVE = 1e-3, 1e-3, 1e-2, 1e-6
@@ -335,16 +335,15 @@ class OutputNuisance:
     def decays(self) -> list[Series]:
         """What a machine that was not at rest at the first row adds, per log."""
         simulation = self.simulation
-        taus = simulation.slowest(self.output) * np.array(START_TIME_CONSTANTS)
-        apart = np.subtract.outer(np.log(taus), np.log(taus)) / START_CORRELATION
+        slowest = simulation.slowest(self.output)
         reach = max(float(np.max(np.abs(y[self.output]))) for y in simulation.outputs)
-        root = reach * np.linalg.cholesky(np.exp(-(apart**2) / 2))
-        logs = simulation.logs
-        shapes = [np.exp(-(log.time - log.time[0])[:, None] / taus) @ root for log in logs]
         return [
-            [shape[:, column] * (j == k) for j, shape in enumerate(shapes)]
-            for k in range(len(logs))
-            for column in range(len(taus))
+            [
+                reach * np.exp(-(log.time - log.time[0]) / (share * slowest)) * (j == k)
+                for j, log in enumerate(simulation.logs)
+            ]
+            for k in range(len(simulation.logs))
+            for share in START_TIME_CONSTANTS
         ]
 
     @property
