@@ -18,7 +18,7 @@ from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import Series
-from thermaltool.diagnosis.written import Gain, cannot_run, compare, explained, gains_of
+from thermaltool.diagnosis.written import MIN_LOSS, Gain, cannot_run, compare, explained, gains_of
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
@@ -108,7 +108,7 @@ def judge(
             # What happened in one log does nothing for another, but may not do harm there.
             if candidate.effect.log is None:
                 gains = there
-                if not is_practical(before, gains):
+                if not holds(before, gains):
                     return None
             elif any(gain.spoiled for gain in there.values()):
                 return None
@@ -134,8 +134,12 @@ def judge(
 
 
 def _sure(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> bool:
-    """Whether some parameter is sure not to be what it is without the effect."""
-    given = {n: ends for n, ends in intervals.items() if not effect.parameter(n).fixed}
+    """Whether some amplitude is sure not to be what it is without the effect.
+
+    What is not linear in an effect has an interval of small moves, which says little of the way
+    back to none.
+    """
+    given = {n: ends for n, ends in intervals.items() if effect.parameter(n).linear}
     neutral = {n: effect.parameter(n).neutral for n in given}
     return not given or any(not low <= neutral[n] <= high for n, (low, high) in given.items())
 
@@ -231,6 +235,30 @@ def is_practical(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
         if g.claimed and g.useful and removed >= least**2:
             return True
     return False
+
+
+def holds(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
+    """Whether a cause that held-out rows confirm holds on unseen logs, which may show little of it.
+
+    No output is spoiled, all together are no worse, and one is better by a practical share or none
+    changes by more than a part of its noise.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        Before the cause.
+    gains : mapping of output to Gain
+        On the unseen logs.
+    """
+    change = {
+        output: (g.rms_after**2 - g.rms_before**2) / hypothesis.white(output) ** 2
+        for output, g in gains.items()
+        if output in hypothesis.groups
+    }
+    if any(g.harmful for g in gains.values()) or sum(change.values()) > 0:
+        return False
+    unseen = all(abs(each) < MIN_LOSS for each in change.values())
+    return unseen or any(gains[output].useful for output in change)
 
 
 # ---------------------------------------------------------------- prediction of held-out rows
