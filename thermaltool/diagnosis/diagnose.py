@@ -33,7 +33,7 @@ from thermaltool.diagnosis.select import (
     plain_forms_first,
     ranked,
 )
-from thermaltool.diagnosis.simulation import SimulatedLogs
+from thermaltool.diagnosis.simulation import SimulatedLogs, without
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.validate import judge
 from thermaltool.diagnosis.written import cannot_run, gains_of, spoiled_by
@@ -159,7 +159,8 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
             cause = too_short(task.model, hypothesis, changed)
             if cause is not None:
                 return search.accepting(cause, changed)
-            for output, length in beyond_calibration(task.model, task.logs).items():
+            if beyond := beyond_calibration(task.model, task.logs):
+                output, length = next(iter(beyond.items()))
                 why = (
                     f"{output}: the calibration lasts {length:.0f} s, too short to see a steady "
                     f"state, and this log {max(log.duration for log in task.logs):.0f} s: "
@@ -253,16 +254,15 @@ def _misfit(hypothesis: Hypothesis) -> float:
 def _backward(search: SearchState) -> SearchState:
     """The search without the causes that later ones made idle."""
     for cause in search.causes:
-        effects = search.hypothesis.model.effects
-        rest = tuple(e for e in effects if e != cause.effect)
-        if len(effects) < 2 or len(rest) == len(effects):
+        model = search.hypothesis.model
+        rest = without(model, cause.effect)
+        if len(model.effects) < 2 or rest is model:
             continue
-        opened = search.open()
-        without = opened.with_model(replace(opened.model, effects=rest))
-        again = fit_candidate(without, CauseCandidate.unfitted(cause.effect, without.assumptions))
-        if again.evidence < (0.0 if "white" in without.assumptions else STRONG_EVIDENCE):
+        bare = search.open().with_model(rest)
+        again = fit_candidate(bare, CauseCandidate.unfitted(cause.effect, bare.assumptions))
+        if again.evidence < (0.0 if "white" in bare.assumptions else STRONG_EVIDENCE):
             kept = tuple(c for c in search.causes if c is not cause)
-            search = replace(search, causes=kept, hypothesis=without)
+            search = replace(search, causes=kept, hypothesis=bare)
     return search
 
 
@@ -271,23 +271,24 @@ def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
 
     Where a log does not begin at rest, what `simulate` leaves says too little of a cause.
     """
-    known = "initial" not in search.open().assumptions
-    for cause in search.causes if known else ():
-        written = search.written(task)
-        rest = tuple(e for e in written.effects if e != cause.effect)
-        if len(rest) == len(written.effects):
+    if "initial" in search.open().assumptions:
+        return search
+    written = search.written(task)
+    for cause in search.causes:
+        rest = without(written, cause.effect)
+        if rest is written:
             continue
         logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
         noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
         masked = search.hypothesis.simulation.masked
-        if spoiled_by(written, replace(written, effects=rest), logs, masked, noise) is None:
+        if spoiled_by(written, rest, logs, masked, noise) is None:
             last = search.hypothesis
-            kept = tuple(e for e in last.model.effects if e != cause.effect)
             search = replace(
                 search.noted(f"{cause.effect.name} explains nothing in the written model"),
                 causes=tuple(c for c in search.causes if c is not cause),
-                hypothesis=last.with_model(replace(last.model, effects=kept)).fitted(),
+                hypothesis=last.with_model(without(last.model, cause.effect)).fitted(),
             )
+            written = search.written(task)
     return search
 
 

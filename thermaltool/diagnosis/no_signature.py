@@ -244,9 +244,8 @@ def is_trend(effect: Effect, model: Model, logs: Sequence[Record]) -> bool:
     logs : sequence of Record
     """
     lengths = beyond_calibration(model, logs)
-    slow = max(effect.parameters.get(name, 0.0) for name in ("time_constant", "period"))
     drifts = effect.name == "sensor_drift" and effect.channel in lengths
-    return drifts or (not effect.channel and slow > min(lengths.values(), default=np.inf))
+    return drifts or (not effect.channel and effect.course > min(lengths.values(), default=np.inf))
 
 
 def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause | None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from thermaltool.diagnosis.simulation import Mask, SimulatedLogs
+from thermaltool.diagnosis.simulation import Mask, SimulatedLogs, without
 from thermaltool.diagnosis.written import explained, gains_of
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import UnitError
@@ -63,13 +63,11 @@ def severity_of(model: Model, effect: Effect, logs: Sequence[Record]) -> dict[st
     dict of output to Severity
         Of the outputs that it moves.
     """
-    rest = tuple(e for e in model.effects if e != effect)
+    rest = without(model, effect)
     acting = tuple(log for log in logs if effect.log in (None, log.digest))
-    if len(rest) == len(model.effects) or not acting:
+    if rest is model or not acting:
         return {}
-    caused, bare = (
-        SimulatedLogs(each, acting, {}) for each in (model, replace(model, effects=rest))
-    )
+    caused, bare = (SimulatedLogs(each, acting, {}) for each in (model, rest))
     found = {}
     for output, series in bare.change(caused.outputs).items():
         change = np.concatenate(series)
@@ -94,10 +92,7 @@ def fraction_removed(
     noise : mapping of output to float [unit of the output]
         Of a reading.
     """
-    rest = tuple(e for e in model.effects if e != effect)
-    runs = [
-        SimulatedLogs(each, tuple(logs), masked) for each in (replace(model, effects=rest), model)
-    ]
+    runs = [SimulatedLogs(each, tuple(logs), masked) for each in (without(model, effect), model)]
     return explained(noise, gains_of(runs[0], runs[1], lambda output: True))
 
 

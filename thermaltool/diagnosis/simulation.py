@@ -33,6 +33,18 @@ MIN_SHARE_MEASURED = 0.5
 RELATIVE_MOVE = 0.02
 
 
+def without(model: Model, effect: Effect) -> Model:
+    """A model without one of its effects; itself where it does not have it.
+
+    Parameters
+    ----------
+    model : Model
+    effect : Effect
+    """
+    rest = tuple(e for e in model.effects if e != effect)
+    return model if len(rest) == len(model.effects) else replace(model, effects=rest)
+
+
 @dataclass(frozen=True, eq=False)
 class SimulatedLogs:
     """A model with its accepted causes, simulated on every log.

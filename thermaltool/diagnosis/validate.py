@@ -17,7 +17,7 @@ from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
-from thermaltool.diagnosis.simulation import Series
+from thermaltool.diagnosis.simulation import Series, without
 from thermaltool.diagnosis.written import MIN_LOSS, Gain, cannot_run, compare, explained, gains_of
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
@@ -146,9 +146,8 @@ def _sure(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> bool:
 
 def _any_slow_course(effect: Effect, hypothesis: Hypothesis) -> bool:
     """Whether an effect of one log is slow enough there to follow whatever is slow."""
-    slow = max(effect.parameters.get(name, 0.0) for name in ("time_constant", "period"))
     longest = max(log.duration for log in hypothesis.logs)
-    return effect.log is not None and slow > longest / MAX_PERIODS_OF_COURSE
+    return effect.log is not None and effect.course > longest / MAX_PERIODS_OF_COURSE
 
 
 def _too_large(hypothesis: Hypothesis, effect: Effect) -> bool:
@@ -157,9 +156,8 @@ def _too_large(hypothesis: Hypothesis, effect: Effect) -> bool:
     Two large changes that cancel are no cause, but what the logs do not tell apart.
     """
     simulation = hypothesis.simulation
-    rest = tuple(e for e in simulation.model.effects if e != effect)
-    without = replace(simulation, model=replace(simulation.model, effects=rest))
-    for output, change in without.displacement(effect).items():
+    bare = replace(simulation, model=without(simulation.model, effect))
+    for output, change in bare.displacement(effect).items():
         groups = hypothesis.groups[output]
         moved = float(np.ptp(groups.joined(change)))
         if moved > MAX_OF_MEASURED * float(np.ptp(simulation.measured_rows(output))):

@@ -291,6 +291,11 @@ class Effect:
         """Time by which the drive acts later than it is logged [s]; below zero, earlier."""
         return 0.0
 
+    @property
+    def course(self) -> float:
+        """Its time constant or period, the longer one [s]; 0 where it has neither."""
+        return max(self.parameters.get(name, 0.0) for name in ("time_constant", "period"))
+
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         """The effect at every place and, for what is searched, at every size worth a trial."""
