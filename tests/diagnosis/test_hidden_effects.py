@@ -1,8 +1,8 @@
-"""The fast part of the study of hidden effects: 20 logs of 5 × noise and 6 clean ones, twice.
+"""The fast part of the study of hidden effects: logs of 5 × noise and clean ones, few and more.
 
 Their seeds come from one `SeedSequence`, the date on which this file was written; no other was
-tried. The limits are those of the study with a binomial allowance for half of the logs: a tool
-that names the right cause in 85 % of all logs gets at least 14 of 20 with a chance of 98 %, one
+tried. The limits are those of the study with a binomial allowance: a tool that names the right
+cause in 85 % of all logs gets at least 14 of 20 with a chance of 98 % and 7 of 10 with 95 %, one
 with 3 % of false alarms has at most one in 6 clean logs with 99 %. That is a guide: there are four
 machines, and the logs of one share the error of its calibration.
 """
@@ -38,11 +38,11 @@ def calibrated(machine: int, seed: int):
     return scoring.calibrated(hide([], 1.0, machine, seed).calibration)
 
 
-def scores_of(half: int):
-    """20 logs with an effect and 6 clean ones, of two machines."""
+def scores_of(half: int, hidden: int, clean: int):
+    """Logs with an effect and clean ones, of two machines."""
     generator = np.random.default_rng(HALVES[half])
     machines = generator.integers(2**31, size=(2, 2)).tolist()
-    names = [*islice(study.in_turn(generator, tables.SIZED), 20), *[None] * 6]
+    names = [*islice(study.in_turn(generator, tables.SIZED), hidden), *[None] * clean]
     for k, name in enumerate(names):
         form = (None, *VARIANTS.get(name, ()))[generator.integers(1 + len(VARIANTS.get(name, ())))]
         machine, seed = machines[k % 2][0], int(generator.integers(2**31))
@@ -51,16 +51,16 @@ def scores_of(half: int):
         yield scoring.score(trial, calibrated(*machines[k % 2]), powers=False)
 
 
-def check_half(half: int):
-    scores = list(scores_of(half))
+def check_half(half: int, count: int, without: int):
+    scores = list(scores_of(half, count, without))
     for s in scores:
         error = "" if s.error is None else f", error {s.error:.2f}"
         print(f"{s.trial.effects} {s.trial.variant}: {s.named}{error}, {s.seconds:.1f} s")
     assert not [s.failure for s in scores if s.failure]
     hidden = tables.of_size(scores, 5.0)
     clean = [s for s in scores if s.trial.group == "clean"]
-    assert len(hidden) >= 18
-    assert len(clean) == 6
+    assert len(hidden) >= 0.9 * count
+    assert len(clean) == without
     assert sum(s.first for s in hidden) >= 0.7 * len(hidden)
     assert sum(s.alarm for s in clean) <= 1
     # At the right place, and of the right size where the laws are the same.
@@ -74,7 +74,7 @@ def check_half(half: int):
 
 
 def test_hidden_effects_are_named_and_clean_logs_left_alone():
-    check_half(0)
+    check_half(0, 10, 4)
 
 
 # ---------------------------------------------------------------- the judge judged
@@ -192,4 +192,4 @@ def test_what_is_missed_is_told_and_a_failure_is_a_wrong_answer():
 
 @pytest.mark.slow
 def test_hidden_effects_are_named_on_other_machines_too():
-    check_half(1)
+    check_half(1, 20, 6)

@@ -63,7 +63,7 @@ def test_a_clean_log_has_no_cause():
     assert found.verdict != "not adequate"
 
 
-@pytest.mark.parametrize("gain", [0.9, 1.15])
+@pytest.mark.parametrize("gain", [0.9, pytest.param(1.15, marks=pytest.mark.slow)])
 def test_a_gain_of_the_drive(gain):
     cause = first_cause(log_of(SEED + 2, lambda course: faults.scaled(course, gain)))
     assert (cause.effect.name, cause.effect.channel) == ("drive_gain", DRIVE)
@@ -104,7 +104,7 @@ def test_a_thermometer_that_warms_itself():
     assert cause.effect.parameters["rise"] == pytest.approx(0.4, rel=0.15)
 
 
-@pytest.mark.parametrize("offset", [40.0, -40.0])
+@pytest.mark.parametrize("offset", [40.0, pytest.param(-40.0, marks=pytest.mark.slow)])
 def test_a_logger_that_is_late_or_early(offset):
     """The temperatures are those of another moment; exactly, not between rows."""
     course = duty(SEED + 7, TIME)

@@ -227,6 +227,37 @@ class OutputEvidence:
         """
         return replace(self, levels=tuple(self._level(*p) for p in (WHITE_ALONE, *points)))
 
+    def only(self, assumptions: Assumptions) -> OutputEvidence:
+        """The same without the nuisance that the assumptions leave out.
+
+        Parameters
+        ----------
+        assumptions : frozenset of str
+        """
+        kept = np.array([name in assumptions for name in self.names], bool)
+        return replace(
+            self,
+            names=tuple(name for name in self.names if name in assumptions),
+            columns=self.columns[:, np.append(True, kept)],
+            centre=self.centre[kept],
+        )
+
+    def with_residual(self, residual: Float) -> OutputEvidence:
+        """The same noise levels and nuisance for another residual.
+
+        Parameters
+        ----------
+        residual : ndarray, shape (n,)
+        """
+        columns = self.columns.copy()
+        columns[:, 0] = residual
+        levels = []
+        for level, row in zip(self.levels, self._factors.solve(residual) @ columns, strict=True):
+            gram = level.gram.copy()
+            gram[0] = gram[:, 0] = row
+            levels.append(replace(level, gram=gram))
+        return replace(self, columns=columns, levels=tuple(levels))
+
     def _level(self, ratio: float, tau: float) -> NoiseLevel:
         factor = self.groups.noise.factor(ratio, tau)
         odds = 0.0

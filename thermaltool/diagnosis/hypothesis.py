@@ -294,7 +294,7 @@ class Hypothesis:
                 break
             for share in STEP_SHARES:
                 moved = best._moved(steps, share)
-                if moved is not None and moved._misfit() < best._misfit() - MIN_DESCENT:
+                if moved is not None and best._misfit(moved) < best._misfit() - MIN_DESCENT:
                     best = moved
                     break
             else:
@@ -323,15 +323,23 @@ class Hypothesis:
                     ),
                 )
             result = self.with_model(model)
-            result._misfit()
+            self._misfit(result)
         except (ValueError, np.linalg.LinAlgError):
             return None
         return result
 
-    def _misfit(self) -> float:
-        """Negative log likelihood with the model's own parameters where they stand."""
-        fixed = self.assumptions - {"released"}
-        return sum(e.null(fixed).best for e in self.evidence.values())
+    def _misfit(self, moved: Hypothesis | None = None) -> float:
+        """Negative log likelihood with the model's own parameters where they stand.
+
+        Of the model after a move of them, under the noise and beside the nuisance before it.
+        """
+        fixed, result = self.assumptions - {"released"}, 0.0
+        for output, evidence in self.evidence.items():
+            if moved is not None:
+                residual = moved.groups[output].means(moved.simulation.residual(output))
+                evidence = evidence.with_residual(residual)
+            result += evidence.null(fixed).best
+        return result
 
 
 def weigh(
@@ -379,11 +387,12 @@ def weigh(
     noise = groups.noise
     longest = max(noise.span / 2, 6 * noise.period)
     taus = np.geomspace(3 * noise.period, longest, COARSE_TAUS).tolist()
-    coarse = start.at([(r, t) for r in COARSE_RATIOS for t in taus])
+    coarse = start.only(assumptions).at([(r, t) for r in COARSE_RATIOS for t in taus])
     if expected is None:
         for _ in range(2):
             coarse = replace(coarse, white=coarse.null(assumptions).white)
     best = coarse.levels[coarse.null(assumptions).level]
     tau = best.tau if best.ratio else float(np.sqrt(taus[0] * taus[-1]))
     ratio = best.ratio or START_RATIO
-    return coarse.at([(r * ratio, t * tau) for r in FINE_RATIOS for t in FINE_TAUS])
+    fine = [(r * ratio, t * tau) for r in FINE_RATIOS for t in FINE_TAUS]
+    return replace(start, white=coarse.white).at(fine)
