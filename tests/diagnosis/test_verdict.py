@@ -65,25 +65,29 @@ def test_a_short_calibration_comes_before_any_cause() -> None:
 
 
 @pytest.mark.parametrize(
-    ("shown", "unexplained", "calibrated", "verdict"),
+    ("shown", "unexplained", "calibrated", "misfit", "verdict"),
     [
-        (1.2, 1.1, 1.1, "adequate"),
-        (9.0, 1.1, 1.1, "cannot judge"),  # by what the calibration leaves open
-        (9.0, 8.0, 1.1, "not adequate"),
-        (1.2, 1.1, 7.0, "cannot judge"),  # the calibration itself is no better
+        (1.2, 1.1, 1.1, 0.0, "adequate"),
+        (9.0, 1.1, 1.1, 0.0, "cannot judge"),  # by what the calibration leaves open
+        (9.0, 8.0, 1.1, 0.0, "not adequate"),
+        (1.2, 1.1, 7.0, 0.0, "cannot judge"),  # the calibration itself is no better
+        (9.0, 8.0, 3.2, 3.0, "cannot judge"),  # and leaves nearly as much on any log
+        (9.0, 8.0, 2.2, 2.0, "not adequate"),
     ],
 )
-def test_what_decides(shown: float, unexplained: float, calibrated: float, verdict: str) -> None:
-    budget = ResidualBudget(10.0, shown, unexplained, 1.0, 1.0, calibrated, 50.0)
+def test_what_decides(
+    shown: float, unexplained: float, calibrated: float, misfit: float, verdict: str
+) -> None:
+    budget = ResidualBudget(10.0, shown, unexplained, 1.0, 1.0, calibrated, misfit, 50.0)
     assert verdict_of({"d_y_um": budget}, ()) == verdict
 
 
 def test_evidence_grows_with_what_is_left() -> None:
     small, large = (
-        ResidualBudget(10.0, rms, rms, 1.0, 1.0, 1.1, 50.0).evidence for rms in (2.0, 4.0)
+        ResidualBudget(10.0, rms, rms, 1.0, 1.0, 1.1, 0.0, 50.0).evidence for rms in (2.0, 4.0)
     )
     assert 0 < small < large
-    assert ResidualBudget(1.0, 1.0, 1.0, 1.0, 1.0, 1.1, 50.0).evidence == 0
+    assert ResidualBudget(1.0, 1.0, 1.0, 1.0, 1.0, 1.1, 0.0, 50.0).evidence == 0
 
 
 @pytest.mark.parametrize("burst", [1, 3])

@@ -8,7 +8,8 @@ import json
 import numpy as np
 import pytest
 
-from thermaltool.diagnosis.written import compare, rezeroed, spoiled_by, steps_of
+from thermaltool.diagnosis.gain import compare
+from thermaltool.diagnosis.written import rezeroed, spoiled_by, steps_of
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record

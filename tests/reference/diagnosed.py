@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from thermaltool.diagnosis.action import action_of
+from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.residual import residual_report
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Tried, Verdict
 from thermaltool.diagnosis.severity import Severity
-from thermaltool.diagnosis.written import Gain, WrittenStep
+from thermaltool.diagnosis.written import WrittenStep
 from thermaltool.effects.second_source import SecondSource
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.alternatives import indistinguishable, suspected
+from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, curves_of, unconfirmed
 from thermaltool.diagnosis.severity import (
@@ -23,7 +24,7 @@ from thermaltool.diagnosis.verdict import (
     verdict_of,
     weigh_residuals,
 )
-from thermaltool.diagnosis.written import Gain, account, cannot_run, explained
+from thermaltool.diagnosis.written import account, cannot_run, explained
 
 
 def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagnosis:

@@ -182,7 +182,9 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
     strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else STRONG_EVIDENCE)
     for candidate in plain_forms_first(strong)[:MAX_HELD_OUT]:
         task.progress(f"held-out gain of {candidate.effect.name}")
-        verdict = judge(hypothesis, candidate, ranking.fitted, task.model, task.validate)
+        verdict = judge(
+            hypothesis, candidate, ranking.fitted, task.model, task.validate, task.calibrated_misfit
+        )
         if verdict is not None:
             search = search.accepting(verdict.cause, verdict.after, verdict)
             if _is_freed(hypothesis, verdict.after):
@@ -281,7 +283,7 @@ def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
         logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
         noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
         masked = search.hypothesis.simulation.masked
-        if spoiled_by(written, rest, logs, masked, noise) is None:
+        if spoiled_by(written, rest, logs, masked, noise, surely=True) is None:
             last = search.hypothesis
             search = replace(
                 search.noted(f"{cause.effect.name} explains nothing in the written model"),

@@ -11,11 +11,11 @@ from scipy.optimize import minimize
 from scipy.special import ndtri
 
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
+from thermaltool.diagnosis.gain import Gain, compare
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.simulation import Mask
 from thermaltool.diagnosis.validate import held_out_gains
-from thermaltool.diagnosis.written import Gain, compare
 from thermaltool.effects import effect_class
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.model import Model

@@ -9,11 +9,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.residual import ResidualReport, residual_report
 from thermaltool.diagnosis.ruled_out import ruled_out
 from thermaltool.diagnosis.severity import Severity
-from thermaltool.diagnosis.written import Gain, WrittenStep
+from thermaltool.diagnosis.written import WrittenStep
 from thermaltool.documents import DIAGNOSIS, jsonable
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model

@@ -7,7 +7,7 @@ amplitude would have (score test). Only what survives is fitted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,6 +35,8 @@ Progress = Callable[[str], None]
 MIN_EVIDENCE = -10.0
 # Causes that are fitted at each step, and of one name.
 MAX_FITTED, MAX_OF_A_NAME = 8, 2
+# ... and how many of them by what they have beyond their assumptions.
+MIN_BEYOND = 3
 # Forms of one cause that differ by less in evidence are taken for equal.
 EQUAL_EVIDENCE = 10.0
 # Value of a search for what no machine has: it can be subtracted.
@@ -118,7 +120,8 @@ def ranked(
     # Where held-out levels decide, the number of trials is no matter of the evidence.
     places = max(len({c.place for c in scanned}), 1)
     correction = 0.0 if "white" in present else 2 * float(np.log(places))
-    short = shortlist([c for c in scanned if (c.effect.name, c.effect.channel) not in unseen])
+    seen = [c for c in scanned if (c.effect.name, c.effect.channel) not in unseen]
+    short = shortlist(seen, alone)
     fitted = []
     for k, candidate in enumerate(short):
         progress(f"fitting {candidate.effect.name} ({k + 1} of {len(short)})")
@@ -295,23 +298,35 @@ def _first_step(hypothesis: Hypothesis, effect: Effect, name: str) -> float:
 # ---------------------------------------------------------------- which of them
 
 
-def shortlist(candidates: Sequence[CauseCandidate]) -> list[CauseCandidate]:
-    """The best trial of every form of a cause, few of one name.
+def shortlist(
+    candidates: Sequence[CauseCandidate], alone: Mapping[Assumptions, float]
+) -> list[CauseCandidate]:
+    """The best trials, of every form of a cause one, few of one name.
+
+    Most have the most evidence, some the most beyond that of their assumptions: beside a model that
+    is free to change every cause looks strong.
 
     Parameters
     ----------
     candidates : sequence of CauseCandidate
         The strongest first.
+    alone : mapping of assumptions to float
+        Evidence of what the model may say for itself.
     """
+    there = [c for c in candidates if c.evidence >= MIN_EVIDENCE]
+    beyond = sorted(there, key=lambda c: alone[c.assumptions] - c.evidence)
+    first = _of_each_form(beyond)[:MIN_BEYOND]
+    others = [c for c in _of_each_form(there) if not any(c is x for x in first)]
+    return [*first, *others[: MAX_FITTED - len(first)]]
+
+
+def _of_each_form(candidates: Sequence[CauseCandidate]) -> list[CauseCandidate]:
+    """The first of every form of a cause, few of one name."""
     chosen: list[CauseCandidate] = []
     for c in candidates:
-        if c.evidence < MIN_EVIDENCE:
-            break
         same = [x for x in chosen if x.effect.name == c.effect.name]
         if len(same) < MAX_OF_A_NAME and c.form not in [x.form for x in chosen]:
             chosen.append(c)
-        if len(chosen) == MAX_FITTED:
-            break
     return chosen
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.evidence import Assumptions
@@ -12,7 +13,8 @@ from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
 from thermaltool.diagnosis.result import Alternative, Cause, Tried
 from thermaltool.diagnosis.select import Progress
 from thermaltool.diagnosis.validate import AcceptedCause
-from thermaltool.diagnosis.written import cannot_run, rezeroed
+from thermaltool.diagnosis.verdict import misfits_of
+from thermaltool.diagnosis.written import cannot_run, rezeroed, spoiled_by
 from thermaltool.model import Model
 from thermaltool.record import Record
 
@@ -48,6 +50,14 @@ class DiagnosisTask:
         """Whether the model was calibrated on one of the logs."""
         sources = {each.get("sha256") for each in self.model.provenance.get("logs", ())}
         return any(log.digest in sources for log in self.logs)
+
+    @cached_property
+    def calibrated_misfit(self) -> dict[str, float]:
+        """What the model left of its calibration beside the noise of a reading, by output.
+
+        Empty where it was calibrated on one of the logs: they show that misfit themselves.
+        """
+        return {} if self.own else misfits_of(self.model)
 
     def first(self) -> Hypothesis:
         """The model without any cause."""
@@ -137,11 +147,20 @@ class SearchState:
         if all(cause.effect.name == "outliers" for cause in self.causes):
             return task.model
         last = self.hypothesis
+        masked, noise = last.simulation.masked, {o: last.white(o) for o in last.groups}
         known = [log for log in task.calibration if cannot_run(last.model, log) is None]
         if known and "released" in last.assumptions and not task.own:
             # What many logs have settled one log does not overturn.
             last = last.with_logs((*last.logs, *known)).fitted()
-        return rezeroed(last.written(task.model).model, task.logs, last.simulation.masked)
+        freed = rezeroed(last.written(task.model).model, task.logs, masked)
+        if "released" not in last.assumptions or task.own:
+            return freed
+        # A change of the model's own parameters that makes a log worse is left out.
+        held = replace(task.model, effects=last.model.effects)
+        held = rezeroed(held, task.logs, masked)
+        logs = [log for log in (*task.logs, *task.validate) if cannot_run(held, log) is None]
+        worse = [spoiled_by(task.model, each, logs, masked, noise) for each in (freed, held)]
+        return held if worse[0] is not None and worse[1] is None else freed
 
     def open(self) -> Hypothesis:
         """The accepted causes under the assumptions in which the last step ended."""

@@ -10,15 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from thermaltool.diagnosis.fit import CauseCandidate
+from thermaltool.diagnosis.gain import MIN_LOSS, Gain, compare
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import Series, without
-from thermaltool.diagnosis.written import MIN_LOSS, Gain, cannot_run, compare, explained, gains_of
+from thermaltool.diagnosis.verdict import MAX_TIMES_CALIBRATED
+from thermaltool.diagnosis.written import cannot_run, explained, gains_of
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
@@ -71,6 +74,7 @@ def judge(
     rivals: Sequence[CauseCandidate],
     calibrated: Model,
     unseen: Sequence[Record] = (),
+    calibrated_misfit: Mapping[str, float] = MappingProxyType({}),
 ) -> AcceptedCause | None:
     """Verdict on a candidate; None where it is worth nothing on unseen data.
 
@@ -90,13 +94,15 @@ def judge(
         As the calibration left it.
     unseen : sequence of Record
         Logs to validate on.
+    calibrated_misfit : mapping of output to float [unit of the output]
+        What the model left of its calibration beside noise.
     """
     before = hypothesis.under(candidate.assumptions, calibrated)
     try:
         after, candidate = _fitted_jointly(before, candidate)
         alone = before.fitted()
         gains = held_out_gains(alone, after)
-        if not is_practical(before, gains):
+        if not is_practical(before, gains, calibrated_misfit):
             return None
         new = after.written(calibrated)
         unseen = [log for log in unseen if cannot_run(new.model, log) is None]
@@ -155,6 +161,8 @@ def _too_large(hypothesis: Hypothesis, effect: Effect) -> bool:
 
     Two large changes that cancel are no cause, but what the logs do not tell apart.
     """
+    if not effect.parameters:  # two sensors that are swapped move what they differ by
+        return False
     simulation = hypothesis.simulation
     bare = replace(simulation, model=without(simulation.model, effect))
     for output, change in bare.displacement(effect).items():
@@ -209,7 +217,11 @@ def held_out_gains(before: Hypothesis, after: Hypothesis, seed: int = 0) -> dict
     return result
 
 
-def is_practical(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
+def is_practical(
+    hypothesis: Hypothesis,
+    gains: Mapping[str, Gain],
+    calibrated_misfit: Mapping[str, float] = MappingProxyType({}),
+) -> bool:
     """Whether gains are sure and large enough on some output, and no other output is spoiled.
 
     Parameters
@@ -217,6 +229,8 @@ def is_practical(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
     hypothesis : Hypothesis
         Before the cause.
     gains : mapping of output to Gain
+    calibrated_misfit : mapping of output to float [unit of the output]
+        What the model left of its calibration beside noise.
     """
     # What helps one output and spoils another is no cause.
     if any(g.harmful for g in gains.values()):
@@ -229,7 +243,10 @@ def is_practical(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
         misfit = max(g.rms_before**2 - white**2, 0.0)
         tight = "tight" in hypothesis.assumptions
         floor = hypothesis.nuisance[output].floor() if tight else white
-        least = min(MIN_FLOORS * floor, MAX_SHARE_OF_MISFIT * np.sqrt(misfit))
+        least = max(
+            min(MIN_FLOORS * floor, MAX_SHARE_OF_MISFIT * np.sqrt(misfit)),
+            MAX_TIMES_CALIBRATED * calibrated_misfit.get(output, 0.0),
+        )
         if g.claimed and g.useful and removed >= least**2:
             return True
     return False

@@ -13,12 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.residual import ResidualReport
 from thermaltool.diagnosis.result import Cause, Location, Verdict, reports_of
 from thermaltool.effects.effect import Float
 from thermaltool.effects.unknown import Unknown
+from thermaltool.model import Model
 from thermaltool.signals.resolution import resolution_step
 from thermaltool.units import parse_channel, printed
 
@@ -30,6 +32,10 @@ ADEQUATE_SHARE = 0.5
 # A calibration that is itself off by more than this many times the noise of a reading is no
 # measure of what is wrong.
 MAX_CALIBRATED_OVER_NOISE = 5.0
+# On other inputs than those of its calibration a model is off by no more than this many times what
+# it was off by there, beside the noise of a reading: no cause and no unknown is called below. Of a
+# misfit that a diagnosis knows from the calibration this many times what it does not know counts.
+MAX_TIMES_CALIBRATED, MAX_DRIFTS = 3.5, 2.0
 # What is left beside named causes is told from this share of the RMS that was there before them.
 MIN_SHARE_LEFT = 0.2
 # A condition holds what is left where its share of the power exceeds that of the time by so much.
@@ -52,8 +58,8 @@ class ResidualBudget:
         What is left beside the moves that the calibration leaves open, too.
     white, floor : float
         Noise of a reading, and the largest slow discrepancy of a clean log.
-    calibrated : float
-        What the model left of its own calibration, noise included.
+    calibrated, misfit : float
+        What the model left of its own calibration, with noise and without (`misfits_of`).
     rows : float
         Independent rows.
     """
@@ -64,6 +70,7 @@ class ResidualBudget:
     white: float
     floor: float
     calibrated: float
+    misfit: float
     rows: float
 
     @property
@@ -83,6 +90,11 @@ class ResidualBudget:
         return self.calibrated > least and self.total > least
 
     @property
+    def usual(self) -> bool:
+        """Whether what is unexplained may be what the calibration itself is off by."""
+        return self.unexplained**2 - self.white**2 <= (MAX_TIMES_CALIBRATED * self.misfit) ** 2
+
+    @property
     def evidence(self) -> float:
         """Fall of BIC from what a clean log may have to what is there, of its independent rows."""
         ratio = self.unexplained**2 / max(self.white**2 + self.floor**2, TINY)
@@ -93,6 +105,23 @@ class ResidualBudget:
     def _above(self, rms: float) -> float:
         power = rms**2 - self.white**2 - self.floor**2
         return float(np.clip(power / self.total**2, 0.0, 1.0)) if self.total else 0.0
+
+
+def misfits_of(model: Model) -> dict[str, float]:
+    """What a model left of its calibration beside the noise of a reading, by output.
+
+    Parameters
+    ----------
+    model : Model
+    """
+    found = {}
+    for output in model.outputs:
+        known = known_discrepancy(model, output.channel)
+        if known and "rmse" in output.fit:
+            power = float(output.fit["rmse"]) ** 2 - float(known["white_sigma"]) ** 2
+            misfit = float(np.sqrt(max(power, 0.0)))
+            found[output.channel] = min(misfit, MAX_DRIFTS * float(known["drift_sigma"]))
+    return found
 
 
 def reading_noise(hypothesis: Hypothesis, output: str) -> float:
@@ -158,6 +187,7 @@ def budget_of(
         white,
         floor_of(hypothesis, output),
         0.0 if own else float(fit.get("rmse", 0.0)),
+        0.0 if own else misfits_of(plain.model).get(output, 0.0),
         rows,
     )  # fmt: skip
 
@@ -198,9 +228,12 @@ def verdict_of(
     """
     if undecided and not causes:
         return "cannot judge"
-    if causes or any(each.allowed < ADEQUATE_SHARE for each in budgets.values()):
+    if causes or any(each.allowed < ADEQUATE_SHARE and not each.usual for each in budgets.values()):
         return "not adequate"
-    if any(each.accounted < ADEQUATE_SHARE or each.coarse for each in budgets.values()):
+    if any(
+        min(each.allowed, each.accounted) < ADEQUATE_SHARE or each.coarse
+        for each in budgets.values()
+    ):
         return "cannot judge"
     return "adequate"
 
@@ -224,7 +257,7 @@ def undecided(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> 
                 f"this log moves {np.sqrt(each.shown**2 - each.unexplained**2):.3g} {unit}: "
                 "calibrate on this log beside the calibration's own"
             )
-        elif each.coarse:
+        elif each.coarse or each.allowed < ADEQUATE_SHARE:
             found.append(
                 f"{output}: the calibration itself is off by {each.calibrated:.3g} {unit}, "
                 f"{each.calibrated / each.white:.0f} times the noise of a reading: calibrate with "
@@ -267,6 +300,7 @@ def unknown_cause(
         output: each
         for output, each in budgets.items()
         if each.allowed < ADEQUATE_SHARE
+        and not each.usual
         and each.evidence >= DECISIVE_EVIDENCE
         and each.total > MIN_SHARE_LEFT * before[output].total
     }

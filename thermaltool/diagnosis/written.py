@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from thermaltool.diagnosis.gain import MIN_LOSS_COUNTED, Gain, compare
 from thermaltool.diagnosis.simulation import Mask, SimulatedLogs
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
@@ -21,98 +22,8 @@ from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.signals.detrend import difference_sigma
 
-# Blocks of the bootstrap of a gain, and draws.
-BOOTSTRAP_BLOCKS, DRAWS = 36, 2000
-# A gain below this share of the RMS is of no practical use.
-MIN_GAIN = 0.1
-# A loss of RMS that is sure counts from this share of the power of a reading's noise; from so many
-# times of it where the zero is that of one reading, whose own noise it carries (two deviations).
-MIN_LOSS, MIN_LOSS_COUNTED = 0.1, 4.0
-
 # The zero of a sensor moves from so many times the RMS of what else is left.
 MIN_ZERO_MOVE = 5.0
-
-
-@dataclass(frozen=True)
-class Gain:
-    """What a cause is worth for one channel.
-
-    Attributes
-    ----------
-    rms_before, rms_after, max_before, max_after : float [unit of the channel]
-    fit_before, fit_after : float [%]
-    interval : (float, float)
-        95 % interval of ``rms_before - rms_after`` by block bootstrap.
-    """
-
-    rms_before: float
-    rms_after: float
-    max_before: float
-    max_after: float
-    fit_before: float
-    fit_after: float
-    interval: tuple[float, float]
-
-    @property
-    def claimed(self) -> bool:
-        """Whether the interval excludes no gain."""
-        return self.interval[0] > 0
-
-    @property
-    def spoiled(self) -> bool:
-        """Whether the interval excludes all but a loss."""
-        return self.interval[1] < 0
-
-    @property
-    def harmful(self) -> bool:
-        """Whether a loss is sure, and of practical size."""
-        return self.spoiled and self.rms_after > (1 + MIN_GAIN) * self.rms_before
-
-    @property
-    def useful(self) -> bool:
-        """Whether the gain is of practical use, sure or not."""
-        return self.rms_after < (1 - MIN_GAIN) * self.rms_before
-
-    def worse(self, noise: float, least: float = MIN_LOSS) -> bool:
-        """Whether a loss is sure, and more than noise.
-
-        Parameters
-        ----------
-        noise : float [unit of the channel]
-            Of a reading.
-        least : float
-            Power from which a loss counts, over that of the noise.
-        """
-        return self.spoiled and self.rms_after**2 - self.rms_before**2 > least * noise**2
-
-
-def compare(measured: Float, before: Float, after: Float, seed: int = 0) -> Gain:
-    """Gain of errors over others, with its bootstrap interval.
-
-    Parameters
-    ----------
-    measured, before, after : ndarray, shape (n,) [unit of the channel]
-        What was measured, and the errors without and with a cause.
-    seed : int
-        Of the bootstrap.
-    """
-    blocks = min(BOOTSTRAP_BLOCKS, len(measured))
-    edges = np.arange(blocks) * len(measured) // blocks
-    counts = np.diff(np.append(edges, len(measured)))
-    squares = np.add.reduceat(np.column_stack([before**2, after**2]), edges)
-    draws = np.random.default_rng(seed).integers(0, blocks, (DRAWS, blocks))
-    means = np.sqrt(squares[draws].sum(1) / counts[draws].sum(1)[:, None])
-    low, high = np.quantile(means[:, 0] - means[:, 1], [0.025, 0.975])
-    a, b = agreement(measured, measured - before), agreement(measured, measured - after)
-    return Gain(
-        a.rmse,
-        b.rmse,
-        a.max_error,
-        b.max_error,
-        a.fit_percent,
-        b.fit_percent,
-        (float(low), float(high)),
-    )
 
 
 @dataclass(frozen=True)
@@ -270,6 +181,7 @@ def spoiled_by(
     logs: Sequence[Record],
     masked: Mask,
     noise: Mapping[str, float],
+    surely: bool = False,
 ) -> tuple[Record, str] | None:
     """Log and output of which a model is worse than another beyond noise; None where it is not.
 
@@ -283,6 +195,8 @@ def spoiled_by(
         Outliers: rows that do not count.
     noise : mapping of output to float [unit of the output]
         Of a reading; from the readings themselves where it is not there.
+    surely : bool
+        Worse on other logs as well, by bootstrap; on these very rows by default.
 
     Raises
     ------
@@ -291,6 +205,7 @@ def spoiled_by(
     """
     if before == after:
         return None
+    is_worse = Gain.worse if surely else Gain.lost
     for log in logs:
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
         counted = gains_of(old, new, lambda output: False)
@@ -298,7 +213,7 @@ def spoiled_by(
             sigma = noise.get(output) or difference_sigma(
                 old.groups[output].joined(old.residual(output))
             )
-            if free.worse(sigma) or counted[output].worse(sigma, MIN_LOSS_COUNTED):
+            if is_worse(free, sigma) or is_worse(counted[output], sigma, MIN_LOSS_COUNTED):
                 return log, output
     return None
 
@@ -359,7 +274,7 @@ def account(
         spoiled = next(_name(log) for log in logs if why[id(log)] is not None)
     elif worse := spoiled_by(model, extended, [*own, *unseen], masked, noise):
         spoiled = f"{worse[1]} in {_name(worse[0])}"
-    if worse := spoiled_by(model, extended, before, masked, noise):
+    if worse := spoiled_by(model, extended, before, masked, noise, surely=True):
         notes.append(
             f"{worse[1]} in {_name(worse[0])}, a log of the calibration, is worse by the written "
             "model: the machine has changed since, or the cause is another"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from thermaltool.errors import ModelError
+from thermaltool.fitting.hold_choice import ChosenKinds, switched_between_rows
 from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, KindCandidate, choose_response
@@ -34,12 +35,14 @@ class CalibrationPlan:
     reference : "first", float or None
         What counts as no drive; None is "first" for an absolute temperature and 0 otherwise.
     hold : "zero", "first" or None
-        Of the drives between samples; None chooses by quantity.
+        Of the drives between samples; None chooses by quantity and, with `choose`, takes lines for
+        what switches between the rows.
     fixed : mapping of parameter name to value
     loss, starts, free_start
         See `fit_output`.
     choose : bool
-        Compare all kinds for every output whose kind is not given.
+        Compare all kinds for every output whose kind is not given, and ways of the drives between
+        samples.
     """
 
     drives: tuple[str, ...]
@@ -121,13 +124,42 @@ def calibrate(
     """
     plan.check()
     drives = [plan.drive(channel) for channel in plan.drives]
+    outputs, terms, kinds = _fitted(records, plan, drives, progress)
+    if plan.choose and plan.hold is None:
+        progress("trying whether drives switch between rows")
+        between = switched_between_rows(records, drives, kinds, plan.fixed, plan.free_start)
+        if between:
+            drives = [replace(d, hold="first") if d.channel in between else d for d in drives]
+            outputs, terms, kinds = _fitted(records, plan, drives, progress)
+    ranges = (
+        _extent([relative(r.column(d.channel), d.reference, d.hold) for r in records])
+        for d in drives
+    )
+    model = Model(
+        drives=tuple(replace(d, range=own) for d, own in zip(drives, ranges, strict=True)),
+        outputs=tuple(outputs),
+        terms=tuple(terms),
+        sample_period=min(record.period for record in records),
+        provenance={"logs": [record.source for record in records if record.digest]},
+    )
+    return model if plan.free_start else _as_simulated(model, records)
+
+
+def _fitted(
+    records: Sequence[Record],
+    plan: CalibrationPlan,
+    drives: Sequence[Drive],
+    progress: Callable[[str], None],
+) -> tuple[list[Output], list[Term], list[ChosenKinds]]:
+    """Every output, what drives it, and the kinds of response that were chosen."""
     outputs: list[Output] = []
-    states: GridStates = {}
     terms: list[Term] = []
+    chosen: list[ChosenKinds] = []
+    states: GridStates = {}
     for channel, role, kind in plan.outputs():
         say = partial(_say, progress, channel)
         kinds = [kind] * len(drives)
-        delays: tuple[float, ...] = ()
+        delays: tuple[float, ...] = (0.0,) * len(drives)
         tried: tuple[KindCandidate, ...] = ()
         if plan.chosen(channel):
             tried = choose_response(
@@ -146,18 +178,9 @@ def calibrate(
             Term(drive.channel, channel, fit.responses[k], *fit.response_covariance(k))
             for k, drive in enumerate(used)
         )
-    ranges = (
-        _extent([relative(r.column(d.channel), d.reference, d.hold) for r in records])
-        for d in drives
-    )
-    model = Model(
-        drives=tuple(replace(d, range=own) for d, own in zip(drives, ranges, strict=True)),
-        outputs=tuple(outputs),
-        terms=tuple(terms),
-        sample_period=min(record.period for record in records),
-        provenance={"logs": [record.source for record in records if record.digest]},
-    )
-    return model if plan.free_start else _as_simulated(model, records)
+        own = tuple(delays[k] for k in acting)
+        chosen.append(ChosenKinds(channel, tuple(acting), tuple(kinds), own))
+    return outputs, terms, chosen
 
 
 def _as_simulated(model: Model, records: Sequence[Record]) -> Model:

@@ -39,8 +39,6 @@ LEFT_OUT = "none"
 DELAYED = ("rational1", "rational2", "rational3")
 # What is tried for one drive where there are several.
 KINDS_FOR_ONE = ("rational1", "rational2", "deflection")
-# Sums over so many blocks say how many rows are independent.
-INDEPENDENT_BLOCKS = 48
 # Fall of the criterion that counts: odds of 150 to 1.
 DECISIVE = 10.0
 # An error beside that of the best kind counts from this share of a reading's noise: with less of it
@@ -161,7 +159,7 @@ def choose_response(
         found += [own] if own is not None else []
     if not found:
         return ()
-    rows = _independent(min(_sound(found), key=lambda each: each.size))
+    rows = min(_sound(found), key=lambda each: each.size).independent
     if not (fixed or {}).get("delay"):
         progress("trying delays")
         found += _delayed(task, found, rows)
@@ -169,16 +167,6 @@ def choose_response(
         progress("trying a kind for each drive")
         found += _mixed(task, found, rows)
     return _Judgement(found, task.data(still), rows).candidates(usual)
-
-
-def _independent(found: FittedKinds) -> float:
-    """Rows that count as independent, from sums of the residual over blocks."""
-    rows, residual = len(found.residual), found.residual
-    blocks = min(INDEPENDENT_BLOCKS, rows)
-    starts = np.arange(blocks) * rows // blocks
-    sums = np.add.reduceat(residual, starts)
-    own = float(np.sum(residual**2))
-    return rows / max(float(np.sum(sums**2)) / own, 1.0) if own else float(rows)
 
 
 def _criterion(found: FittedKinds, rows: float) -> float:

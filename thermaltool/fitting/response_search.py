@@ -25,6 +25,8 @@ MAX_GROUPS = 1200
 BLOCKS, FOLDS = 96, 4
 # Starts of each search that are refined.
 STARTS = 2
+# Sums over so many blocks say how many rows are independent.
+INDEPENDENT_BLOCKS = 48
 # Rows whose residual is beyond so many robust deviations of a first fit take no part.
 MAX_DEVIATIONS = 8.0
 
@@ -102,6 +104,16 @@ class FittedKinds:
         """Sum of squares [unit² of the output]."""
         return float(np.sum(self.residual**2))
 
+    @property
+    def independent(self) -> float:
+        """Rows that count as independent, from sums of the residual over blocks."""
+        rows, residual = len(self.residual), self.residual
+        blocks = min(INDEPENDENT_BLOCKS, rows)
+        starts = np.arange(blocks) * rows // blocks
+        sums = np.add.reduceat(residual, starts)
+        own = float(np.sum(residual**2))
+        return rows / max(float(np.sum(sums**2)) / own, 1.0) if own else float(rows)
+
     @cached_property
     def held_out(self) -> Float:
         """Errors as `residual`, by fits that have not seen the rows, shape (groups,)."""
@@ -143,12 +155,20 @@ class KindSearch:
         ----------
         drive : int
         """
-        keep = self._sound
-        rest = [each for k, each in enumerate(self.drives) if k != drive]
-        other = replace(self, drives=rest, _data={})
-        still = (0.0,) * len(rest)
-        other.__dict__["_sound"] = keep
-        other._data[still] = _grouped(other._assemble(still), keep)
+        return self.driven_by([each for k, each in enumerate(self.drives) if k != drive])
+
+    def driven_by(self, drives: Sequence[Drive], states: GridStates | None = None) -> KindSearch:
+        """The same rows with other drives.
+
+        Parameters
+        ----------
+        drives : sequence of Drive
+        states : dict, optional
+            Of these drives, where they go on otherwise between samples.
+        """
+        kept = self.states if states is None else states
+        other = replace(self, drives=drives, states=kept, _data={})
+        other.__dict__["_sound"] = self._sound
         return other
 
     @cached_property

@@ -9,6 +9,7 @@ from thermaltool.fitting.response_choice import LEFT_OUT
 from thermaltool.model import Characteristics, Model, characteristics, to_document
 from thermaltool.report.text import aligned
 from thermaltool.signals.intervals import Estimate
+from thermaltool.units import hold_of
 
 # From here on a time constant is told in minutes, and in hours [s].
 MINUTES_FROM, HOURS_FROM = 120.0, 7200.0
@@ -94,6 +95,12 @@ def calibration_warnings(model: Model) -> list[str]:
                 f"{output.channel}: without {drive}: these logs show no response to it. To see "
                 f"one, change {drive} alone, while the other drives rest"
             )
+    found += [
+        f"{each.channel}: switches between the rows of these logs: it is taken along straight "
+        "lines from row to row"
+        for each in model.drives
+        if (each.hold, hold_of(each.channel)) == ("first", "zero")
+    ]
     for term in model.terms:
         each = characteristics(term)
         if each.may_be_zero and term.covariance is not None:

@@ -1,0 +1,104 @@
+"""Whether a drive switches at the rows of its log, or somewhere between them.
+
+A command that a logger of its own clock reads may have changed at any instant since the row before:
+on the average it then acts as a straight line between the rows does. What is held from row to row
+leaves an error at each switch that no response explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermaltool.fitting.projection import GridStates
+from thermaltool.fitting.response_search import KindSearch
+from thermaltool.model import Drive
+from thermaltool.record import Record
+
+# Fall of the criterion that counts: odds of 150 to 1; and of the squared error of some output.
+DECISIVE, MIN_FALL = 10.0, 0.2
+
+
+@dataclass(frozen=True)
+class ChosenKinds:
+    """An output and the kinds of response that were chosen for it.
+
+    Attributes
+    ----------
+    output : str
+    drives : tuple of int
+        Of the calibration's drives, those that act on it.
+    kinds : tuple of str, one for each of these drives
+    delays : tuple of float [s]
+    """
+
+    output: str
+    drives: tuple[int, ...]
+    kinds: tuple[str, ...]
+    delays: tuple[float, ...]
+
+
+def switched_between_rows(
+    records: Sequence[Record],
+    drives: Sequence[Drive],
+    chosen: Sequence[ChosenKinds],
+    fixed: Mapping[str, float],
+    free_start: bool,
+) -> dict[str, float]:
+    """Held drives that straight lines between the rows describe decisively better.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    drives : sequence of Drive
+    chosen : sequence of ChosenKinds
+    fixed : mapping of parameter name to value
+    free_start : bool
+        See `fit_output`.
+
+    Returns
+    -------
+    dict of channel to float
+        Evidence, as a fall of the criterion.
+    """
+    found, lines = {}, list(drives)
+    for d, drive in enumerate(drives):
+        if drive.hold != "zero":
+            continue
+        lines[d] = replace(drive, hold="first")
+        states: GridStates = {}
+        changes = [
+            _change(records, drives, lines, each, fixed, free_start, states)
+            for each in chosen
+            if d in each.drives
+        ]
+        evidence = sum(change[0] for change in changes)
+        if evidence > DECISIVE and any(fall > MIN_FALL for _, fall in changes):
+            found[drive.channel] = evidence
+        else:
+            lines[d] = drive
+    return found
+
+
+def _change(
+    records: Sequence[Record],
+    held: Sequence[Drive],
+    lines: Sequence[Drive],
+    chosen: ChosenKinds,
+    fixed: Mapping[str, float],
+    free_start: bool,
+    states: GridStates,
+) -> tuple[float, float]:
+    """Fall of the criterion, and relative fall of the squared error, of one output."""
+    one, other = ([each[k] for k in chosen.drives] for each in (held, lines))
+    # Rows that lines explain are no outliers, and those after a switch would be.
+    task = KindSearch(records, other, chosen.output, free_start, fixed, states)
+    after = task.fit(chosen.kinds, chosen.delays)
+    before = task.driven_by(one, {}).fit(chosen.kinds, chosen.delays)
+    if before is None or after is None or not before.size:
+        return 0.0, 0.0
+    floor = np.finfo(float).tiny
+    fall = np.log(before.size / max(after.size, floor))
+    return float(after.independent * fall), float(1 - after.size / before.size)
