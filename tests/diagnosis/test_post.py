@@ -104,6 +104,14 @@ def test_a_thermometer_that_warms_itself():
     assert cause.effect.parameters["rise"] == pytest.approx(0.4, rel=0.15)
 
 
+def test_sensors_that_are_swapped_though_one_hardly_moves():
+    log = log_of(SEED + 8)
+    near, far = (log.columns[name] for name in (NEAR, FAR))
+    swapped = Record(TIME, {**log.columns, NEAR: far, FAR: near}, digest="log")
+    assert np.ptp(near) > 2.5 * np.ptp(far)
+    assert first_cause(swapped).effect.name == "sensors_swapped"
+
+
 @pytest.mark.parametrize("offset", [40.0, pytest.param(-40.0, marks=pytest.mark.slow)])
 def test_a_logger_that_is_late_or_early(offset):
     """The temperatures are those of another moment; exactly, not between rows."""
