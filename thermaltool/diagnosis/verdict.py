@@ -34,8 +34,9 @@ ADEQUATE_SHARE = 0.5
 MAX_CALIBRATED_OVER_NOISE = 5.0
 # On other inputs than those of its calibration a model is off by no more than this many times what
 # it was off by there, beside the noise of a reading: no cause and no unknown is called below. Of a
-# misfit that a diagnosis knows from the calibration this many times what it does not know counts.
-MAX_TIMES_CALIBRATED, MAX_DRIFTS = 3.5, 2.0
+# misfit that a diagnosis knows from the calibration this many times what it does not know counts,
+# and none that is below so many times the noise.
+MAX_TIMES_CALIBRATED, MAX_DRIFTS, MIN_OVER_NOISE = 3.5, 2.0, 2.0
 # What is left beside named causes is told from this share of the RMS that was there before them.
 MIN_SHARE_LEFT = 0.2
 # A condition holds what is left where its share of the power exceeds that of the time by so much.
@@ -110,6 +111,8 @@ class ResidualBudget:
 def misfits_of(model: Model) -> dict[str, float]:
     """What a model left of its calibration beside the noise of a reading, by output.
 
+    None of an output whose calibration comes near the noise.
+
     Parameters
     ----------
     model : Model
@@ -118,9 +121,10 @@ def misfits_of(model: Model) -> dict[str, float]:
     for output in model.outputs:
         known = known_discrepancy(model, output.channel)
         if known and "rmse" in output.fit:
-            power = float(output.fit["rmse"]) ** 2 - float(known["white_sigma"]) ** 2
-            misfit = float(np.sqrt(max(power, 0.0)))
-            found[output.channel] = min(misfit, MAX_DRIFTS * float(known["drift_sigma"]))
+            white = float(known["white_sigma"])
+            misfit = float(np.sqrt(max(float(output.fit["rmse"]) ** 2 - white**2, 0.0)))
+            misfit = min(misfit, MAX_DRIFTS * float(known["drift_sigma"]))
+            found[output.channel] = misfit if misfit > MIN_OVER_NOISE * white else 0.0
     return found
 
 
