@@ -329,6 +329,7 @@ def angle(plant, read):
     return 1e3 * (read["d_x2_um"] - read["d_x1_um"]) / plant.distance
 
 
+@pytest.mark.slow
 def test_the_angle_of_the_c_frame_is_held_in_a_closed_loop():
     """Quick changes, 6 h: the least of ten repetitions of the study was 96.8 %."""
     plant = build("c-frame")

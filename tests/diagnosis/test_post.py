@@ -89,6 +89,7 @@ def test_a_slide_that_sticks(law):
         assert cause.effect.parameters["width"] == pytest.approx(4.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_fan_that_nobody_logs():
     cause = first_cause(log_of(SEED + 5, beside=faults.fan(POST, 1.6, 12.0, 3.0)))
     assert cause.effect.name == "switching_loss"

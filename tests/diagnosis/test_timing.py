@@ -46,9 +46,8 @@ def machine(irregular):
     return post, calibrate([log_of(post, SEED, time, name="calibration")], PLAN)
 
 
-@pytest.mark.parametrize(
-    "irregular", [pytest.param(False, marks=pytest.mark.slow), True], ids=["even", "irregular"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("irregular", [False, True], ids=["even", "irregular"])
 def test_a_delay_is_found_on_any_clock(irregular):
     post, model = machine(irregular)
     time = uneven(SEED + 1) if irregular else even()

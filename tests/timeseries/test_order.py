@@ -43,6 +43,7 @@ def full_grid(x, max_p, max_q):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", list(PROCESSES))
 def test_bic_finds_the_order_as_often_as_the_full_grid(order):
     found = judged = 0

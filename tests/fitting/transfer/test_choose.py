@@ -32,7 +32,9 @@ def data(u, y, dt=1.0, names=None, holds=()):
     return training((u, y), period=dt, inputs=names, holds=holds)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 12))]
+)
 def test_the_delay_and_a_sufficient_order_are_found(seed):
     known = case(seed, 3000)
     record = data(known.u, known.y)
