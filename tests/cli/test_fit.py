@@ -63,6 +63,7 @@ def test_order_is_chosen_by_bic(bar):
     assert "order 2,1 chosen by BIC" in done.stderr
 
 
+@pytest.mark.slow
 def test_intervals_cover():
     """95 % intervals of ω_n hold the truth about as often as they say."""
     from thermaltool.timeseries.fit import fit_arma

@@ -140,6 +140,7 @@ def test_a_group_of_more_than_three_names_is_no_answer(others, expected):
     assert "sensor_gain" not in found
 
 
+@pytest.mark.slow
 def test_a_fit_that_was_told_reaches_the_noise_where_it_has_not_seen_it():
     found = hide(["transport_delay"], 5.0, 8, 21)
     model = scoring.calibrated(found.calibration)

@@ -70,6 +70,7 @@ def test_a_gain_of_the_drive(gain):
     assert cause.effect.parameters["gain"] == pytest.approx(gain, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_gain_of_the_drive_from_an_instant_on():
     course = duty(SEED + 3, TIME)
     truth = faults.scaled(course, 0.8, 4200.0)

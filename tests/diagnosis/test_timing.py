@@ -100,6 +100,7 @@ def test_a_warm_start_is_a_state_and_no_cause(on, off):
     assert any("does not begin at rest" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_cause_is_found_beside_a_warm_start():
     post, model = machine(False)
     log = log_of(post, SEED + 4, even(), 50.0, "both", warm(post, 3000.0, 300.0))

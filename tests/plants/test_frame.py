@@ -132,6 +132,7 @@ def test_half_a_second_is_short_enough_for_the_onset_of_heat(plant):
         assert np.abs(coarse[name] - fine[name]).max() < limit
 
 
+@pytest.mark.slow
 def test_the_mesh_is_fine_enough(plant, steady):
     finer = build(FrameGeometry(refinement=2))
     better = symmetric_factor(finer.thermal.conduction).solve(finer.heat)

@@ -41,6 +41,7 @@ def test_likelihood_equals_the_dense_one(starts, degree):
     np.testing.assert_allclose(np.diff(ours[:, 0]), np.diff(theirs[:, 0]), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_coverage_and_bias(drifting):
     white, sigma, tau, records = 0.02, 0.03, 20.0, 120
     time = 0.5 * np.arange(3000)

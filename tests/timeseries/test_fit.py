@@ -24,6 +24,7 @@ def simulated(ar, ma, size, seed):
     return lfilter(np.r_[1.0, ma], np.r_[1.0, -np.array(ar)], noise)[300:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ar", "ma"), [([0.8], []), ([0.9], [-0.5])])
 def test_every_second_sample_missing(ar, ma):
     # The odd lags are nowhere in the record: zero coefficients are a saddle of the likelihood.
