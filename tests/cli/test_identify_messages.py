@@ -40,7 +40,10 @@ def orders(structure, given="1,1,1"):
     return () if "network" in structure else ("--orders", given)
 
 
-@pytest.mark.parametrize("structure", [(), ("--structure", "network", "--modes", "1")])
+@pytest.mark.parametrize(
+    "structure",
+    [(), pytest.param(("--structure", "network", "--modes", "1"), marks=pytest.mark.slow)],
+)
 def test_the_range_goes_on_over_a_gap(thermaltool, tmp_path, structure):
     """Two logs with zeros of their own, each with a pause: all counts from the first row of each.
 

@@ -2,7 +2,7 @@
 
 Their seeds come from one `SeedSequence`, the date on which this file was written; no other was
 tried. The limits are those of the study with a binomial allowance: a tool that names the right
-cause in 85 % of all logs gets at least 14 of 20 with a chance of 98 % and 5 of 7 with 93 %, one
+cause in 85 % of all logs gets at least 14 of 20 with a chance of 98 % and 5 of 6 with 78 %, one
 with 3 % of false alarms has at most one in 6 clean logs with 99 %. That is a guide: there are four
 machines, and the logs of one share the error of its calibration.
 """
@@ -74,7 +74,7 @@ def check_half(half: int, count: int, without: int):
 
 
 def test_hidden_effects_are_named_and_clean_logs_left_alone():
-    check_half(0, 7, 3)
+    check_half(0, 6, 2)
 
 
 # ---------------------------------------------------------------- the judge judged

@@ -168,6 +168,7 @@ def test_pauses_part_a_log_and_each_log_has_its_offset():
         np.testing.assert_allclose(share.offsets, [offset, offset + 7], atol=0.05)
 
 
+@pytest.mark.slow
 def test_two_inputs_with_delays_of_their_own_are_found():
     rng = np.random.default_rng(11)
     weights = rng.uniform(1, 5, (2, 2, 3))
