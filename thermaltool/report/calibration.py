@@ -97,7 +97,7 @@ def calibration_warnings(model: Model) -> list[str]:
             )
     found += [
         f"{each.channel}: switches between the rows of these logs: it is taken along straight "
-        "lines from row to row"
+        "lines from row to row, over pauses too"
         for each in model.drives
         if (each.hold, hold_of(each.channel)) == ("first", "zero")
     ]
