@@ -13,7 +13,7 @@ from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
 from thermaltool.diagnosis.result import Alternative, Cause, Tried
 from thermaltool.diagnosis.select import Progress
 from thermaltool.diagnosis.validate import AcceptedCause
-from thermaltool.diagnosis.verdict import misfits_of
+from thermaltool.diagnosis.verdict import misfit_of
 from thermaltool.diagnosis.written import cannot_run, rezeroed, spoiled_by
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -57,7 +57,11 @@ class DiagnosisTask:
 
         Empty where it was calibrated on one of the logs: they show that misfit themselves.
         """
-        return {} if self.own else misfits_of(self.model)
+        return (
+            {}
+            if self.own
+            else {o.channel: misfit_of(self.model, o.channel) for o in self.model.outputs}
+        )
 
     def first(self) -> Hypothesis:
         """The model without any cause."""
@@ -147,20 +151,27 @@ class SearchState:
         if all(cause.effect.name == "outliers" for cause in self.causes):
             return task.model
         last = self.hypothesis
-        masked, noise = last.simulation.masked, {o: last.white(o) for o in last.groups}
-        known = [log for log in task.calibration if cannot_run(last.model, log) is None]
-        if known and "released" in last.assumptions and not task.own:
-            # What many logs have settled one log does not overturn.
-            last = last.with_logs((*last.logs, *known)).fitted()
-        freed = rezeroed(last.written(task.model).model, task.logs, masked)
+        masked = last.simulation.masked
         if "released" not in last.assumptions or task.own:
-            return freed
-        # A change of the model's own parameters that makes a log worse is left out.
-        held = replace(task.model, effects=last.model.effects)
-        held = rezeroed(held, task.logs, masked)
+            return rezeroed(last.written(task.model).model, task.logs, masked)
+        known = [log for log in task.calibration if cannot_run(last.model, log) is None]
+        # What many logs have settled one log does not overturn.
+        joint = last.with_logs((*last.logs, *known)).fitted() if known else last
+        freed, held = (
+            rezeroed(model, task.logs, masked)
+            for model in (
+                joint.written(task.model).model,
+                replace(task.model, effects=last.model.effects),
+            )
+        )
         logs = [log for log in (*task.logs, *task.validate) if cannot_run(held, log) is None]
-        worse = [spoiled_by(task.model, each, logs, masked, noise) for each in (freed, held)]
-        return held if worse[0] is not None and worse[1] is None else freed
+        noise = {o: last.white(o) for o in last.groups}
+
+        def spoils(model: Model) -> bool:
+            return spoiled_by(task.model, model, logs, masked, noise) is not None
+
+        # A change of the model's own parameters that makes a log worse is left out.
+        return held if spoils(freed) and not spoils(held) else freed
 
     def open(self) -> Hypothesis:
         """The accepted causes under the assumptions in which the last step ended."""

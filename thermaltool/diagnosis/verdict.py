@@ -60,7 +60,7 @@ class ResidualBudget:
     white, floor : float
         Noise of a reading, and the largest slow discrepancy of a clean log.
     calibrated, misfit : float
-        What the model left of its own calibration, with noise and without (`misfits_of`).
+        What the model left of its own calibration, with noise and without (`misfit_of`).
     rows : float
         Independent rows.
     """
@@ -108,24 +108,24 @@ class ResidualBudget:
         return float(np.clip(power / self.total**2, 0.0, 1.0)) if self.total else 0.0
 
 
-def misfits_of(model: Model) -> dict[str, float]:
-    """What a model left of its calibration beside the noise of a reading, by output.
+def misfit_of(model: Model, output: str) -> float:
+    """What a model left of its calibration beside the noise of a reading [unit of the output].
 
-    None of an output whose calibration comes near the noise.
+    Zero where the calibration came near the noise, or where nothing is known of it.
 
     Parameters
     ----------
     model : Model
+    output : str
     """
-    found = {}
-    for output in model.outputs:
-        known = known_discrepancy(model, output.channel)
-        if known and "rmse" in output.fit:
-            white = float(known["white_sigma"])
-            misfit = float(np.sqrt(max(float(output.fit["rmse"]) ** 2 - white**2, 0.0)))
-            misfit = min(misfit, MAX_DRIFTS * float(known["drift_sigma"]))
-            found[output.channel] = misfit if misfit > MIN_OVER_NOISE * white else 0.0
-    return found
+    fit = next(o.fit for o in model.outputs if o.channel == output)
+    known = known_discrepancy(model, output)
+    if not known or "rmse" not in fit:
+        return 0.0
+    white = float(known["white_sigma"])
+    misfit = float(np.sqrt(max(float(fit["rmse"]) ** 2 - white**2, 0.0)))
+    misfit = min(misfit, MAX_DRIFTS * float(known["drift_sigma"]))
+    return misfit if misfit > MIN_OVER_NOISE * white else 0.0
 
 
 def reading_noise(hypothesis: Hypothesis, output: str) -> float:
@@ -191,7 +191,7 @@ def budget_of(
         white,
         floor_of(hypothesis, output),
         0.0 if own else float(fit.get("rmse", 0.0)),
-        0.0 if own else misfits_of(plain.model).get(output, 0.0),
+        0.0 if own else misfit_of(plain.model, output),
         rows,
     )  # fmt: skip
 

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermaltool.fitting.projection import GridStates
+from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.response_search import KindSearch
 from thermaltool.model import Drive
 from thermaltool.record import Record
 
-# Fall of the criterion that counts: odds of 150 to 1; and of the squared error of some output.
-DECISIVE, MIN_FALL = 10.0, 0.2
+# Share of the squared error of some output that has to go.
+MIN_FALL = 0.2
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def switched_between_rows(
     chosen: Sequence[ChosenKinds],
     fixed: Mapping[str, float],
     free_start: bool,
-) -> dict[str, float]:
+) -> list[str]:
     """Held drives that straight lines between the rows describe decisively better.
 
     Parameters
@@ -60,23 +61,24 @@ def switched_between_rows(
 
     Returns
     -------
-    dict of channel to float
-        Evidence, as a fall of the criterion.
+    list of str
+        Channels.
     """
-    found, lines = {}, list(drives)
+    found, lines = [], list(drives)
+    held_states: GridStates = {}
     for d, drive in enumerate(drives):
         if drive.hold != "zero":
             continue
         lines[d] = replace(drive, hold="first")
         states: GridStates = {}
         changes = [
-            _change(records, drives, lines, each, fixed, free_start, states)
+            _change(records, drives, lines, each, fixed, free_start, held_states, states)
             for each in chosen
             if d in each.drives
         ]
         evidence = sum(change[0] for change in changes)
         if evidence > DECISIVE and any(fall > MIN_FALL for _, fall in changes):
-            found[drive.channel] = evidence
+            found.append(drive.channel)
         else:
             lines[d] = drive
     return found
@@ -89,6 +91,7 @@ def _change(
     chosen: ChosenKinds,
     fixed: Mapping[str, float],
     free_start: bool,
+    held_states: GridStates,
     states: GridStates,
 ) -> tuple[float, float]:
     """Fall of the criterion, and relative fall of the squared error, of one output."""
@@ -96,7 +99,7 @@ def _change(
     # Rows that lines explain are no outliers, and those after a switch would be.
     task = KindSearch(records, other, chosen.output, free_start, fixed, states)
     after = task.fit(chosen.kinds, chosen.delays)
-    before = task.driven_by(one, {}).fit(chosen.kinds, chosen.delays)
+    before = task.driven_by(one, held_states).fit(chosen.kinds, chosen.delays)
     if before is None or after is None or not before.size:
         return 0.0, 0.0
     floor = np.finfo(float).tiny
