@@ -96,6 +96,7 @@ def calibrate(
     stop: float | None = None,
     loss: Literal["huber", "linear"] = "huber",
     starts: int = 6,
+    linear: bool = False,
     warn: Notice = notice,
     progress: Notice = silent,
     **reading: Unpack[Reading],
@@ -128,6 +129,9 @@ def calibrate(
         Huber counts outliers less.
     starts : int
         Starts of the search that are refined.
+    linear : bool
+        Take every drive as it is logged. Default: where evidence and held-out rows speak for it, a
+        power law or a parabola of a drive is part of the model.
     warn, progress : callable
         Take a sentence where a log pauses, and a word now and then.
     **reading
@@ -172,6 +176,7 @@ def calibrate(
         starts,
         initial == "free",
         choose=True,
+        linear=linear,
     )
     need = (*drives, *sensors, *deflections)
     logs = [

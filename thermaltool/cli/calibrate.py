@@ -34,6 +34,9 @@ from thermaltool.documents import write_json
               help="What counts as no drive.  [default: first for T_..._degC, else 0]")  # fmt: skip
 @click.option("--initial", type=click.Choice(["rest", "free"]), default="rest",
               help="State at the first row: at rest, or coming from an unknown level.")  # fmt: skip
+@click.option("--linear", is_flag=True,
+              help="Take every drive as it is logged.  [default: a power law or a parabola of it, "
+              "where evidence and held-out rows speak for one]")  # fmt: skip
 @shared.span_options("Fit from", "Fit up to")
 @click.option("--loss", type=click.Choice(["huber", "linear"]), default="huber",
               help="huber counts outliers less.")  # fmt: skip

@@ -135,7 +135,7 @@ def ranked(
 
 
 def trials(hypothesis: Hypothesis, names: Iterable[str] = CATALOGUE) -> Iterator[Effect]:
-    """Trial sizes of every cause that the model does not hold already.
+    """Trial sizes of every cause that has not been accepted; what a model comes with may change.
 
     Parameters
     ----------
@@ -143,7 +143,8 @@ def trials(hypothesis: Hypothesis, names: Iterable[str] = CATALOGUE) -> Iterator
     names : iterable of str
         Of the catalogue.
     """
-    present = {(e.name, e.channel, e.log) for e in hypothesis.model.effects if not e.event}
+    accepted = [e for e in hypothesis.model.effects if e not in hypothesis.calibrated.effects]
+    present = {(e.name, e.channel, e.log) for e in accepted if not e.event}
     for name in names:
         for trial in effect_class(name).probes(hypothesis.scene):
             if (trial.name, trial.channel, trial.log) not in present:

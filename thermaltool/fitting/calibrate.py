@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 from thermaltool.fitting.hold_choice import ChosenKinds, switched_between_rows
+from thermaltool.fitting.nonlinearity_choice import bent, nonlinear_drives
 from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, KindCandidate, choose_response
@@ -19,6 +21,9 @@ from thermaltool.record import Record
 from thermaltool.responses import response_class
 from thermaltool.responses.modes import Float
 from thermaltool.units import Hold, Reference, drive_reference, hold_of, is_displacement
+
+# The kinds of response are chosen anew behind a curve, and the curve once more before them.
+CURVE_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,9 @@ class CalibrationPlan:
         See `fit_output`.
     choose : bool
         Compare all kinds for every output whose kind is not given, and ways of the drives between
-        samples.
+        samples, and curves of the drives.
+    linear : bool
+        No curve of a drive is looked for.
     """
 
     drives: tuple[str, ...]
@@ -56,6 +63,7 @@ class CalibrationPlan:
     starts: int = 6
     free_start: bool = False
     choose: bool = False
+    linear: bool = False
 
     def chosen(self, channel: str) -> bool:
         """Whether the kind of an output is to be found."""
@@ -131,6 +139,14 @@ def calibrate(
         if between:
             drives = [replace(d, hold="first") if d.channel in between else d for d in drives]
             outputs, terms, kinds = _fitted(records, plan, drives, progress)
+    effects: tuple[Effect, ...] = ()
+    for _ in range(CURVE_ROUNDS if plan.choose and not plan.linear else 0):
+        progress("trying curves of the drives")
+        found = nonlinear_drives(records, drives, kinds, plan.fixed, plan.free_start)
+        if not found:
+            break
+        effects = found
+        outputs, terms, kinds = _fitted(bent(records, drives, effects), plan, drives, progress)
     ranges = (
         _extent([relative(r.column(d.channel), d.reference, d.hold) for r in records])
         for d in drives
@@ -140,6 +156,7 @@ def calibrate(
         outputs=tuple(outputs),
         terms=tuple(terms),
         sample_period=min(record.period for record in records),
+        effects=effects,
         provenance={"logs": [record.source for record in records if record.digest]},
     )
     return model if plan.free_start else _as_simulated(model, records)

@@ -40,8 +40,6 @@ class CandidateData:
     problem : CalibrationProblem
         Of means over groups of rows, times the root of their number.
     whole : Triangle
-    folds : tuple of Triangle
-        Without the rows of each fold.
     fold : ndarray of int, shape (groups,)
     size : ndarray, shape (groups,)
         Number of rows.
@@ -51,10 +49,14 @@ class CandidateData:
 
     problem: CalibrationProblem
     whole: Triangle
-    folds: tuple[Triangle, ...]
     fold: NDArray[np.int64]
     size: Float
     noise: float
+
+    @cached_property
+    def folds(self) -> tuple[Triangle, ...]:
+        """Without the rows of each fold."""
+        return tuple(self.problem.compress((self.fold != k).astype(float)) for k in range(FOLDS))
 
 
 @dataclass(frozen=True)
@@ -157,17 +159,24 @@ class KindSearch:
         """
         return self.driven_by([each for k, each in enumerate(self.drives) if k != drive])
 
-    def driven_by(self, drives: Sequence[Drive], states: GridStates | None = None) -> KindSearch:
+    def driven_by(
+        self,
+        drives: Sequence[Drive],
+        states: GridStates | None = None,
+        records: Sequence[Record] | None = None,
+    ) -> KindSearch:
         """The same rows with other drives.
 
         Parameters
         ----------
         drives : sequence of Drive
         states : dict, optional
-            Of these drives, where they go on otherwise between samples.
+            Of these drives, where they go on otherwise between samples or have other values.
+        records : sequence of Record, optional
+            With other values of the drives.
         """
-        kept = self.states if states is None else states
-        other = replace(self, drives=drives, states=kept, _data={})
+        kept, of = self.states if states is None else states, records or self.records
+        other = replace(self, records=of, drives=drives, states=kept, _data={})
         other.__dict__["_sound"] = self._sound
         return other
 
@@ -294,13 +303,10 @@ def _grouped(problem: CalibrationProblem, keep: NDArray[np.bool_]) -> CandidateD
         record=record[starts],
     )
     rows = len(starts)
-    fold = np.arange(rows) * min(BLOCKS, rows) // rows % FOLDS
-    whole = grouped.compress(np.ones(rows))
     return CandidateData(
         grouped,
-        whole,
-        tuple(grouped.compress((fold != k).astype(float)) for k in range(FOLDS)),
-        fold,
+        grouped.compress(np.ones(rows)),
+        np.arange(rows) * min(BLOCKS, rows) // rows % FOLDS,
         root**2,
         difference_sigma(problem.measured[keep]),
     )

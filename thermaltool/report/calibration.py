@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from thermaltool.effects.effect import Effect
 from thermaltool.fitting.response_choice import LEFT_OUT
 from thermaltool.model import Characteristics, Model, characteristics, to_document
 from thermaltool.report.text import aligned
-from thermaltool.signals.intervals import Estimate
-from thermaltool.units import hold_of
+from thermaltool.signals.intervals import Estimate, normal_estimate
+from thermaltool.units import hold_of, parse_channel, printed
 
 # From here on a time constant is told in minutes, and in hours [s].
 MINUTES_FROM, HOURS_FROM = 120.0, 7200.0
@@ -101,6 +102,7 @@ def calibration_warnings(model: Model) -> list[str]:
         for each in model.drives
         if (each.hold, hold_of(each.channel)) == ("first", "zero")
     ]
+    found += [_curve(effect) for effect in model.effects]
     for term in model.terms:
         each = characteristics(term)
         if each.may_be_zero and term.covariance is not None:
@@ -110,6 +112,18 @@ def calibration_warnings(model: Model) -> list[str]:
                 f"alone, while the other drives rest, and hold it for {_duration(hold)}"
             )
     return found
+
+
+def _curve(effect: Effect) -> str:
+    """What acts in place of a drive."""
+    name = next(iter(effect.searched() + effect.linear()))
+    value = effect.parameters[name]
+    error = 0.0 if effect.covariance is None else float(effect.covariance[0, 0]) ** 0.5
+    level, unit = effect.parameters["level"], printed(parse_channel(effect.channel).unit)
+    return (
+        f"{effect.channel}: acts by a curve of its value, {name} {normal_estimate(value, error)}, "
+        f"which agrees with it at {level:.4g} {unit}: static gains hold there"
+    )
 
 
 def _left_out(candidates: Sequence[Mapping[str, Any]], model: Model) -> list[str]:
@@ -126,5 +140,5 @@ def _left_out(candidates: Sequence[Mapping[str, Any]], model: Model) -> list[str
 def calibration_document(model: Model) -> dict[str, Any]:
     """Outputs and terms as the model file has them."""
     document = to_document(model)
-    own = {key: document[key] for key in ("outputs", "terms")}
+    own: dict[str, Any] = {k: document[k] for k in ("outputs", "terms", "effects") if k in document}
     return {**own, "responses": [characteristics(term).document() for term in model.terms]}

@@ -1,0 +1,94 @@
+"""Drives that act by a curve of what is logged, on a plant that is computed at every instant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.record import Record
+from thermaltool.report.calibration import calibration_warnings
+
+DRIVE, OUTPUTS = "n_main_rpm", ("T_a_degC", "dT_b_K")
+LEVEL = 6000.0
+LAGS = {"T_a_degC": ((12.0, 200.0), (9.0, 1500.0)), "dT_b_K": ((15.0, 2500.0),)}  # K, s
+LAWS = {
+    "linear": lambda share: share,
+    "power": lambda share: share**1.12,
+    "square": lambda share: share**2,
+    "parabola": lambda share: 1.08 * share - 0.08 * share**2,
+}
+
+
+def log_of(law, seed, levels=(0.0, 0.25, 0.5, 0.75, 1.0), noise=0.02):
+    """Lags under a staircase of levels, each held for 7 to 27 minutes."""
+    generator = np.random.default_rng(seed)
+    time = 20.0 * np.arange(1000)
+    at = np.cumsum(np.r_[400.0, generator.uniform(400.0, 1600.0, 40)])
+    at = np.ceil(at[at < time[-1] - 600] / 20.0) * 20.0
+    share = np.array([levels[k % len(levels)] for k in generator.permutation(len(at))])
+    change = np.diff(LAWS[law](share), prepend=0.0)
+    since = time[:, None] - at
+    on = np.where(since >= 0, since, np.nan)
+    columns = {DRIVE: LEVEL * np.nansum(np.diff(share, prepend=0.0) * (on >= 0), axis=1)}
+    for name, lags in LAGS.items():
+        y = sum(np.nansum(change * gain * -np.expm1(-on / tau), axis=1) for gain, tau in lags)
+        columns[name] = y + noise * generator.standard_normal(len(time))
+    return Record(time, columns, digest=f"{law} {seed}")
+
+
+PLAN = CalibrationPlan((DRIVE,), OUTPUTS, choose=True, reference=0.0)
+
+
+@pytest.mark.parametrize(
+    ("law", "name", "value"),
+    [
+        ("power", "exponent", 1.12),
+        ("square", "exponent", 2.0),
+        ("parabola", "curvature", -0.08 / 1.08),
+    ],
+)
+def test_a_curve_of_the_drive_is_found_with_its_interval(law, name, value):
+    model = calibrate([log_of(law, 20261123)], PLAN)
+    (effect,) = model.effects
+    assert effect.name == "drive_nonlinearity"
+    assert name in effect.parameters
+    error = float(effect.covariance[0, 0]) ** 0.5
+    assert 0 < error < 0.05 * abs(value)
+    assert effect.parameters[name] == pytest.approx(value, abs=4 * error)
+    told = [each for each in calibration_warnings(model) if "curve of its value" in each]
+    assert len(told) == 1
+    assert name in told[0]
+
+
+def test_a_later_log_is_followed_to_the_noise():
+    logs, unseen = [log_of("power", 20261124)], log_of("power", 20261125)
+    curved, linear = calibrate(logs, PLAN), calibrate(logs, replace(PLAN, linear=True))
+    assert not linear.effects
+    for output in OUTPUTS:
+        left = [
+            np.std(unseen.columns[output] - model.simulate(unseen)[output])
+            for model in (curved, linear)
+        ]
+        assert left[0] < 1.1 * 0.02
+        assert left[1] > 2 * left[0]
+
+
+@pytest.mark.parametrize("seed", [20261126, 20261127, 20261128])
+def test_a_linear_drive_is_taken_as_it_is(seed):
+    assert not calibrate([log_of("linear", seed)], PLAN).effects
+
+
+def test_two_levels_say_nothing_of_a_curve():
+    assert not calibrate([log_of("square", 20261129, levels=(0.0, 1.0))], PLAN).effects
+
+
+def test_a_measured_temperature_is_no_command():
+    log = log_of("square", 20261130)
+    columns = dict(log.columns)
+    columns["T_air_degC"] = columns.pop(DRIVE) / LEVEL
+    warm = Record(log.time, columns, digest=log.digest)
+    plan = replace(PLAN, drives=("T_air_degC",))
+    assert not calibrate([warm], plan).effects
