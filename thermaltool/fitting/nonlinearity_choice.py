@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 
 from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.effects.effect import Effect
-from thermaltool.fitting.hold_choice import MIN_FALL, ChosenKinds
+from thermaltool.fitting.hold_choice import ChosenKinds
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.response_search import FittedKinds, KindSearch
@@ -26,12 +26,16 @@ from thermaltool.units import parse_channel
 
 # Every form: its parameter, where it is neutral, its ends; an exponent counts by its logarithm.
 FORMS = {"exponent": (1.0, 0.2, 5.0), "curvature": (0.0, -0.45, 5.0)}
-# A small step to both sides, from which the gain at the best place is foretold.
-TRIAL_STEP = 0.05
+# A small step to both sides, from which the gain within so many of them is foretold; no squared
+# error is foretold to fall below this share.
+TRIAL_STEP, TRIAL_STEPS, LEAST_SHARE = 0.02, 10.0, 1e-3
 # Steps to both sides from which the standard error is taken.
 ERROR_STEP = 0.01
 # Levels beside rest and the largest that count as one [of the largest].
 SAME_LEVEL = 0.02
+# Of the squared error beyond the noise a law leaves at most this share: what merely bends towards
+# another error of structure leaves half, and predicts other logs no better.
+MAX_LEFT = 0.25
 # Where a search ends, in the parameter or its logarithm; trials at most.
 TOLERANCE, MAX_TRIALS = 1e-4, 25
 
@@ -159,9 +163,9 @@ class _CurveSearch:
         )
         if best is None or best.evidence < DECISIVE:
             return None
-        falls = [1 - b.size / a.size for a, b in zip(plain, best.fits, strict=True) if a.size]
+        left = _beyond_noise(best.fits) / _beyond_noise(plain)
         unseen = best.fall([a.held_out for a in plain], [b.held_out for b in best.fits])
-        return best.effect if max(falls, default=0.0) > MIN_FALL and unseen > 0 else None
+        return best.effect if left < MAX_LEFT and unseen > 0 else None
 
     def _searched(self, form: str, plain: list[FittedKinds]) -> _FittedCurve | None:
         """The best curve of one form; None where small steps promise nothing decisive."""
@@ -177,20 +181,21 @@ class _CurveSearch:
             tried[x] = self._fitted(effect, plain, near)
             return tried[x]
 
-        behind, ahead = at(-TRIAL_STEP).evidence, at(TRIAL_STEP).evidence
-        slope, bend = (ahead - behind) / 2, ahead + behind
-        if max(ahead, behind) < DECISIVE and not (bend < 0 and slope**2 > -2 * bend * DECISIVE):
+        direction = _foretold(plain, at(-TRIAL_STEP).fits, at(TRIAL_STEP).fits)
+        if not direction:
             return None
         minimize_scalar(
             lambda x: -at(float(x)).evidence,
-            bounds=(0.0, ends[1]) if ahead > behind else (ends[0], 0.0),
+            bounds=(0.0, ends[1]) if direction > 0 else (ends[0], 0.0),
             method="bounded",
             options={"xatol": TOLERANCE, "maxiter": MAX_TRIALS},
         )
         x = max(tried, key=lambda each: tried[each].evidence)
         best = tried[x]
-        middle = float(np.clip(x, ends[0] + ERROR_STEP, ends[1] - ERROR_STEP))
-        sides = [at(middle + step) for step in (-ERROR_STEP, ERROR_STEP)]
+        if min(x - ends[0], ends[1] - x) < ERROR_STEP:
+            # At the end of what is tried the records want another law than this one.
+            return None
+        sides = [at(x + step) for step in (-ERROR_STEP, ERROR_STEP)]
         there = [each.residual for each in best.fits]
         bend = sum(best.fall([f.residual for f in side.fits], there) for side in sides)
         error = ERROR_STEP * float(np.sqrt(2 / bend)) if bend > 0 else float(abs(x))
@@ -220,3 +225,27 @@ class _CurveSearch:
         ]
         kept = [fit for fit in fits if fit is not None]
         return kept if len(kept) == len(fits) else None
+
+
+def _beyond_noise(fits: Sequence[FittedKinds]) -> float:
+    """Squared errors beyond the noise, in its variances, summed over the outputs."""
+    tiny = np.finfo(float).tiny
+    return sum(
+        max(fit.size / (len(fit.residual) * fit.data.noise**2 + tiny) - 1, tiny) for fit in fits
+    )
+
+
+def _foretold(
+    plain: Sequence[FittedKinds], behind: Sequence[FittedKinds], ahead: Sequence[FittedKinds]
+) -> float:
+    """Side on which parabolas of the squared errors see a decisive gain; 0 for none."""
+    here, before, after = (
+        np.array([max(fit.size, np.finfo(float).tiny) for fit in fits])
+        for fits in (plain, behind, ahead)
+    )
+    slope, bend = (after - before) / 2, (after + before) / 2 - here
+    steps = np.linspace(-TRIAL_STEPS, TRIAL_STEPS, 201)[:, None]
+    share = np.maximum((here + slope * steps + bend * steps**2) / here, LEAST_SHARE)
+    gains = -np.log(share) @ np.array([fit.independent for fit in plain])
+    best = int(np.argmax(gains))
+    return float(steps[best, 0]) if gains[best] > DECISIVE else 0.0
