@@ -89,7 +89,7 @@ def indistinguishable(
         if rival.evidence_of_logs <= 0 or any(_same(rival.effect, effect) for effect in known):
             continue
         behind = chosen.evidence_of_logs - rival.evidence_of_logs
-        signatures = [caused, *simulation.span(rival.effect)]
+        signatures = [caused, *simulation.span(rival.effect).values()]
         now = information.angle([information.of_logs(signatures)], len(signatures))
         beside = any(_same(rival.effect, effect) for effect in named)
         apart = now >= MIN_ANGLE_OF_ANOTHER and beside
@@ -137,7 +137,7 @@ def suspected(
         caused = simulation.displacement(first)
         noise = noise_after(hypothesis, chosen[0].assumptions, caused)
         information = InformationMatrix(hypothesis, chosen[0].assumptions, noise)
-        groups = [[caused, *simulation.span(effect)] for effect in rest]
+        groups = [[caused, *simulation.span(effect).values()] for effect in rest]
         now = max(information.angle([information.of_logs(g)], len(g)) for g in groups)
         sentence, opened = separating_experiment(information, first, rest, limits)
     return [_alternative(effects, now, sentence, opened, "suspected")]

@@ -167,7 +167,8 @@ def separating_experiment(
     """
     simulation = information.hypothesis.simulation
     caused = simulation.displacement(chosen)
-    groups = [[caused, *simulation.span(rival)] for rival in rivals]
+    spans = [simulation.span(rival) for rival in rivals]
+    groups = [[caused, *span.values()] for span in spans]
     logged = [information.of_logs(group) for group in groups]
     separations: list[Discrimination] = []
     experiments: Sequence[Experiment] = ()
@@ -177,10 +178,10 @@ def separating_experiment(
     if experiments:
         simulated = SimulatedExperiments(information, experiments, reached)
         then = simulated.hypothesis.simulation
-        caused_then = _again(then, chosen, [caused])
+        caused_then = then.displacement(replace(chosen, log=None)) if _recurs(chosen) else {}
         shown = [
-            simulated.of_logs([*caused_then, *_again(then, rival, group[1:])])
-            for rival, group in zip(rivals, groups, strict=True)
+            simulated.of_logs([caused_then, *_again(then, rival, span)])
+            for rival, span in zip(rivals, spans, strict=True)
         ]
         separations = [
             Discrimination.least(
@@ -216,12 +217,10 @@ def _recurs(effect: Effect) -> bool:
     return not effect.event and not (effect.log and not effect.channel)
 
 
-def _again(simulation: SimulatedLogs, effect: Effect, seen: Sequence[Changes]) -> list[Changes]:
-    """The vectors that `seen` are of an effect, in other logs."""
-    if not _recurs(effect):
-        return [{} for _ in seen]
-    again = replace(effect, log=None)
-    return [simulation.displacement(again)] if len(seen) == 1 else list(simulation.span(again))
+def _again(simulation: SimulatedLogs, effect: Effect, seen: Iterable[str]) -> list[Changes]:
+    """The span of an effect in other logs, amplitude by amplitude; nothing where it is not seen."""
+    found = simulation.span(replace(effect, log=None)) if _recurs(effect) else {}
+    return [found.get(name, {}) for name in seen]
 
 
 def _second_sensor(

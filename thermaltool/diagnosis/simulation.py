@@ -209,14 +209,18 @@ class SimulatedLogs:
                     result[name] = reached
         return result
 
-    def span(self, effect: Effect) -> list[dict[str, Series]]:
+    def span(self, effect: Effect) -> dict[str, dict[str, Series]]:
         """Changes by each amplitude of a cause, and by a small move of what is not linear in it.
 
         Parameters
         ----------
         effect : Effect
+
+        Returns
+        -------
+        dict of amplitude or parameter to dict of output to list of ndarray
         """
-        found = list(self.signatures(effect).values())
+        found = self.signatures(effect)
         # An instant that was found by scanning has no slope.
         searched = () if effect.event else effect.searched()
         if (effect.linear() and searched) or len(searched) > 1:
@@ -228,12 +232,10 @@ class SimulatedLogs:
                 )
                 step = step if value + step <= known.high else -step
                 there = self.with_effects(effect.changed({name: value + step}))
-                found.append(
-                    {
-                        o: [(t[o] - h[o]) / step for t, h in zip(there, here, strict=True)]
-                        for o in self.groups
-                    }
-                )
+                found[name] = {
+                    o: [(t[o] - h[o]) / step for t, h in zip(there, here, strict=True)]
+                    for o in self.groups
+                }
         return found
 
     def level(self, drive: str) -> float:
