@@ -30,7 +30,7 @@ from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
 
 HEAT, NEAR, FAR, X, Y = "Q_main_1", "dT_near_K", "dT_far_K", "d_x_um", "d_y_um"
-BEARING, PUMP = "Q_bearing_1", "Q_pump_1"
+BEARING, PUMP, ROOM = "Q_bearing_1", "Q_pump_1", "T_ambient_degC"
 PERIOD, ROWS = 5.0, 800
 TIME = PERIOD * np.arange(ROWS)
 GAIN = {NEAR: (20.0, 1 / 600), FAR: (9.0, 1 / 900), X: (-60.0, 1 / 500), Y: (80.0, 1 / 900)}
@@ -159,6 +159,18 @@ def test_a_jump_of_the_only_displacement():
     # No input brings a collision back.
     assert f"second sensor beside {X}" in found.separating_experiment
     assert found.opened > 80
+
+
+def test_a_room_that_stands_still_in_an_experiment_is_still_a_rival():
+    # Its lag moves nothing there, and neither does its gain.
+    room = 20.0 + np.where(TIME < 1500.0, 0.0, 1.0)
+    step = cause("geometry_step", X, "log", **{f"step[{X}]": 3.0, "time": 1500.0})
+    drift = cause("ambient_drift", ROOM, **{f"gain[{X}]": 3.0, "time_constant": 30.0})
+    one = bench([NEAR, X], [step], **{ROOM: room})
+    first, second = fitted(one, step, drift)
+    (found,) = indistinguishable(one, first, [first, second])
+    assert ("ambient_drift", ROOM) in names(found)
+    assert found.separating_experiment
 
 
 def test_two_displacements_that_jump_are_no_sensor():
