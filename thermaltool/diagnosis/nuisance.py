@@ -288,12 +288,14 @@ class OutputNuisance:
                 index = [k for k, e in enumerate(own) if e.term == term]
                 block = self._calibrated_covariance([own[k] for k in index])
                 covariance[np.ix_(index, index)] = block
-        elif [tuple(n) for n in known["parameters"]] != [
-            (self.simulation.model.terms[e.term].drive, e.name) for e in own
-        ]:
-            return self.free_prior
         else:
-            covariance = np.array(known["covariance"])
+            names = [tuple(name) for name in known["parameters"]]
+            mine = [(self.simulation.model.terms[e.term].drive, e.name) for e in own]
+            if sorted(names) != sorted(mine):
+                return self.free_prior
+            # A fit has what it searched first, then the gains; a model has drive after drive.
+            order = [*map(names.index, mine), *range(len(own), len(known["covariance"]))]
+            covariance = np.array(known["covariance"])[np.ix_(order, order)]
             q = len(covariance) - len(own)
             at = np.append(at, np.zeros(q))
             size = np.append(size, np.full(q, known["lag_sigma"]))
