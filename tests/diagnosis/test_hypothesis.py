@@ -11,9 +11,10 @@ import pytest
 from thermaltool.diagnosis.fit import CandidateProducts, CauseCandidate, evaluate, profile
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.select import fit_candidate
-from thermaltool.diagnosis.state import RELEASED
+from thermaltool.diagnosis.state import RELEASED, WITHIN_CALIBRATION
 from thermaltool.diagnosis.validate import judge
 from thermaltool.effects import effect_class
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
@@ -153,3 +154,39 @@ def test_a_true_cause_is_accepted_and_a_false_one_is_not() -> None:
     assert [e.name for e in verdict.after.model.effects] == ["transport_delay"]
     assert found.model.effects == ()
     assert judge(found, false, [true, false], MODEL) is None
+
+
+# ---------------------------------------------------------------- what a calibration knows
+
+
+def two_drives(exponent=1.0):
+    """A machine of two drives, each with two lags, computed at every instant; and its log."""
+    rng = np.random.default_rng(11)
+    time = 10.0 * np.arange(900)
+    columns, y = {}, 0.02 * rng.standard_normal(len(time))
+    for name, lags in {"Q_a_W": ((9.0, 60.0), (7.0, 700.0)), "Q_b_W": ((5.0, 150.0),)}.items():
+        at = 10.0 * np.sort(rng.choice(np.arange(20, 850), 24, replace=False))
+        level = rng.choice([0.0, 0.3, 0.6, 1.0], len(at))
+        held = np.searchsorted(at, time, side="right")
+        columns[name] = 100.0 * np.append(0.0, level)[held]
+        since = time[:, None] - at
+        on = np.where(since >= 0, since, np.nan)
+        change = np.diff(level**exponent, prepend=0.0)
+        y = y + sum(np.nansum(change * g * -np.expm1(-on / tau), axis=1) for g, tau in lags)
+    return Record(time, {**columns, "T_a_degC": y}, digest="log")
+
+
+@pytest.mark.parametrize(("exponent", "most"), [(1.0, 0.02), (1.5, 0.1)])
+def test_a_calibration_knows_its_own_log_to_the_noise(exponent, most) -> None:
+    log = two_drives(exponent)
+    plan = CalibrationPlan(("Q_a_W", "Q_b_W"), ("T_a_degC",), choose=True, reference=0.0)
+    model = calibrate([log], plan)
+    assert len(model.effects) == (0 if exponent == 1.0 else 2)
+    nuisance = Hypothesis.of(model, [log], model, WITHIN_CALIBRATION).nuisance["T_a_degC"]
+    moves = np.column_stack([c @ nuisance.calibrated_prior.root for c in nuisance.moves])
+    effects = [each[0] for each in nuisance.calibrated_effects]
+    assert len(effects) == len(model.effects)
+    open_to = np.sqrt(np.sum(np.var(np.column_stack([moves, *effects]), axis=0)))
+    # Noise is 0.02: what many rows have settled is not open. The error of a curve holds what the
+    # gains may make up for, which is counted beside it once more.
+    assert open_to < most

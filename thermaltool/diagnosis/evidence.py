@@ -20,8 +20,8 @@ from thermaltool.effects.effect import Float
 from thermaltool.signals.likelihood import Factor, StackedFactors
 from thermaltool.signals.row_groups import Index, RowGroups
 
-# What is left free: groups of nuisance in use ("offset", "accepted", "tight" or "released",
-# "initial"), and "white" where what is left over is taken for white noise.
+# What is left free: groups of nuisance in use ("offset", "accepted", "effects", "tight" or
+# "released", "initial"), and "white" where what is left over is taken for white noise.
 Assumptions = frozenset[str]
 # Groups of columns without a prior; all others have mean zero and variance one.
 FLAT_GROUPS = ("offset", "accepted")

@@ -164,6 +164,7 @@ class Hypothesis:
             {
                 "offset": matrix(nuisance.offsets),
                 "accepted": matrix(list(nuisance.accepted.values())),
+                "effects": matrix(nuisance.calibrated_effects),
                 **{group: own @ prior.root for group, prior in priors.items()},
                 "initial": matrix(nuisance.decays),
             },
@@ -185,12 +186,13 @@ class Hypothesis:
         fitted = evidence.fitted(self.assumptions, "offset").tolist()
         offsets = dict(zip(nuisance.groups.present, fitted, strict=True))
         starts = evidence.fitted(self.assumptions, "initial").tolist()
-        decays = nuisance.decays if starts else []
+        weights = [*evidence.fitted(self.assumptions, "effects").tolist(), *starts]
+        columns = [*nuisance.calibrated_effects, *(nuisance.decays if starts else [])]
         result = []
         for k, residual in enumerate(self.simulation.residual(output)):
             known = nuisance.moves[k] @ moves
-            for weight, decay in zip(starts, decays, strict=True):
-                known = known + weight * decay[k]
+            for weight, column in zip(weights, columns, strict=True):
+                known = known + weight * column[k]
             result.append(residual - known - offsets.get(k, 0.0))
         return result
 

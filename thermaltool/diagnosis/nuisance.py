@@ -3,7 +3,7 @@
 The nuisance of an output are moves of the model's own parameters (of logarithms where they are
 searched so) and lags of the drives, which stand for what a response's kind leaves out of its shape,
 both with a prior; decays of an unknown state at the first row; the offset of every log; and the
-parameters of the causes that are accepted already.
+parameters of the effects that the model holds already.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from scipy.linalg import block_diag
 
 from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.evidence import Assumptions
+from thermaltool.diagnosis.held_effects import accepted_effects, calibrated_effects
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.dynamics import lagged
-from thermaltool.effects.effect import Effect, Float
+from thermaltool.effects.effect import Float
 from thermaltool.model import Model
 from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.row_groups import RowGroups
@@ -43,9 +44,8 @@ MIN_WHITE, MIN_EIGENVALUE = 1e-12, 1e-12
 # Time constants of an unknown start, relative to the output's slowest: so near each other that
 # their sum follows any decay to a hundredth of its height, also one slower than the model's.
 START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02)
-# Moves from which slopes are taken: of an own parameter, of what is linear in an effect and what is
-# not, all relative, and the smallest of an effect's parameter.
-OWN_MOVE, LINEAR_MOVE, SEARCHED_MOVE, MIN_MOVE = 1e-3, 1e-3, 1e-2, 1e-6
+# Relative move of an own parameter from which its slope is taken.
+OWN_MOVE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -359,28 +359,13 @@ class OutputNuisance:
 
     @cached_property
     def accepted(self) -> dict[tuple[int, str], Series]:
-        """Sensitivities to the parameters of the effects that the model holds already."""
-        simulation, result = self.simulation, {}
-        for at, effect in enumerate(simulation.model.effects):
-            # The instant of an accident is found by scanning: it has no slope.
-            searched = () if effect.event else effect.searched()
-            for name in (*effect.linear(), *searched):
-                step = _step(effect, name)
-                effects = list(simulation.model.effects)
-                effects[at] = effect.changed({name: effect.parameters[name] + step})
-                changed = simulation.with_effects(
-                    model=replace(simulation.model, effects=tuple(effects))
-                )
-                change = simulation.change(changed).get(self.output)
-                if change is not None:
-                    result[at, name] = [c / step for c in change]
-        return result
+        """Sensitivities to the parameters of accepted causes, by place and name."""
+        return accepted_effects(self.simulation, self.calibrated, self.output)
 
-
-def _step(effect: Effect, name: str) -> float:
-    """Move of an effect's parameter from which its slope is taken."""
-    relative = LINEAR_MOVE if effect.parameter(name).linear else SEARCHED_MOVE
-    return max(relative * abs(effect.parameters[name]), MIN_MOVE)
+    @cached_property
+    def calibrated_effects(self) -> list[Series]:
+        """Changes by one standard error of each parameter of the effects that were calibrated."""
+        return calibrated_effects(self.simulation, self.calibrated, self.output)
 
 
 def _apart(lags: Sequence[tuple[str, float]]) -> list[int]:

@@ -19,8 +19,8 @@ from thermaltool.model import Model
 from thermaltool.record import Record
 
 # What a model may say for itself: of other logs than the calibration's, and of its own.
-WITHIN_CALIBRATION: Assumptions = frozenset({"offset", "accepted", "tight"})
-RELEASED: Assumptions = frozenset({"offset", "accepted", "released"})
+WITHIN_CALIBRATION: Assumptions = frozenset({"offset", "accepted", "effects", "tight"})
+RELEASED: Assumptions = frozenset({"offset", "accepted", "effects", "released"})
 
 
 @dataclass(frozen=True)
