@@ -31,9 +31,9 @@ class SensorDrift(Effect):
         return y + self.parameters["rate"] * elapsed(record.time, memory) / HOUR
 
     def plausible(self, scene: Scene) -> bool:
-        # Beyond a tenth of what is measured it is no drift of a sensor in use.
+        # Beyond a fifth of what is measured it is no drift of a sensor in use.
         hours = scene.duration / HOUR
-        return abs(self.parameters["rate"]) * hours < 0.1 * scene.reach(self.channel)
+        return abs(self.parameters["rate"]) * hours < 0.2 * scene.reach(self.channel)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
