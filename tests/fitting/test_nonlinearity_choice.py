@@ -58,9 +58,9 @@ def test_a_curve_of_the_drive_is_found_with_its_interval(law, name, value):
     error = float(effect.covariance[0, 0]) ** 0.5
     assert 0 < error < 0.05 * abs(value)
     assert effect.parameters[name] == pytest.approx(value, abs=4 * error)
-    told = [each for each in calibration_warnings(model) if "curve of its value" in each]
+    told = [each for each in calibration_warnings(model) if "what acts is" in each]
     assert len(told) == 1
-    assert name in told[0]
+    assert {"exponent": "power", "curvature": "parabola"}[name] in told[0]
 
 
 def test_a_later_log_is_followed_to_the_noise():
@@ -92,3 +92,50 @@ def test_a_measured_temperature_is_no_command():
     warm = Record(log.time, columns, digest=log.digest)
     plan = replace(PLAN, drives=("T_air_degC",))
     assert not calibrate([warm], plan).effects
+
+
+def test_two_nonlinear_drives_are_found_together():
+    one, other = log_of("square", 20261202), log_of("square", 20261203)
+    columns = {
+        DRIVE: one.columns[DRIVE],
+        "U_heater_V": other.columns[DRIVE] / LEVEL * 24,
+        "T_a_degC": one.columns["T_a_degC"] + 0.5 * other.columns["dT_b_K"],
+    }
+    log = Record(one.time, columns, digest="two")
+    plan = replace(PLAN, drives=(DRIVE, "U_heater_V"), sensors=("T_a_degC",))
+    model = calibrate([log], plan)
+    assert [effect.channel for effect in model.effects] == list(plan.drives)
+    for effect in model.effects:
+        assert effect.parameters["exponent"] == pytest.approx(2.0, abs=0.02)
+
+
+def test_coarse_readings_hide_no_curve():
+    log = log_of("square", 20261204)
+    columns = {**log.columns, **{o: 0.5 * np.round(log.columns[o] / 0.5) for o in OUTPUTS}}
+    (effect,) = calibrate([Record(log.time, columns, digest="coarse")], PLAN).effects
+    assert effect.parameters["exponent"] == pytest.approx(2.0, abs=0.1)
+
+
+def test_another_disturbance_of_one_output_hides_no_curve():
+    log = log_of("square", 20261205)
+    swing = np.sin(2 * np.pi * log.time / 5000.0)
+    columns = {**log.columns, "dT_b_K": log.columns["dT_b_K"] + swing}
+    (effect,) = calibrate([Record(log.time, columns, digest="swing")], PLAN).effects
+    assert effect.parameters["exponent"] == pytest.approx(2.0, abs=0.05)
+
+
+def test_another_error_of_structure_is_no_curve_of_the_drive():
+    # Heat is lost faster than in proportion: in steady state like a curve, and else not.
+    log = log_of("linear", 20261206)
+    step, share = 20.0, log.columns[DRIVE] / LEVEL
+    hot = np.zeros((len(share), 2))
+    for k in range(1, len(share)):
+        a, b = hot[k - 1]
+        loss = a / 300.0 * (1 + 0.3 * a / 20.0) + b / 2000.0 * (1 + 0.3 * b / 20.0)
+        hot[k] = (
+            a + step * (0.08 * share[k - 1] - loss + (b - a) / 500.0),
+            b + step * (a - b) / 900.0,
+        )
+    noise = 0.01 * np.random.default_rng(3).standard_normal(hot.shape)
+    columns = {DRIVE: log.columns[DRIVE], **dict(zip(OUTPUTS, (hot + noise).T, strict=True))}
+    assert not calibrate([Record(log.time, columns, digest="lossy")], PLAN).effects

@@ -20,6 +20,7 @@ from thermaltool.diagnosis.residual import ResidualReport
 from thermaltool.diagnosis.result import Cause, Location, Verdict, reports_of
 from thermaltool.effects.effect import Float
 from thermaltool.effects.unknown import Unknown
+from thermaltool.fitting.discrepancy import DRIFT_RATIOS
 from thermaltool.model import Model
 from thermaltool.signals.resolution import resolution_step
 from thermaltool.units import parse_channel, printed
@@ -124,7 +125,10 @@ def misfit_of(model: Model, output: str) -> float:
         return 0.0
     white = float(known["white_sigma"])
     misfit = float(np.sqrt(max(float(fit["rmse"]) ** 2 - white**2, 0.0)))
-    misfit = min(misfit, MAX_DRIFTS * float(known["drift_sigma"]))
+    drift = float(known["drift_sigma"])
+    # A misfit that is larger than any drift that was tried is that of the kind of response.
+    if drift < 0.99 * float(np.sqrt(max(DRIFT_RATIOS))) * white:
+        misfit = min(misfit, MAX_DRIFTS * drift)
     return misfit if misfit > MIN_OVER_NOISE * white else 0.0
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 from thermaltool.fitting.hold_choice import ChosenKinds, switched_between_rows
-from thermaltool.fitting.nonlinearity_choice import bent, nonlinear_drives
+from thermaltool.fitting.nonlinearity_choice import acting_records, nonlinear_drives
 from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, KindCandidate, choose_response
@@ -22,8 +22,8 @@ from thermaltool.responses import response_class
 from thermaltool.responses.modes import Float
 from thermaltool.units import Hold, Reference, drive_reference, hold_of, is_displacement
 
-# The kinds of response are chosen anew behind a curve, and the curve once more before them.
-CURVE_ROUNDS = 2
+# The kinds of response are chosen anew behind nonlinear drives, and these once more with them.
+NONLINEARITY_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -140,13 +140,14 @@ def calibrate(
             drives = [replace(d, hold="first") if d.channel in between else d for d in drives]
             outputs, terms, kinds = _fitted(records, plan, drives, progress)
     effects: tuple[Effect, ...] = ()
-    for _ in range(CURVE_ROUNDS if plan.choose and not plan.linear else 0):
-        progress("trying curves of the drives")
-        found = nonlinear_drives(records, drives, kinds, plan.fixed, plan.free_start)
-        if not found:
+    for _ in range(NONLINEARITY_ROUNDS if plan.choose and not plan.linear else 0):
+        progress("trying nonlinearities of the drives")
+        found = nonlinear_drives(records, drives, kinds, effects, plan.fixed, plan.free_start)
+        if not found and not effects:
             break
         effects = found
-        outputs, terms, kinds = _fitted(bent(records, drives, effects), plan, drives, progress)
+        acting, zeroed = acting_records(records, drives, effects)
+        outputs, terms, kinds = _fitted(acting, plan, zeroed, progress)
     ranges = (
         _extent([relative(r.column(d.channel), d.reference, d.hold) for r in records])
         for d in drives

@@ -1,13 +1,14 @@
-"""Whether what acts is a curve of a drive: a power law or a parabola, the same for every output.
+"""Whether what acts is a static nonlinearity of a drive: a power law or a parabola of it.
 
 Heat goes with the square of a voltage, friction with a power of the speed, a motor's loss with
-more than its load. A linear model leaves of that an error of structure that every later log shows
-again. As with kinds of response, evidence and rows held out decide.
+more than its load; the same for every output (Hammerstein). A linear model leaves of that an error
+of structure that every later log shows again. As with kinds of response, evidence and rows held out
+decide.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,33 +18,41 @@ from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.effects.effect import Effect
 from thermaltool.fitting.hold_choice import ChosenKinds
 from thermaltool.fitting.projection import GridStates
-from thermaltool.fitting.response_choice import DECISIVE
+from thermaltool.fitting.response_choice import DECISIVE, MIN_ROWS
 from thermaltool.fitting.response_search import FittedKinds, KindSearch
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
+from thermaltool.signals.resolution import resolution_step
 from thermaltool.units import parse_channel
 
-# Every form: its parameter, where it is neutral, its ends; an exponent counts by its logarithm.
-FORMS = {"exponent": (1.0, 0.2, 5.0), "curvature": (0.0, -0.45, 5.0)}
-# A small step to both sides, from which the gain within so many of them is foretold; no squared
-# error is foretold to fall below this share.
+# Parameters of `DriveNonlinearity` that are tried, one at a time.
+FORMS = ("exponent", "curvature")
+# A small step to both sides, from which the gain within so many of them is predicted; no squared
+# error is predicted to fall below this share.
 TRIAL_STEP, TRIAL_STEPS, LEAST_SHARE = 0.02, 10.0, 1e-3
+# Around a value that is known: where it is searched once more.
+NEAR = 0.1
 # Steps to both sides from which the standard error is taken.
 ERROR_STEP = 0.01
 # Levels beside rest and the largest that count as one [of the largest].
 SAME_LEVEL = 0.02
-# Of the squared error beyond the noise a law leaves at most this share: what merely bends towards
-# another error of structure leaves half, and predicts other logs no better.
-MAX_LEFT = 0.25
-# Where a search ends, in the parameter or its logarithm; trials at most.
+# Of the squared error beyond the noise, where that is larger than the noise, a nonlinearity leaves
+# at most this share: what merely comes near to another error of structure leaves half, and predicts
+# other logs no better. No output's error on held-out rows may be larger by this factor [squared].
+MAX_LEFT, MAX_WORSE = 0.25, 1.05
+# A search goes on from another minimum of the rates that has more evidence by so much.
+MIN_FALL = 1.0
+# Where a search ends, in the parameter or its logarithm; trials at most. Several drives are
+# searched in turn, at most so often, until none moves by more than this of its standard error.
 TOLERANCE, MAX_TRIALS = 1e-4, 25
+MAX_TURNS, SETTLED = 8, 0.3
 
 
-def bent(
+def acting_records(
     records: Sequence[Record], drives: Sequence[Drive], effects: Sequence[Effect]
-) -> list[Record]:
-    """Records with what acts in place of the drives.
+) -> tuple[list[Record], list[Drive]]:
+    """Records with what acts in place of nonlinear drives, and drives that count it from zero.
 
     Parameters
     ----------
@@ -51,27 +60,33 @@ def bent(
     drives : sequence of Drive
     effects : sequence of Effect
         Of the drives, one each at most.
+
+    Returns
+    -------
+    list of Record [unit of the drive, relative to its reference]
+    list of Drive
     """
+    own = {effect.channel: effect for effect in effects}
     result = []
     for record in records:
         changed = {}
-        for effect in effects:
-            drive = next(d for d in drives if d.channel == effect.channel)
-            values = record.column(drive.channel)
-            u = relative(values, drive.reference, drive.hold)
-            changed[drive.channel] = values - u + effect.drive(record, u)
+        for drive in drives:
+            if drive.channel in own:
+                u = relative(record.column(drive.channel), drive.reference, drive.hold)
+                changed[drive.channel] = own[drive.channel].drive(record, u)
         result.append(record.with_columns(changed))
-    return result
+    return result, [replace(d, reference=0.0) if d.channel in own else d for d in drives]
 
 
 def nonlinear_drives(
     records: Sequence[Record],
     drives: Sequence[Drive],
     chosen: Sequence[ChosenKinds],
+    known: Sequence[Effect],
     fixed: Mapping[str, float],
     free_start: bool,
 ) -> tuple[Effect, ...]:
-    """Curves of drives that describe the records decisively better than the drives as logged.
+    """Nonlinearities of drives with which the records are described decisively better.
 
     Measured temperatures are taken as they are: they are no commands.
 
@@ -81,6 +96,8 @@ def nonlinear_drives(
     drives : sequence of Drive
     chosen : sequence of ChosenKinds
         Of every output.
+    known : sequence of Effect
+        As they were found with other kinds.
     fixed : mapping of parameter name to value
     free_start : bool
         See `fit_output`.
@@ -88,21 +105,23 @@ def nonlinear_drives(
     Returns
     -------
     tuple of DriveNonlinearity
-        One for a drive at most.
+        One for a drive at most, with their standard errors.
     """
-    found: list[Effect] = []
-    for d, drive in enumerate(drives):
-        own = [each for each in chosen if d in each.drives]
-        level = _level(records, drive)
-        if own and level:
-            search = _CurveSearch(records, drives, drive, level, own, fixed, free_start, found)
-            best = search.best()
-            found += [best] if best is not None else []
-    return tuple(found)
+    if sum(len(record) for record in records) < MIN_ROWS * len(drives):
+        return ()
+    levels = {d.channel: _level(records, d) for k, d in enumerate(drives) if _drives(chosen, k)}
+    seen = {channel: level for channel, level in levels.items() if level}
+    search = _NonlinearitySearch(records, drives, chosen, known, fixed, free_start)
+    found = search.in_turn(seen) if seen else {}
+    return tuple(found.values()) if found and search.explains(tuple(found.values())) else ()
+
+
+def _drives(chosen: Sequence[ChosenKinds], drive: int) -> bool:
+    return any(drive in each.drives for each in chosen)
 
 
 def _level(records: Sequence[Record], drive: Drive) -> float:
-    """Largest level of a drive of which a curve could be seen; 0 where there is none."""
+    """Largest level of a drive of which a nonlinearity could be seen; 0 where there is none."""
     if parse_channel(drive.channel).dimension.startswith("temperature"):
         return 0.0
     u = [relative(r.column(drive.channel), drive.reference, drive.hold) for r in records]
@@ -113,139 +132,254 @@ def _level(records: Sequence[Record], drive: Drive) -> float:
 
 
 @dataclass(frozen=True)
-class _FittedCurve:
-    """A curve, the outputs fitted behind it, and its evidence over the drive as logged."""
+class _Trial:
+    """A value of a parameter (or its logarithm), and every output fitted with it."""
 
-    effect: Effect
+    x: float
     fits: list[FittedKinds]
-    evidence: float
 
-    def fall(self, before: Sequence[Float], after: Sequence[Float]) -> float:
-        """Fall of the criterion of all outputs, each with the rows that are independent here."""
-        floor = np.finfo(float).tiny
-        return sum(
-            fit.independent * float(np.log(max(np.sum(a**2), floor) / max(np.sum(b**2), floor)))
-            for a, b, fit in zip(before, after, self.fits, strict=True)
-        )
+    def fall(self, before: Sequence[FittedKinds], rows: Float) -> float:
+        """Fall of the criterion of all outputs, each of so many independent rows."""
+        return float(rows @ np.log(_sizes(before) / _sizes(self.fits)))
 
 
-@dataclass
-class _CurveSearch:
-    """Curves of one drive, fitted to every output that it drives."""
+class _NonlinearitySearch:
+    """Nonlinearities of drives, all outputs fitted anew at every trial."""
 
-    records: Sequence[Record]
-    drives: Sequence[Drive]
-    drive: Drive
-    level: float
-    chosen: Sequence[ChosenKinds]
-    fixed: Mapping[str, float]
-    free_start: bool
-    others: Sequence[Effect]
-
-    def __post_init__(self) -> None:
-        records, states = bent(self.records, self.drives, self.others), GridStates()
+    def __init__(
+        self,
+        records: Sequence[Record],
+        drives: Sequence[Drive],
+        chosen: Sequence[ChosenKinds],
+        known: Sequence[Effect],
+        fixed: Mapping[str, float],
+        free_start: bool,
+    ) -> None:
+        self.records, self.drives, self.chosen = records, drives, chosen
+        self.known = {effect.channel: effect for effect in known}
+        self._settled: dict[str, tuple[Effect | None, GridStates]] = {}
+        acting, zeroed = acting_records(records, drives, known)
+        states = GridStates()
+        # Rows that a known nonlinearity explains are no outliers.
         self.tasks = [
             KindSearch(
-                records, [self.drives[d] for d in each.drives], each.output, self.free_start,
-                self.fixed, states,
+                acting, [zeroed[d] for d in each.drives], each.output, free_start, fixed, states
             )
-            for each in self.chosen
-        ]  # fmt: skip
+            for each in chosen
+        ]
 
-    def best(self) -> Effect | None:
-        """The curve that decides; None where none does."""
-        plain = self._fits((), [None] * len(self.chosen))
-        if plain is None:
-            return None
-        found = [self._searched(form, plain) for form in FORMS]
-        best = max(
-            (each for each in found if each is not None), key=lambda e: e.evidence, default=None
+    def in_turn(self, levels: Mapping[str, float]) -> dict[str, Effect]:
+        """Each drive beside what is known of the others, until none of them moves.
+
+        Parameters
+        ----------
+        levels : mapping of channel to float [unit of the drive]
+            At which what acts and the drive agree.
+        """
+        found = {c: effect for c, effect in self.known.items() if c in levels}
+        for turn in range(MAX_TURNS):
+            before = dict(found)
+            for channel, level in levels.items():
+                others = tuple(effect for c, effect in found.items() if c != channel)
+                near = found.get(channel) if turn else None
+                best = self._best(channel, level, others, near)
+                found.pop(channel, None)
+                if best is not None:
+                    found[channel] = best
+            if len(levels) == 1 or _alike(before, found):
+                break
+        return found
+
+    def explains(self, effects: tuple[Effect, ...]) -> bool:
+        """Whether they leave little beyond the noise, and predict held-out rows no worse.
+
+        Parameters
+        ----------
+        effects : tuple of Effect
+        """
+        plain, fits = self._fits(()), self._fits(effects)
+        if plain is None or fits is None:
+            return False
+        noise = np.array(
+            [
+                self._noise(each.output, fit) * len(fit.residual)
+                for each, fit in zip(self.chosen, plain, strict=True)
+            ]
         )
-        if best is None or best.evidence < DECISIVE:
+        large = _sizes(plain) > 2 * noise
+        left = (_sizes(fits) - noise)[large] / (_sizes(plain) - noise)[large]
+        unseen = np.array([np.sum(f.held_out**2) for f in fits])
+        usual = np.array([np.sum(f.held_out**2) for f in plain])
+        return bool(np.any(left < MAX_LEFT) and np.all(unseen <= MAX_WORSE * usual))
+
+    def _best(
+        self, channel: str, level: float, others: tuple[Effect, ...], near: Effect | None
+    ) -> Effect | None:
+        """The nonlinearity of one drive that decides, beside those of others; None for none."""
+        base = self._fits(others)
+        if base is None:
             return None
-        left = _beyond_noise(best.fits) / _beyond_noise(plain)
-        unseen = best.fall([a.held_out for a in plain], [b.held_out for b in best.fits])
-        return best.effect if left < MAX_LEFT and unseen > 0 else None
+        best: tuple[float, Effect] | None = None
+        for form in FORMS if near is None else [n for n in FORMS if n in near.parameters]:
 
-    def _searched(self, form: str, plain: list[FittedKinds]) -> _FittedCurve | None:
-        """The best curve of one form; None where small steps promise nothing decisive."""
-        neutral, low, high = FORMS[form]
-        log = neutral > 0
-        ends = (float(np.log(low)), float(np.log(high))) if log else (low, high)
-        tried: dict[float, _FittedCurve] = {}
+            def effect(x: float, form: str = form) -> Effect:
+                value = float(np.exp(x)) if DriveNonlinearity.known[form].log else float(x)
+                return DriveNonlinearity(channel, {form: value, "level": level})
 
-        def at(x: float) -> _FittedCurve:
-            value = float(np.exp(x)) if log else x
-            effect = DriveNonlinearity(self.drive.channel, {form: value, "level": self.level})
-            near = max(tried.values(), key=lambda e: e.evidence).fits if tried else plain
-            tried[x] = self._fitted(effect, plain, near)
-            return tried[x]
+            def at(
+                x: float,
+                close: Sequence[FittedKinds] | None,
+                of: Callable[[float], Effect] = effect,
+            ) -> _Trial:
+                fits = self._fits((*others, of(x)), close)
+                return _Trial(float(x), base if fits is None else fits)
 
-        direction = _foretold(plain, at(-TRIAL_STEP).fits, at(TRIAL_STEP).fits)
-        if not direction:
-            return None
-        minimize_scalar(
-            lambda x: -at(float(x)).evidence,
-            bounds=(0.0, ends[1]) if direction > 0 else (ends[0], 0.0),
-            method="bounded",
-            options={"xatol": TOLERANCE, "maxiter": MAX_TRIALS},
-        )
-        x = max(tried, key=lambda each: tried[each].evidence)
-        best = tried[x]
-        if min(x - ends[0], ends[1] - x) < ERROR_STEP:
-            # At the end of what is tried the records want another law than this one.
-            return None
-        sides = [at(x + step) for step in (-ERROR_STEP, ERROR_STEP)]
-        there = [each.residual for each in best.fits]
-        bend = sum(best.fall([f.residual for f in side.fits], there) for side in sides)
-        error = ERROR_STEP * float(np.sqrt(2 / bend)) if bend > 0 else float(abs(x))
-        error *= best.effect.parameters[form] if log else 1.0
-        return replace(best, effect=replace(best.effect, covariance=np.diag([error**2, 0.0])))
-
-    def _fitted(
-        self, effect: Effect, plain: list[FittedKinds], near: list[FittedKinds]
-    ) -> _FittedCurve:
-        fits = self._fits((effect,), [each.theta for each in near])
-        if fits is None:
-            return _FittedCurve(effect, plain, -np.inf)
-        curve = _FittedCurve(effect, fits, 0.0)
-        fall = curve.fall([a.residual for a in plain], [b.residual for b in fits])
-        rows = sum(fit.independent for fit in fits)
-        return replace(curve, evidence=fall - float(np.log(rows)))
+            start = None
+            if near is not None:
+                value = near.parameters[form]
+                start = float(np.log(value)) if DriveNonlinearity.known[form].log else value
+            found = _searched(at, base, _ends(form), start)
+            if found is None:
+                continue
+            trial, error = found
+            rows = _independent(trial.fits)
+            evidence = trial.fall(base, rows) - float(np.log(np.sum(rows)))
+            if evidence > DECISIVE and (best is None or evidence > best[0]):
+                chosen = effect(trial.x)
+                error *= chosen.parameters[form] if DriveNonlinearity.known[form].log else 1.0
+                covariance = np.diag([error**2, 0.0])
+                best = evidence, replace(chosen, covariance=covariance)
+        return None if best is None else best[1]
 
     def _fits(
-        self, effects: tuple[Effect, ...], thetas: Sequence[Float | None]
+        self, effects: tuple[Effect, ...], near: Sequence[FittedKinds] | None = None
     ) -> list[FittedKinds] | None:
-        """Every output fitted behind these curves; None where one cannot be."""
-        records = bent(self.records, self.drives, (*self.others, *effects))
+        """Every output fitted with these nonlinearities; None where one cannot be."""
+        own = {effect.channel: effect for effect in effects}
         states: GridStates = {}
+        for channel, (effect, kept) in self._settled.items():
+            if own.get(channel) == effect:
+                states.update(kept)
+        records, drives = acting_records(self.records, self.drives, effects)
+        thetas = [None] * len(self.chosen) if near is None else [each.theta for each in near]
         fits = [
-            task.driven_by(task.drives, states, records).fit(each.kinds, each.delays, theta)
+            task.driven_by([drives[d] for d in each.drives], states, records).fit(
+                each.kinds, each.delays, theta
+            )
             for each, task, theta in zip(self.chosen, self.tasks, thetas, strict=True)
         ]
-        kept = [fit for fit in fits if fit is not None]
-        return kept if len(kept) == len(fits) else None
+        for drive in self.drives:
+            mine = {key: value for key, value in states.items() if key[1] == drive.channel}
+            self._settled[drive.channel] = own.get(drive.channel), mine
+        kept_fits = [fit for fit in fits if fit is not None]
+        return kept_fits if len(kept_fits) == len(fits) else None
+
+    def _noise(self, output: str, fit: FittedKinds) -> float:
+        """Squared noise of a reading, a quantizer's at least."""
+        step = resolution_step(np.concatenate([r.column(output) for r in self.records])) or 0.0
+        return max(fit.data.noise**2, step**2 / 12)
 
 
-def _beyond_noise(fits: Sequence[FittedKinds]) -> float:
-    """Squared errors beyond the noise, in its variances, summed over the outputs."""
-    tiny = np.finfo(float).tiny
-    return sum(
-        max(fit.size / (len(fit.residual) * fit.data.noise**2 + tiny) - 1, tiny) for fit in fits
+def _searched(
+    at: Callable[[float, Sequence[FittedKinds] | None], _Trial],
+    base: Sequence[FittedKinds],
+    ends: tuple[float, float],
+    start: float | None,
+) -> tuple[_Trial, float] | None:
+    """The best trial of one form and its standard error; None where small steps promise none."""
+    low, high = ends
+    if start is None:
+        behind, ahead = at(-TRIAL_STEP, base), at(TRIAL_STEP, base)
+        side = _predicted_side(base, behind.fits, ahead.fits)
+        if not side:
+            return None
+        low, high = (0.0, high) if side > 0 else (low, 0.0)
+    else:
+        low, high = max(low, start - NEAR), min(high, start + NEAR)
+        ahead = at(start, None)
+    rows = _independent(base)
+    best = _least(at, base, ahead, (low, high), rows, 10 * TOLERANCE)
+    # Trials follow one minimum of the rates; where another is better the search goes on in it.
+    fresh = at(best.x, None)
+    if fresh.fall(best.fits, rows) > MIN_FALL:
+        best = _least(at, base, fresh, (low, high), rows, 10 * TOLERANCE)
+    # Rows are as independent as the best trial leaves them.
+    rows = _independent(best.fits)
+    close = max(low, best.x - TRIAL_STEP), min(high, best.x + TRIAL_STEP)
+    best = _least(at, base, best, close, rows, TOLERANCE)
+    if min(best.x - ends[0], ends[1] - best.x) < ERROR_STEP:
+        # At the end of what is tried the records want another law than this one.
+        return None
+    sides = [at(best.x + step, best.fits) for step in (-ERROR_STEP, ERROR_STEP)]
+    bend = sum(best.fall(each.fits, rows) for each in sides)
+    return best, ERROR_STEP * float(np.sqrt(2 / bend)) if bend > 0 else abs(best.x)
+
+
+def _least(
+    at: Callable[[float, Sequence[FittedKinds] | None], _Trial],
+    base: Sequence[FittedKinds],
+    first: _Trial,
+    bounds: tuple[float, float],
+    rows: Float,
+    tolerance: float,
+) -> _Trial:
+    """The trial with the largest fall of the criterion within bounds."""
+    best = first
+
+    def loss(x: float) -> float:
+        nonlocal best
+        trial = at(float(x), best.fits)
+        if trial.fall(base, rows) > best.fall(base, rows):
+            best = trial
+        return -trial.fall(base, rows)
+
+    minimize_scalar(
+        loss,
+        bounds=bounds,
+        method="bounded",
+        options={"xatol": tolerance, "maxiter": MAX_TRIALS},
     )
+    return best
 
 
-def _foretold(
-    plain: Sequence[FittedKinds], behind: Sequence[FittedKinds], ahead: Sequence[FittedKinds]
+def _predicted_side(
+    base: Sequence[FittedKinds], behind: Sequence[FittedKinds], ahead: Sequence[FittedKinds]
 ) -> float:
-    """Side on which parabolas of the squared errors see a decisive gain; 0 for none."""
-    here, before, after = (
-        np.array([max(fit.size, np.finfo(float).tiny) for fit in fits])
-        for fits in (plain, behind, ahead)
-    )
+    """Side on which parabolas of the squared errors predict a decisive gain; 0 for none."""
+    here, before, after = _sizes(base), _sizes(behind), _sizes(ahead)
+    rows = _independent(base)
+    side = 1.0 if rows @ np.log(before / after) > 0 else -1.0
     slope, bend = (after - before) / 2, (after + before) / 2 - here
-    steps = np.linspace(-TRIAL_STEPS, TRIAL_STEPS, 201)[:, None]
+    steps = side * np.linspace(0.0, TRIAL_STEPS, 101)[:, None]
     share = np.maximum((here + slope * steps + bend * steps**2) / here, LEAST_SHARE)
-    gains = -np.log(share) @ np.array([fit.independent for fit in plain])
-    best = int(np.argmax(gains))
-    return float(steps[best, 0]) if gains[best] > DECISIVE else 0.0
+    return side if np.max(-np.log(share) @ rows) > DECISIVE else 0.0
+
+
+def _ends(form: str) -> tuple[float, float]:
+    """Least and largest value of a parameter, or of its logarithm."""
+    known = DriveNonlinearity.known[form]
+    ends = known.low, known.high
+    return (float(np.log(ends[0])), float(np.log(ends[1]))) if known.log else ends
+
+
+def _alike(before: Mapping[str, Effect], after: Mapping[str, Effect]) -> bool:
+    """Whether no nonlinearity moved by what its standard error shows."""
+    if before.keys() != after.keys():
+        return False
+    for channel, effect in after.items():
+        name = next(iter(effect.parameters))
+        was, now = before[channel].parameters.get(name), effect.parameters[name]
+        error = 0.0 if effect.covariance is None else float(effect.covariance[0, 0]) ** 0.5
+        if was is None or abs(now - was) > SETTLED * error:
+            return False
+    return True
+
+
+def _sizes(fits: Sequence[FittedKinds]) -> Float:
+    """Sum of squares of every output, shape (outputs,)."""
+    return np.array([max(fit.size, np.finfo(float).tiny) for fit in fits])
+
+
+def _independent(fits: Sequence[FittedKinds]) -> Float:
+    """Rows of every output that count as independent, shape (outputs,)."""
+    return np.array([fit.independent for fit in fits])

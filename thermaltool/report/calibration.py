@@ -102,7 +102,7 @@ def calibration_warnings(model: Model) -> list[str]:
         for each in model.drives
         if (each.hold, hold_of(each.channel)) == ("first", "zero")
     ]
-    found += [_curve(effect) for effect in model.effects]
+    found += [_nonlinearity(effect) for effect in model.effects]
     for term in model.terms:
         each = characteristics(term)
         if each.may_be_zero and term.covariance is not None:
@@ -114,15 +114,22 @@ def calibration_warnings(model: Model) -> list[str]:
     return found
 
 
-def _curve(effect: Effect) -> str:
-    """What acts in place of a drive."""
-    name = next(iter(effect.searched() + effect.linear()))
+def _nonlinearity(effect: Effect) -> str:
+    """What acts in place of a drive, and where the static gains hold."""
+    name = "exponent" if "exponent" in effect.parameters else "curvature"
     value = effect.parameters[name]
     error = 0.0 if effect.covariance is None else float(effect.covariance[0, 0]) ** 0.5
-    level, unit = effect.parameters["level"], printed(parse_channel(effect.channel).unit)
+    told = normal_estimate(value, error)
+    level = f"{effect.parameters['level']:.4g} {printed(parse_channel(effect.channel).unit)}"
+    if name == "exponent":
+        return (
+            f"{effect.channel}: what acts is a power of it, {level} times (value / {level}) to the "
+            f"power of {told}: static gains hold at {level}"
+        )
     return (
-        f"{effect.channel}: acts by a curve of its value, {name} {normal_estimate(value, error)}, "
-        f"which agrees with it at {level:.4g} {unit}: static gains hold there"
+        f"{effect.channel}: what acts is a parabola of it, value times (1 + c value / {level}) "
+        f"with c = {told}: static gains hold near rest, and are {1 + value:.4g} times as large at "
+        f"{level}"
     )
 
 
