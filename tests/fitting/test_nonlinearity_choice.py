@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_warnings
@@ -139,3 +140,15 @@ def test_another_error_of_structure_is_no_curve_of_the_drive():
     noise = 0.01 * np.random.default_rng(3).standard_normal(hot.shape)
     columns = {DRIVE: log.columns[DRIVE], **dict(zip(OUTPUTS, (hot + noise).T, strict=True))}
     assert not calibrate([Record(log.time, columns, digest="lossy")], PLAN).effects
+
+
+def test_a_change_of_the_law_is_named_and_none_where_there_is_none(monkeypatch):
+    monkeypatch.setitem(LAWS, "steeper", lambda share: share**1.2)
+    model = calibrate([log_of("power", 20261207)], PLAN)
+    same = diagnose(model, [log_of("power", 20261208)])
+    assert (same.verdict, same.causes) == ("adequate", ())
+    found = diagnose(model, [log_of("steeper", 20261209)], [log_of("steeper", 20261210)])
+    (cause,) = found.causes
+    assert cause.effect.name == "drive_nonlinearity"
+    assert cause.effect.parameters["exponent"] == pytest.approx(1.2 / 1.12, abs=0.01)
+    assert any("what is told is the change" in note for note in found.notes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from thermaltool.diagnosis.action import action_of
@@ -25,6 +25,8 @@ from thermaltool.diagnosis.verdict import (
     weigh_residuals,
 )
 from thermaltool.diagnosis.written import account, cannot_run, explained
+from thermaltool.effects.effect import Effect
+from thermaltool.model import Model
 
 
 def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagnosis:
@@ -87,7 +89,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     ]
     if search.unconfirmed is not None and (search.causes or not search.suspects):
         search = search.noted(unconfirmed(search.unconfirmed.effect))
-    for note in written.notes:
+    for note in (*_changes(task.model, effects), *written.notes):
         search = search.noted(note)
     alternatives: list[Alternative] = []
     if search.suspects and not search.causes:
@@ -116,3 +118,15 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         open_questions if verdict == "cannot judge" else (),
         curves_of(first, last, plain, last.with_model(extended) if effects else None),
     )
+
+
+def _changes(model: Model, effects: Sequence[Effect]) -> Iterator[str]:
+    """Of every cause that changes what the model came with, a sentence that says so."""
+    for effect in effects:
+        for own in model.effects:
+            if (own.name, own.channel) == (effect.name, effect.channel):
+                known = ", ".join(f"{name} {value:.4g}" for name, value in own.parameters.items())
+                yield (
+                    f"{effect.name} of {effect.channel} is added to the one that the model came "
+                    f"with ({known}): what is told is the change"
+                )
