@@ -29,6 +29,7 @@ from thermaltool.diagnosis.no_signature import (
 from thermaltool.diagnosis.result import Diagnosis
 from thermaltool.diagnosis.select import (
     Progress,
+    Ranking,
     fit_candidate,
     plain_forms_first,
     ranked,
@@ -41,8 +42,9 @@ from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
 
-# Causes that are named at most, and that are held out at each step before the search is given up.
-MAX_CAUSES, MAX_HELD_OUT = 6, 4
+# Causes that are named at most, and that are held out at each step before the search is given up:
+# the strongest, and others by what they have beyond their assumptions.
+MAX_CAUSES, MAX_HELD_OUT, MAX_OTHERS = 6, 4, 2
 # Rows, and values of an output, by which a model is judged at least.
 MIN_ROWS = 20
 # What is left over on the calibration's own log is looked at again where its power above noise is
@@ -180,7 +182,7 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
             search = search.noted("a log does not begin at rest: its start decays are fitted apart")
         hypothesis = changed
     strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else STRONG_EVIDENCE)
-    for candidate in plain_forms_first(strong)[:MAX_HELD_OUT]:
+    for candidate in _judged(ranking, strong):
         task.progress(f"held-out gain of {candidate.effect.name}")
         verdict = judge(
             hypothesis, candidate, ranking.fitted, task.model, task.validate, task.calibrated_misfit
@@ -197,6 +199,20 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
         suspects=tuple(ranking.strong(0.0)),
         exhausted=True,
     )
+
+
+def _judged(ranking: Ranking, strong: Sequence[CauseCandidate]) -> list[CauseCandidate]:
+    """The strongest, then other places by what they have beyond their assumptions.
+
+    Beside a model that is free to change every cause looks strong.
+    """
+    first = plain_forms_first(strong)[:MAX_HELD_OUT]
+    places = {c.place for c in first}
+    others: dict[object, CauseCandidate] = {}
+    for candidate in sorted(strong, key=lambda c: -ranking.beyond(c)):
+        if candidate.place not in places:
+            others.setdefault(candidate.place, candidate)
+    return [*first, *list(others.values())[:MAX_OTHERS]]
 
 
 def _is_freed(before: Hypothesis, after: Hypothesis) -> bool:
