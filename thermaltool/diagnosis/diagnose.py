@@ -34,6 +34,7 @@ from thermaltool.diagnosis.select import (
     plain_forms_first,
     ranked,
 )
+from thermaltool.diagnosis.severity import fraction_removed
 from thermaltool.diagnosis.simulation import SimulatedLogs, without
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.validate import judge
@@ -45,6 +46,8 @@ from thermaltool.record import Record
 # Causes that are named at most, and that are held out at each step before the search is given up:
 # the strongest, and others by what they have beyond their assumptions.
 MAX_CAUSES, MAX_HELD_OUT, MAX_OTHERS = 6, 4, 2
+# Share of the misfit that a cause of the written model explains at least: told as 1 %.
+MIN_EXPLAINED = 0.005
 # Rows, and values of an output, by which a model is judged at least.
 MIN_ROWS = 20
 # What is left over on the calibration's own log is looked at again where its power above noise is
@@ -287,10 +290,10 @@ def _backward(search: SearchState) -> SearchState:
 def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
     """The search without causes that change nothing for the better in the written model.
 
-    Where a log does not begin at rest, what `simulate` leaves says too little of a cause.
+    Where a log does not begin at rest, what `simulate` leaves of one output says too little of a
+    cause; all of them together do not.
     """
-    if "initial" in search.open().assumptions:
-        return search
+    begun = "initial" in search.open().assumptions
     written = search.written(task)
     for cause in search.causes:
         rest = without(written, cause.effect)
@@ -299,7 +302,13 @@ def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
         logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
         noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
         masked = search.hypothesis.simulation.masked
-        if spoiled_by(written, rest, logs, masked, noise, surely=True) is None:
+        own = task.logs if cause.effect.log is not None else task.validate or task.logs
+        runs = [log for log in own if cannot_run(written, log) is None]
+        share = fraction_removed(written, cause.effect, runs, masked, noise)
+        useless = share < MIN_EXPLAINED or (
+            not begun and spoiled_by(written, rest, logs, masked, noise, surely=True) is None
+        )
+        if useless:
             last = search.hypothesis
             search = replace(
                 search.noted(f"{cause.effect.name} explains nothing in the written model"),
