@@ -14,7 +14,7 @@ from thermaltool.model import Drive, Model, Output
 from thermaltool.record import MAX_UNEVENNESS
 from thermaltool.units import Reference
 
-CORRECT_LATER = "superpose first, correct then"
+CORRECT_LATER = "superpose first, correct then (calibrate --linear looks for no curve)"
 
 
 def superposed(models: Sequence[Model], names: Sequence[str] = ()) -> Model:
