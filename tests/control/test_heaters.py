@@ -12,6 +12,7 @@ from reference.training import fitted, sampled
 
 from thermaltool.control.heaters import Stabilizer
 from thermaltool.effects.curve import DriveCurve
+from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.fit import Fit
@@ -60,6 +61,7 @@ PLAIN = model(Rational2(1.8, 1200.0, 0.9, 6000.0), OWN)
 LEVELS = [Model((HEATER_DRIVE,), (OUTPUT,), (Term(HEATER, ANGLE, each),), DT)
           for each in (OWN, Rational1(-3.5, 1500.0))]  # fmt: skip
 CURVE = DriveCurve(HEATER, {"level": 70.0, "c1": 0.3, "c2": 0.7})
+LAW = DriveNonlinearity(HEATER, {"exponent": 1.6, "level": 70.0})
 MODELS = {
     "two powers": PLAIN,
     "by temperature": model(Rational1(12.0, 300.0), OWN, WARM),
@@ -67,6 +69,7 @@ MODELS = {
     "delayed, by temperature": model(Rational1(12.0, 300.0, 90.0), OWN, WARM),
     "oscillating": model(Oscillation1(0.5, 0.1, 0.002, 0.4, 1.0, 900.0), OWN),
     "curved": replace(PLAIN, effects=(CURVE,)),
+    "power law": replace(PLAIN, effects=(LAW,)),
     "scheduled": superposed(
         [
             Model(PLAIN.drives[:1], (OUTPUT,), PLAIN.terms[:1], DT),

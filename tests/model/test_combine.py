@@ -79,7 +79,8 @@ def test_a_curve_does_not_bend_another_model():
     with pytest.raises(
         ModelError,
         match=r"^Q_heater_W acts differently in the models a\.json \(drive_curve\), "
-        r"b\.json \(straight\): superpose first, correct then \(calibrate --linear looks for no curve\)$",
+        r"b\.json \(straight\): superpose first, correct then "
+        r"\(calibrate --linear looks for no curve\)$",
     ):
         superposed([bent, elsewhere(member(50.0))], ["a.json", "b.json"])
     flatter = DriveCurve(HEAT, {"level": 50.0, "c1": 0.5, "c2": 0.5})

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.effects.curve import DriveCurve
 from thermaltool.errors import ModelError
 from thermaltool.model import Drive, Model, ModelRecursion, Term
 from thermaltool.responses.streaming import split_delay
@@ -166,6 +165,6 @@ def parts_of(
         if channel not in drives:
             raise ModelError(f"a schedule by {channel}, which is no drive of the model")
     for effect in model.effects:
-        if not isinstance(effect, DriveCurve):
+        if effect.side != "drive" or not effect.memoryless:
             raise ModelError(f"a heater cannot be set by a model with the effect {effect.name}")
     return own, tuple(d for d in model.drives if d.channel in needed - {heater}), terms
