@@ -139,7 +139,10 @@ def test_another_error_of_structure_is_no_curve_of_the_drive():
         )
     noise = 0.01 * np.random.default_rng(3).standard_normal(hot.shape)
     columns = {DRIVE: log.columns[DRIVE], **dict(zip(OUTPUTS, (hot + noise).T, strict=True))}
-    assert not calibrate([Record(log.time, columns, digest="lossy")], PLAN).effects
+    model = calibrate([Record(log.time, columns, digest="lossy")], PLAN)
+    assert not model.effects
+    # And it is told that the fit is far from the noise.
+    assert any("times the noise of a reading" in each for each in calibration_warnings(model))
 
 
 def test_a_change_of_the_law_is_named_and_none_where_there_is_none(monkeypatch):

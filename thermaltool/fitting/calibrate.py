@@ -20,6 +20,7 @@ from thermaltool.model import Drive, Model, Output, Role, Term, agreements, rela
 from thermaltool.record import Record
 from thermaltool.responses import response_class
 from thermaltool.responses.modes import Float
+from thermaltool.signals.resolution import reading_sigma
 from thermaltool.units import Hold, Reference, drive_reference, hold_of, is_displacement
 
 # The kinds of response are chosen anew behind nonlinear drives, and these once more with them.
@@ -241,6 +242,7 @@ def _output(
             "fit_percent": fit.fit_percent,
             "covered": fit.covered,
             "rows": sum(int(np.isfinite(y).sum()) for y in measured),
+            "noise": max(map(reading_sigma, measured)),
             "offsets": list(fit.offsets),
             "free_start": plan.free_start,
             "starts_rmse": list(fit.starts),

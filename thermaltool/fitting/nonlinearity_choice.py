@@ -23,7 +23,7 @@ from thermaltool.fitting.response_search import FittedKinds, KindSearch
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
-from thermaltool.signals.resolution import resolution_step
+from thermaltool.signals.resolution import reading_sigma
 from thermaltool.units import parse_channel
 
 # Parameters of `DriveNonlinearity` that are tried, one at a time.
@@ -202,7 +202,8 @@ class _NonlinearitySearch:
             return False
         noise = np.array(
             [
-                self._noise(each.output, fit) * len(fit.residual)
+                max(reading_sigma(r.column(each.output)) for r in self.records) ** 2
+                * len(fit.residual)
                 for each, fit in zip(self.chosen, plain, strict=True)
             ]
         )
@@ -273,11 +274,6 @@ class _NonlinearitySearch:
             self._settled[drive.channel] = own.get(drive.channel), mine
         kept_fits = [fit for fit in fits if fit is not None]
         return kept_fits if len(kept_fits) == len(fits) else None
-
-    def _noise(self, output: str, fit: FittedKinds) -> float:
-        """Squared noise of a reading, a quantizer's at least."""
-        step = resolution_step(np.concatenate([r.column(output) for r in self.records])) or 0.0
-        return max(fit.data.noise**2, step**2 / 12)
 
 
 def _searched(

@@ -7,11 +7,14 @@ from typing import Any
 
 from thermaltool.effects.effect import Effect
 from thermaltool.fitting.response_choice import LEFT_OUT
-from thermaltool.model import Characteristics, Model, characteristics, to_document
+from thermaltool.model import Characteristics, Model, Output, characteristics, to_document
 from thermaltool.report.text import aligned
 from thermaltool.signals.intervals import Estimate, normal_estimate
 from thermaltool.units import hold_of, parse_channel, printed
 
+# A fit that leaves more than so many times the noise of a reading is told: by such a model a
+# diagnosis cannot judge.
+MAX_OVER_NOISE = 5.0
 # From here on a time constant is told in minutes, and in hours [s].
 MINUTES_FROM, HOURS_FROM = 120.0, 7200.0
 
@@ -103,6 +106,7 @@ def calibration_warnings(model: Model) -> list[str]:
         if (each.hold, hold_of(each.channel)) == ("first", "zero")
     ]
     found += [_nonlinearity(effect) for effect in model.effects]
+    found += [sentence for output in model.outputs if (sentence := _coarse(output))]
     for term in model.terms:
         each = characteristics(term)
         if each.may_be_zero and term.covariance is not None:
@@ -112,6 +116,18 @@ def calibration_warnings(model: Model) -> list[str]:
                 f"alone, while the other drives rest, and hold it for {_duration(hold)}"
             )
     return found
+
+
+def _coarse(output: Output) -> str:
+    """That a fit is far from the noise; empty where it is not."""
+    left, noise = output.fit.get("rmse_zero_free", output.fit["rmse"]), output.fit.get("noise", 0.0)
+    if not noise or left < MAX_OVER_NOISE * noise:
+        return ""
+    unit = printed(parse_channel(output.channel).unit)
+    return (
+        f"{output.channel}: the fit leaves {left:.3g} {unit}, {left / noise:.2g} times the noise "
+        "of a reading: no response and no law of a drive that was tried describes these logs"
+    )
 
 
 def _nonlinearity(effect: Effect) -> str:

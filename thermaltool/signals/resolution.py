@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from thermaltool.signals.detrend import difference_sigma
+
 MIN_STEP_ROUNDINGS = 20.0  # a step below this many rounding errors is not told from rounding
 # Share of distinct values below which uneven codes are still a converter's.
 MAX_DISTINCT_SHARE = 0.25
@@ -75,3 +77,14 @@ def _refined(step: float, gaps: NDArray[np.float64], tolerance: float) -> float:
         if near.size == gaps.size:
             return refined
         reach *= 3.0
+
+
+def reading_sigma(values: ArrayLike) -> float:
+    """White noise of a reading: from differences of neighbours, a quantizer's at least.
+
+    Parameters
+    ----------
+    values : array_like (n,)
+        Readings in order; NaN is ignored [unit].
+    """
+    return max(difference_sigma(values), (resolution_step(values) or 0.0) / float(np.sqrt(12.0)))
