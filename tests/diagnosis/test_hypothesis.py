@@ -176,7 +176,9 @@ def two_drives(exponent=1.0):
     return Record(time, {**columns, "T_a_degC": y}, digest="log")
 
 
-@pytest.mark.parametrize(("exponent", "most"), [(1.0, 0.02), (1.5, 0.1)])
+@pytest.mark.parametrize(
+    ("exponent", "most"), [(1.0, 0.02), pytest.param(1.5, 0.1, marks=pytest.mark.slow)]
+)
 def test_a_calibration_knows_its_own_log_to_the_noise(exponent, most) -> None:
     log = two_drives(exponent)
     plan = CalibrationPlan(("Q_a_W", "Q_b_W"), ("T_a_degC",), choose=True, reference=0.0)

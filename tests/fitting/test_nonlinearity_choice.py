@@ -47,8 +47,8 @@ PLAN = CalibrationPlan((DRIVE,), OUTPUTS, choose=True, reference=0.0)
     ("law", "name", "value"),
     [
         ("power", "exponent", 1.12),
-        ("square", "exponent", 2.0),
-        ("parabola", "curvature", -0.08 / 1.08),
+        pytest.param("square", "exponent", 2.0, marks=pytest.mark.slow),
+        pytest.param("parabola", "curvature", -0.08 / 1.08, marks=pytest.mark.slow),
     ],
 )
 def test_a_curve_of_the_drive_is_found_with_its_interval(law, name, value):
@@ -95,6 +95,7 @@ def test_a_measured_temperature_is_no_command():
     assert not calibrate([warm], plan).effects
 
 
+@pytest.mark.slow
 def test_two_nonlinear_drives_are_found_together():
     one, other = log_of("square", 20261202), log_of("square", 20261203)
     columns = {
