@@ -89,7 +89,7 @@ $(OUT)/$(1).calibrated.json: $($(1).TRAIN) | $(OUT)
 
 $(OUT)/$(1).md: $$($(1).MODEL) $($(1).LOGS)
 	$(THERMALTOOL) diagnose $$^ --columns data_samples/maps/$($(1).MAP).toml $($(1).MORE) \
-	    --report $(OUT)/$(1).report.md > $(OUT)/$(1).json 2> $$@.part || [ $$$$? = 3 ]
+	    --report $(OUT)/$(1).report.md > $(OUT)/$(1).json 2> $$@.part || case $$$$? in 3|4) ;; *) false ;; esac
 	@sed -n '/^The model/,$$$$p' $$@.part > $$@
 	@rm $$@.part
 endef

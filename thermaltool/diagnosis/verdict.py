@@ -124,7 +124,8 @@ def misfit_of(model: Model, output: str) -> float:
     if not known or "rmse" not in fit:
         return 0.0
     white = float(known["white_sigma"])
-    misfit = float(np.sqrt(max(float(fit["rmse"]) ** 2 - white**2, 0.0)))
+    left = float(fit.get("rmse_zero_free", fit["rmse"]))
+    misfit = float(np.sqrt(max(left**2 - white**2, 0.0)))
     drift = float(known["drift_sigma"])
     # A misfit that is larger than any drift that was tried is that of the kind of response.
     if drift < 0.99 * float(np.sqrt(max(DRIFT_RATIOS))) * white:
@@ -194,7 +195,7 @@ def budget_of(
         total if own else rms(hypothesis.unexplained(output)),
         white,
         floor_of(hypothesis, output),
-        0.0 if own else float(fit.get("rmse", 0.0)),
+        0.0 if own else float(fit.get("rmse_zero_free", fit.get("rmse", 0.0))),
         0.0 if own else misfit_of(plain.model, output),
         rows,
     )  # fmt: skip
