@@ -143,7 +143,7 @@ def parts_of(
     ModelError
         A heater that is no drive, is measured instead of set, has no known zero, or does not act
         on the target; a target that is no output; nothing beside the heater; an effect other than
-        curves of drives; a schedule by what is no drive.
+        what acts at once on a drive; a schedule by what is no drive.
     """
     drives = {d.channel: d for d in model.drives}
     if heater not in drives:

@@ -24,7 +24,7 @@ from thermaltool.diagnosis.verdict import (
     verdict_of,
     weigh_residuals,
 )
-from thermaltool.diagnosis.written import account, cannot_run, explained
+from thermaltool.diagnosis.written import account, explained
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 
@@ -65,8 +65,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     def told(cause: Cause, gain: Mapping[str, Gain] | None) -> Cause:
         if gain is None:  # no part of a model
             return replace(cause, explained=explained(noise, cause.gain))
-        judged = task.logs if cause.effect.log is not None else task.validate or task.logs
-        runs = [log for log in judged if cannot_run(extended, log) is None]
+        runs = task.judging(cause.effect, extended)
         share = fraction_removed(extended, cause.effect, runs, masked, noise)
         return replace(cause, gain=gain, explained=share)
 

@@ -302,8 +302,7 @@ def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
         logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
         noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
         masked = search.hypothesis.simulation.masked
-        own = task.logs if cause.effect.log is not None else task.validate or task.logs
-        runs = [log for log in own if cannot_run(written, log) is None]
+        runs = task.judging(cause.effect, written)
         share = fraction_removed(written, cause.effect, runs, masked, noise)
         useless = share < MIN_EXPLAINED or (
             not begun and spoiled_by(written, rest, logs, masked, noise, surely=True) is None

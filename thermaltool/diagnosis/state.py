@@ -15,6 +15,7 @@ from thermaltool.diagnosis.select import Progress
 from thermaltool.diagnosis.validate import AcceptedCause
 from thermaltool.diagnosis.verdict import misfit_of
 from thermaltool.diagnosis.written import cannot_run, rezeroed, spoiled_by
+from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 from thermaltool.record import Record
 
@@ -62,6 +63,17 @@ class DiagnosisTask:
             if self.own
             else {o.channel: misfit_of(self.model, o.channel) for o in self.model.outputs}
         )
+
+    def judging(self, effect: Effect, model: Model) -> list[Record]:
+        """Logs by which an effect is judged, of those on which a model can be run.
+
+        Parameters
+        ----------
+        effect : Effect
+        model : Model
+        """
+        logs = self.logs if effect.log is not None else self.validate or self.logs
+        return [log for log in logs if cannot_run(model, log) is None]
 
     def first(self) -> Hypothesis:
         """The model without any cause."""

@@ -20,7 +20,7 @@ from thermaltool.diagnosis.residual import ResidualReport
 from thermaltool.diagnosis.result import Cause, Location, Verdict, reports_of
 from thermaltool.effects.effect import Float
 from thermaltool.effects.unknown import Unknown
-from thermaltool.fitting.discrepancy import DRIFT_RATIOS
+from thermaltool.fitting.discrepancy import DRIFT_RATIOS, MAX_OVER_NOISE
 from thermaltool.model import Model
 from thermaltool.signals.resolution import resolution_step
 from thermaltool.units import parse_channel, printed
@@ -30,9 +30,6 @@ from thermaltool.units import parse_channel, printed
 MAX_FLOORS = 2.0
 # Share of the residual's power that noise and floor must account for in an adequate model.
 ADEQUATE_SHARE = 0.5
-# A calibration that is itself off by more than this many times the noise of a reading is no
-# measure of what is wrong.
-MAX_CALIBRATED_OVER_NOISE = 5.0
 # On other inputs than those of its calibration a model is off by no more than this many times what
 # it was off by there, beside the noise of a reading: no cause and no unknown is called below. Of a
 # misfit that a diagnosis knows from the calibration this many times what it does not know counts,
@@ -88,7 +85,7 @@ class ResidualBudget:
     @property
     def coarse(self) -> bool:
         """Whether the calibration itself is too far off to judge anything by it."""
-        least = MAX_CALIBRATED_OVER_NOISE * self.white
+        least = MAX_OVER_NOISE * self.white
         return self.calibrated > least and self.total > least
 
     @property

@@ -29,6 +29,9 @@ DRIFT_TIMES = 5
 # Prior standard deviation of a parameter's move, over its size: its square is far below the noise,
 # so that moves stay within what is linear; the lags say the rest.
 PARAMETER_MOVE = 0.003
+# A calibration that leaves more than this many times the noise of a reading has an error of
+# structure, and is no measure of what is wrong with a machine.
+MAX_OVER_NOISE = 5.0
 # Directions of the information below this share of the largest, once scaled, are rounding.
 MIN_DIRECTION = 1e-13
 

@@ -9,7 +9,7 @@ decide.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -111,9 +111,18 @@ def nonlinear_drives(
         return ()
     levels = {d.channel: _level(records, d) for k, d in enumerate(drives) if _drives(chosen, k)}
     seen = {channel: level for channel, level in levels.items() if level}
-    search = _NonlinearitySearch(records, drives, chosen, known, fixed, free_start)
-    found = search.in_turn(seen) if seen else {}
-    return tuple(found.values()) if found and search.explains(tuple(found.values())) else ()
+    if not seen:
+        return ()
+    # Rows that a known nonlinearity explains are no outliers.
+    acting, zeroed = acting_records(records, drives, known)
+    states: GridStates = {}
+    tasks = [
+        KindSearch(acting, [zeroed[d] for d in each.drives], each.output, free_start, fixed, states)
+        for each in chosen
+    ]
+    search = _NonlinearitySearch(records, drives, chosen, tasks)
+    found = tuple(search.in_turn(seen, known).values())
+    return found if found and search.explains(found) else ()
 
 
 def _drives(chosen: Sequence[ChosenKinds], drive: int) -> bool:
@@ -143,40 +152,26 @@ class _Trial:
         return float(rows @ np.log(_sizes(before) / _sizes(self.fits)))
 
 
+@dataclass
 class _NonlinearitySearch:
     """Nonlinearities of drives, all outputs fitted anew at every trial."""
 
-    def __init__(
-        self,
-        records: Sequence[Record],
-        drives: Sequence[Drive],
-        chosen: Sequence[ChosenKinds],
-        known: Sequence[Effect],
-        fixed: Mapping[str, float],
-        free_start: bool,
-    ) -> None:
-        self.records, self.drives, self.chosen = records, drives, chosen
-        self.known = {effect.channel: effect for effect in known}
-        self._settled: dict[str, tuple[Effect | None, GridStates]] = {}
-        acting, zeroed = acting_records(records, drives, known)
-        states = GridStates()
-        # Rows that a known nonlinearity explains are no outliers.
-        self.tasks = [
-            KindSearch(
-                acting, [zeroed[d] for d in each.drives], each.output, free_start, fixed, states
-            )
-            for each in chosen
-        ]
+    records: Sequence[Record]
+    drives: Sequence[Drive]
+    chosen: Sequence[ChosenKinds]
+    tasks: Sequence[KindSearch]
+    _settled: dict[str, tuple[Effect | None, GridStates]] = field(default_factory=dict)
 
-    def in_turn(self, levels: Mapping[str, float]) -> dict[str, Effect]:
+    def in_turn(self, levels: Mapping[str, float], known: Sequence[Effect]) -> dict[str, Effect]:
         """Each drive beside what is known of the others, until none of them moves.
 
         Parameters
         ----------
         levels : mapping of channel to float [unit of the drive]
             At which what acts and the drive agree.
+        known : sequence of Effect
         """
-        found = {c: effect for c, effect in self.known.items() if c in levels}
+        found = {effect.channel: effect for effect in known if effect.channel in levels}
         for turn in range(MAX_TURNS):
             before = dict(found)
             for channel, level in levels.items():
@@ -224,8 +219,8 @@ class _NonlinearitySearch:
         for form in FORMS if near is None else [n for n in FORMS if n in near.parameters]:
 
             def effect(x: float, form: str = form) -> Effect:
-                value = float(np.exp(x)) if DriveNonlinearity.known[form].log else float(x)
-                return DriveNonlinearity(channel, {form: value, "level": level})
+                value = np.exp(x) if DriveNonlinearity.known[form].log else x
+                return DriveNonlinearity(channel, {form: float(value), "level": level})
 
             def at(
                 x: float,
@@ -235,11 +230,10 @@ class _NonlinearitySearch:
                 fits = self._fits((*others, of(x)), close)
                 return _Trial(float(x), base if fits is None else fits)
 
-            start = None
-            if near is not None:
-                value = near.parameters[form]
-                start = float(np.log(value)) if DriveNonlinearity.known[form].log else value
-            found = _searched(at, base, _ends(form), start)
+            known = DriveNonlinearity.known[form]
+            ends = _place(form, known.low), _place(form, known.high)
+            start = None if near is None else _place(form, near.parameters[form])
+            found = _searched(at, base, ends, start)
             if found is None:
                 continue
             trial, error = found
@@ -247,7 +241,7 @@ class _NonlinearitySearch:
             evidence = trial.fall(base, rows) - float(np.log(np.sum(rows)))
             if evidence > DECISIVE and (best is None or evidence > best[0]):
                 chosen = effect(trial.x)
-                error *= chosen.parameters[form] if DriveNonlinearity.known[form].log else 1.0
+                error *= chosen.parameters[form] if known.log else 1.0
                 covariance = np.diag([error**2, 0.0])
                 best = evidence, replace(chosen, covariance=covariance)
         return None if best is None else best[1]
@@ -351,11 +345,9 @@ def _predicted_side(
     return side if np.max(-np.log(share) @ rows) > DECISIVE else 0.0
 
 
-def _ends(form: str) -> tuple[float, float]:
-    """Least and largest value of a parameter, or of its logarithm."""
-    known = DriveNonlinearity.known[form]
-    ends = known.low, known.high
-    return (float(np.log(ends[0])), float(np.log(ends[1]))) if known.log else ends
+def _place(form: str, value: float) -> float:
+    """Where a search has a value: at its logarithm where the parameter is searched by that."""
+    return float(np.log(value)) if DriveNonlinearity.known[form].log else value
 
 
 def _alike(before: Mapping[str, Effect], after: Mapping[str, Effect]) -> bool:

@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from thermaltool.effects.effect import Effect
+from thermaltool.fitting.discrepancy import MAX_OVER_NOISE
 from thermaltool.fitting.response_choice import LEFT_OUT
 from thermaltool.model import Characteristics, Model, Output, characteristics, to_document
 from thermaltool.report.text import aligned
 from thermaltool.signals.intervals import Estimate, normal_estimate
 from thermaltool.units import hold_of, parse_channel, printed
 
-# A fit that leaves more than so many times the noise of a reading is told: by such a model a
-# diagnosis cannot judge.
-MAX_OVER_NOISE = 5.0
 # From here on a time constant is told in minutes, and in hours [s].
 MINUTES_FROM, HOURS_FROM = 120.0, 7200.0
 
