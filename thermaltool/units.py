@@ -130,6 +130,26 @@ def hold_of(channel: str) -> Hold:
     return "first" if parse_channel(channel).dimension in _CONTINUOUS else "zero"
 
 
+def is_temperature(channel: str) -> bool:
+    """Whether a channel is a temperature or a difference of two.
+
+    Parameters
+    ----------
+    channel : str
+    """
+    return parse_channel(channel).dimension.startswith("temperature")
+
+
+def is_absolute(channel: str) -> bool:
+    """Whether a channel is a temperature, and no difference of two.
+
+    Parameters
+    ----------
+    channel : str
+    """
+    return parse_channel(channel).dimension == "temperature"
+
+
 def is_displacement(channel: str) -> bool:
     """Whether a channel is a length or an angle, which have no zero of their own."""
     return parse_channel(channel).dimension in _DISPLACEMENTS
@@ -137,7 +157,7 @@ def is_displacement(channel: str) -> bool:
 
 def drive_reference(channel: str) -> Reference:
     """What counts as no drive: the first value of an absolute temperature, 0 of all else."""
-    return "first" if parse_channel(channel).dimension == "temperature" else 0.0
+    return "first" if is_absolute(channel) else 0.0
 
 
 def counts_from_first(channel: str) -> bool:

@@ -106,6 +106,21 @@ def test_a_thermometer_that_warms_itself():
     assert cause.effect.parameters["rise"] == pytest.approx(0.4, rel=0.15)
 
 
+@pytest.mark.parametrize("loud", [0.03, pytest.param(0.0, marks=pytest.mark.slow)])
+def test_a_heater_that_is_heard_in_a_line(loud):
+    on = logged(duty(SEED + 9, TIME), TIME) > 0.3
+    heard = loud * on * np.random.default_rng(SEED + 9).standard_normal(len(TIME))
+    found = diagnose(model(), [log_of(SEED + 9, change={NEAR: lambda y: y + heard})])
+    named = [(c.effect.name, c.effect.channel, c.effect.partner) for c in found.causes]
+    assert named == ([("noise_state", NEAR, DRIVE)] if loud else [])
+    # No misfit of the model.
+    assert found.verdict != "not adequate"
+    assert found.model == model()
+    for cause in found.causes:
+        assert cause.effect.parameters["quiet"] == pytest.approx(0.01, rel=0.15)
+        assert cause.effect.parameters["loud"] == pytest.approx(np.hypot(0.01, loud), rel=0.15)
+
+
 def test_sensors_that_are_swapped_though_one_hardly_moves():
     log = log_of(SEED + 8)
     near, far = (log.columns[name] for name in (NEAR, FAR))

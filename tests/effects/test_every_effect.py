@@ -21,7 +21,7 @@ from thermaltool.record import Record
 from thermaltool.units import UNITS, is_displacement
 
 # Found by the diagnosis itself; there is nothing to simulate.
-NO_TRIAL = ("record_too_short", "outliers")
+NO_TRIAL = ("record_too_short", "outliers", "noise_state")
 # Probes of one cause at one place of one log.
 MOST = 60
 

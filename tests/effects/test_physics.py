@@ -204,6 +204,63 @@ def test_radiation_looks_at_the_hottest_absolute_temperature_from_its_rest():
         effect.loss(Record(TIME, {}), {NEAR: TIME})
 
 
+def stored(capacity, a, gain, duty):
+    """c(y)·y' = a·(gain·u − y), by an integrator of steps that end where the duty changes."""
+
+    def slope(t, y, u):
+        return a * (gain * u - y) / capacity(y)
+
+    y, found = np.zeros(1), [0.0]
+    for k in range(len(TIME) - 1):
+        step = solve_ivp(slope, TIME[k : k + 2], y, args=(duty[k],), rtol=1e-8, atol=1e-9)
+        y = step.y[:, -1]
+        found.append(float(y[0]))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("rise", [0.4, -0.3])
+def test_a_hot_machine_stores_more_heat(rise):
+    duty = np.repeat([0.0, 1.0, 0.3, 0.6, 0.0, 0.8, 0.2, 0.5], len(TIME) // 8)
+    expected = stored(lambda y: 1 + rise * y / 40, 1 / 600, 40.0, duty)
+    plain = run([], duty)[COLUMN]
+    y = run([make("heat_capacity", COLUMN, rise=rise, level=40.0)], duty)[COLUMN]
+    # Held over a sample, the capacity is late by half of one.
+    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-3 * expected.max())
+    assert np.ptp(plain - expected) > 0.05 * expected.max()
+
+
+def test_what_melts_holds_the_temperature():
+    duty = np.where(TIME < 2000, 1.0, 0.0)
+    heat, at, width, rest = 6.0, 40.0, 1.5, 21.5
+
+    def capacity(y):
+        return 1 + heat / (2 * width) / np.cosh((rest + y - at) / width) ** 2
+
+    expected = stored(capacity, 1 / 600, 40.0, duty)
+    plain = run([], duty)[COLUMN]
+    effect = make("latent_heat", COLUMN, heat=heat, at=at, width=width, rest=rest)
+    y = run([effect], duty)[COLUMN]
+    np.testing.assert_allclose(y, expected, rtol=0, atol=2e-3 * expected.max())
+    assert np.ptp(plain - expected) > 0.05 * expected.max()
+    # Warming up by as much as is molten takes as much longer.
+    late = np.interp(30.0, expected[TIME < 2000], TIME[TIME < 2000]) - np.interp(
+        30.0, plain[TIME < 2000], TIME[TIME < 2000]
+    )
+    power = (40.0 - (at - rest)) / 600
+    assert late == pytest.approx(heat / power, rel=0.05)
+
+
+def test_no_solid_changes_so_much():
+    place = scene(columns())
+    effect = next(effect_class("heat_capacity").probes(place))
+    assert effect.channel == COLUMN
+    level = effect.parameters["level"]
+    assert effect.changed({"rise": 0.004 * level}).plausible(place)
+    assert not effect.changed({"rise": 0.006 * level}).plausible(place)
+    cold = make("radiation", COLUMN, rate=1e-3, rest=-554.0)
+    assert not cold.plausible(place)
+
+
 # ---------------------------------------------------------------- sources
 
 

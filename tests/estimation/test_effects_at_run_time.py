@@ -72,6 +72,8 @@ HYSTERESIS = effect("hysteresis", HEAT, width=0.2)
 BACKLASH = effect("backlash", HEAT, width=0.1)
 COOLING = effect("convection_state", COOLANT, rate=1.5e-3, level=1.0, idle=0.0)
 RADIATION = effect("radiation", COLUMN, rate=2e-2, rest=21.5)
+CAPACITY = effect("heat_capacity", COLUMN, rise=0.5, level=30.0)
+LATENT = effect("latent_heat", COLUMN, heat=8.0, at=35.0, width=3.0, rest=21.5)
 RADIATION_THERE = effect("radiation", PART, rate=2e-2)
 SUPPORTED = {
     "gain": (GAIN,),
@@ -96,6 +98,8 @@ SUPPORTED = {
     "cooling": (COOLING,),
     "radiation": (RADIATION,),
     "radiation of a column": (RADIATION_THERE,),
+    "heat capacity": (CAPACITY,),
+    "latent heat": (LATENT,),
     "cooling, ambient, gain": (COOLING, AMBIENT, GAIN),
 }
 supported = pytest.mark.parametrize("name", SUPPORTED)

@@ -9,7 +9,21 @@ import pandas as pd
 import pytest
 
 import thermaltool as tt
-from thermaltool.model import Drive, Model, Output, Term, agreements, drive_rests, zeros_of
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.model import (
+    Drive,
+    Model,
+    ModelRecursion,
+    Output,
+    Term,
+    agreements,
+    drive_rests,
+    dumps,
+    excursions,
+    loads,
+    rest_shifts,
+    zeros_of,
+)
 from thermaltool.record import Record
 from thermaltool.responses.rational import Rational1
 
@@ -116,3 +130,79 @@ def test_simulate_says_from_what_a_zero_was_taken():
     assert document["zero_rows"] == 30
     stated = replace(MODEL, outputs=(replace(MODEL.outputs[0], offset=300.0),))
     assert not tt.simulate(stated, frame_of(heated(3))).notes
+
+
+# ---------------------------------------------------------------- a room that is another one
+
+ROOM, BODY = "T_room_degC", "T_body_degC"
+
+
+def in_a_room(first, seed, noise=0.02):
+    """A body of 400 s that follows its room and a heater, at rest with the room at `first`."""
+    generator = np.random.default_rng(seed)
+    time = 10.0 * np.arange(900)
+    room = first + 1.5 * np.sin(2 * np.pi * time / 5000)
+    heat = np.repeat(generator.choice([0.0, 20.0, 50.0], 15), 60)
+    heat[:60] = 0.0
+    body = np.empty(len(time))
+    body[0] = first
+    for k in range(len(time) - 1):
+        kept = np.exp(-10.0 / 400.0)
+        body[k + 1] = kept * body[k] + (1 - kept) * (room[k] + 0.1 * heat[k])
+    columns = {ROOM: room, "Q_heater_W": heat, BODY: body}
+    columns[BODY] = columns[BODY] + noise * generator.standard_normal(len(time))
+    return Record(time, columns, digest=f"{first} {seed}")
+
+
+@pytest.mark.parametrize("rooms", [(20.0,), (18.0, 22.0)])
+def test_a_machine_at_rest_is_as_warm_as_its_room(rooms):
+    plan = CalibrationPlan((ROOM, "Q_heater_W"), (BODY,), choose=True)
+    model = calibrate([in_a_room(first, k) for k, first in enumerate(rooms)], plan)
+    room = next(d for d in model.drives if d.channel == ROOM)
+    assert room.rest == pytest.approx(20.0, abs=0.1)
+    assert model.outputs[0].fit["rmse"] < 0.05
+    colder = in_a_room(13.0, 7)
+    left = colder.columns[BODY] - model.outputs[0].offset - model.simulate(colder)[BODY]
+    assert float(np.sqrt(np.mean(left**2))) < 0.1
+    assert not excursions(model, {BODY: colder.columns[BODY], ROOM: colder.columns[ROOM]})
+    assert loads(dumps(model)).drives == model.drives
+
+
+def test_rest_that_the_records_deny_does_not_move():
+    """A cooled machine whose zero goes against the room: a gain of the swing says nothing of it."""
+    logs = [in_a_room(first, k) for k, first in enumerate((18.0, 22.0))]
+    kept = [
+        log.with_columns({BODY: log.columns[BODY] - 2.0 * (log.columns[ROOM][0] - 20.0)})
+        for log in logs
+    ]
+    plan = CalibrationPlan((ROOM, "Q_heater_W"), (BODY,), choose=True)
+    assert all(d.rest is None for d in calibrate(kept, plan).drives)
+
+
+@pytest.mark.parametrize("gain", [-0.5, 0.4, 7.5])
+def test_nothing_passive_is_warmer_than_all_that_warms_it(gain):
+    model = Model(
+        (Drive(ROOM, "first", "first", (-5.0, 5.0), 20.0),),
+        (Output(BODY, "sensor", 20.0, (-5.0, 5.0)),),
+        (Term(ROOM, BODY, Rational1(gain, 400.0)),),
+        10.0,
+    )
+    assert rest_shifts(model, {ROOM: 16.0}) == {BODY: pytest.approx(-4.0 * min(max(gain, 0), 1))}
+
+
+def test_a_stream_begins_where_its_room_is():
+    model = Model(
+        (Drive(ROOM, "first", "first", (-5.0, 5.0), 20.0),),
+        (Output(BODY, "sensor", 20.0, (-5.0, 5.0)), Output(Z, "deflection", "first", (0.0, 9.0))),
+        (Term(ROOM, BODY, Rational1(0.9, 400.0)), Term(ROOM, Z, Rational1(5.0, 900.0))),
+        10.0,
+    )
+    log = in_a_room(13.0, 7)
+    whole = model.simulate(log)
+    stream = ModelRecursion(model, rests=drive_rests(model, log))
+    rows = [{ROOM: float(value)} for value in log.columns[ROOM]]
+    found = [stream.start(0.0, rows[0])]
+    found += [stream.step(float(t), row) for t, row in zip(log.time[1:], rows[1:], strict=True)]
+    assert whole[BODY][0] == pytest.approx(0.9 * (13.0 - 20.0), abs=0.2)
+    for output, values in whole.items():
+        np.testing.assert_allclose([row[output] for row in found], values, atol=1e-9)

@@ -60,13 +60,13 @@ def streamed(model, record, restart=None):
     return {name: np.array([each[name] for each in found]) for name in found[0]}
 
 
-# A loss that depends on the outputs: over a whole record its integral is repeated until it changes
-# by less than 1e-6; row by row it is what it is.
+# A loss or a pace that depends on the outputs: over a whole record its integral is repeated until
+# it changes by less than 1e-6; row by row it is what it is.
 BY_REPETITION = 1e-6
 
 
 def check(model, record, restart=100):
-    by_outputs = any(e.name == "radiation" and not e.needs() for e in model.effects)
+    by_outputs = any(e.side == "state" and not e.needs() for e in model.effects)
     tolerance = BY_REPETITION if by_outputs else 1e-9
     batch, stream = model.simulate(record), streamed(model, record, restart)
     assert stream.keys() == batch.keys()
@@ -147,6 +147,8 @@ ALL = (
     effect("convection_state", "x_coolant_1", rate=1e-3, level=1.0, idle=0.0),
     effect("radiation", COLUMN, rate=2e-4, rest=21.5),
     effect("radiation", AIR, rate=2e-4),
+    effect("heat_capacity", COLUMN, rise=0.2, level=30.0),
+    effect("latent_heat", COLUMN, heat=3.0, at=30.0, width=4.0, rest=21.5),
     effect("ambient_drift", AIR, time_constant=700.0, **{f"gain[{X}]": 2.0, f"gain[{FAR}]": 0.1}),
     effect("periodic", "", DIGEST, period=900.0, **{f"sine[{Y}]": 3.0, f"cosine[{Y}]": -1.0}),
     effect("joint_contact", Y, curvature=0.01, asymmetry=0.2),

@@ -9,6 +9,7 @@ from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.alternatives import indistinguishable, suspected
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.noisy_states import noisy_states
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, curves_of, unconfirmed
 from thermaltool.diagnosis.severity import (
     Severity,
@@ -59,7 +60,9 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     after, left = reports, budgets
     if effects or ended.assumptions != first.assumptions:
         after, left = weigh_residuals(ended, last.with_model(extended) if effects else ended, noise)
-    unknown = None if search.undecided else unknown_cause(left, budgets, after, ended)
+    unknown = None
+    if not search.undecided:
+        unknown = unknown_cause(left, budgets, after, ended, bool(search.causes))
     masked = last.simulation.masked
 
     def told(cause: Cause, gain: Mapping[str, Gain] | None) -> Cause:
@@ -72,8 +75,13 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     causes = [told(*each) for each in zip(search.causes, written.gains, strict=True)]
     if unknown is not None:
         causes.append(unknown)
+    verdict = verdict_of(budgets, causes, search.undecided is not None)
+    # No misfit of the model, so that the verdict stays.
+    causes += noisy_states(ended)
 
-    def severity(cause: Cause) -> dict[str, Severity]:
+    def severity(cause: Cause) -> Mapping[str, Severity]:
+        if cause.severity:
+            return cause.severity
         if cause.location is not None:
             rms, worst = cause.location.rms, after[cause.location.output].worst
             return {cause.location.output: Severity(worst.rms if worst else rms, rms)}
@@ -100,7 +108,6 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
             alternatives += indistinguishable(
                 each.before, each.candidate, each.rivals, effects, task.limits
             )
-    verdict = verdict_of(budgets, causes, search.undecided is not None)
     open_questions = (search.undecided,) if search.undecided else undecided(first, budgets)
     return Diagnosis(
         verdict,

@@ -16,7 +16,7 @@ import numpy as np
 
 from thermaltool.diagnosis.alternatives import invisible, tried_causes
 from thermaltool.diagnosis.answer import answer
-from thermaltool.diagnosis.evidence import STRONG_EVIDENCE, released
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STRONG_EVIDENCE, released
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
@@ -180,7 +180,9 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
             # What a short calibration has not seen may pass for a start: it comes first.
             freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
             cause = too_short(task.model, hypothesis, freed)
-            if cause is not None:
+            # Beside a longer calibration nothing is left of what only looked like a start.
+            started = freed.evidence_of(freed.assumptions | {"initial"}) > DECISIVE_EVIDENCE
+            if cause is not None and not started:
                 return search.accepting(cause, freed)
             search = search.noted("a log does not begin at rest: its start decays are fitted apart")
         hypothesis = changed

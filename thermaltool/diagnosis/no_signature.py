@@ -82,7 +82,7 @@ def find_outliers(hypothesis: Hypothesis) -> OutlierMask | None:
             limit = -float(ndtri(FALSE_ALARMS / 2 / len(rows)))
             out = np.abs(_from_both_sides(residual[rows])) > limit * spread
             out |= _bursts_off(log.time[rows], residual[rows], white)
-            out &= ~_after_a_switch(hypothesis.model, log)[rows] | _alone(residual[rows])
+            out &= ~after_a_switch(hypothesis.model, log)[rows] | _alone(residual[rows])
             # A step or a ramp stands out of its neighbours too, on one side: it is left alone.
             moved = ~out & (np.abs(deviation) > limit * spread)
             found = _heavy_tails(deviation[~moved] / spread) - 2 * np.log(len(hypothesis.groups))
@@ -122,8 +122,18 @@ def _masked_gains(hypothesis: Hypothesis, masked: Mask) -> dict[str, Gain]:
     return result
 
 
-def _after_a_switch(model: Model, log: Record) -> NDArray[np.bool_]:
-    """Rows just after a drive jumped: what stands out there is the response's start."""
+def after_a_switch(model: Model, log: Record) -> NDArray[np.bool_]:
+    """Rows just after a drive jumped: what stands out there is the response's start.
+
+    Parameters
+    ----------
+    model : Model
+    log : Record
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
     near = np.zeros(len(log.time), bool)
     for drive in model.drives:
         u = log.columns[drive.channel]

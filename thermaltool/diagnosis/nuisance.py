@@ -41,9 +41,6 @@ MIN_CHANGE = 0.1
 MIN_NOISE_RATIO, MIN_NOISE_SHARE = 0.7, 1e-3
 # Smallest white noise [unit of the channel], and eigenvalue of a scaled covariance.
 MIN_WHITE, MIN_EIGENVALUE = 1e-12, 1e-12
-# Time constants of an unknown start, relative to the output's slowest: so near each other that
-# their sum follows any decay to a hundredth of its height, also one slower than the model's.
-START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02)
 # Relative move of an own parameter from which its slope is taken.
 OWN_MOVE = 1e-3
 
@@ -336,17 +333,7 @@ class OutputNuisance:
     @cached_property
     def decays(self) -> list[Series]:
         """What a machine that was not at rest at the first row adds, per log."""
-        simulation = self.simulation
-        slowest = simulation.slowest(self.output)
-        reach = max(float(np.max(np.abs(y[self.output]))) for y in simulation.outputs)
-        return [
-            [
-                reach * np.exp(-(log.time - log.time[0]) / (share * slowest)) * (j == k)
-                for j, log in enumerate(simulation.logs)
-            ]
-            for k in range(len(simulation.logs))
-            for share in START_TIME_CONSTANTS
-        ]
+        return self.simulation.decays(self.output)
 
     @property
     def offsets(self) -> list[Series]:

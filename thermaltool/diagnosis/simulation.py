@@ -14,9 +14,11 @@ from thermaltool.model import (
     Model,
     acting_drives,
     away_from_rest,
+    drive_rests,
     from_rest,
     read_outputs,
     relative,
+    rest_shifts,
     sum_terms,
 )
 from thermaltool.model.simulate import acting_effects, dead_times
@@ -43,6 +45,14 @@ def without(model: Model, effect: Effect) -> Model:
     """
     rest = tuple(e for e in model.effects if e != effect)
     return model if len(rest) == len(model.effects) else replace(model, effects=rest)
+
+
+# Time constants of an unknown start, relative to the output's slowest: so near each other that
+# their sum follows any decay to a hundredth of its height, also one slower than the model's.
+START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02)
+# A start is told from a drift in so many of the slowest time constants, where without it less than
+# this share of the misfit is left.
+LOG_OF_START, SHARE_OF_START = 4.0, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +148,61 @@ class SimulatedLogs:
             for m, y in zip(self.measured, self.outputs, strict=True)
         ]
 
+    def decays(self, output: str) -> list[Series]:
+        """What a machine that was not at rest at the first row may add, one start in one log each.
+
+        Parameters
+        ----------
+        output : str
+        """
+        slowest = self.slowest(output)
+        reach = max(float(np.max(np.abs(y[output]))) for y in self.outputs)
+        return [
+            [
+                reach * np.exp(-(log.time - log.time[0]) / (share * slowest)) * (j == k)
+                for j, log in enumerate(self.logs)
+            ]
+            for k in range(len(self.logs))
+            for share in START_TIME_CONSTANTS
+        ]
+
+    def start_free(self, output: str) -> Series:
+        """Residual of each log about the start and zero that fit it best; NaN where not measured.
+
+        Parameters
+        ----------
+        output : str
+        """
+        decays = self.decays(output)
+        found = []
+        for k, residual in enumerate(self.residual(output)):
+            there = np.isfinite(residual)
+            columns = [np.ones(len(residual)), *(each[k] for each in decays if np.any(each[k]))]
+            basis = np.column_stack(columns)
+            weights = np.linalg.lstsq(basis[there], residual[there], rcond=1e-10)[0]
+            found.append(residual - basis @ weights)
+        return found
+
+    def begins_warm(self, k: int) -> bool:
+        """Whether most of what is wrong in a log is a start away from rest.
+
+        Only where the log is long enough to tell a start from a drift.
+
+        Parameters
+        ----------
+        k : int
+            Number of the log.
+        """
+        for output, groups in self.groups.items():
+            rows = groups.rows[k]
+            if self.logs[k].duration < LOG_OF_START * self.slowest(output) or not len(rows):
+                continue
+            all_of_it = self.residual(output)[k][rows]
+            rest = self.start_free(output)[k][rows]
+            if np.std(rest) < SHARE_OF_START * np.std(all_of_it):
+                return True
+        return False
+
     def with_effects(self, *more: Effect, model: Model | None = None) -> list[dict[str, Float]]:
         """Outputs of every log with more effects, or with another model.
 
@@ -151,7 +216,12 @@ class SimulatedLogs:
         own = model or self.model
         changed = replace(own, effects=(*own.effects, *more))
         if model is not None or any(e.side in ("drive", "state") for e in more):
-            return [changed.simulate(log) for log in self.logs]
+            runs = []
+            for log, near in zip(self.logs, self._responses, strict=True):
+                effects = acting_effects(changed, log.digest)
+                sums = sum_terms(changed, effects, log, near)
+                runs.append(read_outputs(effects, sums, log))
+            return runs
         return self._read(changed)
 
     def change(self, changed: Sequence[Mapping[str, Float]]) -> dict[str, Series]:
@@ -249,10 +319,11 @@ class SimulatedLogs:
     def away_from_rest(self) -> bool:
         """Whether a log begins away from rest, by an output whose rest is known."""
         for log in self.logs:
+            shifts = rest_shifts(self.model, drive_rests(self.model, log))
             for o in self.model.outputs:
                 if o.offset != "first" and o.channel in self.groups and o.channel in log.columns:
                     values = relative(log.columns[o.channel], o.offset)
-                    values = values[np.isfinite(values)]
+                    values = values[np.isfinite(values)] - shifts.get(o.channel, 0.0)
                     if len(values) and away_from_rest(float(values[0]), o.range):
                         return True
         return False

@@ -28,7 +28,6 @@ from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.signals.likelihood import ColouredNoise
 from thermaltool.signals.row_groups import Index
-from thermaltool.units import is_displacement
 
 # Parts of a log of which each is held out once.
 FOLDS = 6
@@ -107,10 +106,12 @@ def judge(
         new = after.written(calibrated)
         unseen = [log for log in unseen if cannot_run(new.model, log) is None]
         if unseen:
-            # What fitting the model anew does for itself is no merit of the cause. The zero of a
-            # displacement is arbitrary in every log.
+            # What fitting the model anew does for itself is no merit of the cause. Zeros are those
+            # of every log: they hang on how it begins.
             old = alone.written(calibrated).with_logs(unseen)
-            there = gains_of(old.simulation, new.with_logs(unseen).simulation, is_displacement)
+            one, other = old.simulation, new.with_logs(unseen).simulation
+            warm = [k for k in range(len(unseen)) if one.begins_warm(k)]
+            there = gains_of(one, other, lambda output: True, warm)
             # What happened in one log does nothing for another, but may not do harm there.
             if candidate.effect.log is None:
                 gains = there

@@ -290,6 +290,7 @@ def unknown_cause(
     before: Mapping[str, ResidualBudget],
     reports: Mapping[str, ResidualReport],
     hypothesis: Hypothesis,
+    named: bool,
 ) -> Cause | None:
     """What is left beside all named causes, where it is not noise; None where it is.
 
@@ -301,14 +302,19 @@ def unknown_cause(
         Of what is left.
     hypothesis : Hypothesis
         With the named causes.
+    named : bool
+        Whether there are any.
     """
+    wrong = {o: e for o, e in budgets.items() if e.allowed < ADEQUATE_SHARE and not e.usual}
     worst = {
         output: each
-        for output, each in budgets.items()
-        if each.allowed < ADEQUATE_SHARE
-        and not each.usual
-        and each.evidence >= DECISIVE_EVIDENCE
-        and each.total > MIN_SHARE_LEFT * before[output].total
+        for output, each in wrong.items()
+        # Of a model that is not adequate something is wrong, be it too slow to be decisive.
+        if not named
+        or (
+            each.evidence >= DECISIVE_EVIDENCE
+            and each.total > MIN_SHARE_LEFT * before[output].total
+        )
     }
     if not worst:
         return None

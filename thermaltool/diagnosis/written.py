@@ -7,7 +7,7 @@ cause is therefore measured once more, with the file that a user gets and nothin
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -106,7 +106,10 @@ def written_steps(
 
 
 def gains_of(
-    before: SimulatedLogs, after: SimulatedLogs, zero_free: Callable[[str], bool]
+    before: SimulatedLogs,
+    after: SimulatedLogs,
+    zero_free: Callable[[str], bool],
+    start_free: Collection[int] = (),
 ) -> dict[str, Gain]:
     """Gain of every output over the same logs, both models as they stand.
 
@@ -115,10 +118,15 @@ def gains_of(
     before, after : SimulatedLogs
     zero_free : callable
         Of an output: whether its errors count about their mean in each log.
+    start_free : collection of int
+        Logs in which they count about the start that fits them best, too.
     """
 
     def errors(runs: SimulatedLogs, output: str) -> Float:
         found, groups = runs.residual(output), before.groups[output]
+        if start_free:
+            free = runs.start_free(output)
+            found = [free[k] if k in start_free else each for k, each in enumerate(found)]
         if zero_free(output):
             found = [
                 error - error[rows].mean() if len(rows) else error
@@ -209,11 +217,14 @@ def spoiled_by(
     for log in logs:
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
         counted = gains_of(old, new, lambda output: False)
-        for output, free in gains_of(old, new, lambda output: True).items():
+        warm = (0,) if old.begins_warm(0) else ()
+        for output, free in gains_of(old, new, lambda output: True, warm).items():
             sigma = noise.get(output) or difference_sigma(
                 old.groups[output].joined(old.residual(output))
             )
-            if is_worse(free, sigma) or is_worse(counted[output], sigma, MIN_LOSS_COUNTED):
+            # What `simulate` leaves of a warm start says nothing of a cause.
+            zero = not warm and is_worse(counted[output], sigma, MIN_LOSS_COUNTED)
+            if is_worse(free, sigma) or zero:
                 return log, output
     return None
 

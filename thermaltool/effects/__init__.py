@@ -35,6 +35,8 @@ CATALOGUE: dict[str, str] = {
     "convection_state": "ConvectionState",
     "switching_loss": "SwitchingLoss",
     "radiation": "Radiation",
+    "heat_capacity": "HeatCapacity",
+    "latent_heat": "LatentHeat",
     "joint_contact": "JointContact",
     "stick_slip": "StickSlip",
     "hysteresis": "Hysteresis",
@@ -45,6 +47,7 @@ CATALOGUE: dict[str, str] = {
     "part_temperature": "PartTemperature",
     "record_too_short": "RecordTooShort",
     "outliers": "Outliers",
+    "noise_state": "NoiseState",
 }
 
 # What ``thermaltool correct`` adds to a model: module and class. No cause, so that no diagnosis

@@ -10,7 +10,7 @@ import numpy as np
 
 from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
-from thermaltool.units import parse_channel
+from thermaltool.units import is_temperature
 
 
 class ActuatorSaturation(Effect):
@@ -55,7 +55,7 @@ class ActuatorSaturation(Effect):
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         for drive, level in scene.levels().items():
-            if parse_channel(drive).dimension.startswith("temperature"):
+            if is_temperature(drive):
                 continue  # measured, not commanded
             for share in (0.2, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9, 0.96):
                 yield cls(drive, {"limit": share * level, "level": level})

@@ -12,7 +12,7 @@ from thermaltool.effects.dynamics import elapsed
 from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, reference_of
 from thermaltool.effects.source import HeatSource
 from thermaltool.record import Record
-from thermaltool.units import parse_channel
+from thermaltool.units import is_temperature
 
 # Temperature of the structure for one of the air at most, with what a sensor may be off by; and a
 # swing over what a log shows of it.
@@ -66,7 +66,7 @@ class AmbientDrift(HeatSource):
             if not output:
                 continue
             # Nothing warms more than the air that warms it.
-            warms = base == "gain" and parse_channel(output).dimension.startswith("temperature")
+            warms = base == "gain" and is_temperature(output)
             if warms and abs(value) > MAX_AIR_GAIN:
                 return False
             if base == "swing" and not self._seen(value, output, scene):

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from thermaltool.effects.effect import Scene
-from thermaltool.units import is_displacement, parse_channel
+import numpy as np
 
+from thermaltool.effects.effect import Scene
+from thermaltool.units import is_displacement, is_temperature, parse_channel
+
+# Taken for rest where no absolute temperature is known [degC].
+ROOM_DEGC = 20.0
 AIR_WORDS = {
     "air",
     "amb",
@@ -25,7 +29,7 @@ def _speaks_of(channel: str, words: set[str]) -> bool:
     """Whether a channel is a temperature with one of `words` in its name ("room2" counts)."""
     parsed = parse_channel(channel)
     said = {word.rstrip("0123456789").lower() for word in parsed.place.split("_")}
-    return parsed.dimension.startswith("temperature") and bool(said & words)
+    return is_temperature(channel) and bool(said & words)
 
 
 def is_air(channel: str) -> bool:
@@ -74,3 +78,19 @@ def air_is_logged(scene: Scene) -> bool:
     scene : Scene
     """
     return any(is_air(channel) for log in scene.logs for channel in log.columns)
+
+
+def rest_of(scene: Scene, output: str) -> float:
+    """What an output reads at rest, in the first log that measures it [degC].
+
+    Parameters
+    ----------
+    scene : Scene
+    output : str
+    """
+    for log, simulated, residual in zip(scene.logs, scene.simulated, scene.residual, strict=True):
+        there = np.isfinite(residual[output])
+        if there.any():
+            measured = log.columns[output] - residual[output] - simulated[output]
+            return float(np.median(measured[there]))
+    return ROOM_DEGC

@@ -9,7 +9,7 @@ import numpy as np
 
 from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
-from thermaltool.units import parse_channel
+from thermaltool.units import is_temperature
 
 
 class DriveNonlinearity(Effect):
@@ -68,7 +68,7 @@ class DriveNonlinearity(Effect):
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         for drive, level in scene.levels().items():
             # A measured temperature knows no dead band and no power: it is no command.
-            if not parse_channel(drive).dimension.startswith("temperature"):
+            if not is_temperature(drive):
                 for exponent in (0.5, 0.7, 0.9, 1.1, 1.5, 2.0, 3.0):
                     yield cls(drive, {"exponent": exponent, "level": level})
                 for share in (0.02, 0.05, 0.1, 0.2, 0.4):

@@ -1,11 +1,11 @@
 """What every physical cause has in common: parameters, the physics, and trial sizes.
 
 An effect acts at one place of the model: on a drive before its terms (`Effect.drive`), on the
-rate at which heat is lost (`Effect.loss`), or on outputs (`Effect.output`, `Effect.reading` for one
-alone). All are the identity unless a cause says otherwise, so a cause is one file that overrides
-what it changes, lists its parameters, and says in `probes` at which places and sizes it is worth a
-trial. A causal effect takes a record whole or row by row: what it has to know of the rows before is
-in `Memory`.
+rate at which heat is lost (`Effect.loss`) or at which everything goes (`Effect.pace`), or on
+outputs (`Effect.output`, `Effect.reading` for one alone). All are the identity unless a cause says
+otherwise, so a cause is one file that overrides what it changes, lists its parameters, and says in
+`probes` at which places and sizes it is worth a trial. A causal effect takes a record whole or row
+by row: what it has to know of the rows before is in `Memory`.
 """
 
 from __future__ import annotations
@@ -233,6 +233,16 @@ class Effect:
             Relative to rest.
         memory : dict, optional
             As in `drive`.
+        """
+        return None
+
+    def pace(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:
+        """By what factor the machine's own time goes faster at each sample; None for not at all.
+
+        Parameters
+        ----------
+        record, outputs, memory
+            As for `loss`.
         """
         return None
 

@@ -10,7 +10,7 @@ import numpy as np
 from thermaltool.effects.dynamics import play
 from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
 from thermaltool.record import Record
-from thermaltool.units import parse_channel
+from thermaltool.units import is_temperature
 
 # The loop is made of plays of these parts of its width.
 PLAY_PARTS = np.array([1 / 3, 2 / 3, 1.0])
@@ -59,7 +59,7 @@ class Hysteresis(Effect):
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
         for drive, level in scene.levels().items():
-            if parse_channel(drive).dimension.startswith("temperature"):
+            if is_temperature(drive):
                 continue  # measured, not commanded
             for part in (0.05, 0.1, 0.2, 0.4, 0.7, 1.0, MAX_RELATIVE_WIDTH):
                 yield cls(drive, {"width": part * level, "share": 1.0})

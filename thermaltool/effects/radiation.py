@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from thermaltool.effects.channels import is_air, is_part
+from thermaltool.effects.channels import ROOM_DEGC, is_air, is_part, rest_of
 from thermaltool.effects.dynamics import from_rest
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.errors import ModelError
@@ -16,8 +16,6 @@ from thermaltool.units import parse_channel
 
 # 0 degC [K].
 KELVIN = 273.15
-# Taken for rest where no absolute temperature is known [degC].
-ROOM_DEGC = 20.0
 
 
 class Radiation(Effect):
@@ -47,7 +45,7 @@ class Radiation(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {
         "rate": Parameter("1/s", low=0.0, high=0.1),
-        "rest": Parameter("degC", fixed=True),
+        "rest": Parameter("degC", low=-KELVIN, fixed=True),
     }
 
     def needs(self) -> tuple[str, ...]:
@@ -89,23 +87,13 @@ def _hottest(scene: Scene) -> tuple[str, dict[str, float]] | None:
 
     if absolute := of(scene.outputs, "temperature"):
         channel = max(absolute, key=scene.reach)
-        return channel, {"rest": _rest(scene, channel)}
+        return channel, {"rest": rest_of(scene, channel)}
     logged = of(scene.extra, "temperature")
     if machine := [c for c in logged if not is_air(c) and not is_part(c)]:
         return max(machine, key=lambda c: _span(scene, c)), {}
     if pairs := of(scene.outputs, "temperature difference"):
         return max(pairs, key=scene.reach), {"rest": ROOM_DEGC}
     return None
-
-
-def _rest(scene: Scene, output: str) -> float:
-    """What an output reads at rest [degC]."""
-    for log, simulated, residual in zip(scene.logs, scene.simulated, scene.residual, strict=True):
-        there = np.isfinite(residual[output])
-        if there.any():
-            measured = log.columns[output] - residual[output] - simulated[output]
-            return float(np.median(measured[there]))
-    return ROOM_DEGC
 
 
 def _span(scene: Scene, channel: str) -> float:

@@ -15,7 +15,7 @@ from thermaltool.record import Record
 from thermaltool.units import parse_channel
 
 # A source that nobody logged is switched on after this share of a log at the earliest.
-MIN_START = 0.01
+MIN_START, MIN_LATER = 0.01, 0.3
 
 
 class SecondSource(HeatSource):
@@ -78,9 +78,10 @@ class SecondSource(HeatSource):
         seen = max(log.time[-1] for log in scene.logs if log.digest == self.log)
         # What begins with the log is the state in which it was found.
         began = max(log.time[0] for log in scene.logs if log.digest == self.log)
-        later = self.parameters["start"] - began > MIN_START * (seen - began)
+        tau = self.parameters["time_constant"]
+        later = self.parameters["start"] - began > max(MIN_START * (seen - began), MIN_LATER * tau)
         lasting = seen - self.parameters["start"]
-        return reached and later and self.parameters["time_constant"] < lasting
+        return reached and later and tau < lasting
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

@@ -1,11 +1,12 @@
-"""An estimator for a machine that loses heat at a rate which changes with its state.
+"""An estimator for a machine that loses heat, or goes its course, at a rate of its state.
 
 Every mode decays faster by e^(−rate·dt) in a sample, as `simulate_response` has it; the gain is
-that of the model's own loss.
+that of the model's own loss. A sample in which the machine's own time goes faster is a longer one.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -28,6 +29,9 @@ from thermaltool.responses.modes import CLOCK_STEP, Float, Recursion
 # The steady state of a loss that depends on it is repeated until it changes by less than this share
 # of itself, and at most so often.
 STEADY_STATE_TOLERANCE, MAX_STEADY_STATE_ITERATIONS = 1e-9, 200
+# The machine's own time goes faster by a whole number of steps of this size (as a logarithm), for
+# which recursions are kept ready: steady states do not depend on it.
+PACE_STEP = 0.01
 # Beyond this exponent of a sample [1] the loss is not followed: e^100 is no decay.
 MAX_EXPONENT = 100.0
 
@@ -130,8 +134,10 @@ class VariableCoolingEstimator:
         below = np.zeros((len(whole.F) - len(heated), heated.shape[1]))
         return whole, np.vstack([heated, below]), rows
 
-    def rate(self, x: Float, first: Float, now: Float, rows: dict[str, Float]) -> float:
-        """By how much every mode decays faster at this state [1/s].
+    def rate(
+        self, x: Float, first: Float, now: Float, rows: dict[str, Float]
+    ) -> tuple[float, float]:
+        """By how much every mode decays faster at this state [1/s], and how much its time does.
 
         Parameters
         ----------
@@ -144,7 +150,9 @@ class VariableCoolingEstimator:
         outputs = {name: np.array([0.0, row @ x[:modal]]) for name, row in rows.items()}
         signals = Record(np.zeros(2), columns)
         found = [effect.loss(signals, outputs) for effect in self.losses]
-        return float(sum(loss[-1] for loss in found if loss is not None))
+        paces = [effect.pace(signals, outputs) for effect in self.losses]
+        rate = float(sum(loss[-1] for loss in found if loss is not None))
+        return rate, math.prod(float(pace[-1]) for pace in paces if pace is not None)
 
     def advance(self, ticks: int, x: Float, first: Float, before: Float, now: Float) -> Float:
         """The state after a sample of `ticks` clock steps that ends with the readings `now`.
@@ -162,8 +170,11 @@ class VariableCoolingEstimator:
         FitError
             The loss is not a finite number any more.
         """
-        r, heated, rows = self._parts(ticks)  # type: ignore[attr-defined]
-        exponent = self.rate(x, first, before, rows) * ticks * CLOCK_STEP
+        _, _, rows = self._parts(ticks)  # type: ignore[attr-defined]
+        rate, pace = self.rate(x, first, before, rows)
+        own = round(ticks * math.exp(PACE_STEP * round(math.log(pace) / PACE_STEP)))
+        r, heated, _ = self._parts(max(own, 1))  # type: ignore[attr-defined]
+        exponent = rate * ticks * CLOCK_STEP
         if not abs(exponent) < MAX_EXPONENT:
             raise FitError(f"the loss of heat cannot be followed: e^{exponent:g} in a sample")
         state: Float = self._matrix(r.F, heated, exponent) @ x + r.G0 @ before + r.G1 @ now
@@ -193,7 +204,7 @@ class VariableCoolingEstimator:
         r, heated, rows = self._parts(round(dt / CLOCK_STEP))  # type: ignore[attr-defined]
         x, pushed = r.settled(readings), (r.G0 + r.G1) @ readings
         for _ in range(MAX_STEADY_STATE_ITERATIONS):
-            exponent = self.rate(x, readings, readings, rows) * dt
+            exponent = self.rate(x, readings, readings, rows)[0] * dt
             F = self._matrix(r.F, heated, exponent)
             new: Float = np.linalg.solve(np.eye(len(F)) - F, pushed)
             if np.max(np.abs(new - x)) <= STEADY_STATE_TOLERANCE * np.max(np.abs(new)):

@@ -12,19 +12,38 @@ import numpy as np
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 from thermaltool.fitting.hold_choice import ChosenKinds, switched_between_rows
-from thermaltool.fitting.nonlinearity_choice import acting_records, nonlinear_drives
+from thermaltool.fitting.law_choice import explain, laws_of
+from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, KindCandidate, choose_response
-from thermaltool.model import Drive, Model, Output, Role, Term, agreements, relative, zeros_of
+from thermaltool.model import (
+    Drive,
+    Model,
+    Output,
+    Role,
+    Term,
+    agreements,
+    drive_rests,
+    relative,
+    rest_shifts,
+    zeros_of,
+)
 from thermaltool.record import Record
 from thermaltool.responses import response_class
 from thermaltool.responses.modes import Float
 from thermaltool.signals.resolution import reading_sigma
-from thermaltool.units import Hold, Reference, drive_reference, hold_of, is_displacement
+from thermaltool.units import (
+    Hold,
+    Reference,
+    drive_reference,
+    hold_of,
+    is_absolute,
+    is_displacement,
+)
 
-# The kinds of response are chosen anew behind nonlinear drives, and these once more with them.
-NONLINEARITY_ROUNDS = 2
+# The kinds of response are chosen anew behind such laws, and these once more with them.
+LAW_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -140,15 +159,18 @@ def calibrate(
         if between:
             drives = [replace(d, hold="first") if d.channel in between else d for d in drives]
             outputs, terms, kinds = _fitted(records, plan, drives, progress)
-    effects: tuple[Effect, ...] = ()
-    for _ in range(NONLINEARITY_ROUNDS if plan.choose and not plan.linear else 0):
-        progress("trying nonlinearities of the drives")
-        found = nonlinear_drives(records, drives, kinds, effects, plan.fixed, plan.free_start)
-        if not found and not effects:
+    effects, plain = tuple[Effect, ...](), kinds
+    for _ in range(LAW_ROUNDS if plan.choose and not plan.linear else 0):
+        progress("trying laws of the drives and of the material")
+        found = laws_of(records, drives, kinds, effects, plan.fixed, plan.free_start)
+        if not found:
+            break
+        acting, zeroed = acting_records(records, drives, found)
+        with_laws = _fitted(acting, plan, zeroed, progress)
+        if not explain(records, drives, plain, with_laws[2], found, plan.fixed, plan.free_start):
             break
         effects = found
-        acting, zeroed = acting_records(records, drives, effects)
-        outputs, terms, kinds = _fitted(acting, plan, zeroed, progress)
+        outputs, terms, kinds = with_laws
     ranges = (
         _extent([relative(r.column(d.channel), d.reference, d.hold) for r in records])
         for d in drives
@@ -161,7 +183,7 @@ def calibrate(
         effects=effects,
         provenance={"logs": [record.source for record in records if record.digest]},
     )
-    return model if plan.free_start else _as_simulated(model, records)
+    return model if plan.free_start else _as_simulated(_with_rests(model, records), records)
 
 
 def _fitted(
@@ -200,6 +222,28 @@ def _fitted(
         own = tuple(delays[k] for k in acting)
         chosen.append(ChosenKinds(channel, tuple(acting), tuple(kinds), own))
     return outputs, terms, chosen
+
+
+def _with_rests(model: Model, records: Sequence[Record]) -> Model:
+    """The model with what its temperatures at rest go with, where these records do not deny it."""
+    levels = [drive_rests(model, record) for record in records]
+    drives = tuple(
+        replace(d, rest=float(np.mean([each[d.channel] for each in levels])))
+        if d.reference == "first" and is_absolute(d.channel)
+        else d
+        for d in model.drives
+    )
+    moved = replace(model, drives=drives)
+    shifts = [rest_shifts(moved, each) for each in levels]
+    plain, with_rests = 0.0, 0.0
+    for output in model.outputs:
+        if output.channel in shifts[0]:
+            zeros = np.array(output.fit["offsets"])
+            left = zeros - [each[output.channel] for each in shifts]
+            white = output.fit["noise"] or 1.0
+            plain += float(np.var(zeros)) / white**2
+            with_rests += float(np.var(left)) / white**2
+    return moved if with_rests <= plain else model
 
 
 def _as_simulated(model: Model, records: Sequence[Record]) -> Model:

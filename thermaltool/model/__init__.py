@@ -19,11 +19,13 @@ from thermaltool.model.rest import (
     from_rest,
     relative,
     rest_level,
+    rest_shifts,
     zero_of,
     zeros_of,
 )
 from thermaltool.model.selection import only_sensors
 from thermaltool.model.simulate import (
+    Course,
     acting_drives,
     read_outputs,
     simulate_response,
@@ -44,6 +46,7 @@ __all__ = [
     "MARGIN",
     "NOT_AT_REST",
     "Characteristics",
+    "Course",
     "Drive",
     "Excursion",
     "Model",
@@ -67,6 +70,7 @@ __all__ = [
     "read_outputs",
     "relative",
     "rest_level",
+    "rest_shifts",
     "simulate_response",
     "sum_terms",
     "term_input",

@@ -47,12 +47,16 @@ class Drive:
         to be at rest there; `thermaltool.model.rest`).
     range : (float, float)
         Values, relative to the reference, that the calibration has seen.
+    rest : float, optional
+        Level of the first rows in the calibration; a machine that begins at rest elsewhere begins
+        with other temperatures (`rest_shifts`).
     """
 
     channel: str
     hold: Hold
     reference: Reference
     range: tuple[float, float]
+    rest: float | None = None
 
 
 @dataclass(frozen=True)
@@ -241,6 +245,7 @@ def to_document(model: Model) -> dict[str, Any]:
                 "hold": d.hold,
                 "reference": d.reference,
                 "range": list(d.range),
+                **({} if d.rest is None else {"rest": d.rest}),
             }
             for d in model.drives
         ],
@@ -330,6 +335,7 @@ def _load_drive(part: Part) -> Drive:
         part.read("hold", documents.one_of(get_args(Hold))),
         part.read("reference", documents.rest),
         part.read("range", documents.pair),
+        part.read("rest", documents.finite, None),
     )
 
 

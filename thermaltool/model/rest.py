@@ -1,7 +1,8 @@
 """Rest: what a channel counts from where it has no zero of its own; one rule for all commands.
 
 - A commanded drive (held between samples) counts from its first value.
-- A measured drive counts from the level of its first rows, `start_level`.
+- A measured drive counts from the level of its first rows, `start_level`. Where that is another one
+  than in the calibration, temperatures at rest are others, too: `rest_shifts`.
 - A displacement counts from the median of measured minus simulated over the first rows: while the
   model has moved by less than a tenth of what it moves in the log. Its own motion is thus no rest,
   an error of its gain hardly goes into the zero, and neither a wrong first reading nor a jump of
@@ -14,7 +15,7 @@ A stream has the first reading alone, and counts from that one (`ModelRecursion`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ import numpy as np
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float, Hold
 from thermaltool.signals.agreement import Agreement, agreement
-from thermaltool.units import Reference
+from thermaltool.units import Reference, is_absolute
 
 if TYPE_CHECKING:
     from thermaltool.model.document import Model, Output
@@ -119,6 +120,36 @@ def zero_of(time: Float, measured: Float, simulated: Float, rest: Reference) -> 
     first = there[: max(still, enough)]
     value = float(np.median(measured[first] - simulated[first]))
     return Zero(value, len(first), float(time[first[0]]), float(time[first[-1]]))
+
+
+def rest_shifts(model: Model, levels: Mapping[str, float]) -> dict[str, float]:
+    """By how much temperatures at rest stand above those of the calibration, by output.
+
+    A machine at rest in a room that is colder than the calibration's is colder, too: by the static
+    gain of the response to the room. Nothing passive follows by less than nothing or by more than
+    all of it, whatever a record leaves of the gain.
+
+    Parameters
+    ----------
+    model : Model
+    levels : mapping of channel to float
+        What drives count from that have no zero of their own.
+    """
+    above = {
+        d.channel: levels[d.channel] - d.rest
+        for d in model.drives
+        if d.reference == "first" and d.rest is not None and d.channel in levels
+    }
+    shifts = {}
+    for output in model.outputs if above else ():
+        if output.offset == "first" or not is_absolute(output.channel):
+            continue
+        shift = 0.0
+        for drive, rise in above.items():
+            own = [t for t in model.terms if (t.drive, t.output) == (drive, output.channel)]
+            shift += rise * min(max(sum(t.response.dc_gain() for t in own), 0.0), 1.0)
+        shifts[output.channel] = shift
+    return shifts
 
 
 def beside(measured: Float, estimated: Float) -> Float:

@@ -7,6 +7,7 @@ effects and the same responses as row by row.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from thermaltool.effects.effect import SIDES, Effect, needed
 from thermaltool.errors import ModelError
-from thermaltool.model.rest import relative
+from thermaltool.model.rest import drive_rests, relative, rest_shifts
 from thermaltool.record import Record
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Float, Hold, Modes
@@ -22,9 +23,12 @@ from thermaltool.responses.modes import Float, Hold, Modes
 if TYPE_CHECKING:
     from thermaltool.model.document import Model, Term
 
-# The loss of heat may depend on the outputs: the record is repeated until the integral of the rate
-# changes by less than this [1], and at most so often.
-LOSS_TOLERANCE, MAX_LOSS_ITERATIONS = 1e-6, 12
+# What changes with the state may depend on the outputs: the record is repeated until the integral
+# of the loss [1] and the machine's own time [duration] change by less than this, and at most so
+# often.
+STATE_TOLERANCE, MAX_STATE_ITERATIONS = 1e-7, 12
+# The same beside a model that differs little.
+NEAR_TOLERANCE = 1e-5
 # Beyond this span of the integral of a varying loss [1] the weights e^Γ overflow.
 MAX_COOLING_SPAN = 300.0
 
@@ -119,7 +123,12 @@ def term_input(model: Model, term: Term, inputs: Mapping[str, Float], record: Re
     return inputs[term.drive] * term.band.share(values)
 
 
-def sum_terms(model: Model, effects: Sequence[Effect], record: Record) -> dict[str, Float]:
+def sum_terms(
+    model: Model,
+    effects: Sequence[Effect],
+    record: Record,
+    near: Mapping[str, Float] | None = None,
+) -> dict[str, Float]:
     """Sums of the terms of every output: what the machine does, before sources and sensors.
 
     Parameters
@@ -128,6 +137,9 @@ def sum_terms(model: Model, effects: Sequence[Effect], record: Record) -> dict[s
     effects : sequence of Effect
         Those that act.
     record : Record
+    near : mapping of channel to ndarray, shape (n,), optional
+        Sums of a model that differs little: the state is taken from there to begin with, and
+        repeated less often.
 
     Returns
     -------
@@ -137,28 +149,85 @@ def sum_terms(model: Model, effects: Sequence[Effect], record: Record) -> dict[s
     holds = {d.channel: d.hold for d in model.drives}
     late = dead_times(model, effects)
     acting = [term_input(model, term, inputs, record) for term in model.terms]
-    losses = [e for e in effects if e.side == "state"]
+    states = [e for e in effects if e.side == "state"]
 
-    def sums(cooling: Float | None) -> dict[str, Float]:
-        outputs = {output.channel: np.zeros(len(record.time)) for output in model.outputs}
+    moves = any(drive.rest is not None for drive in model.drives)
+    shifts = rest_shifts(model, drive_rests(model, record)) if moves else {}
+
+    def sums(course: Course | None) -> dict[str, Float]:
+        outputs = {
+            o.channel: np.full(len(record.time), shifts.get(o.channel, 0.0)) for o in model.outputs
+        }
         for term, u in zip(model.terms, acting, strict=True):
             outputs[term.output] += simulate_response(
-                term.response, record.time, u, holds[term.drive], cooling, late[term.drive]
+                term.response, record.time, u, holds[term.drive], course, late[term.drive]
             )
         return outputs
 
-    outputs, cooling = sums(None), np.zeros(len(record.time))
-    for _ in range(MAX_LOSS_ITERATIONS if losses else 0):
+    if not states:
+        return sums(None)
+    if near is None:
+        tolerance, course, outputs = STATE_TOLERANCE, Course.of([], record, {}), sums(None)
+    else:
+        tolerance, course = NEAR_TOLERANCE, Course.of(states, record, near)
+        outputs = sums(course)
+    for _ in range(MAX_STATE_ITERATIONS):
+        before, course = course, Course.of(states, record, outputs)
+        if course.differs(before) < tolerance:
+            break
+        outputs = sums(course)
+    return outputs
+
+
+@dataclass(frozen=True)
+class Course:
+    """How the state of a machine changes what its responses are.
+
+    Attributes
+    ----------
+    clock : ndarray, shape (n,) [s]
+        Its own time at every row: x' = a(t)·(A x + B u) is x' = A x + B u in ∫ a dt.
+    cooling : ndarray, shape (n,)
+        Γ, the integral of a rate by which every mode decays faster. Each mode z' = −(λ + Γ')z + u
+        is that of e^Γ u without Γ, times e^(−Γ).
+    """
+
+    clock: Float
+    cooling: Float
+
+    @classmethod
+    def of(cls, effects: Sequence[Effect], record: Record, outputs: Mapping[str, Float]) -> Course:
+        """By effects on the state, each sample as its first row has it.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+        record : Record
+        outputs : mapping of channel to ndarray, shape (n,)
+            Relative to rest.
+        """
+        steps = np.diff(record.time)
+        rate, pace = np.zeros(len(record.time)), np.ones(len(record.time))
         # A loss that runs away with what it changes is found further on, by what is not finite.
         with np.errstate(over="ignore", invalid="ignore"):
-            rates = [r for e in losses if (r := e.loss(record, outputs)) is not None]
-        total = np.sum(rates, axis=0) if rates else np.zeros(len(record.time))
-        exponent = np.append(0.0, np.cumsum(total[:-1] * np.diff(record.time)))
-        change, cooling = float(np.max(np.abs(exponent - cooling))), exponent
-        if change < LOSS_TOLERANCE:
-            break
-        outputs = sums(cooling)
-    return outputs
+            for effect in effects:
+                if (more := effect.loss(record, outputs)) is not None:
+                    rate = rate + more
+                if (factor := effect.pace(record, outputs)) is not None:
+                    pace = pace * factor
+            clock = np.append(0.0, np.cumsum(pace[:-1] * steps))
+            return cls(record.time[:1] + clock, np.append(0.0, np.cumsum(rate[:-1] * steps)))
+
+    def differs(self, other: Course) -> float:
+        """Largest difference of the cooling [1], or of the clock [its duration].
+
+        Parameters
+        ----------
+        other : Course
+        """
+        duration = np.ptp(other.clock) or 1.0
+        clocks = np.max(np.abs(self.clock - other.clock), initial=0.0) / duration
+        return float(max(clocks, np.max(np.abs(self.cooling - other.cooling), initial=0.0)))
 
 
 def read_outputs(
@@ -185,7 +254,7 @@ def simulate_response(
     time: Float,
     u: Float,
     hold: Hold,
-    cooling: Float | None = None,
+    course: Course | None = None,
     dead_time: float = 0.0,
 ) -> Float:
     """One response to any input at any (increasing) times; at rest at the first.
@@ -194,9 +263,8 @@ def simulate_response(
     ----------
     time, u : ndarray, shape (n,)
     hold : "zero" or "first"
-    cooling : ndarray, shape (n,), optional
-        Γ, the integral of a rate by which every mode decays faster. Each mode z' = −(λ + Γ')z + u
-        is that of e^Γ u without Γ, times e^(−Γ).
+    course : Course, optional
+        How the state changes the response.
     dead_time : float [s]
         Time by which the input acts later; below zero, earlier.
 
@@ -207,23 +275,23 @@ def simulate_response(
     Raises
     ------
     ModelError
-        Γ spans more than can be followed.
+        The loss of heat spans more than can be followed.
     """
     if len(time) < 2:
         return np.zeros(len(time))
     known: Any = response  # frozen, therefore hashable
     modes = _modes(known, float(np.min(np.diff(time))))
-    if cooling is None:
+    if course is None:
         return modes.at(time, u, hold, time - dead_time) if dead_time else modes.run(time, u, hold)
-    if not np.ptp(cooling) < MAX_COOLING_SPAN:
+    if not np.ptp(course.cooling) < MAX_COOLING_SPAN:
         raise ModelError("the loss of heat changes too much over this log to be followed")
-    centred = cooling - (cooling.max() + cooling.min()) / 2
-    clock, u = _acting_clock(time, u, hold, dead_time) if dead_time else (time, u)
-    along = np.interp(clock, time, centred)
+    centred = course.cooling - (course.cooling.max() + course.cooling.min()) / 2
+    moments, u = _acting_clock(time, u, hold, dead_time) if dead_time else (time, u)
+    along, own = np.interp(moments, time, centred), np.interp(moments, time, course.clock)
     # A held drive acts, on the mean, half a sample later than its first moment.
     inside = np.append((along[1:] + along[:-1]) / 2, along[-1])
-    y = modes.run(clock, u * np.exp(inside if hold == "zero" else along), hold)
-    return y[np.searchsorted(clock, time)] * np.exp(-centred)
+    y = modes.run(own, u * np.exp(inside if hold == "zero" else along), hold)
+    return y[np.searchsorted(moments, time)] * np.exp(-centred)
 
 
 def _acting_clock(time: Float, u: Float, hold: Hold, dead_time: float) -> tuple[Float, Float]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from thermaltool.effects.effect import SIDES, STILL, Effect
 from thermaltool.errors import ModelError
+from thermaltool.model.rest import rest_shifts
 from thermaltool.model.simulate import acting_effects, dead_times
 from thermaltool.record import Record
 from thermaltool.responses.modes import CLOCK_STEP, Float
@@ -69,7 +70,7 @@ class ModelRecursion:
         horizon: float = 0.0,
         rests: Mapping[str, float] | None = None,
     ) -> None:
-        effects = acting_effects(model, digest)
+        self._model, effects = model, acting_effects(model, digest)
         for effect in effects:
             if not (effect.causal or effect.memoryless):
                 raise ModelError(f"the effect {effect.name} takes whole records, not rows")
@@ -97,7 +98,7 @@ class ModelRecursion:
         self._drives: list[tuple[str, list[EffectMemory]]] = [
             (c, [(e, {}) for e in effects if (e.side, e.channel) == ("drive", c)]) for c in drives
         ]
-        self._losses: list[EffectMemory] = [(e, {}) for e in effects if e.side == "state"]
+        self._states: list[EffectMemory] = [(e, {}) for e in effects if e.side == "state"]
         self._readings: list[tuple[Effect, dict[str, dict[str, Any]]]] = [
             (e, {name: {} for name in wanted})
             for e in sorted(effects, key=lambda e: SIDES.index(e.side))
@@ -107,8 +108,9 @@ class ModelRecursion:
         self._time, self._inputs = math.nan, [0.0] * len(self.terms)
         # None until the first value is there.
         self._rests: dict[str, float | None] = {}
-        # Γ, and the rate at which it rises.
-        self._cooling, self._rate = 0.0, 0.0
+        self._shifts: dict[str, float] | None = None
+        # Γ, the rate at which it rises, and by what factor the machine's own time goes faster.
+        self._cooling, self._rate, self._pace = 0.0, 0.0, 1.0
 
     def start(self, time: float, row: Row, settled: bool = False) -> dict[str, float]:
         """Outputs at the first row: at rest, or in the steady state of what acts there.
@@ -130,12 +132,13 @@ class ModelRecursion:
         ModelError
             A channel is missing; settled, with a loss of heat that changes.
         """
-        if settled and self._losses:
-            raise ModelError(f"no steady state is known with {self._losses[0][0].name}")
-        self._time, self._cooling, self._rate = time, 0.0, 0.0
+        if settled and self._states:
+            raise ModelError(f"no steady state is known with {self._states[0][0].name}")
+        self._time, self._cooling, self._rate, self._pace = time, 0.0, 0.0, 1.0
         for memory in self._memories():
             memory.clear()
         self._rests = {c: None if r == "first" else r for c, r in self._references.items()}
+        self._shifts = None
         record = self._record_of(time, row)
         self._inputs = [float(u) for u in self._acting(row, record)]
         for k, (response, u) in enumerate(zip(self.responses, self._inputs, strict=True)):
@@ -164,8 +167,8 @@ class ModelRecursion:
             raise ModelError(f"time {time:.15g} s does not come after {self._time:.15g} s")
         record = self._record_of(time, row)
         inputs = [float(u) for u in self._acting(row, record)]
-        if self._losses:
-            self._advance_cooled(ticks, inputs, self._rate * (time - self._time))
+        if self._states:
+            self._advance_changed(ticks, inputs, self._rate * (time - self._time))
         else:
             for k, response in enumerate(self.responses):
                 for part in self._acting_parts(k, ticks, inputs[k]):
@@ -181,8 +184,8 @@ class ModelRecursion:
         end = self._inputs[k] if self._held[k] and dead_time.ticks > 0 else now
         return dead_time.advance([(ticks, self._inputs[k], end)])
 
-    def _advance_cooled(self, ticks: int, inputs: list[float], rise: float) -> None:
-        """As `simulate_response`: modes of e^Γ u, times e^(−Γ)."""
+    def _advance_changed(self, ticks: int, inputs: list[float], rise: float) -> None:
+        """As `simulate_response`: modes of e^Γ u in the machine's own time, times e^(−Γ)."""
         if not abs(rise) < MAX_COOLING:
             raise ModelError("the loss of heat changes too much in a sample to be followed")
         if abs(self._cooling) > MAX_COOLING:
@@ -197,7 +200,8 @@ class ModelRecursion:
                 last = self._cooling + rise * done / ticks
                 # A held drive acts, on the mean, half a sample later than its first moment.
                 at = (first + last) / 2 if self._held[k] else first
-                response.advance(length, start * math.exp(at), end * math.exp(last))
+                own = max(round(length * self._pace), 1)
+                response.advance(own, start * math.exp(at), end * math.exp(last))
         self._cooling += rise
 
     def amend(self, row: Row) -> None:
@@ -218,8 +222,8 @@ class ModelRecursion:
 
     def now(self) -> dict[str, float]:
         """Sums of the terms of every output, before sources and sensors, relative to rest."""
-        decayed = math.exp(-self._cooling) if self._losses else 1.0
-        sums = dict.fromkeys(self._outputs, 0.0)
+        decayed = math.exp(-self._cooling) if self._states else 1.0
+        sums = dict(self._at_rest())
         for term, response in zip(self.terms, self.responses, strict=True):
             sums[term.output] += decayed * response.now()
         return sums
@@ -237,14 +241,25 @@ class ModelRecursion:
         ModelError
             As `amend`; a loss of heat that changes.
         """
-        if self._losses:
-            raise ModelError(f"nothing is foretold with {self._losses[0][0].name}")
-        sums: dict[str, Float] = {name: np.zeros(()) for name in self._outputs}
+        if self._states:
+            raise ModelError(f"nothing is foretold with {self._states[0][0].name}")
+        sums = {name: np.asarray(shift) for name, shift in self._at_rest().items()}
         for term, response, u in zip(
             self.terms, self.responses, self._acting(row, None), strict=True
         ):
             sums[term.output] = sums[term.output] + response.ahead(np.asarray(u))
         return sums
+
+    def _at_rest(self) -> dict[str, float]:
+        """What every output is at rest, as far as first values of drives are known."""
+        if self._shifts is not None:
+            return self._shifts
+        known = {c: rest for c, rest in self._rests.items() if rest is not None}
+        found = rest_shifts(self._model, known)
+        shifts = {name: found.get(name, 0.0) for name in self._outputs}
+        if len(known) == len(self._rests):
+            self._shifts = shifts
+        return shifts
 
     def _record_of(self, time: float, row: Row) -> Record:
         """The row as the effects read it."""
@@ -292,13 +307,15 @@ class ModelRecursion:
         ]
 
     def _read(self, record: Record) -> dict[str, float]:
-        """The outputs of the moment; the loss of heat until the next row follows from them."""
+        """The outputs of the moment; loss and pace until the next row follow from them."""
         sums = self.now()
-        if not self._losses and not self._readings:
+        if not self._states and not self._readings:
             return sums
         outputs = {name: np.array([value]) for name, value in sums.items()}
-        rates = [effect.loss(record, outputs, memory) for effect, memory in self._losses]
+        rates = [effect.loss(record, outputs, memory) for effect, memory in self._states]
         self._rate = float(sum(rate[0] for rate in rates if rate is not None))
+        paces = [effect.pace(record, outputs, memory) for effect, memory in self._states]
+        self._pace = math.prod(float(pace[0]) for pace in paces if pace is not None)
         for effect, memories in self._readings:
             outputs = {
                 name: effect.output(name, outputs, record, memories[name]) for name in outputs
@@ -309,7 +326,7 @@ class ModelRecursion:
         """Of all effects, in one order."""
         drives = [memory for _, effects in self._drives for _, memory in effects]
         readings = [m for _, memories in self._readings for m in memories.values()]
-        return [*drives, *(memory for _, memory in self._losses), *readings]
+        return [*drives, *(memory for _, memory in self._states), *readings]
 
     def state(self) -> dict[str, Any]:
         """For `resume`, as JSON."""
@@ -320,7 +337,7 @@ class ModelRecursion:
         return {
             "time_s": self._time,
             "inputs": self._inputs,
-            "cooling": [self._cooling, self._rate],
+            "cooling": [self._cooling, self._rate, self._pace],
             "rests": self._rests,
             "responses": [response.state() for response in self.responses],
             "dead_times": [dead_time.state() for dead_time in self._dead_times],
@@ -330,9 +347,10 @@ class ModelRecursion:
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from `state`; raises KeyError, TypeError or ValueError where it is none."""
         self._time, self._inputs = float(state["time_s"]), [float(u) for u in state["inputs"]]
-        self._cooling, self._rate = (float(value) for value in state["cooling"])
+        self._cooling, self._rate, self._pace = (float(v) for v in state["cooling"])
         rests = {c: state["rests"][c] for c in self._references}
         self._rests = {c: None if rest is None else float(rest) for c, rest in rests.items()}
+        self._shifts = None
         for response, kept in zip(self.responses, state["responses"], strict=True):
             response.resume(kept)
         for dead_time, kept in zip(self._dead_times, state["dead_times"], strict=True):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thermaltool.model.rest import relative
+from thermaltool.model.rest import relative, rest_level, rest_shifts
 from thermaltool.responses.modes import Float
 
 if TYPE_CHECKING:
@@ -59,9 +59,14 @@ def excursions(model: Model, columns: Mapping[str, Float]) -> tuple[Excursion, .
         if drive.channel in columns:
             values = relative(columns[drive.channel], drive.reference, drive.hold)
             found += _excursion(drive.channel, values, drive.range)
+    known = {d.channel: d for d in model.drives if d.channel in columns}
+    shifts = rest_shifts(
+        model, {c: rest_level(columns[c], d.reference, d.hold) for c, d in known.items()}
+    )
     for output in model.outputs:
         if output.channel in columns:
             values = relative(columns[output.channel], output.offset)
+            values = values - shifts.get(output.channel, 0.0)
             found += _excursion(output.channel, values, output.range)
     return tuple(found)
 

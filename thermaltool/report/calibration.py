@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from thermaltool.effects.effect import Effect
 from thermaltool.fitting.discrepancy import MAX_OVER_NOISE
 from thermaltool.fitting.response_choice import LEFT_OUT
 from thermaltool.model import Characteristics, Model, Output, characteristics, to_document
 from thermaltool.report.text import aligned
 from thermaltool.signals.intervals import Estimate, normal_estimate
-from thermaltool.units import hold_of, parse_channel, printed
+from thermaltool.units import hold_of, is_absolute, parse_channel, printed
 
+# No temperature is below [degC].
+ABSOLUTE_ZERO = -273.15
 # From here on a time constant is told in minutes, and in hours [s].
 MINUTES_FROM, HOURS_FROM = 120.0, 7200.0
 
@@ -103,8 +107,9 @@ def calibration_warnings(model: Model) -> list[str]:
         for each in model.drives
         if (each.hold, hold_of(each.channel)) == ("first", "zero")
     ]
-    found += [_nonlinearity(effect) for effect in model.effects]
+    found += [_law(effect) for effect in model.effects]
     found += [sentence for output in model.outputs if (sentence := _coarse(output))]
+    found += [sentence for output in model.outputs if (sentence := _below_zero(output))]
     for term in model.terms:
         each = characteristics(term)
         if each.may_be_zero and term.covariance is not None:
@@ -124,17 +129,36 @@ def _coarse(output: Output) -> str:
     unit = printed(parse_channel(output.channel).unit)
     return (
         f"{output.channel}: the fit leaves {left:.3g} {unit}, {left / noise:.2g} times the noise "
-        "of a reading: no response and no law of a drive that was tried describes these logs"
+        "of a reading: no response and no law that was tried describes these logs"
     )
 
 
-def _nonlinearity(effect: Effect) -> str:
-    """What acts in place of a drive, and where the static gains hold."""
-    name = "exponent" if "exponent" in effect.parameters else "curvature"
+def _below_zero(output: Output) -> str:
+    """That a temperature at rest is none; empty where it is one."""
+    zero = output.offset
+    if zero == "first" or not is_absolute(output.channel):
+        return ""
+    if zero >= ABSOLUTE_ZERO:
+        return ""
+    return (
+        f"{output.channel}: at rest the model is at {zero:.4g} °C, below absolute zero: its gains "
+        "do not hold down to there. Begin a log at rest, or state what the drives count from "
+        "(--reference)"
+    )
+
+
+def _law(effect: Effect) -> str:
+    """What acts in place of a drive, or how the machine changes with its temperature."""
+    name = next(n for n in effect.parameters if n != "level")
     value = effect.parameters[name]
-    error = 0.0 if effect.covariance is None else float(effect.covariance[0, 0]) ** 0.5
+    error = 0.0 if effect.covariance is None else float(np.diag(effect.covariance).max()) ** 0.5
     told = normal_estimate(value, error)
     level = f"{effect.parameters['level']:.4g} {printed(parse_channel(effect.channel).unit)}"
+    if name == "rise":
+        return (
+            f"{effect.channel}: heat capacity over conductivity is {1 + value:.4g} times as large "
+            f"where it is {level} above rest (rise {told}): time constants hold near rest"
+        )
     if name == "exponent":
         return (
             f"{effect.channel}: what acts is a power of it, {level} times (value / {level}) to the "

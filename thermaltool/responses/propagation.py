@@ -83,13 +83,19 @@ def recursion_of(factor: Any, added: Any) -> Any:
 def _phi(order: int, z: Any) -> Any:
     """φ1 = (e^z − 1)/z, φ_(k+1) = (φ_k − 1/k!)/z; by series where that would cancel."""
     small = np.abs(z) < (1e-8, 0.02, 0.1)[order - 1]
-    safe = np.where(small, 1.0, z)
+    some = bool(np.any(small))
+    safe = np.where(small, 1.0, z) if some else z
     value, factorial = np.expm1(safe) / safe, 1.0
     for k in range(1, order):
         factorial *= k
         value = (value - 1 / factorial) / safe
-    series, term = np.zeros_like(z), np.ones_like(z) / math.factorial(order)
+    if not some:
+        return value
+    near = np.extract(small, z)
+    series, term = np.zeros_like(near), np.ones_like(near) / math.factorial(order)
     for k in range(1, 9):
         series = series + term
-        term = term * z / (order + k)
-    return np.where(small, series, value)
+        term = term * near / (order + k)
+    value = np.array(value)
+    value[small] = series
+    return value

@@ -156,3 +156,57 @@ def test_a_change_of_the_law_is_named_and_none_where_there_is_none(monkeypatch):
     assert cause.effect.name == "drive_nonlinearity"
     assert cause.effect.parameters["exponent"] == pytest.approx(1.2 / 1.12, abs=0.01)
     assert any("what is told is the change" in note for note in found.notes)
+
+
+# ---------------------------------------------------------------- what the machine is made of
+
+WALL = ("T_hot_degC", "T_cold_degC")
+
+
+def wall_log(more, seed, noise=0.03):
+    """Two masses of 30 and 90 kJ/K, `more` of that for each 100 K, in steps of a second."""
+    generator = np.random.default_rng(seed)
+    time, step = 15.0 * np.arange(1200), 1.0
+    holds = generator.uniform(500.0, 2500.0, 40)
+    at = np.searchsorted(np.cumsum(holds), time)
+    watts = 15.0 * generator.choice([0.0, 20.0, 45.0, 70.0, 100.0], 41)[at]
+    watts[:20] = 0.0
+    hot, cold, found = 0.0, 0.0, np.zeros((len(time), 2))
+    for k in range(1, len(time)):
+        for _ in range(int(15.0 / step)):
+            through = 12.0 * (hot - cold)
+            into = watts[k - 1] - 1.5 * hot - through
+            hot += step * into / (30e3 * (1 + more * hot / 100))
+            cold += step * (through - 6.0 * cold) / (90e3 * (1 + more * cold / 100))
+        found[k] = hot, cold
+    columns = {"P_heater_W": watts}
+    for name, y in zip(WALL, found.T, strict=True):
+        columns[name] = 20.0 + y + noise * generator.standard_normal(len(time))
+    return Record(time, columns, digest=f"wall {more} {seed}")
+
+
+WALL_PLAN = CalibrationPlan(("P_heater_W",), WALL, choose=True)
+
+
+@pytest.mark.slow
+def test_a_capacity_that_rises_with_the_temperature_is_found():
+    logs, unseen = [wall_log(0.06, 20261123)], wall_log(0.06, 20261127)
+    model, linear = calibrate(logs, WALL_PLAN), calibrate(logs, replace(WALL_PLAN, linear=True))
+    (effect,) = model.effects
+    assert (effect.name, effect.channel) == ("heat_capacity", "T_hot_degC")
+    # The cold mass is less warm than the one by which it is told.
+    rise = effect.parameters["rise"] / effect.parameters["level"] * 100
+    assert 0.04 < rise < 0.065
+    assert any("time constants hold near rest" in each for each in calibration_warnings(model))
+    for output in WALL:
+        left = [
+            float(np.std(unseen.columns[output] - each.simulate(unseen)[output]))
+            for each in (model, linear)
+        ]
+        assert left[0] < 1.5 * 0.03
+        assert left[1] > 2 * left[0]
+
+
+@pytest.mark.parametrize("seed", [20261125, 20261126])
+def test_a_capacity_that_stays_is_left_alone(seed):
+    assert not calibrate([wall_log(0.0, seed)], WALL_PLAN).effects

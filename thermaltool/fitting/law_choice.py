@@ -1,0 +1,154 @@
+"""Whether a law of its own holds before the responses: of a drive, or of the machine's material.
+
+Heat goes with the square of a voltage, friction with a power of the speed, a motor's loss with
+more than its load: a power law or a parabola of the drive, the same for every output (Hammerstein).
+What a hot machine is made of stores more heat or conducts it worse: its own time goes slower. A
+linear model leaves of that an error of structure that every later log shows again. As with kinds of
+response, evidence and rows held out decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
+from thermaltool.effects.dynamics import from_rest
+from thermaltool.effects.effect import Effect
+from thermaltool.effects.heat_capacity import HeatCapacity
+from thermaltool.fitting.hold_choice import ChosenKinds
+from thermaltool.fitting.law_search import LawSearch
+from thermaltool.fitting.laws import Law, acting_records
+from thermaltool.fitting.projection import GridStates
+from thermaltool.fitting.response_choice import MIN_ROWS
+from thermaltool.fitting.response_search import KindSearch
+from thermaltool.model import Drive, relative
+from thermaltool.record import Record
+from thermaltool.signals.resolution import reading_sigma
+from thermaltool.units import is_temperature
+
+# Levels beside rest and the largest that count as one [of the largest].
+SAME_LEVEL = 0.02
+# Of the squared error beyond the noise, where that is larger than the noise, a nonlinearity leaves
+# at most this share: what merely comes near to another error of structure leaves half, and predicts
+# other logs no better. No output's error on held-out rows may be larger by this factor [squared].
+MAX_LEFT, MAX_WORSE = 0.25, 1.05
+
+
+def laws_of(
+    records: Sequence[Record],
+    drives: Sequence[Drive],
+    chosen: Sequence[ChosenKinds],
+    known: Sequence[Effect],
+    fixed: Mapping[str, float],
+    free_start: bool,
+) -> tuple[Effect, ...]:
+    """Laws with which the same kinds of response describe the records decisively better.
+
+    Measured temperatures are taken as they are: they are no commands. What holds by the temperature
+    of the machine is not tried where it may begin warm.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    drives : sequence of Drive
+    chosen : sequence of ChosenKinds
+        Of every output.
+    known : sequence of Effect
+        As they were found with other kinds.
+    fixed : mapping of parameter name to value
+    free_start : bool
+        See `fit_output`.
+
+    Returns
+    -------
+    tuple of Effect
+        One for a channel at most, with their standard errors.
+    """
+    if sum(len(record) for record in records) < MIN_ROWS * len(drives):
+        return ()
+    laws = {
+        d.channel: Law(DriveNonlinearity, level)
+        for k, d in enumerate(drives)
+        if _drives(chosen, k) and (level := _level(records, d))
+    }
+    if not free_start and (hottest := _hottest(records, chosen)):
+        channel, level = hottest
+        laws[channel] = Law(HeatCapacity, level, HeatCapacity.ends(level))
+    if not laws:
+        return ()
+    # Rows that a known nonlinearity explains are no outliers.
+    acting, zeroed = acting_records(records, drives, known)
+    states: GridStates = {}
+    tasks = [
+        KindSearch(acting, [zeroed[d] for d in each.drives], each.output, free_start, fixed, states)
+        for each in chosen
+    ]
+    return tuple(LawSearch(records, drives, chosen, tasks, laws).in_turn(known).values())
+
+
+def explain(
+    records: Sequence[Record],
+    drives: Sequence[Drive],
+    plain: Sequence[ChosenKinds],
+    chosen: Sequence[ChosenKinds],
+    effects: Sequence[Effect],
+    fixed: Mapping[str, float],
+    free_start: bool,
+) -> bool:
+    """Whether laws leave little beyond the noise, and predict held-out rows no worse.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    drives : sequence of Drive
+    plain, chosen : sequence of ChosenKinds
+        Of every output, without the laws and with them.
+    effects : sequence of Effect
+    fixed, free_start
+        As for `laws_of`.
+    """
+    large, left, worse = [], [], []
+    for before, after in zip(plain, chosen, strict=True):
+        fits = []
+        for each, laws in ((before, ()), (after, effects)):
+            acting, zeroed = acting_records(records, drives, laws)
+            own = [zeroed[d] for d in each.drives]
+            task = KindSearch(acting, own, each.output, free_start, fixed, {})
+            fits.append(task.fit(each.kinds, each.delays))
+        usual, other = fits
+        if usual is None or other is None:
+            return False
+        noise = max(reading_sigma(r.column(before.output)) for r in records) ** 2
+        size, rest = (float(np.mean(fit.residual**2)) for fit in (usual, other))
+        large.append(size > 2 * noise)
+        left.append(rest - noise < MAX_LEFT * (size - noise))
+        worse.append(np.mean(other.held_out**2) > MAX_WORSE * np.mean(usual.held_out**2))
+    return bool(np.any(np.array(large) & np.array(left)) and not np.any(worse))
+
+
+def _drives(chosen: Sequence[ChosenKinds], drive: int) -> bool:
+    return any(drive in each.drives for each in chosen)
+
+
+def _hottest(records: Sequence[Record], chosen: Sequence[ChosenKinds]) -> tuple[str, float] | None:
+    """The temperature among the outputs that moves most, and how far [K]."""
+    levels = {
+        each.output: max(float(np.max(np.abs(from_rest(r, each.output)))) for r in records)
+        for each in chosen
+        if is_temperature(each.output)
+    }
+    channel = max(levels, key=lambda c: levels[c], default="")
+    return (channel, levels[channel]) if levels and levels[channel] else None
+
+
+def _level(records: Sequence[Record], drive: Drive) -> float:
+    """Largest level of a drive of which a nonlinearity could be seen; 0 where there is none."""
+    if is_temperature(drive.channel):
+        return 0.0
+    u = [relative(r.column(drive.channel), drive.reference, drive.hold) for r in records]
+    size = np.abs(np.concatenate(u))
+    level = float(np.max(size))
+    between = (size > SAME_LEVEL * level) & (size < (1 - SAME_LEVEL) * level)
+    return level if between.any() else 0.0

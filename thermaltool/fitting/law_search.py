@@ -1,0 +1,230 @@
+"""Parameters of laws: searched one after another, all outputs fitted anew at every trial."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from thermaltool.effects.effect import Effect
+from thermaltool.fitting.hold_choice import ChosenKinds
+from thermaltool.fitting.laws import FORMS, Law, acting_records
+from thermaltool.fitting.projection import GridStates
+from thermaltool.fitting.response_choice import DECISIVE
+from thermaltool.fitting.response_search import FittedKinds, KindSearch
+from thermaltool.model import Drive
+from thermaltool.record import Record
+from thermaltool.responses.modes import Float
+
+# A small step to both sides, from which the gain within so many of them is predicted; no squared
+# error is predicted to fall below this share.
+TRIAL_STEP, TRIAL_STEPS, LEAST_SHARE = 0.02, 10.0, 1e-3
+# Around a value that is known: where it is searched once more.
+NEAR = 0.1
+# Steps to both sides from which the standard error is taken.
+ERROR_STEP = 0.01
+# A search goes on from another minimum of the rates that has more evidence by so much.
+MIN_FALL = 1.0
+# Where a search ends, in the parameter or its logarithm; trials at most. Several drives are
+# searched in turn, at most so often, until none moves by more than this of its standard error.
+TOLERANCE, MAX_TRIALS = 1e-4, 25
+MAX_TURNS, SETTLED = 8, 0.3
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A value of a parameter (or its logarithm), and every output fitted with it."""
+
+    x: float
+    fits: list[FittedKinds]
+
+    def fall(self, before: Sequence[FittedKinds], rows: Float) -> float:
+        """Fall of the criterion of all outputs, each of so many independent rows."""
+        return float(rows @ np.log(_sizes(before) / _sizes(self.fits)))
+
+
+@dataclass
+class LawSearch:
+    """Laws of several channels, all outputs fitted anew at every trial."""
+
+    records: Sequence[Record]
+    drives: Sequence[Drive]
+    chosen: Sequence[ChosenKinds]
+    tasks: Sequence[KindSearch]
+    laws: Mapping[str, Law]
+    _settled: dict[str, tuple[tuple[Effect, ...], GridStates]] = field(default_factory=dict)
+
+    def in_turn(self, known: Sequence[Effect]) -> dict[str, Effect]:
+        """Each channel beside what is known of the others, until none of them moves.
+
+        Parameters
+        ----------
+        known : sequence of Effect
+        """
+        found = {effect.channel: effect for effect in known if effect.channel in self.laws}
+        for turn in range(MAX_TURNS):
+            before = dict(found)
+            for channel in self.laws:
+                others = tuple(effect for c, effect in found.items() if c != channel)
+                near = found.get(channel) if turn else None
+                best = self._best(channel, others, near)
+                found.pop(channel, None)
+                if best is not None:
+                    found[channel] = best
+            if len(self.laws) == 1 or _alike(before, found):
+                break
+        return found
+
+    def _best(self, channel: str, others: tuple[Effect, ...], near: Effect | None) -> Effect | None:
+        """The law of one channel that decides, beside those of others; None for none."""
+        base = self._fits(others)
+        if base is None:
+            return None
+        law, best = self.laws[channel], None
+        forms = FORMS[law.effect]
+        for form in forms if near is None else [n for n in forms if n in near.parameters]:
+
+            def at(x: float, close: Sequence[FittedKinds] | None, form: str = form) -> _Trial:
+                fits = self._fits((*others, law.at(channel, form, x)), close)
+                return _Trial(float(x), base if fits is None else fits)
+
+            start = None if near is None else law.place(form, near.parameters[form])
+            found = _searched(at, base, law.places(form), start)
+            if found is None:
+                continue
+            trial, error = found
+            rows = _independent(trial.fits)
+            evidence = trial.fall(base, rows) - float(np.log(np.sum(rows)))
+            if evidence > DECISIVE and (best is None or evidence > best[0]):
+                chosen = law.at(channel, form, trial.x)
+                error *= chosen.parameters[form] if chosen.parameter(form).log else 1.0
+                covariance = np.diag([error**2, 0.0])
+                best = evidence, replace(chosen, covariance=covariance)
+        return None if best is None else best[1]
+
+    def _fits(
+        self, effects: tuple[Effect, ...], near: Sequence[FittedKinds] | None = None
+    ) -> list[FittedKinds] | None:
+        """Every output fitted with these nonlinearities; None where one cannot be."""
+        # What acts on a drive, and the clock on which it acts.
+        own = {
+            d.channel: tuple(e for e in effects if e.side == "state" or e.channel == d.channel)
+            for d in self.drives
+        }
+        states: GridStates = {}
+        for channel, (acted, kept) in self._settled.items():
+            if own[channel] == acted:
+                states.update(kept)
+        records, drives = acting_records(self.records, self.drives, effects)
+        thetas = [None] * len(self.chosen) if near is None else [each.theta for each in near]
+        fits = [
+            task.driven_by([drives[d] for d in each.drives], states, records).fit(
+                each.kinds, each.delays, theta
+            )
+            for each, task, theta in zip(self.chosen, self.tasks, thetas, strict=True)
+        ]
+        for drive in self.drives:
+            mine = {key: value for key, value in states.items() if key[1] == drive.channel}
+            self._settled[drive.channel] = own[drive.channel], mine
+        kept_fits = [fit for fit in fits if fit is not None]
+        return kept_fits if len(kept_fits) == len(fits) else None
+
+
+def _searched(
+    at: Callable[[float, Sequence[FittedKinds] | None], _Trial],
+    base: Sequence[FittedKinds],
+    ends: tuple[float, float],
+    start: float | None,
+) -> tuple[_Trial, float] | None:
+    """The best trial of one form and its standard error; None where small steps promise none."""
+    low, high = ends
+    if start is None:
+        behind, ahead = at(-TRIAL_STEP, base), at(TRIAL_STEP, base)
+        side = _predicted_side(base, behind.fits, ahead.fits)
+        if not side:
+            return None
+        low, high = (0.0, high) if side > 0 else (low, 0.0)
+    else:
+        low, high = max(low, start - NEAR), min(high, start + NEAR)
+        ahead = at(start, None)
+    rows = _independent(base)
+    best = _least(at, base, ahead, (low, high), rows, 10 * TOLERANCE)
+    # Trials follow one minimum of the rates; where another is better the search goes on in it.
+    fresh = at(best.x, None)
+    if fresh.fall(best.fits, rows) > MIN_FALL:
+        best = _least(at, base, fresh, (low, high), rows, 10 * TOLERANCE)
+    # Rows are as independent as the best trial leaves them.
+    rows = _independent(best.fits)
+    close = max(low, best.x - TRIAL_STEP), min(high, best.x + TRIAL_STEP)
+    best = _least(at, base, best, close, rows, TOLERANCE)
+    if min(best.x - ends[0], ends[1] - best.x) < ERROR_STEP:
+        # At the end of what is tried the records want another law than this one.
+        return None
+    sides = [at(best.x + step, best.fits) for step in (-ERROR_STEP, ERROR_STEP)]
+    bend = sum(best.fall(each.fits, rows) for each in sides)
+    return best, ERROR_STEP * float(np.sqrt(2 / bend)) if bend > 0 else abs(best.x)
+
+
+def _least(
+    at: Callable[[float, Sequence[FittedKinds] | None], _Trial],
+    base: Sequence[FittedKinds],
+    first: _Trial,
+    bounds: tuple[float, float],
+    rows: Float,
+    tolerance: float,
+) -> _Trial:
+    """The trial with the largest fall of the criterion within bounds."""
+    best = first
+
+    def loss(x: float) -> float:
+        nonlocal best
+        trial = at(float(x), best.fits)
+        if trial.fall(base, rows) > best.fall(base, rows):
+            best = trial
+        return -trial.fall(base, rows)
+
+    minimize_scalar(
+        loss,
+        bounds=bounds,
+        method="bounded",
+        options={"xatol": tolerance, "maxiter": MAX_TRIALS},
+    )
+    return best
+
+
+def _predicted_side(
+    base: Sequence[FittedKinds], behind: Sequence[FittedKinds], ahead: Sequence[FittedKinds]
+) -> float:
+    """Side on which parabolas of the squared errors predict a decisive gain; 0 for none."""
+    here, before, after = _sizes(base), _sizes(behind), _sizes(ahead)
+    rows = _independent(base)
+    side = 1.0 if rows @ np.log(before / after) > 0 else -1.0
+    slope, bend = (after - before) / 2, (after + before) / 2 - here
+    steps = side * np.linspace(0.0, TRIAL_STEPS, 101)[:, None]
+    share = np.maximum((here + slope * steps + bend * steps**2) / here, LEAST_SHARE)
+    return side if np.max(-np.log(share) @ rows) > DECISIVE else 0.0
+
+
+def _alike(before: Mapping[str, Effect], after: Mapping[str, Effect]) -> bool:
+    """Whether no nonlinearity moved by what its standard error shows."""
+    if before.keys() != after.keys():
+        return False
+    for channel, effect in after.items():
+        name = next(iter(effect.parameters))
+        was, now = before[channel].parameters.get(name), effect.parameters[name]
+        error = 0.0 if effect.covariance is None else float(effect.covariance[0, 0]) ** 0.5
+        if was is None or abs(now - was) > SETTLED * error:
+            return False
+    return True
+
+
+def _sizes(fits: Sequence[FittedKinds]) -> Float:
+    """Sum of squares of every output, shape (outputs,)."""
+    return np.array([max(fit.size, np.finfo(float).tiny) for fit in fits])
+
+
+def _independent(fits: Sequence[FittedKinds]) -> Float:
+    """Rows of every output that count as independent, shape (outputs,)."""
+    return np.array([fit.independent for fit in fits])
