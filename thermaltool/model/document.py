@@ -48,8 +48,7 @@ class Drive:
     range : (float, float)
         Values, relative to the reference, that the calibration has seen.
     rest : float, optional
-        Level of the first rows in the calibration; a machine that begins at rest elsewhere begins
-        with other temperatures (`rest_shifts`).
+        Where the calibration began: at another level rest has other temperatures (`rest_shifts`).
     """
 
     channel: str
