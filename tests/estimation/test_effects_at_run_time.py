@@ -440,6 +440,7 @@ REFUSED = [
         "switching_loss of dT_near_K: it counts by the reading of a sensor",
     ),
     (effect("outliers", NEAR, share=0.1, amplitude=1.0), "outliers of dT_near_K"),
+    (effect("noise_state", NEAR, partner=HEAT, quiet=0.1, loud=0.3), "noise_state of dT_near_K"),
     (effect("periodic", X, sine__d_x_um=1.0, cosine__d_x_um=1.0, period=60.0), "periodic of d_x"),
     (effect("record_too_short", X, covered=0.5), "record_too_short of d_x_um"),
     (

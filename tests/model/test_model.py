@@ -7,12 +7,16 @@ import json
 import numpy as np
 import pytest
 
+from thermaltool.effects.actuator_saturation import ActuatorSaturation
+from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.errors import ModelError
 from thermaltool.model import (
     Drive,
     Model,
     Output,
     Term,
+    acting_drives,
+    acting_effects,
     dumps,
     excursions,
     loads,
@@ -226,3 +230,16 @@ def test_no_nan_is_written():
 def test_a_design_that_reads_an_unknown_sensor():
     with pytest.raises(ModelError, match="sensor that the model does not have"):
         model().with_design({"sensors": ["T_b_degC"]}).estimator_design()
+
+
+def test_a_drive_saturates_before_it_is_squared():
+    """Whichever of the two was found first."""
+    square = DriveNonlinearity("Q_1_1", {"exponent": 2.0, "level": 1.0})
+    limit = ActuatorSaturation("Q_1_1", {"limit": 0.5, "level": 1.0})
+    time = np.arange(3.0)
+    record = Record(time, {"Q_1_1": np.array([0.0, 0.4, 1.0])})
+    drive = Drive("Q_1_1", "zero", 0.0, (0.0, 1.0))
+    for effects in ((square, limit), (limit, square)):
+        model = Model((drive,), (), (), 1.0, effects=effects)
+        acts = acting_drives(model, acting_effects(model), record)["Q_1_1"]
+        np.testing.assert_allclose(acts, [0.0, 0.16, 0.25])

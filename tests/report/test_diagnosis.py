@@ -16,7 +16,7 @@ from thermaltool.report.diagnosis import main_output, summary
 from thermaltool.report.diagnosis_figures import draw_curves, draw_evidence, pictures
 from thermaltool.report.diagnosis_markdown import to_markdown
 from thermaltool.report.diagnosis_tables import sections
-from thermaltool.report.diagnosis_words import duration, number, percent
+from thermaltool.report.diagnosis_words import duration, estimated, number, percent
 from thermaltool.units import printed
 
 
@@ -412,3 +412,18 @@ def test_the_worst_output_is_told_first():
     found = document()
     other = {**found["residuals"][OUTPUT], "above_floor": 0.1}
     assert main_output({**found, "residuals": {"d_a_um": other, **found["residuals"]}}) == OUTPUT
+
+
+@pytest.mark.parametrize(
+    ("value", "ends", "told"),
+    [
+        (1.0181, (1.0169, 1.0193), ["1.018", "1.017", "1.019"]),
+        (0.42, (0.31, 0.55), ["0.42", "0.31", "0.55"]),
+        (12.6, (5.23, 19.9), ["12.6", "5.23", "19.9"]),
+        (58.25, (58.21, 58.29), ["58.25", "58.21", "58.29"]),
+        (0.5, (0.0, 1e300), ["0.5", "0", "∞"]),
+        (3.0, None, ["3"]),
+    ],
+)
+def test_an_interval_has_as_many_digits_as_tell_its_ends_apart(value, ends, told):
+    assert estimated(value, ends) == told

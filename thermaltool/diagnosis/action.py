@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from thermaltool.diagnosis.inputs import duration_text
 from thermaltool.effects.effect import Effect, reference_of
-from thermaltool.units import parse_channel, printed
+from thermaltool.units import is_temperature, parse_channel, printed
 
 if TYPE_CHECKING:
     from thermaltool.diagnosis.result import Location
@@ -53,6 +53,8 @@ def action_of(
         values["start"], values["stop"] = (_text(t, "s") for t in (location.start, location.stop))
         values["condition"] = f", mostly while {location.condition}" if location.condition else ""
     form = effect.action if effect.channel else effect.action_unlogged or effect.action
+    if effect.channel and is_temperature(effect.channel):
+        form = effect.action_measured or form
     return form.format_map(values)
 
 
@@ -60,4 +62,6 @@ def _text(value: float, unit: str) -> str:
     """A value as a person says it: times in a handy unit."""
     if unit == "s":
         return f"{'-' if value < 0 else ''}{duration_text(abs(value))}"
-    return f"{value:.3g} {printed(unit)}".rstrip()
+    # A factor is told beside 1.
+    digits = 4 if unit == "1" else 3
+    return f"{value:.{digits}g} {printed(unit)}".rstrip()

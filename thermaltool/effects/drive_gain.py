@@ -25,6 +25,10 @@ class DriveGain(Effect):
         "measure what {channel} really gives (current, power, speed): it acts {gain} times as "
         "much as at the calibration; mend or reset it, or calibrate again"
     )
+    action_measured: ClassVar[str] = (
+        "look at the sensor of {channel}, its seat and its scale: the machine follows it {gain} "
+        "times as much as at the calibration; mend it, or calibrate again"
+    )
     signature: ClassVar[str] = (
         "every output of the drive is too large or too small by one and the same factor"
     )

@@ -28,6 +28,10 @@ class DriveGainStep(Effect):
         "look at heating elements, fuses and settings of {channel}: from {time} into the log "
         "it acts {gain} times as much as before"
     )
+    action_measured: ClassVar[str] = (
+        "look at the sensor of {channel} and its seat: from {time} into the log the machine "
+        "follows it {gain} times as much as before"
+    )
     signature: ClassVar[str] = (
         "from one instant on every output of the drive goes to another level by one factor, with "
         "the same dynamics"

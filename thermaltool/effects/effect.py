@@ -190,9 +190,10 @@ class Effect:
     side: ClassVar[Side]
     explanation: ClassVar[str]
     # What a technician can do, with places for {channel}, {output}, {partner}, {moves} and the
-    # parameters; `thermaltool.diagnosis.action` fills them. The other one where nothing is logged.
+    # parameters (`thermaltool.diagnosis.action`); where nothing is logged; where a sensor is read.
     action: ClassVar[str]
     action_unlogged: ClassVar[str] = ""
+    action_measured: ClassVar[str] = ""
     signature: ClassVar[str]
     source: ClassVar[str]
     known: ClassVar[Mapping[str, Parameter]]
@@ -241,8 +242,7 @@ class Effect:
 
         Parameters
         ----------
-        record, outputs, memory
-            As for `loss`.
+        record, outputs, memory : as for `loss`
         """
         return None
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from thermaltool.effects.effect import STILL, Effect, Side
 from thermaltool.errors import ModelError
-from thermaltool.model import Model
+from thermaltool.model import Model, acting_effects
 from thermaltool.responses.modes import Float
 from thermaltool.units import Hold, Reference
 
@@ -86,7 +86,7 @@ def permanent_effects(model: Model) -> tuple[Effect, ...]:
     ----------
     model : Model
     """
-    return tuple(e for e in model.effects if e.log is None)
+    return acting_effects(model)
 
 
 def reading_columns(model: Model) -> dict[str, str]:

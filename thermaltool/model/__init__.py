@@ -27,6 +27,7 @@ from thermaltool.model.selection import only_sensors
 from thermaltool.model.simulate import (
     Course,
     acting_drives,
+    acting_effects,
     read_outputs,
     simulate_response,
     sum_terms,
@@ -56,6 +57,7 @@ __all__ = [
     "Term",
     "Zero",
     "acting_drives",
+    "acting_effects",
     "agreements",
     "away_from_rest",
     "beside",

@@ -23,6 +23,8 @@ from thermaltool.responses.modes import Float, Hold, Modes
 if TYPE_CHECKING:
     from thermaltool.model.document import Model, Term
 
+# By which a drive acts, whatever happens to it before.
+LAWS_OF_DRIVES = ("drive_nonlinearity", "drive_curve")
 # What changes with the state may depend on the outputs: the record is repeated until the integral
 # of the loss [1] and the machine's own time [duration] change by less than this, and at most so
 # often.
@@ -46,15 +48,19 @@ def simulate(model: Model, record: Record) -> dict[str, Float]:
     return read_outputs(effects, sum_terms(model, effects, record), record)
 
 
-def acting_effects(model: Model, digest: str) -> tuple[Effect, ...]:
+def acting_effects(model: Model, digest: str | None = None) -> tuple[Effect, ...]:
     """The effects that act in a record of this digest: those of every record, and its own.
+
+    What happens to a drive comes before the law by which it acts: a voltage saturates, its square
+    heats.
 
     Parameters
     ----------
     model : Model
-    digest : str
+    digest : str, optional
     """
-    return tuple(e for e in model.effects if e.log in (None, digest))
+    own = (e for e in model.effects if e.log in (None, digest))
+    return tuple(sorted(own, key=lambda effect: effect.name in LAWS_OF_DRIVES))
 
 
 def acting_drives(model: Model, effects: Sequence[Effect], record: Record) -> dict[str, Float]:

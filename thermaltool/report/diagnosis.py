@@ -21,6 +21,7 @@ from thermaltool.report.diagnosis_words import (
     band_name,
     called,
     condition_name,
+    estimated,
     judged_on,
     kind_of,
     names_of,
@@ -196,11 +197,9 @@ def _log_name(document: Document, digest: str) -> str:
 
 
 def _parameter(name: str, each: Document) -> str:
-    value, unit = number(each["value"]), each["unit"]
-    if each["interval"] is None:
-        return f"{name} {with_unit(value, unit)}"
-    low, high = (number(end) for end in each["interval"])
-    return f"{name} {with_unit(f'{value} ({low} to {high})', unit)}"
+    value, *ends = estimated(each["value"], each["interval"])
+    told = f"{value} ({' to '.join(ends)})" if ends else value
+    return f"{name} {with_unit(told, each['unit'])}"
 
 
 def _worth(document: Document) -> Iterator[str]:

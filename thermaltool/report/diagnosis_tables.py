@@ -13,6 +13,7 @@ from thermaltool.report.diagnosis_words import (
     called,
     condition_name,
     duration,
+    estimated,
     follows,
     judged_on,
     kind_of,
@@ -115,8 +116,9 @@ def _causes(document: Document) -> Section:
                 rows.append([*head, name, "", "", ""])
                 continue
             interval = each["interval"]
-            bounds = "given" if interval is None else " to ".join(number(end) for end in interval)
-            rows.append([*head, name, number(each["value"]), bounds, printed(each["unit"])])
+            value, *ends = estimated(each["value"], interval)
+            bounds = " to ".join(ends) or "given"
+            rows.append([*head, name, value, bounds, printed(each["unit"])])
             head = ["", "", "", ""]
     return Section("Causes", rows)
 

@@ -16,10 +16,29 @@ Document = Mapping[str, Any]
 DECISIVE_EVIDENCE = 10.0
 # Below this a number is what rounding leaves of nothing; units are chosen so that none is so small.
 ROUNDING = 1e-12
+# No interval is told with more digits; beyond this an end of it is none.
+MAX_DIGITS, ENDLESS = 6, 1e30
 # Causes whose signatures are further apart do not look alike, though they may be as likely [deg].
 MIN_ANGLE_OF_RIVALS = 45.0
 # What a log is to a diagnosis, by its key in the JSON.
 ROLES = {"logs": "diagnosed", "validated_on": "validation", "calibrated_on": "calibration"}
+
+
+def estimated(value: float, interval: Sequence[float] | None) -> list[str]:
+    """A value and the ends of its interval, with as many digits as tell them apart.
+
+    Parameters
+    ----------
+    value : float
+    interval : (float, float), optional
+    """
+    told = [value, *(interval or ())]
+    width = (interval[1] - interval[0]) / 2 if interval else 0.0
+    largest = max(abs(each) for each in told)
+    if not 0 < width < largest / 100 or not 1e-3 <= largest < 1e4:
+        return [number(each) for each in told]
+    digits = min(math.ceil(math.log10(largest / width)) + 1, MAX_DIGITS)
+    return [f"{each:.{digits}g}" for each in told]
 
 
 def number(value: float | None) -> str:
@@ -33,6 +52,8 @@ def number(value: float | None) -> str:
         return "–"
     if abs(value) < ROUNDING:
         return "0"
+    if abs(value) > ENDLESS:
+        return "∞" if value > 0 else "-∞"
     return f"{value:.0f}" if 1000 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
