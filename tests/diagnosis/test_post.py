@@ -106,6 +106,14 @@ def test_a_thermometer_that_warms_itself():
     assert cause.effect.parameters["rise"] == pytest.approx(0.4, rel=0.15)
 
 
+@pytest.mark.slow
+def test_a_channel_that_is_handed_on_late():
+    change = {NEAR: lambda y: np.interp(TIME - 25.0, TIME, y)}
+    cause = first_cause(log_of(SEED + 10, change=change))
+    assert (cause.effect.name, cause.effect.channel) == ("logger_clock", NEAR)
+    assert cause.effect.parameters["offset"] == pytest.approx(25.0, rel=0.1)
+
+
 @pytest.mark.parametrize("loud", [0.03, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_a_heater_that_is_heard_in_a_line(loud):
     on = logged(duty(SEED + 9, TIME), TIME) > 0.3

@@ -130,8 +130,9 @@ def calibrate(
     starts : int
         Starts of the search that are refined.
     linear : bool
-        Take every drive as it is logged. Default: where evidence and held-out rows speak for it, a
-        power law or a parabola of a drive is part of the model.
+        Take every drive as it is logged, and the material as it is at rest. Default: where evidence
+        and held-out rows speak for it, a power law or a parabola of a drive, or a heat capacity
+        that changes with temperature, is part of the model.
     warn, progress : callable
         Take a sentence where a log pauses, and a word now and then.
     **reading

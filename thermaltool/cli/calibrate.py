@@ -35,8 +35,9 @@ from thermaltool.documents import write_json
 @click.option("--initial", type=click.Choice(["rest", "free"]), default="rest",
               help="State at the first row: at rest, or coming from an unknown level.")  # fmt: skip
 @click.option("--linear", is_flag=True,
-              help="Take every drive as it is logged.  [default: a power law or a parabola of it, "
-              "where evidence and held-out rows speak for one]")  # fmt: skip
+              help="Take every drive as it is logged, and the material as at rest.  [default: "
+              "a power law or a parabola of a drive, a heat capacity that changes with "
+              "temperature, where evidence and held-out rows speak for one]")  # fmt: skip
 @shared.span_options("Fit from", "Fit up to")
 @click.option("--loss", type=click.Choice(["huber", "linear"]), default="huber",
               help="huber counts outliers less.")  # fmt: skip

@@ -93,7 +93,7 @@ def fraction_removed(
         Of a reading.
     """
     runs = [SimulatedLogs(each, tuple(logs), masked) for each in (without(model, effect), model)]
-    return explained(noise, gains_of(runs[0], runs[1], lambda output: True))
+    return explained(noise, gains_of(runs[0], runs[1], lambda output: True, runs[0].warm_logs))
 
 
 def severity_of_outliers(model: Model, logs: Sequence[Record], masked: Mask) -> dict[str, Severity]:

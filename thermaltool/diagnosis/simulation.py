@@ -183,16 +183,15 @@ class SimulatedLogs:
             found.append(residual - basis @ weights)
         return found
 
-    def begins_warm(self, k: int) -> bool:
-        """Whether most of what is wrong in a log is a start away from rest.
+    @cached_property
+    def warm_logs(self) -> tuple[int, ...]:
+        """Numbers of the logs in which most of what is wrong is a start away from rest.
 
-        Only where the log is long enough to tell a start from a drift.
-
-        Parameters
-        ----------
-        k : int
-            Number of the log.
+        Only where a log is long enough to tell a start from a drift.
         """
+        return tuple(k for k in range(len(self.logs)) if self._begins_warm(k))
+
+    def _begins_warm(self, k: int) -> bool:
         for output, groups in self.groups.items():
             rows = groups.rows[k]
             if self.logs[k].duration < LOG_OF_START * self.slowest(output) or not len(rows):

@@ -110,8 +110,7 @@ def judge(
             # of every log: they hang on how it begins.
             old = alone.written(calibrated).with_logs(unseen)
             one, other = old.simulation, new.with_logs(unseen).simulation
-            warm = [k for k in range(len(unseen)) if one.begins_warm(k)]
-            there = gains_of(one, other, lambda output: True, warm)
+            there = gains_of(one, other, lambda output: True, one.warm_logs)
             # What happened in one log does nothing for another, but may not do harm there.
             if candidate.effect.log is None:
                 gains = there

@@ -217,7 +217,7 @@ def spoiled_by(
     for log in logs:
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
         counted = gains_of(old, new, lambda output: False)
-        warm = (0,) if old.begins_warm(0) else ()
+        warm = old.warm_logs
         for output, free in gains_of(old, new, lambda output: True, warm).items():
             sigma = noise.get(output) or difference_sigma(
                 old.groups[output].joined(old.residual(output))

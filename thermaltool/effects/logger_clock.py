@@ -12,6 +12,7 @@ from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter
 from thermaltool.effects.sensor_lag import ODDS_BESIDE_SHAPE_ERROR
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
+from thermaltool.units import is_displacement
 
 # Clocks that run apart by more than 2000 ppm are no clocks [s/h].
 MAX_DRIFT = 7.2
@@ -70,9 +71,12 @@ class LoggerClock(Effect):
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
-        groups = [group for group in (scene.sensors(), scene.displacements()) if group]
-        if len(groups) < 2:
-            return
+        loggers = [group for group in (scene.sensors(), scene.displacements()) if len(group) > 1]
+        # A transmitter, a filter or a bus may hand one channel on late.
+        groups: list[tuple[str, ...]] = []
+        if len(scene.outputs) > 1:
+            groups += [(output,) for output in scene.outputs]
+        groups += loggers if scene.sensors() and scene.displacements() else []
         shortest, longest = scene.period, max(MAX_SHARE_OF_LOG * scene.duration, 2 * scene.period)
         apart = scene.period / scene.duration * HOUR
         for group in groups:
@@ -80,6 +84,7 @@ class LoggerClock(Effect):
             for offset in np.geomspace(shortest, longest, OFFSETS).tolist():
                 yield cls(group[0], {"offset": offset, **logged})
                 yield cls(group[0], {"offset": -offset, **logged})
-            if apart < MAX_DRIFT:
+            # Clocks run apart by the logger; a channel of a displacement has one of its own.
+            if apart < MAX_DRIFT and (len(group) > 1 or is_displacement(group[0])):
                 yield cls(group[0], {"drift": apart, **logged})
                 yield cls(group[0], {"drift": -apart, **logged})

@@ -67,9 +67,9 @@ class CalibrationPlan:
         See `fit_output`.
     choose : bool
         Compare all kinds for every output whose kind is not given, and ways of the drives between
-        samples, and curves of the drives.
+        samples, and laws of the drives and of the material.
     linear : bool
-        No curve of a drive is looked for.
+        No law is looked for.
     """
 
     drives: tuple[str, ...]
