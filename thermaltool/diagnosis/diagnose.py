@@ -26,7 +26,7 @@ from thermaltool.diagnosis.no_signature import (
     is_trend,
     too_short,
 )
-from thermaltool.diagnosis.result import Diagnosis
+from thermaltool.diagnosis.result import Cause, Diagnosis
 from thermaltool.diagnosis.select import (
     Progress,
     Ranking,
@@ -47,7 +47,7 @@ from thermaltool.record import Record
 # the strongest, and others by what they have beyond their assumptions.
 MAX_CAUSES, MAX_HELD_OUT, MAX_OTHERS = 6, 4, 2
 # Share of the misfit that a cause of the written model explains at least: told as 1 %.
-MIN_EXPLAINED = 0.005
+MIN_EXPLAINED = 0.02
 # Rows, and values of an output, by which a model is judged at least.
 MIN_ROWS = 20
 # What is left over on the calibration's own log is looked at again where its power above noise is
@@ -295,29 +295,34 @@ def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
     Where a log does not begin at rest, what `simulate` leaves of one output says too little of a
     cause; all of them together do not.
     """
+    while (useless := _useless(task, search)) is not None:
+        last = search.hypothesis
+        search = replace(
+            search.noted(f"{useless.effect.name} explains nothing in the written model"),
+            causes=tuple(c for c in search.causes if c is not useless),
+            hypothesis=last.with_model(without(last.model, useless.effect)).fitted(),
+        )
+    return search
+
+
+def _useless(task: DiagnosisTask, search: SearchState) -> Cause | None:
+    """The first cause without which the written model is as good."""
     begun = "initial" in search.open().assumptions
     written = search.written(task)
+    logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
+    noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
+    masked = search.hypothesis.simulation.masked
     for cause in search.causes:
         rest = without(written, cause.effect)
         if rest is written:
             continue
-        logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
-        noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
-        masked = search.hypothesis.simulation.masked
         runs = task.judging(cause.effect, written)
         share = fraction_removed(written, cause.effect, runs, masked, noise)
-        useless = share < MIN_EXPLAINED or (
+        if share < MIN_EXPLAINED or (
             not begun and spoiled_by(written, rest, logs, masked, noise, surely=True) is None
-        )
-        if useless:
-            last = search.hypothesis
-            search = replace(
-                search.noted(f"{cause.effect.name} explains nothing in the written model"),
-                causes=tuple(c for c in search.causes if c is not cause),
-                hypothesis=last.with_model(without(last.model, cause.effect)).fitted(),
-            )
-            written = search.written(task)
-    return search
+        ):
+            return cause
+    return None
 
 
 def _with_outliers(search: SearchState) -> SearchState:

@@ -64,25 +64,39 @@ class LawSearch:
         known : sequence of Effect
         """
         found = {effect.channel: effect for effect in known if effect.channel in self.laws}
+        order, settled = list(self.laws), ""
+        if not found:
+            alone = {c: best for c in order if (best := self._best(c, (), None)) is not None}
+            if not alone or len(order) == 1:
+                return {channel: effect for channel, (_, effect) in alone.items()}
+            # The strongest first: what comes near to it is nothing beside it.
+            order.sort(key=lambda c: -alone[c][0] if c in alone else 0.0)
+            settled = order[0]
+            found = {settled: alone[settled][1]}
         for turn in range(MAX_TURNS):
             before = dict(found)
-            for channel in self.laws:
+            for channel in order:
+                if channel == settled and not turn:
+                    continue
                 others = tuple(effect for c, effect in found.items() if c != channel)
                 near = found.get(channel) if turn else None
                 best = self._best(channel, others, near)
                 found.pop(channel, None)
                 if best is not None:
-                    found[channel] = best
-            if len(self.laws) == 1 or _alike(before, found):
+                    found[channel] = best[1]
+            if len(order) == 1 or _alike(before, found):
                 break
         return found
 
-    def _best(self, channel: str, others: tuple[Effect, ...], near: Effect | None) -> Effect | None:
-        """The law of one channel that decides, beside those of others; None for none."""
+    def _best(
+        self, channel: str, others: tuple[Effect, ...], near: Effect | None
+    ) -> tuple[float, Effect] | None:
+        """The law of one channel that decides, and its evidence, beside others; None for none."""
         base = self._fits(others)
         if base is None:
             return None
-        law, best = self.laws[channel], None
+        law = self.laws[channel]
+        best: tuple[float, Effect] | None = None
         forms = FORMS[law.effect]
         for form in forms if near is None else [n for n in forms if n in near.parameters]:
 
@@ -102,7 +116,7 @@ class LawSearch:
                 error *= chosen.parameters[form] if chosen.parameter(form).log else 1.0
                 covariance = np.diag([error**2, 0.0])
                 best = evidence, replace(chosen, covariance=covariance)
-        return None if best is None else best[1]
+        return best
 
     def _fits(
         self, effects: tuple[Effect, ...], near: Sequence[FittedKinds] | None = None

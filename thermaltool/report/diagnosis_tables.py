@@ -109,7 +109,7 @@ def _causes(document: Document) -> Section:
             cause["name"],
             cause["channel"],
             number(cause["evidence"]),
-            "–" if cause["location"] is not None else percent(cause["explained"]),
+            percent(cause["explained"]) if cause["gain"] else "–",
         ]
         for name, each in cause["parameters"].items() or [("–", None)]:
             if each is None:
