@@ -69,7 +69,8 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         if gain is None:  # no part of a model
             return replace(cause, explained=explained(noise, cause.gain))
         runs = task.judging(cause.effect, extended)
-        share = fraction_removed(extended, cause.effect, runs, masked, noise)
+        from_rest = "initial" not in ended.assumptions and not task.on_unseen(cause.effect)
+        share = fraction_removed(extended, cause.effect, runs, masked, noise, from_rest)
         return replace(cause, gain=gain, explained=share)
 
     causes = [told(*each) for each in zip(search.causes, written.gains, strict=True)]

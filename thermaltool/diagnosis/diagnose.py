@@ -317,7 +317,8 @@ def _useless(task: DiagnosisTask, search: SearchState) -> Cause | None:
         if rest is written:
             continue
         runs = task.judging(cause.effect, written)
-        share = fraction_removed(written, cause.effect, runs, masked, noise)
+        from_rest = not begun and not task.on_unseen(cause.effect)
+        share = fraction_removed(written, cause.effect, runs, masked, noise, from_rest)
         if share < MIN_EXPLAINED or (
             not begun and spoiled_by(written, rest, logs, masked, noise, surely=True) is None
         ):

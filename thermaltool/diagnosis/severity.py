@@ -76,7 +76,12 @@ def severity_of(model: Model, effect: Effect, logs: Sequence[Record]) -> dict[st
 
 
 def fraction_removed(
-    model: Model, effect: Effect, logs: Sequence[Record], masked: Mask, noise: Mapping[str, float]
+    model: Model,
+    effect: Effect,
+    logs: Sequence[Record],
+    masked: Mask,
+    noise: Mapping[str, float],
+    from_rest: bool,
 ) -> float:
     """Share of the misfit above noise that comes back where a cause alone is left out.
 
@@ -91,9 +96,12 @@ def fraction_removed(
         Outliers: rows that do not count.
     noise : mapping of output to float [unit of the output]
         Of a reading.
+    from_rest : bool
+        All logs begin at rest; else what a start leaves does not count where one begins warm.
     """
     runs = [SimulatedLogs(each, tuple(logs), masked) for each in (without(model, effect), model)]
-    return explained(noise, gains_of(runs[0], runs[1], lambda output: True, runs[0].warm_logs))
+    warm = () if from_rest else runs[0].warm_logs
+    return explained(noise, gains_of(runs[0], runs[1], lambda output: True, warm))
 
 
 def severity_of_outliers(model: Model, logs: Sequence[Record], masked: Mask) -> dict[str, Severity]:

@@ -50,9 +50,9 @@ def without(model: Model, effect: Effect) -> Model:
 # Time constants of an unknown start, relative to the output's slowest: so near each other that
 # their sum follows any decay to a hundredth of its height, also one slower than the model's.
 START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02)
-# A start is told from a drift in so many of the slowest time constants, where without it less than
-# this share of the misfit is left.
-LOG_OF_START, SHARE_OF_START = 4.0, 0.5
+# A start is told from a drift in so many of the slowest time constants, where without it, and in
+# the second half of the log, less than this share of the misfit is left.
+LOG_OF_START, SHARE_OF_START = 4.0, 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,8 +197,10 @@ class SimulatedLogs:
             if self.logs[k].duration < LOG_OF_START * self.slowest(output) or not len(rows):
                 continue
             all_of_it = self.residual(output)[k][rows]
+            late = all_of_it[len(rows) // 2 :]
             rest = self.start_free(output)[k][rows]
-            if np.std(rest) < SHARE_OF_START * np.std(all_of_it):
+            # A drift goes on in the second half.
+            if max(np.std(rest), np.std(late)) < SHARE_OF_START * np.std(all_of_it):
                 return True
         return False
 

@@ -64,6 +64,15 @@ class DiagnosisTask:
             else {o.channel: misfit_of(self.model, o.channel) for o in self.model.outputs}
         )
 
+    def on_unseen(self, effect: Effect) -> bool:
+        """Whether an effect is judged by logs that no fit sees.
+
+        Parameters
+        ----------
+        effect : Effect
+        """
+        return effect.log is None and bool(self.validate)
+
     def judging(self, effect: Effect, model: Model) -> list[Record]:
         """Logs by which an effect is judged, of those on which a model can be run.
 
@@ -72,7 +81,7 @@ class DiagnosisTask:
         effect : Effect
         model : Model
         """
-        logs = self.logs if effect.log is not None else self.validate or self.logs
+        logs = self.validate if self.on_unseen(effect) else self.logs
         return [log for log in logs if cannot_run(model, log) is None]
 
     def first(self) -> Hypothesis:
