@@ -82,7 +82,9 @@ def test_a_gain_of_the_drive_from_an_instant_on():
     assert np.mean(logged(named, TIME) != logged(truth, TIME)) < 0.01
 
 
-@pytest.mark.parametrize("law", [faults.sticking, faults.slipping], ids=lambda law: law.__name__)
+@pytest.mark.parametrize(
+    "law", [faults.sticking, pytest.param(faults.slipping, marks=pytest.mark.slow)]
+)
 def test_a_slide_that_sticks(law):
     cause = first_cause(log_of(SEED + 4, change={RISE: lambda y: law(y, 2.0)}))
     assert (cause.effect.name, cause.effect.channel) == ("stick_slip", RISE)
@@ -129,6 +131,7 @@ def test_a_heater_that_is_heard_in_a_line(loud):
         assert cause.effect.parameters["loud"] == pytest.approx(np.hypot(0.01, loud), rel=0.15)
 
 
+@pytest.mark.slow
 def test_sensors_that_are_swapped_though_one_hardly_moves():
     log = log_of(SEED + 8)
     near, far = (log.columns[name] for name in (NEAR, FAR))
@@ -137,7 +140,8 @@ def test_sensors_that_are_swapped_though_one_hardly_moves():
     assert first_cause(swapped).effect.name == "sensors_swapped"
 
 
-@pytest.mark.parametrize("offset", [40.0, pytest.param(-40.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("offset", [40.0, -40.0])
 def test_a_logger_that_is_late_or_early(offset):
     """The temperatures are those of another moment; exactly, not between rows."""
     course = duty(SEED + 7, TIME)

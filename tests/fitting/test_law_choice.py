@@ -64,6 +64,7 @@ def test_a_curve_of_the_drive_is_found_with_its_interval(law, name, value):
     assert {"exponent": "power", "curvature": "parabola"}[name] in told[0]
 
 
+@pytest.mark.slow
 def test_a_later_log_is_followed_to_the_noise():
     logs, unseen = [log_of("power", 20261124)], log_of("power", 20261125)
     curved, linear = calibrate(logs, PLAN), calibrate(logs, replace(PLAN, linear=True))
@@ -111,6 +112,7 @@ def test_two_nonlinear_drives_are_found_together():
         assert effect.parameters["exponent"] == pytest.approx(2.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_coarse_readings_hide_no_curve():
     log = log_of("square", 20261204)
     columns = {**log.columns, **{o: 0.5 * np.round(log.columns[o] / 0.5) for o in OUTPUTS}}
@@ -118,6 +120,7 @@ def test_coarse_readings_hide_no_curve():
     assert effect.parameters["exponent"] == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_another_disturbance_of_one_output_hides_no_curve():
     log = log_of("square", 20261205)
     swing = np.sin(2 * np.pi * log.time / 5000.0)
@@ -146,6 +149,7 @@ def test_another_error_of_structure_is_no_curve_of_the_drive():
     assert any("times the noise of a reading" in each for each in calibration_warnings(model))
 
 
+@pytest.mark.slow
 def test_a_change_of_the_law_is_named_and_none_where_there_is_none(monkeypatch):
     monkeypatch.setitem(LAWS, "steeper", lambda share: share**1.2)
     model = calibrate([log_of("power", 20261207)], PLAN)
