@@ -68,6 +68,7 @@ def test_a_log_that_begins_with_the_power_on_is_told(thermaltool, runs):
     assert "begins with" not in done.err
 
 
+@pytest.mark.slow
 def test_one_run_corrected_foretells_another(thermaltool, runs):
     target = runs / "corrected.json"
     done = thermaltool("correct", runs / "mixed.json", runs / "mixed.csv", "--columns", MAP,

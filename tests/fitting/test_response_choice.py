@@ -144,6 +144,7 @@ def test_the_comparison_is_told_with_its_reason():
     assert "10 min" in line or "9.9" in line or "10.1 min" in line
 
 
+@pytest.mark.slow
 def test_gains_that_cancel_are_told_and_not_chosen():
     """Two drives that go together: what one adds the other takes off."""
     u = switched(1)
