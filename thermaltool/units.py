@@ -130,6 +130,10 @@ def hold_of(channel: str) -> Hold:
     return "first" if parse_channel(channel).dimension in _CONTINUOUS else "zero"
 
 
+# No temperature is below [degC].
+ABSOLUTE_ZERO = -273.15
+
+
 def is_temperature(channel: str) -> bool:
     """Whether a channel is a temperature or a difference of two.
 

@@ -13,7 +13,6 @@ from thermaltool.diagnosis.noisy_states import noisy_states
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, curves_of, unconfirmed
 from thermaltool.diagnosis.severity import (
     Severity,
-    fraction_removed,
     severity_of,
     severity_of_outliers,
 )
@@ -68,9 +67,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     def told(cause: Cause, gain: Mapping[str, Gain] | None) -> Cause:
         if gain is None:  # no part of a model
             return replace(cause, explained=explained(noise, cause.gain))
-        runs = task.judging(cause.effect, extended)
-        from_rest = "initial" not in ended.assumptions and not task.on_unseen(cause.effect)
-        share = fraction_removed(extended, cause.effect, runs, masked, noise, from_rest)
+        share = task.explained(extended, cause.effect, masked, noise, ended.assumptions)
         return replace(cause, gain=gain, explained=share)
 
     causes = [told(*each) for each in zip(search.causes, written.gains, strict=True)]

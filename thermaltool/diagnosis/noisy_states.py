@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import after_a_switch
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.severity import Severity
+from thermaltool.diagnosis.simulation import Series
 from thermaltool.effects.effect import Float
 from thermaltool.effects.noise_state import NoiseState
 from thermaltool.record import Record
@@ -50,9 +53,11 @@ def noisy_states(hypothesis: Hypothesis) -> list[Cause]:
     """
     states = _states(hypothesis)
     tests = max(len(states) * len(hypothesis.groups), 1)
+    switched = [after_a_switch(hypothesis.model, log) for log in hypothesis.logs]
     found = []
     for output in hypothesis.groups:
-        tried = [(state, _compared(hypothesis, output, state)) for state in states]
+        residual = hypothesis.unexplained(output)
+        tried = [(state, _compared(hypothesis, residual, switched, state)) for state in states]
         known = [(state, each) for state, each in tried if each is not None]
         if not known:
             continue
@@ -84,8 +89,13 @@ def _states(hypothesis: Hypothesis) -> list[str]:
     ]
 
 
-def _compared(hypothesis: Hypothesis, output: str, state: str) -> _Noise | None:
-    """The noise of an output while a state is off and on; None where either is too rare."""
+def _compared(
+    hypothesis: Hypothesis,
+    residuals: Series,
+    switched: Sequence[NDArray[np.bool_]],
+    state: str,
+) -> _Noise | None:
+    """The noise of a residual while a state is off and on; None where either is too rare."""
     logs = hypothesis.logs
     there = [np.abs(log.columns[state]) for log in logs if state in log.columns]
     values = np.concatenate(there)
@@ -94,12 +104,12 @@ def _compared(hypothesis: Hypothesis, output: str, state: str) -> _Noise | None:
         return None
     low, span = float(np.min(values)), float(np.ptp(values))
     apart: dict[bool, list[Float]] = {False: [], True: []}
-    for log, residual in zip(logs, hypothesis.unexplained(output), strict=True):
+    for log, residual, jumps in zip(logs, residuals, switched, strict=True):
         if state not in log.columns:
             continue
         share = (np.abs(log.columns[state]) - low) / span
         still = np.isfinite(residual) & np.isfinite(share)
-        still &= ~after_a_switch(hypothesis.model, log)
+        still &= ~jumps
         # Pairs that share no reading are independent.
         pairs = np.arange(0, len(residual) - 1, 2)
         pairs = pairs[still[pairs] & still[pairs + 1]]

@@ -189,20 +189,21 @@ class SimulatedLogs:
 
         Only where a log is long enough to tell a start from a drift.
         """
-        return tuple(k for k in range(len(self.logs)) if self._begins_warm(k))
-
-    def _begins_warm(self, k: int) -> bool:
+        warm = set()
         for output, groups in self.groups.items():
-            rows = groups.rows[k]
-            if self.logs[k].duration < LOG_OF_START * self.slowest(output) or not len(rows):
-                continue
-            all_of_it = self.residual(output)[k][rows]
-            late = all_of_it[len(rows) // 2 :]
-            rest = self.start_free(output)[k][rows]
-            # A drift goes on in the second half.
-            if max(np.std(rest), np.std(late)) < SHARE_OF_START * np.std(all_of_it):
-                return True
-        return False
+            long = LOG_OF_START * self.slowest(output)
+            kept = [
+                k for k, r in enumerate(groups.rows) if len(r) and self.logs[k].duration >= long
+            ]
+            residual = self.residual(output)
+            free = self.start_free(output) if kept else []
+            for k in kept:
+                rows = groups.rows[k]
+                # A drift goes on in the second half.
+                rest, late = free[k][rows], residual[k][rows[len(rows) // 2 :]]
+                if max(np.std(rest), np.std(late)) < SHARE_OF_START * np.std(residual[k][rows]):
+                    warm.add(k)
+        return tuple(sorted(warm))
 
     def with_effects(self, *more: Effect, model: Model | None = None) -> list[dict[str, Float]]:
         """Outputs of every log with more effects, or with another model.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,6 +13,8 @@ from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
 from thermaltool.diagnosis.result import Alternative, Cause, Tried
 from thermaltool.diagnosis.select import Progress
+from thermaltool.diagnosis.severity import fraction_removed
+from thermaltool.diagnosis.simulation import Mask
 from thermaltool.diagnosis.validate import AcceptedCause
 from thermaltool.diagnosis.verdict import misfit_of
 from thermaltool.diagnosis.written import cannot_run, rezeroed, spoiled_by
@@ -64,25 +67,31 @@ class DiagnosisTask:
             else {o.channel: misfit_of(self.model, o.channel) for o in self.model.outputs}
         )
 
-    def on_unseen(self, effect: Effect) -> bool:
-        """Whether an effect is judged by logs that no fit sees.
+    def explained(
+        self,
+        model: Model,
+        effect: Effect,
+        masked: Mask,
+        noise: Mapping[str, float],
+        assumptions: Assumptions,
+    ) -> float:
+        """Share of the misfit that an effect explains, on unseen logs where it acts in them.
 
         Parameters
         ----------
-        effect : Effect
-        """
-        return effect.log is None and bool(self.validate)
-
-    def judging(self, effect: Effect, model: Model) -> list[Record]:
-        """Logs by which an effect is judged, of those on which a model can be run.
-
-        Parameters
-        ----------
-        effect : Effect
         model : Model
+            With all causes.
+        effect : Effect
+        masked, noise
+            As for `fraction_removed`.
+        assumptions : frozenset of str
+            Under which the search ended: whether the diagnosed logs begin at rest.
         """
-        logs = self.validate if self.on_unseen(effect) else self.logs
-        return [log for log in logs if cannot_run(model, log) is None]
+        unseen = effect.log is None and bool(self.validate)
+        logs = self.validate if unseen else self.logs
+        runs = [log for log in logs if cannot_run(model, log) is None]
+        from_rest = "initial" not in assumptions and not unseen
+        return fraction_removed(model, effect, runs, masked, noise, from_rest)
 
     def first(self) -> Hypothesis:
         """The model without any cause."""

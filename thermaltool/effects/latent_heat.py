@@ -11,7 +11,7 @@ from thermaltool.effects.channels import rest_of
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
-from thermaltool.units import is_absolute
+from thermaltool.units import ABSOLUTE_ZERO, is_absolute
 
 # Temperatures that are tried, and latent heat and width, as shares of the range that is gone
 # through.
@@ -43,7 +43,7 @@ class LatentHeat(Effect):
         "heat": Parameter("K", low=0.0),
         "at": Parameter("degC", low=-100.0, high=2000.0),
         "width": Parameter("K", neutral=1.0, low=0.05, high=50.0, log=True),
-        "rest": Parameter("degC", low=-273.15, fixed=True),
+        "rest": Parameter("degC", low=ABSOLUTE_ZERO, fixed=True),
     }
 
     def pace(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:

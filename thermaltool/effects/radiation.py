@@ -12,10 +12,10 @@ from thermaltool.effects.dynamics import from_rest
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
-from thermaltool.units import parse_channel
+from thermaltool.units import ABSOLUTE_ZERO, parse_channel
 
 # 0 degC [K].
-KELVIN = 273.15
+KELVIN = -ABSOLUTE_ZERO
 
 
 class Radiation(Effect):
@@ -45,7 +45,7 @@ class Radiation(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {
         "rate": Parameter("1/s", low=0.0, high=0.1),
-        "rest": Parameter("degC", low=-KELVIN, fixed=True),
+        "rest": Parameter("degC", low=ABSOLUTE_ZERO, fixed=True),
     }
 
     def needs(self) -> tuple[str, ...]:

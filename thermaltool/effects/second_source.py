@@ -14,7 +14,8 @@ from thermaltool.effects.source import HeatSource
 from thermaltool.record import Record
 from thermaltool.units import parse_channel
 
-# A source that nobody logged is switched on after this share of a log at the earliest.
+# A source that nobody logged is switched on after this share of a log at the earliest, and of its
+# own time constant: before, it is the state in which the machine was found.
 MIN_START, MIN_LATER = 0.01, 0.3
 
 

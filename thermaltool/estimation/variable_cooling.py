@@ -22,7 +22,7 @@ from thermaltool.estimation.permanent_effects import (
     refuse,
     sensor_time_constants,
 )
-from thermaltool.model import Model
+from thermaltool.model import Model, state_rates
 from thermaltool.record import Record
 from thermaltool.responses.modes import CLOCK_STEP, Float, Recursion
 
@@ -149,10 +149,8 @@ class VariableCoolingEstimator:
         columns = {name: np.array([first[k], now[k]]) for name, k in self._columns.items()}
         outputs = {name: np.array([0.0, row @ x[:modal]]) for name, row in rows.items()}
         signals = Record(np.zeros(2), columns)
-        found = [effect.loss(signals, outputs) for effect in self.losses]
-        paces = [effect.pace(signals, outputs) for effect in self.losses]
-        rate = float(sum(loss[-1] for loss in found if loss is not None))
-        return rate, math.prod(float(pace[-1]) for pace in paces if pace is not None)
+        rate, pace = state_rates([(effect, None) for effect in self.losses], signals, outputs)
+        return float(rate[-1]), float(pace[-1])
 
     def advance(self, ticks: int, x: Float, first: Float, before: Float, now: Float) -> Float:
         """The state after a sample of `ticks` clock steps that ends with the readings `now`.

@@ -12,8 +12,8 @@ from thermaltool.logs.clock import BURST_PERIODS, Sampling, sampling
 from thermaltool.logs.log import Log
 from thermaltool.logs.table import MAX_LISTED
 from thermaltool.record import Array, ChannelSummary
+from thermaltool.units import ABSOLUTE_ZERO
 
-ABSOLUTE_ZERO = -273.15  # [degC]
 # Steps may differ by this share of the period before the clock counts as uneven.
 MAX_JITTER_SHARE = 0.1
 # A sample is a spike when it stands out by this many median steps from row to row.

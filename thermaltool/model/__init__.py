@@ -30,6 +30,7 @@ from thermaltool.model.simulate import (
     acting_effects,
     read_outputs,
     simulate_response,
+    state_rates,
     sum_terms,
     term_input,
 )
@@ -74,6 +75,7 @@ __all__ = [
     "rest_level",
     "rest_shifts",
     "simulate_response",
+    "state_rates",
     "sum_terms",
     "term_input",
     "to_document",

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thermaltool.effects.effect import SIDES, Effect, needed
+from thermaltool.effects.effect import SIDES, Effect, Memory, needed
 from thermaltool.errors import ModelError
 from thermaltool.model.rest import drive_rests, relative, rest_shifts
 from thermaltool.record import Record
@@ -185,6 +185,28 @@ def sum_terms(
     return outputs
 
 
+def state_rates(
+    effects: Sequence[tuple[Effect, Memory]], record: Record, outputs: Mapping[str, Float]
+) -> tuple[Float, Float]:
+    """By how much modes decay faster [1/s], and the factor of the machine's own time, at each row.
+
+    Parameters
+    ----------
+    effects : sequence of (Effect, memory)
+        On the state; None for a whole record.
+    record : Record
+    outputs : mapping of channel to ndarray, shape (n,)
+        Relative to rest.
+    """
+    rate, pace = np.zeros(len(record.time)), np.ones(len(record.time))
+    for effect, memory in effects:
+        if (more := effect.loss(record, outputs, memory)) is not None:
+            rate = rate + more
+        if (factor := effect.pace(record, outputs, memory)) is not None:
+            pace = pace * factor
+    return rate, pace
+
+
 @dataclass(frozen=True)
 class Course:
     """How the state of a machine changes what its responses are.
@@ -213,14 +235,9 @@ class Course:
             Relative to rest.
         """
         steps = np.diff(record.time)
-        rate, pace = np.zeros(len(record.time)), np.ones(len(record.time))
         # A loss that runs away with what it changes is found further on, by what is not finite.
         with np.errstate(over="ignore", invalid="ignore"):
-            for effect in effects:
-                if (more := effect.loss(record, outputs)) is not None:
-                    rate = rate + more
-                if (factor := effect.pace(record, outputs)) is not None:
-                    pace = pace * factor
+            rate, pace = state_rates([(effect, None) for effect in effects], record, outputs)
             clock = np.append(0.0, np.cumsum(pace[:-1] * steps))
             return cls(record.time[:1] + clock, np.append(0.0, np.cumsum(rate[:-1] * steps)))
 

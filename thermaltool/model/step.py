@@ -15,7 +15,7 @@ import numpy as np
 from thermaltool.effects.effect import SIDES, STILL, Effect
 from thermaltool.errors import ModelError
 from thermaltool.model.rest import rest_shifts
-from thermaltool.model.simulate import acting_effects, dead_times
+from thermaltool.model.simulate import acting_effects, dead_times, state_rates
 from thermaltool.record import Record
 from thermaltool.responses.modes import CLOCK_STEP, Float
 from thermaltool.responses.streaming import ResponseRecursion, Span, SpanDelay
@@ -312,10 +312,9 @@ class ModelRecursion:
         if not self._states and not self._readings:
             return sums
         outputs = {name: np.array([value]) for name, value in sums.items()}
-        rates = [effect.loss(record, outputs, memory) for effect, memory in self._states]
-        self._rate = float(sum(rate[0] for rate in rates if rate is not None))
-        paces = [effect.pace(record, outputs, memory) for effect, memory in self._states]
-        self._pace = math.prod(float(pace[0]) for pace in paces if pace is not None)
+        if self._states:
+            rate, pace = state_rates(self._states, record, outputs)
+            self._rate, self._pace = float(rate[0]), float(pace[0])
         for effect, memories in self._readings:
             outputs = {
                 name: effect.output(name, outputs, record, memories[name]) for name in outputs

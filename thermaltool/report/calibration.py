@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from thermaltool.effects.effect import Effect
 from thermaltool.fitting.discrepancy import MAX_OVER_NOISE
 from thermaltool.fitting.response_choice import LEFT_OUT
 from thermaltool.model import Characteristics, Model, Output, characteristics, to_document
 from thermaltool.report.text import aligned
 from thermaltool.signals.intervals import Estimate, normal_estimate
-from thermaltool.units import hold_of, is_absolute, parse_channel, printed
+from thermaltool.units import ABSOLUTE_ZERO, hold_of, is_absolute, parse_channel, printed
 
-# No temperature is below [degC].
-ABSOLUTE_ZERO = -273.15
 # From here on a time constant is told in minutes, and in hours [s].
 MINUTES_FROM, HOURS_FROM = 120.0, 7200.0
 
@@ -150,8 +146,8 @@ def _below_zero(output: Output) -> str:
 def _law(effect: Effect) -> str:
     """What acts in place of a drive, or how the machine changes with its temperature."""
     name = next(n for n in effect.parameters if n != "level")
-    value = effect.parameters[name]
-    error = 0.0 if effect.covariance is None else float(np.diag(effect.covariance).max()) ** 0.5
+    value, at = effect.parameters[name], list(effect.parameters).index(name)
+    error = 0.0 if effect.covariance is None else float(effect.covariance[at, at]) ** 0.5
     told = normal_estimate(value, error)
     level = f"{effect.parameters['level']:.4g} {printed(parse_channel(effect.channel).unit)}"
     if name == "rise":
