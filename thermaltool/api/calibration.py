@@ -91,7 +91,7 @@ def calibrate(
     kinds: Mapping[str, str] | None = None,
     fixed: Mapping[str, float] | None = None,
     reference: Reference | None = None,
-    initial: Literal["rest", "free"] = "rest",
+    initial: Literal["auto", "rest", "free"] = "auto",
     start: float | None = None,
     stop: float | None = None,
     loss: Literal["huber", "linear"] = "huber",
@@ -121,8 +121,9 @@ def calibrate(
         Parameters that are not fitted.
     reference : "first" or float, optional
         What counts as no drive. Default: "first" for an absolute temperature, else 0.
-    initial : {"rest", "free"}
-        State at the first row: at rest, or coming from an unknown level.
+    initial : {"auto", "rest", "free"}
+        State at the first row: at rest, coming from an unknown level, or, by default, the latter
+        where that leaves far less.
     start, stop : float, optional [s]
         The stretch that is fitted.
     loss : {"huber", "linear"}
@@ -175,7 +176,7 @@ def calibrate(
         fixed or {},
         loss,
         starts,
-        initial == "free",
+        initial,
         choose=True,
         linear=linear,
     )

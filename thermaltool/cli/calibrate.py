@@ -32,8 +32,9 @@ from thermaltool.documents import write_json
               "(the unit of length).")  # fmt: skip
 @click.option("--reference", metavar="first|NUMBER",
               help="What counts as no drive.  [default: first for T_..._degC, else 0]")  # fmt: skip
-@click.option("--initial", type=click.Choice(["rest", "free"]), default="rest",
-              help="State at the first row: at rest, or coming from an unknown level.")  # fmt: skip
+@click.option("--initial", type=click.Choice(["auto", "rest", "free"]), default="auto",
+              help="State at the first row: at rest, coming from an unknown level, or the latter "
+              "where that leaves far less.")  # fmt: skip
 @click.option("--linear", is_flag=True,
               help="Take every drive as it is logged, and the material as at rest.  [default: "
               "a power law or a parabola of a drive, a heat capacity that changes with "

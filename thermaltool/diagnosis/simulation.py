@@ -315,8 +315,13 @@ class SimulatedLogs:
         return max(float(np.max(np.abs(each[drive]))) for each in self.inputs) or 1.0
 
     def slowest(self, output: str) -> float:
-        """Slowest time constant of the terms of an output [s]."""
-        return max(t.response.slowest() for t in self.model.terms if t.output == output)
+        """Slowest time constant of the terms of an output, within the longest log [s].
+
+        One that is slower is a trend here, whatever its length, and hardly known.
+        """
+        longest = max(log.duration for log in self.logs)
+        own = max(t.response.slowest() for t in self.model.terms if t.output == output)
+        return min(own, longest)
 
     def away_from_rest(self) -> bool:
         """Whether a log begins away from rest, by an output whose rest is known."""

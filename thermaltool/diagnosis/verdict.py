@@ -32,9 +32,9 @@ MAX_FLOORS = 2.0
 ADEQUATE_SHARE = 0.5
 # On other inputs than those of its calibration a model is off by no more than this many times what
 # it was off by there, beside the noise of a reading: no cause and no unknown is called below. Of a
-# misfit that a diagnosis knows from the calibration this many times what it does not know counts,
-# and none that is below so many times the noise.
-MAX_TIMES_CALIBRATED, MAX_DRIFTS, MIN_OVER_NOISE = 3.5, 2.0, 2.0
+# misfit that a diagnosis knows from the calibration this many times what it does not know counts.
+# Where it is lost in the noise nothing of it counts, from the second share of the noise on all.
+MAX_TIMES_CALIBRATED, MAX_DRIFTS, OVER_NOISE = 3.5, 2.0, (0.5, 2.0)
 # What is left beside named causes is told from this share of the RMS that was there before them.
 MIN_SHARE_LEFT = 0.2
 # A condition holds what is left where its share of the power exceeds that of the time by so much.
@@ -127,7 +127,8 @@ def misfit_of(model: Model, output: str) -> float:
     # A misfit that is larger than any drift that was tried is that of the kind of response.
     if drift < 0.99 * float(np.sqrt(max(DRIFT_RATIOS))) * white:
         misfit = min(misfit, MAX_DRIFTS * drift)
-    return misfit if misfit > MIN_OVER_NOISE * white else 0.0
+    lost, sure = (share * white for share in OVER_NOISE)
+    return misfit * float(np.clip((misfit - lost) / (sure - lost), 0.0, 1.0))
 
 
 def reading_noise(hypothesis: Hypothesis, output: str) -> float:
@@ -144,15 +145,17 @@ def reading_noise(hypothesis: Hypothesis, output: str) -> float:
 
 
 def floor_of(hypothesis: Hypothesis, output: str) -> float:
-    """Largest slow discrepancy of a clean log [unit of the output]; 0 where nothing is known of it.
+    """Largest discrepancy of a clean log [unit of the output]; 0 where nothing is known of it.
 
     Parameters
     ----------
     hypothesis : Hypothesis
     output : str
     """
-    known = "tight" in hypothesis.assumptions
-    return MAX_FLOORS * hypothesis.nuisance[output].floor() if known else 0.0
+    if "tight" not in hypothesis.assumptions:
+        return 0.0
+    slow = MAX_FLOORS * hypothesis.nuisance[output].floor()
+    return max(slow, misfit_of(hypothesis.model, output))
 
 
 def budget_of(

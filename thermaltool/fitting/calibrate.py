@@ -17,6 +17,8 @@ from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, KindCandidate, choose_response
+from thermaltool.fitting.start_choice import begins_away_from_rest
+from thermaltool.fitting.start_state import Initial
 from thermaltool.model import (
     Drive,
     Model,
@@ -24,6 +26,7 @@ from thermaltool.model import (
     Role,
     Term,
     agreements,
+    characteristics,
     drive_rests,
     relative,
     rest_shifts,
@@ -63,8 +66,11 @@ class CalibrationPlan:
         Of the drives between samples; None chooses by quantity and, with `choose`, takes lines for
         what switches between the rows.
     fixed : mapping of parameter name to value
-    loss, starts, free_start
+    loss, starts
         See `fit_output`.
+    initial : {"rest", "free", "auto"}
+        State at the first rows: at rest, free, or, with `choose`, free where the machine is clearly
+        still on its way to rest.
     choose : bool
         Compare all kinds for every output whose kind is not given, and ways of the drives between
         samples, and laws of the drives and of the material.
@@ -81,9 +87,14 @@ class CalibrationPlan:
     fixed: Mapping[str, float] = field(default_factory=dict)
     loss: Loss = "huber"
     starts: int = 6
-    free_start: bool = False
+    initial: Initial = "rest"
     choose: bool = False
     linear: bool = False
+
+    @property
+    def free_start(self) -> bool:
+        """Whether the state at the first rows is fitted; see `fit_output`."""
+        return self.initial == "free"
 
     def chosen(self, channel: str) -> bool:
         """Whether the kind of an output is to be found."""
@@ -183,7 +194,21 @@ def calibrate(
         effects=effects,
         provenance={"logs": [record.source for record in records if record.digest]},
     )
-    return model if plan.free_start else _as_simulated(_with_rests(model, records), records)
+    model = _with_rests(model, records)
+    if plan.free_start:
+        return model
+    model = _as_simulated(model, records)
+    if plan.choose and plan.initial == "auto":
+        progress("trying whether the machine begins at rest")
+        if begins_away_from_rest(records, drives, kinds, effects, plan.fixed):
+            free = calibrate(records, replace(plan, initial="free"), progress)
+            # With a free start slow drives, zeros and what decays may pass for each other.
+            return free if _unknown_gains(free) <= _unknown_gains(model) else model
+    return model
+
+
+def _unknown_gains(model: Model) -> int:
+    return sum(characteristics(term).may_be_zero for term in model.terms)
 
 
 def _fitted(

@@ -14,7 +14,11 @@ MIN_DIRECTION = 1e-14
 
 
 def block_covariance(
-    jacobian: Array, residual: Array, owner: NDArray[np.int64], weights: Array
+    jacobian: Array,
+    residual: Array,
+    owner: NDArray[np.int64],
+    weights: Array,
+    prior: Array | None = None,
 ) -> Array:
     """Covariance of least-squares parameters under noise of unknown colour, shape (p, p).
 
@@ -29,6 +33,9 @@ def block_covariance(
         Which record a row belongs to; a block does not cross records.
     weights : ndarray, shape (rows,)
         Huber's weights of the squares: below 1 where a residual counts linearly.
+    prior : ndarray, shape (p,), optional
+        Standard deviations of the parameters before any row, infinite where nothing is known. What
+        the rows leave open is known as well as that; without, it may come out as rounding has it.
 
     Notes
     -----
@@ -41,10 +48,17 @@ def block_covariance(
     scaled = jacobian / size
     # A score that has stopped growing with the residual holds no curvature.
     curved = scaled[weights >= 1]
-    bread = np.linalg.pinv(curved.T @ curved, rcond=MIN_DIRECTION, hermitian=True)
     blocks = min(max(BLOCKS_PER_PARAMETER * p, MIN_BLOCKS), len(residual))
     label = owner * (blocks + 1) + np.arange(len(residual)) * blocks // len(residual)
     starts = np.flatnonzero(np.diff(label, prepend=-1))
     scores = np.add.reduceat(scaled * (weights * residual)[:, None], starts, axis=0)
     meat = scores.T @ scores * len(scores) / max(len(scores) - p, 1)
+    information = curved.T @ curved
+    if prior is not None:
+        # Of so much noise in a row, colour and all, are the scores.
+        noise = float(np.trace(meat) / max(np.trace(information), 1e-300))
+        known = noise / (prior * size) ** 2
+        information = information + np.diag(known)
+        meat = meat + noise * np.diag(known)
+    bread = np.linalg.pinv(information, rcond=MIN_DIRECTION, hermitian=True)
     return np.asarray(bread @ meat @ bread / np.outer(size, size))

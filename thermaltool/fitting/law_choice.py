@@ -31,9 +31,10 @@ from thermaltool.units import is_temperature
 # Levels beside rest and the largest that count as one [of the largest].
 SAME_LEVEL = 0.02
 # Of the squared error beyond the noise, where that is larger than the noise, a nonlinearity leaves
-# at most this share: what merely comes near to another error of structure leaves half, and predicts
-# other logs no better. No output's error on held-out rows may be larger by this factor [squared].
-MAX_LEFT, MAX_WORSE = 0.25, 1.05
+# at most this share. Laws that hold leave less than a tenth; what merely comes near to another
+# error of structure leaves a quarter and more, and predicts other logs no better. No output's error
+# on held-out rows may be larger by this factor [squared].
+MAX_LEFT, MAX_WORSE = 0.15, 1.05
 
 
 def laws_of(

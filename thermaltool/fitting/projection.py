@@ -4,12 +4,12 @@ Every response is a sum of relaxation modes on one grid of rates. A record there
 states of that grid, driven by its measured input, compressed to a triangle by QR. A set of rates
 then costs its step response at some two hundred times and a least-squares problem of the grid's
 size, whatever the length of the records and the shape of the input (variable projection,
-Golub & Pereyra 1973).
+Golub & Pereyra 1973; its slopes: L. Kaufman, BIT 15 (1975) 49).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,8 +31,14 @@ GridStates = dict[tuple[int, str], Float]
 # Ends of the grid of rates: of the slowest over the longest record, and of the fastest, times the
 # sample period.
 SLOWEST_RATE, FASTEST_RATE = 0.05, 4.0
+# Time constants over the longest record: the largest that is searched, with a free start, and what
+# the kinds admit.
+SLOWEST, SLOWEST_FREE, SLOWEST_KNOWN = 5.0, 1.0, 50.0
 # Terms that are so many times larger than the output, and cancel, are no answer.
 MAX_CANCELLATION = 10.0
+# Over which slopes are taken, in logarithms. The weights on the grid are exact to some nine digits:
+# differences over less are rounding, and a search ends where that of the machine lets it.
+SLOPE_STEP = 1e-4
 # Directions of the linear problem below this share of the largest, once scaled, are rounding.
 MIN_DIRECTION = 1e-12
 
@@ -78,14 +84,21 @@ class Parametrization:
         """Number of gains."""
         return sum(len(cls.gains) for cls in self.classes)
 
-    def limits(self, period: float, duration: float) -> tuple[Float, Float]:
+    def limits(
+        self, period: float, duration: float, free_start: bool = False
+    ) -> tuple[Float, Float]:
         """Least and largest logarithms, each shape (searched,).
+
+        A time constant far longer than the records is a trend, and its gain a guess; behind a free
+        start none is longer than they are: it could not be told from what the machine brings along.
 
         Parameters
         ----------
         period, duration : float [s]
             Shortest sample period and longest duration of the records.
+        free_start : bool
         """
+        duration = duration * (SLOWEST_FREE if free_start else SLOWEST) / SLOWEST_KNOWN
         boxes = [
             cls.search_box(period, duration, **fixed)[name]
             for cls, fixed in zip(self.classes, self.fixed, strict=True)
@@ -143,17 +156,54 @@ class Parametrization:
 
     def unit_weights(self, theta: Float, grid: RelaxationGrid) -> Float:
         """Grid weights of each gain set to one; shape (drives · n, gains)."""
-        n, columns = len(grid.rates), []
-        parts = zip(self.classes, self.fixed, self.split(theta), strict=True)
-        for k, (cls, fixed, searched) in enumerate(parts):
-            # The design has the delay (`CalibrationProblem.assemble`).
-            undelayed = {**fixed, "delay": 0.0} if "delay" in fixed else fixed
-            for gain in cls.gains:
-                ones = {name: float(name == gain) for name in cls.gains}
-                column = np.zeros(n * len(self.classes))
-                column[k * n : (k + 1) * n] = grid.weights(cls(**searched, **ones, **undelayed))
-                columns.append(column)
-        return np.column_stack(columns)
+        n, at = len(grid.rates), 0
+        unit = np.zeros((n * len(self.classes), self.gains))
+        for k, searched in enumerate(self.split(theta)):
+            own = self._own_weights(k, searched, grid)
+            unit[k * n : (k + 1) * n, at : at + own.shape[1]] = own
+            at += own.shape[1]
+        return unit
+
+    def unit_slopes(self, theta: Float, grid: RelaxationGrid) -> Iterator[Float]:
+        """Derivatives of `unit_weights` by each parameter, by central differences.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (searched,)
+            Logarithms.
+        grid : RelaxationGrid
+
+        Yields
+        ------
+        ndarray, shape (drives · n, gains)
+        """
+        n, at = len(grid.rates), 0
+        for k, searched in enumerate(self.split(theta)):
+            gains = slice(at, at + len(self.classes[k].gains))
+            at = gains.stop
+            for name, value in searched.items():
+                ahead, behind = (
+                    self._own_weights(k, {**searched, name: value * np.exp(step)}, grid)
+                    for step in (SLOPE_STEP, -SLOPE_STEP)
+                )
+                slope = np.zeros((n * len(self.classes), self.gains))
+                slope[k * n : (k + 1) * n, gains] = (ahead - behind) / (2 * SLOPE_STEP)
+                yield slope
+
+    def _own_weights(self, k: int, searched: Mapping[str, float], grid: RelaxationGrid) -> Float:
+        """Grid weights of one response, each gain set to one; shape (n, gains)."""
+        cls, fixed = self.classes[k], self.fixed[k]
+        # The design has the delay (`CalibrationProblem.assemble`).
+        undelayed = {**fixed, "delay": 0.0} if "delay" in fixed else fixed
+        return np.column_stack(
+            [
+                grid.weights(
+                    cls(**searched, **{other: float(other == gain) for other in cls.gains},
+                        **undelayed)
+                )
+                for gain in cls.gains
+            ]
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -306,6 +356,33 @@ class CalibrationProblem:
         linear = linear_least_squares(columns, triangle.z, MIN_DIRECTION)
         return triangle.z - columns @ linear, linear
 
+    def slopes(self, parametrization: Parametrization, theta: Float, triangle: Triangle) -> Float:
+        """Derivatives of what `project` leaves, by the logarithms, shape (k, searched).
+
+        What the linear part then makes up for is taken off (Kaufman 1975): the gradient of the
+        squared error is exact.
+
+        Parameters
+        ----------
+        parametrization : Parametrization
+        theta : ndarray, shape (searched,)
+        triangle : Triangle
+        """
+        unit = parametrization.unit_weights(theta, self.grid)
+        columns = triangle.R @ self.combine(unit)
+        linear = linear_least_squares(columns, triangle.z, MIN_DIRECTION)
+        moved = triangle.R @ np.column_stack(
+            [
+                self._by_rates(slope, linear)
+                for slope in parametrization.unit_slopes(theta, self.grid)
+            ]
+        )
+        return columns @ linear_least_squares(columns, moved, MIN_DIRECTION) - moved
+
+    def _by_rates(self, slope: Float, linear: Float) -> Float:
+        """What a change of the unit weights makes of the coefficients of the design."""
+        return self.combine(slope)[:, : -self.records] @ linear[: -self.records]
+
     def cancellation(self, unit: Float, gains: Float) -> float:
         """Size of the largest term over that of the output: far above 1, terms cancel.
 
@@ -337,12 +414,7 @@ class CalibrationProblem:
         -------
         ndarray, shape (rows, searched + len(linear))
         """
-        columns = []
-        for k in range(len(theta)):
-            step = np.zeros(len(theta))
-            step[k] = 1e-4
-            ahead = self.combine(parametrization.unit_weights(theta + step, self.grid)) @ linear
-            behind = self.combine(parametrization.unit_weights(theta - step, self.grid)) @ linear
-            columns.append(self.design @ ((ahead - behind) / 2e-4))
+        slopes = parametrization.unit_slopes(theta, self.grid)
+        columns = [self.design @ self._by_rates(slope, linear) for slope in slopes]
         unit = parametrization.unit_weights(theta, self.grid)
         return np.column_stack([*columns, self.design @ self.combine(unit)])

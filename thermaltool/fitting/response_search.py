@@ -195,9 +195,12 @@ class KindSearch:
         constants = tuple({k: self.fixed.get(k, v) for k, v in c.fixed.items()} for c in classes)
         return Parametrization(classes, constants)
 
+    def _limits(self, own: Parametrization) -> tuple[Float, Float]:
+        return own.limits(self.period, self.duration, self.free_start)
+
     def _search(self, data: CandidateData, kinds: Sequence[str]) -> StartSearch:
         own = self._parametrization(kinds)
-        return StartSearch(data.problem, own, own.limits(self.period, self.duration), COARSE)
+        return StartSearch(data.problem, own, self._limits(own), COARSE)
 
     @cached_property
     def _sound(self) -> NDArray[np.bool_]:
@@ -205,7 +208,7 @@ class KindSearch:
         problem = self._assemble((0.0,) * len(self.drives))
         kinds = ["rational2"] * len(self.drives)
         own = self._parametrization(kinds)
-        search = StartSearch(problem, own, own.limits(self.period, self.duration), COARSE)
+        search = StartSearch(problem, own, self._limits(own), COARSE)
         triangle = problem.compress(np.ones(len(problem.measured)))
         starts = own.starts(self.period, self.duration)
         theta = search.best(starts, triangle, 1, _silent)[0][1]

@@ -9,7 +9,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.projection import CalibrationProblem, Parametrization, Triangle
+from thermaltool.fitting.projection import (
+    SLOPE_STEP,
+    CalibrationProblem,
+    Parametrization,
+    Triangle,
+)
 from thermaltool.responses.modes import Float
 
 
@@ -68,6 +73,23 @@ class StartSearch:
         errors = self.problem.project(unit, triangle)[0] / self.scale
         return errors * (1 + self.parametrization.excess(theta))
 
+    def slopes(self, theta: Float, triangle: Triangle) -> Float:
+        """Derivatives of the errors, shape (k, searched).
+
+        Parameters
+        ----------
+        theta : ndarray, shape (searched,)
+        triangle : Triangle
+        """
+        own = self.parametrization
+        slopes = self.problem.slopes(own, theta, triangle) / self.scale
+        if excess := own.excess(theta):
+            ahead = [own.excess(theta + step) for step in SLOPE_STEP * np.eye(len(theta))]
+            rise = (np.array(ahead) - excess) / SLOPE_STEP
+            slopes = slopes * (1 + excess)
+            slopes += np.outer(self.errors(theta, triangle) / (1 + excess), rise)
+        return np.asarray(slopes)
+
     def refine(self, theta: Float, triangle: Triangle) -> tuple[float, Float]:
         """Size of the errors at the minimum near `theta`, and where it is.
 
@@ -79,7 +101,7 @@ class StartSearch:
         low, high = self.bounds
         inside = np.clip(theta, low + 1e-9, high - 1e-9)
         solution = least_squares(
-            self.errors, inside, bounds=self.bounds, x_scale=STEP_SCALE,
+            self.errors, inside, self.slopes, bounds=self.bounds, x_scale=STEP_SCALE,
             xtol=self.tolerance.step, ftol=self.tolerance.loss, args=(triangle,),
         )  # fmt: skip
         return float(np.linalg.norm(self.errors(solution.x, triangle))), solution.x

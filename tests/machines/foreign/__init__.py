@@ -1,11 +1,14 @@
 """Machines of other physics than the tool's frame, made of numpy alone."""
 
 from machines.foreign.chain import chain
+from machines.foreign.mill import mill
+from machines.foreign.mirror import mirror
 from machines.foreign.plate import plate
 from machines.foreign.printer import printer
 from machines.foreign.rod import rod
 from machines.foreign.slab import slab
 from machines.foreign.spindle import spindle
+from machines.foreign.tank import tank
 
 # From a generator to a machine of drawn parameters.
 PLANTS = {
@@ -15,4 +18,7 @@ PLANTS = {
     "slab": slab,
     "chain": chain,
     "spindle": spindle,
+    "mirror": mirror,
+    "tank": tank,
+    "mill": mill,
 }

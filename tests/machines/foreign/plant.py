@@ -94,6 +94,8 @@ class Plant:
         Node that it warms where it does.
     room : float [K]
         Swing of the room, where the user knows it as an input; else it is kept.
+    days : float [K]
+        Deviation of a log's room from another's. The machine has not come to rest in it.
     jitter : float
         Irregular clock: departure of a row's time, over the step of its clock (4 grid steps).
     dropped : float
@@ -119,6 +121,7 @@ class Plant:
     pump: str
     source: int
     room: float = 0.0
+    days: float = 0.0
     jitter: float = 0.0
     dropped: float = 0.0
     warm: float = 0.0
@@ -214,8 +217,11 @@ class Course:
 def draw(plant: Plant, generator: Generator, calibrating: bool = False) -> Conditions:
     """Conditions of a clean log."""
     before = 0
+    idle = False
     if not calibrating and generator.random() < plant.warm:
         before = int(_WARM * plant.steps)
+    elif plant.days:
+        before, idle = int(_WARM * plant.steps), True
     time = np.asarray(plant.dt * np.arange(-before, plant.steps), float)
     rows = time[time >= 0]
     if plant.jitter:
@@ -226,7 +232,8 @@ def draw(plant: Plant, generator: Generator, calibrating: bool = False) -> Condi
         rows = np.concatenate([[0.0], rows])
     commands, setpoints = {}, {}
     for each in plant.drives:
-        course = (each.calibration if calibrating else each.duty)(time, generator)
+        course = (each.calibration if calibrating else each.duty)(time[before * idle :], generator)
+        course = np.concatenate([np.zeros(before * idle), course])
         if each.thermostat:
             setpoints[each.channel] = each.thermostat.rise * course
         else:
@@ -234,6 +241,8 @@ def draw(plant: Plant, generator: Generator, calibrating: bool = False) -> Condi
     amplitude = generator.uniform(0.7, 1.3) * plant.room if plant.room else QUIET_ROOM
     air = amplitude * swing(time, generator)
     air = air - np.interp(0.0, time, air)
+    if plant.days:
+        air = air + generator.normal(0.0, plant.days)
     beside = {plant.pump: switched(time, generator), FAN: switched(time, generator)}
     if plant.part:
         beside[PART] = workpieces(time, generator)

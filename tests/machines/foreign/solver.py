@@ -84,10 +84,14 @@ class Loads:
 
 
 def simulate(body: Body, dt: float, loads: Loads) -> Array:
-    """Temperatures above rest (m, n) at the instants of a grid of step `dt` [s], from rest."""
+    """Temperatures above rest (m, n) at the instants of a grid of step `dt` [s], from rest.
+
+    At rest all nodes are as warm as the air.
+    """
     m, n = loads.heat.shape
-    temperature = np.zeros((m, n))
-    here = np.zeros(n)
+    here = np.full(n, loads.air[0])
+    temperature = np.empty((m, n))
+    temperature[0] = here
     known: dict[tuple[float, float], tuple[Array, Array]] = {}
     for k in range(m - 1):
         film, heat = float(loads.film[k]), loads.heat[k]

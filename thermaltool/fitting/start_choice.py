@@ -1,0 +1,61 @@
+"""Whether records begin on a machine at rest, or on one that is still on its way there.
+
+A machine in a room with day and night is hardly ever at rest. What it brings along decays through
+the first rows, and a response from rest takes it for a slower lag, or for another gain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from thermaltool.effects.effect import Effect
+from thermaltool.fitting.hold_choice import ChosenKinds
+from thermaltool.fitting.laws import acting_records
+from thermaltool.fitting.response_choice import DECISIVE
+from thermaltool.fitting.response_search import KindSearch
+from thermaltool.model import Drive
+from thermaltool.record import Record
+from thermaltool.signals.resolution import reading_sigma
+
+# Of the squared error beyond the noise of some output, where that is larger than the noise, a free
+# start leaves at most this share: it stands in for slow lags and curves, too, which leave more.
+MAX_LEFT = 0.25
+
+
+def begins_away_from_rest(
+    records: Sequence[Record],
+    drives: Sequence[Drive],
+    chosen: Sequence[ChosenKinds],
+    effects: Sequence[Effect],
+    fixed: Mapping[str, float],
+) -> bool:
+    """Whether the same kinds of response with a free state at the first rows leave far less.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    drives : sequence of Drive
+    chosen : sequence of ChosenKinds
+        Of every output, fitted from rest.
+    effects : sequence of Effect
+        Laws of the drives that were found.
+    fixed : mapping of parameter name to value
+    """
+    acting, zeroed = acting_records(records, drives, effects)
+    evidence, explained = 0.0, False
+    for each in chosen:
+        own = [zeroed[d] for d in each.drives]
+        rest, free = (
+            KindSearch(acting, own, each.output, start, fixed, {}).fit(each.kinds, each.delays)
+            for start in (False, True)
+        )
+        if rest is None or free is None or not rest.size:
+            continue
+        noise = max(reading_sigma(r.column(each.output)) for r in records) ** 2
+        size, left = (float(np.mean(fit.residual**2)) - noise for fit in (rest, free))
+        explained |= size > noise and left < MAX_LEFT * size
+        floor = np.finfo(float).tiny
+        evidence += free.independent * float(np.log(rest.size / max(free.size, floor)))
+    return explained and evidence > DECISIVE
