@@ -15,10 +15,12 @@ from thermaltool.errors import FitError
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.fitting.covariance import block_covariance
 from thermaltool.fitting.output_fit import fit_output
-from thermaltool.fitting.projection import linear_least_squares
+from thermaltool.fitting.parametrization import Parametrization
+from thermaltool.fitting.projection import CalibrationProblem, linear_least_squares
+from thermaltool.fitting.start_search import StartSearch
 from thermaltool.model import Drive, simulate_response
 from thermaltool.record import Record
-from thermaltool.responses import KINDS
+from thermaltool.responses import KINDS, response_class
 from thermaltool.responses.conduction import Conduction
 
 # A rational plant: gains [µm] and time constants [s].
@@ -355,3 +357,37 @@ def test_block_covariance_of_a_linear_fit(share):
         predicted.append(np.diag(covariance))
     ratio = np.mean(predicted, axis=0) / np.var(fitted, axis=0)
     assert 0.8 < np.mean(ratio) < 1.25
+
+
+def test_what_no_row_says_anything_of_is_as_well_known_as_before():
+    """Two columns that are nearly one: their sum is known, their difference by the prior alone."""
+    rng = np.random.default_rng(9)
+    one = rng.standard_normal(300)
+    J = np.column_stack([one, one + 1e-9 * rng.standard_normal(300)])
+    residual = 0.1 * rng.standard_normal(300)
+    arguments = J, residual, np.zeros(300, int), np.ones(300), np.full(2, 3.0)
+    covariance = block_covariance(*arguments)
+    total, difference = (np.array(v) @ covariance @ np.array(v) for v in ([1, 1], [1, -1]))
+    assert total == pytest.approx(0.1**2 / 300, rel=0.5)
+    # Each has a variance of 9 of its own.
+    assert difference == pytest.approx(18.0, rel=0.1)
+
+
+@pytest.mark.parametrize("kind", ["conduction", "rational2", "deflection"])
+def test_slopes_of_a_search_are_those_of_its_errors(kind):
+    time = 10.0 * np.arange(400)
+    u = pulses(time, seed=4)
+    record = record_of(time, (u,), noisy(rational(time, u), 5))
+    classes = (response_class(kind),)
+    parametrization = Parametrization(classes, (classes[0].fixed,))
+    problem = CalibrationProblem.assemble([record], drives_of(["zero"]), OUTPUT, False)
+    limits = parametrization.limits(10.0, record.duration)
+    search = StartSearch(problem, parametrization, limits)
+    triangle = problem.compress(np.ones(len(problem.measured)))
+    theta = search.best(parametrization.starts(10.0, record.duration), triangle, 1, print)[0][1]
+    theta = np.clip(theta + 0.2, *limits)
+    gradient = search.slopes(theta, triangle).T @ search.errors(theta, triangle)
+    for k, slope in enumerate(gradient):
+        step = 1e-3 * np.eye(len(theta))[k]
+        ahead, behind = (np.sum(search.errors(theta + s, triangle) ** 2) for s in (step, -step))
+        assert slope == pytest.approx((ahead - behind) / 4e-3, rel=1e-3, abs=1e-9)

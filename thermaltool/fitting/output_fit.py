@@ -11,11 +11,11 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.covariance import block_covariance
 from thermaltool.fitting.discrepancy import Discrepancy, discrepancy
+from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.fitting.projection import (
     MAX_CANCELLATION,
     CalibrationProblem,
     GridStates,
-    Parametrization,
     Triangle,
 )
 from thermaltool.fitting.start_search import StartSearch

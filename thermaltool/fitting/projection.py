@@ -9,18 +9,17 @@ Golub & Pereyra 1973; its slopes: L. Kaufman, BIT 15 (1975) 49).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
-from thermaltool.responses import Response
 from thermaltool.responses.modes import Float
 from thermaltool.responses.relaxation import RelaxationGrid
 
@@ -31,14 +30,8 @@ GridStates = dict[tuple[int, str], Float]
 # Ends of the grid of rates: of the slowest over the longest record, and of the fastest, times the
 # sample period.
 SLOWEST_RATE, FASTEST_RATE = 0.05, 4.0
-# Time constants over the longest record: the largest that is searched, with a free start, and what
-# the kinds admit.
-SLOWEST, SLOWEST_FREE, SLOWEST_KNOWN = 5.0, 1.0, 50.0
 # Terms that are so many times larger than the output, and cancel, are no answer.
 MAX_CANCELLATION = 10.0
-# Over which slopes are taken, in logarithms. The weights on the grid are exact to some nine digits:
-# differences over less are rounding, and a search ends where that of the machine lets it.
-SLOPE_STEP = 1e-4
 # Directions of the linear problem below this share of the largest, once scaled, are rounding.
 MIN_DIRECTION = 1e-12
 
@@ -59,151 +52,6 @@ def linear_least_squares(columns: Float, measured: Float, min_direction: float) 
     size[size == 0] = 1.0
     found = np.linalg.lstsq(columns / size, measured, rcond=min_direction)[0]
     return np.asarray((found.T / size).T)
-
-
-@dataclass(frozen=True)
-class Parametrization:
-    """Kinds of response and their fixed parameters: turns logarithms of rates into responses.
-
-    Attributes
-    ----------
-    classes : tuple of response classes, one for each drive
-    fixed : tuple of mapping, the parameters that are not fitted
-    """
-
-    classes: tuple[Any, ...]
-    fixed: tuple[Mapping[str, float], ...]
-
-    @property
-    def searched(self) -> int:
-        """Number of parameters that enter nonlinearly."""
-        return sum(len(cls.searched) for cls in self.classes)
-
-    @property
-    def gains(self) -> int:
-        """Number of gains."""
-        return sum(len(cls.gains) for cls in self.classes)
-
-    def limits(
-        self, period: float, duration: float, free_start: bool = False
-    ) -> tuple[Float, Float]:
-        """Least and largest logarithms, each shape (searched,).
-
-        A time constant far longer than the records is a trend, and its gain a guess; behind a free
-        start none is longer than they are: it could not be told from what the machine brings along.
-
-        Parameters
-        ----------
-        period, duration : float [s]
-            Shortest sample period and longest duration of the records.
-        free_start : bool
-        """
-        duration = duration * (SLOWEST_FREE if free_start else SLOWEST) / SLOWEST_KNOWN
-        boxes = [
-            cls.search_box(period, duration, **fixed)[name]
-            for cls, fixed in zip(self.classes, self.fixed, strict=True)
-            for name in cls.searched
-        ]
-        low, high = np.log(boxes).T
-        return low, high
-
-    def starts(self, period: float, duration: float) -> list[Float]:
-        """Logarithms to start from, of every response side by side; parameters as `limits`.
-
-        Several drives share their place in the grid.
-        """
-        lists = [
-            cls.starts(period, duration, **fixed)
-            for cls, fixed in zip(self.classes, self.fixed, strict=True)
-        ]
-        longest = max(map(len, lists))
-        joint = [sum((each[k % len(each)] for each in lists), ()) for k in range(longest)]
-        return [np.log(start) for start in joint]
-
-    def names(self) -> list[str]:
-        """Names of the searched parameters, then of the gains; with [k] for several drives."""
-        several = len(self.classes) > 1
-        return [
-            f"{name}[{k}]" if several else name
-            for group in ("searched", "gains")
-            for k, cls in enumerate(self.classes)
-            for name in getattr(cls, group)
-        ]
-
-    def split(self, theta: Float) -> list[dict[str, float]]:
-        """Searched parameters of each response, from their logarithms."""
-        parts, at = [], 0
-        for cls in self.classes:
-            values = np.exp(theta[at : at + len(cls.searched)])
-            parts.append(dict(zip(cls.searched, values.tolist(), strict=True)))
-            at += len(cls.searched)
-        return parts
-
-    def excess(self, theta: Float) -> float:
-        """How far `theta` (logarithms) is beyond what its kinds can be followed at; 0 within."""
-        parts = zip(self.classes, self.split(theta), strict=True)
-        bounded = [(cls.search_excess, own) for cls, own in parts if hasattr(cls, "search_excess")]
-        return float(sum(excess(**own) for excess, own in bounded))
-
-    def responses(self, theta: Float, gains: Float) -> tuple[Response, ...]:
-        """The responses that `theta` (logarithms) and `gains` stand for."""
-        built, at = [], 0
-        for cls, fixed, searched in zip(self.classes, self.fixed, self.split(theta), strict=True):
-            values = gains[at : at + len(cls.gains)].tolist()
-            built.append(cls(**searched, **dict(zip(cls.gains, values, strict=True)), **fixed))
-            at += len(cls.gains)
-        return tuple(built)
-
-    def unit_weights(self, theta: Float, grid: RelaxationGrid) -> Float:
-        """Grid weights of each gain set to one; shape (drives · n, gains)."""
-        n, at = len(grid.rates), 0
-        unit = np.zeros((n * len(self.classes), self.gains))
-        for k, searched in enumerate(self.split(theta)):
-            own = self._own_weights(k, searched, grid)
-            unit[k * n : (k + 1) * n, at : at + own.shape[1]] = own
-            at += own.shape[1]
-        return unit
-
-    def unit_slopes(self, theta: Float, grid: RelaxationGrid) -> Iterator[Float]:
-        """Derivatives of `unit_weights` by each parameter, by central differences.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (searched,)
-            Logarithms.
-        grid : RelaxationGrid
-
-        Yields
-        ------
-        ndarray, shape (drives · n, gains)
-        """
-        n, at = len(grid.rates), 0
-        for k, searched in enumerate(self.split(theta)):
-            gains = slice(at, at + len(self.classes[k].gains))
-            at = gains.stop
-            for name, value in searched.items():
-                ahead, behind = (
-                    self._own_weights(k, {**searched, name: value * np.exp(step)}, grid)
-                    for step in (SLOPE_STEP, -SLOPE_STEP)
-                )
-                slope = np.zeros((n * len(self.classes), self.gains))
-                slope[k * n : (k + 1) * n, gains] = (ahead - behind) / (2 * SLOPE_STEP)
-                yield slope
-
-    def _own_weights(self, k: int, searched: Mapping[str, float], grid: RelaxationGrid) -> Float:
-        """Grid weights of one response, each gain set to one; shape (n, gains)."""
-        cls, fixed = self.classes[k], self.fixed[k]
-        # The design has the delay (`CalibrationProblem.assemble`).
-        undelayed = {**fixed, "delay": 0.0} if "delay" in fixed else fixed
-        return np.column_stack(
-            [
-                grid.weights(
-                    cls(**searched, **{other: float(other == gain) for other in cls.gains},
-                        **undelayed)
-                )
-                for gain in cls.gains
-            ]
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -356,7 +204,9 @@ class CalibrationProblem:
         linear = linear_least_squares(columns, triangle.z, MIN_DIRECTION)
         return triangle.z - columns @ linear, linear
 
-    def slopes(self, parametrization: Parametrization, theta: Float, triangle: Triangle) -> Float:
+    def slopes(
+        self, parametrization: Parametrization, theta: Float, triangle: Triangle, central: bool
+    ) -> Float:
         """Derivatives of what `project` leaves, by the logarithms, shape (k, searched).
 
         What the linear part then makes up for is taken off (Kaufman 1975): the gradient of the
@@ -367,6 +217,8 @@ class CalibrationProblem:
         parametrization : Parametrization
         theta : ndarray, shape (searched,)
         triangle : Triangle
+        central : bool
+            See `Parametrization.unit_slopes`.
         """
         unit = parametrization.unit_weights(theta, self.grid)
         columns = triangle.R @ self.combine(unit)
@@ -374,7 +226,7 @@ class CalibrationProblem:
         moved = triangle.R @ np.column_stack(
             [
                 self._by_rates(slope, linear)
-                for slope in parametrization.unit_slopes(theta, self.grid)
+                for slope in parametrization.unit_slopes(theta, self.grid, central)
             ]
         )
         return columns @ linear_least_squares(columns, moved, MIN_DIRECTION) - moved

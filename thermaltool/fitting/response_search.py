@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.projection import CalibrationProblem, GridStates, Parametrization, Triangle
+from thermaltool.fitting.parametrization import Parametrization
+from thermaltool.fitting.projection import CalibrationProblem, GridStates, Triangle
 from thermaltool.fitting.start_search import COARSE, StartSearch
 from thermaltool.model import Drive
 from thermaltool.record import Record

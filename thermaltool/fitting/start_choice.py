@@ -15,6 +15,7 @@ from thermaltool.fitting.hold_choice import ChosenKinds
 from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.response_search import KindSearch
+from thermaltool.fitting.start_state import stands_still
 from thermaltool.model import Drive
 from thermaltool.record import Record
 from thermaltool.signals.resolution import reading_sigma
@@ -33,6 +34,8 @@ def begins_away_from_rest(
 ) -> bool:
     """Whether the same kinds of response with a free state at the first rows leave far less.
 
+    Not where all stands still at first: that is rest, whatever else a free state may explain.
+
     Parameters
     ----------
     records : sequence of Record
@@ -43,6 +46,8 @@ def begins_away_from_rest(
         Laws of the drives that were found.
     fixed : mapping of parameter name to value
     """
+    if all(_stand_still(record, drives, [each.output for each in chosen]) for record in records):
+        return False
     acting, zeroed = acting_records(records, drives, effects)
     evidence, explained = 0.0, False
     for each in chosen:
@@ -59,3 +64,8 @@ def begins_away_from_rest(
         floor = np.finfo(float).tiny
         evidence += free.independent * float(np.log(rest.size / max(free.size, floor)))
     return explained and evidence > DECISIVE
+
+
+def _stand_still(record: Record, drives: Sequence[Drive], outputs: Sequence[str]) -> bool:
+    inputs = np.array([record.column(d.channel) for d in drives])
+    return all(stands_still(inputs, record.column(output)) for output in outputs)

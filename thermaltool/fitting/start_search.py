@@ -9,26 +9,30 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.projection import (
-    SLOPE_STEP,
-    CalibrationProblem,
-    Parametrization,
-    Triangle,
-)
+from thermaltool.fitting.parametrization import SLOPE_STEP, Parametrization
+from thermaltool.fitting.projection import CalibrationProblem, Triangle
 from thermaltool.responses.modes import Float
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Where a search ends: relative change of the parameters, and of the squared error."""
+    """Where a search ends: relative change of the parameters, and of the squared error.
+
+    Attributes
+    ----------
+    step, loss : float
+    central : bool
+        Whether slopes are taken to both sides: those to one are off by too much for a fine search.
+    """
 
     step: float
     loss: float
+    central: bool
 
 
 # Step of a trust region that counts as one, in logarithms; where the search ends.
 STEP_SCALE = 0.3
-FINE, COARSE = Tolerance(1e-10, 1e-13), Tolerance(1e-4, 1e-5)
+FINE, COARSE = Tolerance(1e-10, 1e-13, True), Tolerance(1e-4, 1e-5, False)
 
 
 class StartSearch:
@@ -82,7 +86,7 @@ class StartSearch:
         triangle : Triangle
         """
         own = self.parametrization
-        slopes = self.problem.slopes(own, theta, triangle) / self.scale
+        slopes = self.problem.slopes(own, theta, triangle, self.tolerance.central) / self.scale
         if excess := own.excess(theta):
             ahead = [own.excess(theta + step) for step in SLOPE_STEP * np.eye(len(theta))]
             rise = (np.array(ahead) - excess) / SLOPE_STEP

@@ -93,10 +93,17 @@ def _clearly_better(rest: float, free: float, runs: Sequence[Array]) -> bool:
 
 def _begins_idle(data: TrainingData) -> bool:
     """Whether inputs and the output stand still, within their noise, as every experiment begins."""
-    return all(_stands_still(data.u[k], data.y[k][0]) for k in data.begins.values())
+    return all(stands_still(data.u[k], data.y[k][0]) for k in data.begins.values())
 
 
-def _stands_still(inputs: Array, output: Array) -> bool:
+def stands_still(inputs: Array, output: Array) -> bool:
+    """Whether an output stands still, within its noise, as long as the inputs do at first.
+
+    Parameters
+    ----------
+    inputs : ndarray, shape (k, n)
+    output : ndarray, shape (n,)
+    """
     moved = np.abs(inputs - inputs[:, :1]) > [[_idle_range(u)] for u in inputs]
     rows = int(np.argmax(moved.any(axis=0))) if moved.any() else inputs.shape[1]
     if rows < COMPARED_PARTS * MIN_PART_ROWS:

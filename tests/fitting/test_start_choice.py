@@ -1,0 +1,67 @@
+"""Machines that a log finds away from rest, computed at every instant by their own lags."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.record import Record
+
+DRIVE, OUTPUTS = "P_pad_W", ("dT_a_K", "dT_b_K")
+LAGS = {"dT_a_K": ((0.12, 300.0), (0.08, 2400.0)), "dT_b_K": ((0.1, 1800.0),)}  # K/W, s
+GAINS = {output: sum(gain for gain, _ in lags) for output, lags in LAGS.items()}
+PLAN = CalibrationPlan((DRIVE,), OUTPUTS, initial="auto", choose=True)
+
+
+def log_of(seed, before=0.0, idle=0.0, loss=0.0):
+    """Random levels of power; `before` it [W] for long, `idle` [s] off first; `loss` by warmth."""
+    generator = np.random.default_rng(seed)
+    step, time = 20.0, 20.0 * np.arange(1000)
+    power = np.repeat(generator.choice([0.0, 30.0, 60.0, 90.0], 25), 40)
+    power[time < idle] = 0.0
+    columns = {DRIVE: power}
+    for output, lags in LAGS.items():
+        y = np.zeros(len(time))
+        for gain, tau in lags:
+            x = gain * before
+            for k in range(len(time)):
+                y[k] += x
+                rate = (1 + loss * x / 10.0) / tau
+                end = gain * power[k] / (1 + loss * x / 10.0)
+                x = end + (x - end) * np.exp(-step * rate)
+        columns[output] = y + 0.01 * generator.standard_normal(len(time))
+    return Record(time, columns, digest=f"{seed} {before} {idle}")
+
+
+def gains_of(model):
+    return {term.output: term.response.dc_gain() for term in model.terms}
+
+
+def starts_free(model):
+    return {output.fit["free_start"] for output in model.outputs}
+
+
+def test_a_machine_that_cools_as_its_log_begins():
+    log = log_of(20261123, before=150.0)
+    model = calibrate([log], PLAN)
+    assert starts_free(model) == {True}
+    assert gains_of(model) == pytest.approx(GAINS, rel=0.01)
+    assert all(output.fit["rmse"] < 0.012 for output in model.outputs)
+
+
+def test_rest_is_taken_for_rest():
+    model = calibrate([log_of(20261124)], PLAN)
+    assert starts_free(model) == {False}
+    assert gains_of(model) == pytest.approx(GAINS, rel=0.01)
+
+
+def test_what_stands_still_at_first_is_at_rest_whatever_else_is_wrong():
+    model = calibrate([log_of(20261125, idle=1200.0, loss=0.3)], PLAN)
+    assert starts_free(model) == {False}
+
+
+def test_no_time_constant_behind_a_free_start_is_longer_than_the_log():
+    log = log_of(20261126, before=150.0)
+    model = calibrate([log], PLAN)
+    assert max(term.response.slowest() for term in model.terms) <= log.duration
