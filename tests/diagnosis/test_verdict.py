@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.diagnosis.verdict import ResidualBudget, verdict_of
+from thermaltool.diagnosis.verdict import ResidualBudget, misfit_of, verdict_of
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
-from thermaltool.model import Model
+from thermaltool.model import Model, Output
 from thermaltool.record import Record
 
 DUTY = np.repeat([0.0, 1.0, 0.0, 0.6, 0.3, 1.0, 0.0, 0.8, 0.0, 0.5], 120)
@@ -113,3 +113,26 @@ def test_wrong_bursts_are_found(model: Model, burst: int) -> None:
 def test_a_reading_that_stands_still_is_judged_in_silence(model: Model) -> None:
     found = diagnose(model, [log(np.full(len(DUTY), 5.0), "dead")])
     assert found.verdict == "not adequate"
+
+
+OUTPUT = "T_a_degC"
+
+
+def left_of_calibration(left: float) -> Model:
+    """A model that has left so much of its calibration, beside 0.01 °C of white noise."""
+    known = {"white_sigma": 0.01, "drift_sigma": 1.0}
+    fit = {"rmse": left, "rmse_zero_free": left, "discrepancy": known}
+    return Model((), (Output(OUTPUT, "sensor", 20.0, (0.0, 10.0), fit),), (), 1.0)
+
+
+@pytest.mark.parametrize(("left", "share"), [(0.01, 0.0), (0.011, 0.0), (0.0225, 1.0), (0.05, 1.0)])
+def test_a_misfit_that_is_lost_in_the_noise_does_not_count(left: float, share: float) -> None:
+    misfit = misfit_of(left_of_calibration(left), OUTPUT)
+    assert misfit == pytest.approx(share * np.sqrt(left**2 - 0.01**2), abs=1e-9)
+
+
+def test_between_noise_and_misfit_there_is_no_cliff() -> None:
+    lefts = np.linspace(0.01, 0.04, 200)
+    found = [misfit_of(left_of_calibration(left), OUTPUT) for left in lefts]
+    assert np.all(np.diff(found) >= 0)
+    assert np.max(np.diff(found)) < 0.001

@@ -501,3 +501,15 @@ def test_a_sine_has_its_period_and_counts_from_zero():
     assert y[30] == pytest.approx(3.0)
     np.testing.assert_allclose(y[120:], y[:-120], atol=1e-12)
     assert np.max(np.abs(y)) == pytest.approx(5.0, rel=1e-3)
+
+
+def test_nothing_warms_more_than_what_warms_it():
+    place = scene(columns())
+
+    def lid(gain):
+        return make("second_source", "T_lid_degC", time_constant=900.0, **{f"gain[{COLUMN}]": gain})
+
+    assert lid(0.8).plausible(place)
+    assert not lid(-7.6).plausible(place)
+    lamp = make("second_source", "Q_lamp_W", time_constant=900.0, **{f"gain[{COLUMN}]": 7.6})
+    assert lamp.plausible(place)

@@ -7,6 +7,7 @@ import pytest
 
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.record import Record
+from thermaltool.report.calibration import calibration_warnings
 
 DRIVE, OUTPUTS = "P_pad_W", ("dT_a_K", "dT_b_K")
 LAGS = {"dT_a_K": ((0.12, 300.0), (0.08, 2400.0)), "dT_b_K": ((0.1, 1800.0),)}  # K/W, s
@@ -48,6 +49,7 @@ def test_a_machine_that_cools_as_its_log_begins():
     assert starts_free(model) == {True}
     assert gains_of(model) == pytest.approx(GAINS, rel=0.01)
     assert all(output.fit["rmse"] < 0.012 for output in model.outputs)
+    assert any("do not begin at rest" in sentence for sentence in calibration_warnings(model))
 
 
 def test_rest_is_taken_for_rest():

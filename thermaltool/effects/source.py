@@ -7,8 +7,12 @@ from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
 from thermaltool.effects.dynamics import MAX_LAG_RECORDS, time_constants, warmed
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Scene, Side
+from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Scene, Side, reference_of
 from thermaltool.record import Record
+from thermaltool.units import is_temperature
+
+# Of a temperature to one that it warms.
+MAX_TEMPERATURE_GAIN = 3.0
 
 
 class HeatSource(Effect, ABC):
@@ -54,6 +58,13 @@ class HeatSource(Effect, ABC):
         return gain, self.parameters["time_constant"]
 
     def plausible(self, scene: Scene) -> bool:
+        if self.channel and is_temperature(self.channel):
+            for name, value in self.parameters.items():
+                base, output = reference_of(name)
+                # Nothing warms more than what warms it; the logged sensor may be on its far side.
+                warms = base == "gain" and output is not None and is_temperature(output)
+                if warms and abs(value) > MAX_TEMPERATURE_GAIN:
+                    return False
         # What is felt only long after the record would be a trend.
         slow = self.channel and self.parameters["time_constant"] > MAX_LAG_RECORDS * scene.duration
         return super().plausible(scene) and not slow

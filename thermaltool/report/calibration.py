@@ -103,6 +103,11 @@ def calibration_warnings(model: Model) -> list[str]:
         for each in model.drives
         if (each.hold, hold_of(each.channel)) == ("first", "zero")
     ]
+    if any(o.fit.get("free_start") for o in model.outputs):
+        found.append(
+            "these logs do not begin at rest: what they bring along is fitted apart, and simulate, "
+            "which begins at rest, is off by it"
+        )
     found += [_law(effect) for effect in model.effects]
     found += [sentence for output in model.outputs if (sentence := _coarse(output))]
     found += [sentence for output in model.outputs if (sentence := _below_zero(output))]
