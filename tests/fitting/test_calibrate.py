@@ -359,16 +359,17 @@ def test_block_covariance_of_a_linear_fit(share):
     assert 0.8 < np.mean(ratio) < 1.25
 
 
-def test_what_no_row_says_anything_of_is_as_well_known_as_before():
+@pytest.mark.parametrize("noise", [0.1, 1e-4, 1e-8])
+def test_what_no_row_says_anything_of_is_as_well_known_as_before(noise):
     """Two columns that are nearly one: their sum is known, their difference by the prior alone."""
     rng = np.random.default_rng(9)
     one = rng.standard_normal(300)
-    J = np.column_stack([one, one + 1e-9 * rng.standard_normal(300)])
-    residual = 0.1 * rng.standard_normal(300)
+    J = np.column_stack([one, one + 1e-12 * rng.standard_normal(300)])
+    residual = noise * rng.standard_normal(300)
     arguments = J, residual, np.zeros(300, int), np.ones(300), np.full(2, 3.0)
     covariance = block_covariance(*arguments)
     total, difference = (np.array(v) @ covariance @ np.array(v) for v in ([1, 1], [1, -1]))
-    assert total == pytest.approx(0.1**2 / 300, rel=0.5)
+    assert total == pytest.approx(noise**2 / 300, rel=0.5)
     # Each has a variance of 9 of its own.
     assert difference == pytest.approx(18.0, rel=0.1)
 

@@ -151,15 +151,17 @@ class SimulatedLogs:
     def decays(self, output: str) -> list[Series]:
         """What a machine that was not at rest at the first row may add, one start in one log each.
 
+        A time constant that is longer than the log is a trend in it, however long.
+
         Parameters
         ----------
         output : str
         """
-        slowest = self.slowest(output)
+        slowest = [min(self.slowest(output), max(log.duration, log.period)) for log in self.logs]
         reach = max(float(np.max(np.abs(y[output]))) for y in self.outputs)
         return [
             [
-                reach * np.exp(-(log.time - log.time[0]) / (share * slowest)) * (j == k)
+                reach * np.exp(-(log.time - log.time[0]) / (share * slowest[k])) * (j == k)
                 for j, log in enumerate(self.logs)
             ]
             for k in range(len(self.logs))
@@ -315,13 +317,8 @@ class SimulatedLogs:
         return max(float(np.max(np.abs(each[drive]))) for each in self.inputs) or 1.0
 
     def slowest(self, output: str) -> float:
-        """Slowest time constant of the terms of an output, within the longest log [s].
-
-        One that is slower is a trend here, whatever its length, and hardly known.
-        """
-        longest = max(log.duration for log in self.logs)
-        own = max(t.response.slowest() for t in self.model.terms if t.output == output)
-        return min(own, longest)
+        """Slowest time constant of the terms of an output [s]."""
+        return max(t.response.slowest() for t in self.model.terms if t.output == output)
 
     def away_from_rest(self) -> bool:
         """Whether a log begins away from rest, by an output whose rest is known."""

@@ -127,6 +127,8 @@ def misfit_of(model: Model, output: str) -> float:
     # A misfit that is larger than any drift that was tried is that of the kind of response.
     if drift < 0.99 * float(np.sqrt(max(DRIFT_RATIOS))) * white:
         misfit = min(misfit, MAX_DRIFTS * drift)
+    if white <= 0:
+        return misfit
     lost, sure = (share * white for share in OVER_NOISE)
     return misfit * float(np.clip((misfit - lost) / (sure - lost), 0.0, 1.0))
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from thermaltool.effects.effect import Effect
-from thermaltool.errors import ModelError
+from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.hold_choice import ChosenKinds, switched_between_rows
 from thermaltool.fitting.law_choice import explain, laws_of
 from thermaltool.fitting.laws import acting_records
@@ -194,21 +194,34 @@ def calibrate(
         effects=effects,
         provenance={"logs": [record.source for record in records if record.digest]},
     )
-    model = _with_rests(model, records)
-    if plan.free_start:
-        return model
-    model = _as_simulated(model, records)
+    model = _as_simulated(_with_rests(model, records), records)
     if plan.choose and plan.initial == "auto":
         progress("trying whether the machine begins at rest")
-        if begins_away_from_rest(records, drives, kinds, effects, plan.fixed):
-            free = calibrate(records, replace(plan, initial="free"), progress)
-            # With a free start slow drives, zeros and what decays may pass for each other.
-            return free if _unknown_gains(free) <= _unknown_gains(model) else model
+        chosen = [each for each in kinds if plan.chosen(each.output)]
+        if begins_away_from_rest(records, drives, chosen, effects, plan.fixed):
+            return _free_where_known(records, plan, model, progress)
     return model
 
 
-def _unknown_gains(model: Model) -> int:
-    return sum(characteristics(term).may_be_zero for term in model.terms)
+def _free_where_known(
+    records: Sequence[Record],
+    plan: CalibrationPlan,
+    rested: Model,
+    progress: Callable[[str], None],
+) -> Model:
+    """The model with a free start, or the one from rest where that leaves fewer gains open.
+
+    With a free start slow drives, zeros and what decays may pass for each other.
+    """
+    try:
+        free = calibrate(records, replace(plan, initial="free"), progress)
+    except FitError:
+        return rested
+    return free if _known_gains(free) >= _known_gains(rested) else rested
+
+
+def _known_gains(model: Model) -> int:
+    return sum(not characteristics(term).may_be_zero for term in model.terms)
 
 
 def _fitted(

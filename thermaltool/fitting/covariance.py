@@ -54,11 +54,19 @@ def block_covariance(
     scores = np.add.reduceat(scaled * (weights * residual)[:, None], starts, axis=0)
     meat = scores.T @ scores * len(scores) / max(len(scores) - p, 1)
     information = curved.T @ curved
-    if prior is not None:
-        # Of so much noise in a row, colour and all, are the scores.
-        noise = float(np.trace(meat) / max(np.trace(information), 1e-300))
-        known = noise / (prior * size) ** 2
-        information = information + np.diag(known)
-        meat = meat + noise * np.diag(known)
-    bread = np.linalg.pinv(information, rcond=MIN_DIRECTION, hermitian=True)
-    return np.asarray(bread @ meat @ bread / np.outer(size, size))
+    total = float(np.trace(information))
+    if prior is None or not total:
+        bread = np.linalg.pinv(information, rcond=MIN_DIRECTION, hermitian=True)
+        return np.asarray(bread @ meat @ bread / np.outer(size, size))
+    # Of so much noise in a row, colour and all, are the scores.
+    noise = float(np.trace(meat)) / total
+    known = noise / (prior * size) ** 2
+    values, vectors = np.linalg.eigh(information + np.diag(known))
+    lost = values < MIN_DIRECTION * values[-1]
+    bread = (vectors[:, ~lost] / values[~lost]) @ vectors[:, ~lost].T
+    scaled_covariance = bread @ (meat + noise * np.diag(known)) @ bread
+    # Where the information is lost in rounding the prior is all there is.
+    own = np.where(np.isfinite(prior), (prior * size) ** 2, 0.0)
+    spread = vectors[:, lost] ** 2
+    scaled_covariance += (vectors[:, lost] * (own @ spread)) @ vectors[:, lost].T
+    return np.asarray(scaled_covariance / np.outer(size, size))

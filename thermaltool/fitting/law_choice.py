@@ -34,7 +34,7 @@ SAME_LEVEL = 0.02
 # at most this share. Laws that hold leave less than a tenth; what merely comes near to another
 # error of structure leaves a quarter and more, and predicts other logs no better. No output's error
 # on held-out rows may be larger by this factor [squared].
-MAX_LEFT, MAX_WORSE = 0.15, 1.05
+MAX_LEFT_BY_LAW, MAX_WORSE = 0.15, 1.05
 
 
 def laws_of(
@@ -124,7 +124,7 @@ def explain(
         noise = max(reading_sigma(r.column(before.output)) for r in records) ** 2
         size, rest = (float(np.mean(fit.residual**2)) for fit in (usual, other))
         large.append(size > 2 * noise)
-        left.append(rest - noise < MAX_LEFT * (size - noise))
+        left.append(rest - noise < MAX_LEFT_BY_LAW * (size - noise))
         worse.append(np.mean(other.held_out**2) > MAX_WORSE * np.mean(usual.held_out**2))
     return bool(np.any(np.array(large) & np.array(left)) and not np.any(worse))
 

@@ -12,8 +12,9 @@ from thermaltool.responses import Response
 from thermaltool.responses.modes import Float
 from thermaltool.responses.relaxation import RelaxationGrid
 
-# Time constants over the longest record: the largest that is searched, with a free start, and what
-# the kinds admit.
+# Lags over the longest record: the largest that is searched, with a free start, and what the kinds
+# admit (`search_box`). Of conduction, whose slowest one comes from two parameters, the diffusivity
+# is held in its place.
 SLOWEST, SLOWEST_FREE, SLOWEST_KNOWN = 5.0, 1.0, 50.0
 # Over which slopes are taken, in logarithms. The weights on the grid are exact to some nine digits:
 # differences over less are rounding, and a search ends where that of the machine lets it.
@@ -48,8 +49,8 @@ class Parametrization:
     ) -> tuple[Float, Float]:
         """Least and largest logarithms, each shape (searched,).
 
-        A time constant far longer than the records is a trend, and its gain a guess; behind a free
-        start none is longer than they are: it could not be told from what the machine brings along.
+        A lag far longer than the records is a trend, and its gain a guess; behind a free start none
+        is longer than they are: it could not be told from what the machine brings along.
 
         Parameters
         ----------

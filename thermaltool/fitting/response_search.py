@@ -160,6 +160,12 @@ class KindSearch:
         """
         return self.driven_by([each for k, each in enumerate(self.drives) if k != drive])
 
+    def from_rest(self) -> KindSearch:
+        """The same rows, at rest at their first."""
+        other = replace(self, free_start=False, _data={})
+        other.__dict__["_sound"] = self._sound
+        return other
+
     def driven_by(
         self,
         drives: Sequence[Drive],
@@ -269,7 +275,8 @@ class KindSearch:
         data = self.data(delays)
         search = self._search(data, kinds)
         own = search.parametrization
-        unknowns = own.searched + own.gains + len(self.records)
+        decays = own.gains * len(self.records) if self.free_start else 0
+        unknowns = own.searched + own.gains + len(self.records) + decays
         if len(data.problem.measured) * (FOLDS - 1) <= unknowns * FOLDS:
             return None
         starts = own.starts(self.period, self.duration) if theta is None else [theta]

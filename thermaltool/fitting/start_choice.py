@@ -16,13 +16,13 @@ from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.response_search import KindSearch
 from thermaltool.fitting.start_state import stands_still
-from thermaltool.model import Drive
+from thermaltool.model import Drive, relative
 from thermaltool.record import Record
 from thermaltool.signals.resolution import reading_sigma
 
 # Of the squared error beyond the noise of some output, where that is larger than the noise, a free
 # start leaves at most this share: it stands in for slow lags and curves, too, which leave more.
-MAX_LEFT = 0.25
+MAX_LEFT_BY_START = 0.25
 
 
 def begins_away_from_rest(
@@ -34,38 +34,54 @@ def begins_away_from_rest(
 ) -> bool:
     """Whether the same kinds of response with a free state at the first rows leave far less.
 
-    Not where all stands still at first: that is rest, whatever else a free state may explain.
+    Not where all is off and stands still at first: that is rest, whatever else a free state may
+    explain.
 
     Parameters
     ----------
     records : sequence of Record
     drives : sequence of Drive
     chosen : sequence of ChosenKinds
-        Of every output, fitted from rest.
+        Of every output whose kinds were found, fitted from rest.
     effects : sequence of Effect
         Laws of the drives that were found.
     fixed : mapping of parameter name to value
     """
-    if all(_stand_still(record, drives, [each.output for each in chosen]) for record in records):
+    if all(rests(record, drives, [each.output for each in chosen]) for record in records):
         return False
     acting, zeroed = acting_records(records, drives, effects)
     evidence, explained = 0.0, False
     for each in chosen:
         own = [zeroed[d] for d in each.drives]
-        rest, free = (
-            KindSearch(acting, own, each.output, start, fixed, {}).fit(each.kinds, each.delays)
-            for start in (False, True)
-        )
+        started = KindSearch(acting, own, each.output, True, fixed, {})
+        free = started.fit(each.kinds, each.delays)
+        # Of the same rows: what decays at first is no outlier.
+        rest = started.from_rest().fit(each.kinds, each.delays)
         if rest is None or free is None or not rest.size:
             continue
         noise = max(reading_sigma(r.column(each.output)) for r in records) ** 2
         size, left = (float(np.mean(fit.residual**2)) - noise for fit in (rest, free))
-        explained |= size > noise and left < MAX_LEFT * size
-        floor = np.finfo(float).tiny
-        evidence += free.independent * float(np.log(rest.size / max(free.size, floor)))
+        explained |= size > noise and left < MAX_LEFT_BY_START * size
+        floor, rows = np.finfo(float).tiny, free.independent
+        decays = len(records) * free.search.parametrization.gains
+        evidence += rows * float(np.log(rest.size / max(free.size, floor)))
+        evidence -= decays * float(np.log(rows))
     return explained and evidence > DECISIVE
 
 
-def _stand_still(record: Record, drives: Sequence[Drive], outputs: Sequence[str]) -> bool:
-    inputs = np.array([record.column(d.channel) for d in drives])
-    return all(stands_still(inputs, record.column(output)) for output in outputs)
+def rests(record: Record, drives: Sequence[Drive], outputs: Sequence[str]) -> bool:
+    """Whether the drives are off at first, and nothing moves before they do.
+
+    Parameters
+    ----------
+    record : Record
+    drives : sequence of Drive
+    outputs : sequence of str
+    """
+    inputs = np.array([relative(record.column(d.channel), d.reference, d.hold) for d in drives])
+    off = all(u[0] == 0 for u, d in zip(inputs, drives, strict=True) if d.hold == "zero")
+    return off and all(
+        stands_still(inputs[:, there], record.column(output)[there])
+        for output in outputs
+        if (there := np.isfinite(record.column(output))).any()
+    )

@@ -105,8 +105,8 @@ def calibration_warnings(model: Model) -> list[str]:
     ]
     if any(o.fit.get("free_start") for o in model.outputs):
         found.append(
-            "these logs do not begin at rest: what they bring along is fitted apart, and simulate, "
-            "which begins at rest, is off by it"
+            "the state at the first rows is fitted: zero free is beside it, too; simulate begins "
+            "at rest, and is off by what these logs bring along"
         )
     found += [_law(effect) for effect in model.effects]
     found += [sentence for output in model.outputs if (sentence := _coarse(output))]

@@ -242,7 +242,8 @@ def draw(plant: Plant, generator: Generator, calibrating: bool = False) -> Condi
     air = amplitude * swing(time, generator)
     air = air - np.interp(0.0, time, air)
     if plant.days:
-        air = air + generator.normal(0.0, plant.days)
+        today, yesterday = generator.normal(0.0, plant.days, 2)
+        air = air + today + (yesterday - today) * np.clip(-time / (plant.dt * before), 0.0, 1.0)
     beside = {plant.pump: switched(time, generator), FAN: switched(time, generator)}
     if plant.part:
         beside[PART] = workpieces(time, generator)
