@@ -123,7 +123,7 @@ def run(
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--logs", type=int, default=LOGS, metavar="N",
-                        help="of each plant (50: 300 in all)")  # fmt: skip
+                        help="of each plant (36: 324 in all)")  # fmt: skip
     parser.add_argument("--plants", nargs="*", default=list(PLANTS), choices=list(PLANTS))
     parser.add_argument("--sizes", type=float, nargs="*", default=SIZES, choices=SIZES)
     parser.add_argument("--seed", type=int, help="of machines, trouble, noise; drawn if absent")
