@@ -1,6 +1,6 @@
 """Machines that the tool was not made for, known and unknown trouble in them: what does it say?
 
-    python benchmarks/exam.py [--logs 50] [--plants rod ...] [--sizes 2 5 15] [--seed N]
+    python benchmarks/exam.py [--logs 36] [--plants rod ...] [--sizes 2 5 15] [--seed N]
         [--json FILE] [--keep FOLDER] [--only N ...] [--no-validate]
 
 Nine kinds of machine (tests/machines/foreign) in numpy alone. Each is calibrated with the default

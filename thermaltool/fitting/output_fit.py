@@ -176,8 +176,7 @@ def fit_output(
     delays = [own.get("delay", 0.0) for own in constants]
     problem = CalibrationProblem.assemble(records, drives, output, free_start, delays, states)
     rows = len(problem.measured)
-    decays = parametrization.gains * len(records) if free_start else 0
-    unknowns = parametrization.searched + parametrization.gains + len(records) + decays
+    unknowns = problem.unknowns(parametrization)
     if rows <= unknowns:
         raise FitError(f"{rows} rows are too few for {unknowns} parameters")
 

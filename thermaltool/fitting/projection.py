@@ -170,10 +170,29 @@ class CalibrationProblem:
         R = R[: stacked.shape[1]]
         return Triangle(np.asarray(R[:, :-1], float), np.asarray(R[:, -1], float))
 
+    def decays(self, gains: int) -> int:
+        """Number of decays from an earlier level: one for each gain and record.
+
+        Parameters
+        ----------
+        gains : int
+        """
+        return self.records * gains if self.free_start else 0
+
+    def unknowns(self, parametrization: Parametrization) -> int:
+        """Number of all that is fitted: searched parameters, gains, decays, offsets.
+
+        Parameters
+        ----------
+        parametrization : Parametrization
+        """
+        gains = parametrization.gains
+        return parametrization.searched + gains + self.decays(gains) + self.records
+
     def combine(self, unit: Float) -> Float:
         """Columns of the reduced problem: gains, decays, offsets; shape (columns, unknowns)."""
         n, gains = len(self.grid.rates), unit.shape[1]
-        decays = self.records * gains if self.free_start else 0
+        decays = self.decays(gains)
         full = np.zeros((self.design.shape[1], gains + decays + self.records))
         full[: n * self.drives, :gains] = unit
         if self.free_start:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,9 +163,7 @@ class KindSearch:
 
     def from_rest(self) -> KindSearch:
         """The same rows, at rest at their first."""
-        other = replace(self, free_start=False, _data={})
-        other.__dict__["_sound"] = self._sound
-        return other
+        return self._with(free_start=False)
 
     def driven_by(
         self,
@@ -183,7 +182,11 @@ class KindSearch:
             With other values of the drives.
         """
         kept, of = self.states if states is None else states, records or self.records
-        other = replace(self, records=of, drives=drives, states=kept, _data={})
+        return self._with(records=of, drives=drives, states=kept)
+
+    def _with(self, **changes: Any) -> KindSearch:
+        """Another search of the same rows."""
+        other = replace(self, _data={}, **changes)
         other.__dict__["_sound"] = self._sound
         return other
 
@@ -275,8 +278,7 @@ class KindSearch:
         data = self.data(delays)
         search = self._search(data, kinds)
         own = search.parametrization
-        decays = own.gains * len(self.records) if self.free_start else 0
-        unknowns = own.searched + own.gains + len(self.records) + decays
+        unknowns = data.problem.unknowns(own)
         if len(data.problem.measured) * (FOLDS - 1) <= unknowns * FOLDS:
             return None
         starts = own.starts(self.period, self.duration) if theta is None else [theta]

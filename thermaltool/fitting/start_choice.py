@@ -63,7 +63,7 @@ def begins_away_from_rest(
         size, left = (float(np.mean(fit.residual**2)) - noise for fit in (rest, free))
         explained |= size > noise and left < MAX_LEFT_BY_START * size
         floor, rows = np.finfo(float).tiny, free.independent
-        decays = len(records) * free.search.parametrization.gains
+        decays = free.data.problem.decays(free.search.parametrization.gains)
         evidence += rows * float(np.log(rest.size / max(free.size, floor)))
         evidence -= decays * float(np.log(rows))
     return explained and evidence > DECISIVE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from machines.foreign.plant import Drive, Generator, Noise, Plant
 from machines.foreign.schedules import duty, spectrum
-from machines.foreign.solver import Body
+from machines.foreign.solver import lumped
 
 BEARING, QUILL, HEAD, COLUMN, BED, SCREW, NUT = range(7)
 _LINKS = {
@@ -24,15 +24,7 @@ _FILMS = (0.5, 1.5, 8.0, 14.0, 18.0, 1.5, 0.5)
 
 def mill(generator: Generator) -> Plant:
     """A mill whose links, capacities and films are up to a third off the middling ones."""
-
-    def about(values: object) -> np.ndarray:
-        found = np.array(values, float)
-        return found * np.exp(generator.uniform(-0.3, 0.3, found.shape))
-
-    exchange = np.zeros((7, 7))
-    for (a, b), g in zip(_LINKS, about(list(_LINKS.values())), strict=True):
-        exchange[np.ix_([a, b], [a, b])] += g * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    body = Body(about(_CAPACITIES), exchange, about(_FILMS), about(np.array(_FILMS) / 12))
+    body = lumped(generator, _LINKS, _CAPACITIES, _FILMS)
     turns, slides = np.zeros(7), np.zeros(7)
     turns[[BEARING, QUILL]] = 0.8, 0.2
     slides[[SCREW, NUT]] = 0.4, 0.6

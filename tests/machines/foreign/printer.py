@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from machines.foreign.plant import Drive, Generator, Noise, Plant, Thermostat
 from machines.foreign.schedules import jobs
-from machines.foreign.solver import Body
+from machines.foreign.solver import lumped
 
 BED, GLASS, LEFT, RIGHT, BEAM, CARRIAGE, NOZZLE, MOTOR_X, MOTOR_Z, CHAMBER = range(10)
 # Pairs that exchange heat [W/K], capacities [J/K] and films [W/K] of a middling machine.
@@ -33,15 +33,7 @@ _STEP = 1 / 16  # of the readings [K]
 
 def printer(generator: Generator) -> Plant:
     """A printer whose links, capacities and films are up to a third off the middling ones."""
-
-    def about(values: object) -> np.ndarray:
-        found = np.array(values, float)
-        return found * np.exp(generator.uniform(-0.3, 0.3, found.shape))
-
-    exchange = np.zeros((10, 10))
-    for (a, b), g in zip(_LINKS, about(list(_LINKS.values())), strict=True):
-        exchange[np.ix_([a, b], [a, b])] += g * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    body = Body(about(_CAPACITIES), exchange, about(_FILMS), about(np.array(_FILMS) / 12))
+    body = lumped(generator, _LINKS, _CAPACITIES, _FILMS)
     bed, motors = np.zeros(10), np.zeros(10)
     bed[BED] = 1.0
     motors[[MOTOR_X, MOTOR_Z]] = 0.6, 0.4

@@ -6,7 +6,7 @@ matrices formed once for every state of film and mass. numpy alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -57,6 +57,32 @@ class Body:
             driven = heat + self.film * air
             ends = np.asarray(np.linalg.solve(exchange + np.diag(self.film), driven), float)
         return ends
+
+
+def lumped(
+    generator: np.random.Generator,
+    links: Mapping[tuple[int, int], float],
+    capacities: Sequence[float],
+    films: Sequence[float],
+) -> Body:
+    """A network of lumps, each number up to a third off the middling one that is given.
+
+    Parameters
+    ----------
+    generator : Generator
+    links : mapping of pair of nodes to float [W/K]
+    capacities : sequence of float [J/K]
+    films : sequence of float [W/K]
+    """
+
+    def about(values: Sequence[float]) -> Array:
+        return np.array(values) * np.exp(generator.uniform(-0.3, 0.3, len(values)))
+
+    exchange = np.zeros((len(capacities), len(capacities)))
+    for (a, b), g in zip(links, about(list(links.values())), strict=True):
+        exchange[np.ix_([a, b], [a, b])] += g * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    areas = [film / 12 for film in films]
+    return Body(about(capacities), exchange, about(films), about(areas))
 
 
 @dataclass

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from machines.foreign.plant import Drive, Generator, Noise, Plant
 from machines.foreign.schedules import spectrum
-from machines.foreign.solver import Body
+from machines.foreign.solver import lumped
 
 FRONT, REAR, SHAFT, HOUSING, HEAD, COLUMN = range(6)
 _LINKS = {
@@ -22,15 +22,7 @@ _FILMS = (0.5, 0.5, 1.5, 4.0, 7.0, 16.0)
 
 def spindle(generator: Generator) -> Plant:
     """A spindle whose links, capacities and films are up to a third off the middling ones."""
-
-    def about(values: object) -> np.ndarray:
-        found = np.array(values, float)
-        return found * np.exp(generator.uniform(-0.3, 0.3, found.shape))
-
-    exchange = np.zeros((6, 6))
-    for (a, b), g in zip(_LINKS, about(list(_LINKS.values())), strict=True):
-        exchange[np.ix_([a, b], [a, b])] += g * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    body = Body(about(_CAPACITIES), exchange, about(_FILMS), about(np.array(_FILMS) / 12))
+    body = lumped(generator, _LINKS, _CAPACITIES, _FILMS)
     inlet = np.zeros(6)
     inlet[[FRONT, REAR, SHAFT]] = 0.55, 0.35, 0.1
     heat = generator.uniform(20.0, 35.0) / body.steady(inlet)[FRONT]

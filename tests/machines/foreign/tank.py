@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from machines.foreign.plant import Drive, Generator, Noise, Plant
 from machines.foreign.schedules import duty, staircase
-from machines.foreign.solver import Body
+from machines.foreign.solver import lumped
 
 ELEMENT, FLUID, SHELL, INSULATION, FRAME = range(5)
 _LINKS = {
@@ -20,15 +20,7 @@ _FILMS = (0.02, 0.6, 0.4, 12.0, 4.0)
 
 def tank(generator: Generator) -> Plant:
     """A tank whose links, capacities and films are up to a third off the middling ones."""
-
-    def about(values: object) -> np.ndarray:
-        found = np.array(values, float)
-        return found * np.exp(generator.uniform(-0.3, 0.3, found.shape))
-
-    exchange = np.zeros((5, 5))
-    for (a, b), g in zip(_LINKS, about(list(_LINKS.values())), strict=True):
-        exchange[np.ix_([a, b], [a, b])] += g * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    body = Body(about(_CAPACITIES), exchange, about(_FILMS), about(np.array(_FILMS) / 12))
+    body = lumped(generator, _LINKS, _CAPACITIES, _FILMS)
     inlet = np.eye(5)[ELEMENT]
     heat = generator.uniform(18.0, 40.0) / body.steady(inlet)[FLUID]
     volts = float(generator.choice([48.0, 110.0, 230.0]))
