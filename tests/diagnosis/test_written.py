@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from thermaltool.diagnosis.gain import compare
+from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.written import rezeroed, spoiled_by, steps_of
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
@@ -211,6 +213,23 @@ def test_a_log_that_another_model_spoils_is_named():
     assert spoiled_by(PLANT, PLANT, [calm, delayed], {}, noise) is None
     log, output = spoiled_by(PLANT, late, [delayed, calm], {}, noise)
     assert (log.digest, output) == ("log 1", "d_y_um")
+
+
+def test_a_zero_that_moves_under_a_warm_start_is_worse():
+    quick = Deflection(A=50.0, a=0.02, B=20.0, b=5e-3, D=-0.01, d=0.01)
+    plant = replace(
+        PLANT,
+        outputs=(replace(PLANT.outputs[0], offset=0.0),),
+        terms=(replace(PLANT.terms[0], response=quick),),
+    )
+    calm = record(plant, 1)
+    decay = 200.0 * np.exp(-TIME / 200.0)
+    warm = Record(TIME, {**calm.columns, "d_y_um": calm.columns["d_y_um"] + decay}, digest="warm")
+    jump = effect_class("sensor_offset_step")("d_y_um", {"step": 0.4, "time": 12.0}, "warm")
+    moved = replace(plant, effects=(jump,))
+    assert SimulatedLogs(plant, (warm,), {}).warm_logs == (0,)
+    log, output = spoiled_by(plant, moved, [warm], {}, {"d_y_um": 0.1})
+    assert (log.digest, output) == ("warm", "d_y_um")
 
 
 def test_a_loss_within_noise_is_none():

@@ -503,6 +503,19 @@ def test_a_sine_has_its_period_and_counts_from_zero():
     assert np.max(np.abs(y)) == pytest.approx(5.0, rel=1e-3)
 
 
+def test_a_jump_is_seen_from_both_sides():
+    place = scene(columns())
+    log = place.logs[0]
+
+    def jump(time):
+        return make("sensor_offset_step", COLUMN, log=log.digest, step=1.0, time=time)
+
+    for row in (3, 400, len(log) - 3):
+        assert jump(log.time[row]).plausible(place)
+    for row in (0, 2, len(log) - 2):
+        assert not jump(log.time[row]).plausible(place)
+
+
 def test_nothing_warms_more_than_what_warms_it():
     place = scene(columns())
 

@@ -48,8 +48,9 @@ def without(model: Model, effect: Effect) -> Model:
 
 
 # Time constants of an unknown start, relative to the output's slowest: so near each other that
-# their sum follows any decay to a hundredth of its height, also one slower than the model's.
-START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02)
+# their sum follows any decay to a hundredth of its height, also one slower than the model's. The
+# last ones only where the clock shows them.
+START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
 # A start is told from a drift in so many of the slowest time constants, where without it, and in
 # the second half of the log, less than this share of the misfit is left.
 LOG_OF_START, SHARE_OF_START = 4.0, 0.35
@@ -166,6 +167,7 @@ class SimulatedLogs:
             ]
             for k in range(len(self.logs))
             for share in START_TIME_CONSTANTS
+            if share * slowest[k] > self.logs[k].period
         ]
 
     def start_free(self, output: str) -> Series:

@@ -216,17 +216,29 @@ def spoiled_by(
     is_worse = Gain.worse if surely else Gain.lost
     for log in logs:
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
-        counted = gains_of(old, new, lambda output: False)
+        # What `simulate` leaves of a warm start says nothing of a cause: its second half does.
         warm = old.warm_logs
+        late = _without_start(log, old.groups, masked) if warm else masked
+        counted = gains_of(
+            replace(old, masked=late), replace(new, masked=late), lambda output: False
+        )
         for output, free in gains_of(old, new, lambda output: True, warm).items():
             sigma = noise.get(output) or difference_sigma(
                 old.groups[output].joined(old.residual(output))
             )
-            # What `simulate` leaves of a warm start says nothing of a cause.
-            zero = not warm and is_worse(counted[output], sigma, MIN_LOSS_COUNTED)
+            zero = output in counted and is_worse(counted[output], sigma, MIN_LOSS_COUNTED)
             if is_worse(free, sigma) or zero:
                 return log, output
     return None
+
+
+def _without_start(log: Record, outputs: Collection[str], masked: Mask) -> Mask:
+    """What does not count in the second half of a log: its first half as well."""
+    first = np.arange(len(log)) < len(log) // 2
+    return {
+        (log.digest, o): first | masked.get((log.digest, o), np.zeros(len(log), bool))
+        for o in outputs
+    }
 
 
 @dataclass(frozen=True)
