@@ -85,6 +85,31 @@ def test_a_rod_is_followed_to_its_noise_on_another_input(seed):
     assert agreements(model, [unseen])[OUTPUT].rmse < 1.5 * sigma
 
 
+@pytest.mark.parametrize("seed", [5, 6])
+def test_a_wall_is_told_with_its_films(seed):
+    """Sixty cells, heat into the first one, a film on either face, a probe in the hotter third."""
+    cells, generator, u = 60, np.random.default_rng(seed), switched(seed)
+    tau, biot, far = generator.uniform(1000, 4000), *10 ** generator.uniform(-1, 0.7, 2)
+    probe = int(generator.uniform(0.1, 0.35) * cells)
+    film = np.zeros(cells)
+    film[[0, -1]] = [b / (1 + b / (2 * cells)) for b in (biot, far)]
+    links = cells * (2 * np.eye(cells) - np.eye(cells, k=1) - np.eye(cells, k=-1))
+    links[[0, -1], [0, -1]] = cells
+    rates, shapes = np.linalg.eigh((links + np.diag(film)) * cells / tau)
+    kept, into = np.exp(-10.0 * rates), shapes[0] / np.sum(shapes[probe] * shapes[0] / rates)
+    x, y = np.zeros(cells), np.zeros(len(u))
+    for k in range(1, len(u)):
+        x = kept * x + (1 - kept) / rates * into * u[k - 1]
+        y[k] = 0.5 * shapes[probe] @ x
+    model = fitted(record(u, y, 0.02, seed))
+    assert chosen(model)["kinds"] == ["slab"]
+    wall = model.terms[0].response
+    assert wall.tau == pytest.approx(tau, rel=0.1)
+    assert wall.dc_gain() == pytest.approx(0.5, rel=0.01)
+    assert (wall.biot, wall.biot_far) == pytest.approx((biot, far), rel=0.2)
+    assert wall.depth == pytest.approx((probe + 0.5) / cells, abs=0.02)
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_delay_that_the_log_shows_is_found(seed):
     u = switched(seed)

@@ -216,7 +216,7 @@ def test_starts_lie_in_the_search_box(kind, period, duration):
 
 
 def test_an_unknown_kind_lists_the_known_ones():
-    with pytest.raises(ModelError, match=r"convection.*conduction, deflection"):
+    with pytest.raises(ModelError, match=r"convection.*conduction, slab, deflection"):
         response_class("convection")
 
 

@@ -11,6 +11,7 @@ from scipy.linalg import expm
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.deflection import Deflection, JointDeflection
 from thermaltool.responses.modes import Modes
+from thermaltool.responses.slab import Slab
 
 SOURCES = [fraser.PAIR, fraser.MAIN, *fraser.JOINT]
 
@@ -47,6 +48,33 @@ def test_a_probe_on_the_ring():
     t = 0.5 * np.arange(1, 400)
     error = np.max(np.abs(response.modes(0.5).step(t) - response.step(t)))
     assert error < 3e-5 * response.dc_gain()
+
+
+@pytest.mark.parametrize("depth", [0.1, 0.5, 0.9])
+def test_a_slab_is_what_cells_of_it_do(depth):
+    """Finite volumes of half a percent of the thickness, by their eigenvectors."""
+    cells, tau, biot, far = 200, 700.0, 0.8, 2.5
+    # Half a cell lies between its middle and a face: in series with the film.
+    film = np.zeros(cells)
+    film[[0, -1]] = [b / (1 + b / (2 * cells)) for b in (biot, far)]
+    links = cells * (2 * np.eye(cells) - np.eye(cells, k=1) - np.eye(cells, k=-1))
+    links[[0, -1], [0, -1]] = cells
+    rates, shapes = np.linalg.eigh((links + np.diag(film)) * cells / tau)
+    # Heat that goes into the face, part of which the film takes before it reaches the cell.
+    heat = np.zeros(cells)
+    heat[0] = cells / tau / (1 + biot / (2 * cells))
+    t = np.geomspace(1e-3, 10, 40) * tau
+    rise = shapes @ (
+        (1 - np.exp(-np.outer(rates, t))) / rates[:, None] * (shapes.T @ heat)[:, None]
+    )
+    at = depth * cells - 0.5
+    expected = (1 - at % 1) * rise[int(at)] + at % 1 * rise[int(at) + 1]
+    slab = Slab(K=expected[-1], tau=tau, biot=biot, biot_far=far, depth=depth)
+    assert slab.slowest() == pytest.approx(1 / rates[0], rel=1e-4)
+    np.testing.assert_allclose(slab.step(t), expected, atol=2e-4 * expected[-1])
+    # The steady state per unit of heat, by the resistances in series.
+    inner = (1 + far * (1 - depth)) / (biot + far + biot * far)
+    assert expected[-1] == pytest.approx(inner, rel=1e-4)
 
 
 def test_printed_steady_deflections():

@@ -8,18 +8,18 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.instant import Instant
 from thermaltool.record import Record
 
 # Instants of a log that are tried; the search goes on from the best of them.
 INSTANTS = 12
 
 
-class DriveGainStep(Effect):
+class DriveGainStep(Instant):
     """What acts is `gain` times the drive from `time` on, and the drive before."""
 
     name: ClassVar[str] = "drive_gain_step"
     side: ClassVar[Side] = "drive"
-    event: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "the drive lost or gained strength at an instant: a heating element burnt out, a fuse, a "
         "belt, a range that was switched"

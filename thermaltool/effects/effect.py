@@ -31,8 +31,6 @@ Side = Literal["drive", "state", "source", "structure", "sensor", "wiring"]
 
 # In place of a record, for effects that look at the value of the moment alone.
 STILL = Record(np.zeros(1), {})
-# Readings before and after an instant from which something is another.
-MIN_READINGS_BESIDE = 3
 # The order in which outputs pass: physics first, then what reads it, then who it is called.
 SIDES: tuple[Side, ...] = ("drive", "state", "source", "structure", "sensor", "wiring")
 
@@ -315,17 +313,10 @@ class Effect:
 
     def plausible(self, scene: Scene) -> bool:
         """Whether its parameters are what a machine may have; judged before it is believed."""
-        bounded = all(
+        return all(
             self.parameter(name).low <= value <= self.parameter(name).high
             for name, value in self.parameters.items()
         )
-        if not bounded or not self.event or "time" not in self.parameters:
-            return bounded
-        # What fewer readings show is an outlier, or how the log begins or ends.
-        before = [
-            log.time < self.parameters["time"] for log in scene.logs if log.digest == self.log
-        ]
-        return all(min(np.sum(b), np.sum(~b)) >= MIN_READINGS_BESIDE for b in before)
 
     @property
     def odds(self) -> float:

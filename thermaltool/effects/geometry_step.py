@@ -7,15 +7,15 @@ from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
+from thermaltool.effects.instant import Instant
 from thermaltool.record import Record
 
 
-class GeometryStep(Effect):
+class GeometryStep(Instant):
     """Every displacement jumps by its own `step` at one `time`."""
 
     name: ClassVar[str] = "geometry_step"
     side: ClassVar[Side] = "structure"
-    event: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "the structure itself moved: a collision, a new clamping, a slipped wedge"
     )

@@ -7,16 +7,16 @@ from typing import ClassVar
 
 from thermaltool.effects.dynamics import jump_times
 from thermaltool.effects.effect import Effect, Float, Memory, Parameter, Scene, Side
+from thermaltool.effects.instant import Instant
 from thermaltool.record import Record
 from thermaltool.units import is_displacement
 
 
-class SensorOffsetStep(Effect):
+class SensorOffsetStep(Instant):
     """`step` is added to one reading from `time` on."""
 
     name: ClassVar[str] = "sensor_offset_step"
     side: ClassVar[Side] = "sensor"
-    event: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "one sensor's zero jumped: a connector, a slipped probe, a range switch"
     )

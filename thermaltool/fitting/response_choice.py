@@ -20,6 +20,7 @@ from thermaltool.fitting.projection import MAX_CANCELLATION, GridStates
 from thermaltool.fitting.response_search import BLOCKS, CandidateData, FittedKinds, KindSearch
 from thermaltool.model import Drive
 from thermaltool.record import Record
+from thermaltool.responses import parameter_names
 from thermaltool.responses.modes import Float
 
 # Below so many rows for each drive nothing is compared.
@@ -34,6 +35,8 @@ KINDS = (
     "deflection",
     "joint_deflection",
 )
+# Tried for one drive where none of the others follows the output with as few parameters.
+SLAB = "slab"
 # In place of a kind: these records show no response to the drive.
 LEFT_OUT = "none"
 DELAYED = ("rational1", "rational2", "rational3")
@@ -160,6 +163,10 @@ def choose_response(
     if not found:
         return ()
     rows = min(_sound(found), key=lambda each: each.size).independent
+    if len(drives) == 1 and _best(found, rows).parameters > len(parameter_names(SLAB)):
+        progress(f"trying {SLAB}")
+        own = task.fit((SLAB,), still)
+        found += [own] if own is not None else []
     if not (fixed or {}).get("delay"):
         progress("trying delays")
         found += _delayed(task, found, rows)

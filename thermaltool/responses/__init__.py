@@ -16,6 +16,7 @@ from thermaltool.responses.modes import Complex, Float, Modes, Range
 # kind -> module:class; imported on use, so that the stream needs no Bessel functions.
 KINDS: dict[str, str] = {
     "conduction": "thermaltool.responses.conduction:Conduction",
+    "slab": "thermaltool.responses.slab:Slab",
     "deflection": "thermaltool.responses.deflection:Deflection",
     "joint_deflection": "thermaltool.responses.deflection:JointDeflection",
     "rational1": "thermaltool.responses.rational:Rational1",

@@ -13,17 +13,9 @@ from typing import ClassVar
 import numpy as np
 
 from thermaltool.errors import ModelError
-from thermaltool.laplace.contours import hyperbola_rule, windows
 from thermaltool.responses.modes import Complex, Float, Modes, Range
-from thermaltool.responses.relaxation import fit_relaxation
+from thermaltool.responses.relaxation import diffusive_modes, diffusive_step
 
-# Nodes of a contour: good to 1e-11 of the steady state.
-CONTOUR_NODES = 28
-# The spectrum is fitted from this share of the slowest rate a·α, below which there is nothing, to
-# rates of so many samples, of the slowest rate, and of the delay of diffusion; at most to these.
-SLOWEST_SHARE = 0.9
-FASTEST_OF_SAMPLE, FASTEST_OF_SLOWEST, FASTEST_OF_DELAY = 8.0, 1000.0, 30.0
-LIMIT_OF_SAMPLE, LIMIT_OF_SLOWEST = 800.0, 30000.0
 # A fit keeps √a·r, the distance in lengths over which the heat is lost, below this: farther away a
 # part in 10⁵ of it arrives, and no sum of exponentials follows.
 MAX_LOSS_LENGTHS = 10.0
@@ -87,24 +79,11 @@ class Conduction:
     def step(self, t: Float) -> Float:
         """Unit-step response (3.7); zero for t ≤ 0.
 
-        H(s)/s is inverted on one contour per window of times. All its singularities lie on the
-        negative real axis, so the contour needs no audit.
-
         Parameters
         ----------
         t : ndarray, any shape [s]
         """
-        t = np.asarray(t, float)
-        times, back = np.unique(t[t > 0], return_inverse=True)
-        values = np.empty(times.shape)
-        for window in windows(times):
-            last = times[window][-1]
-            nodes, weights = hyperbola_rule(CONTOUR_NODES)
-            terms = self.transfer(nodes / last) / nodes * weights
-            values[window] = (np.exp(np.outer(times[window] / last, nodes)) @ terms).real
-        step = np.zeros(t.shape)
-        step[t > 0] = values[back]
-        return step
+        return diffusive_step(self.transfer, t)
 
     def slowest(self) -> float:
         """Slowest time constant, 1/(a α) [s]."""
@@ -117,13 +96,8 @@ class Conduction:
         ----------
         dt : float [s]
         """
-        slow = SLOWEST_SHARE * self.a * self.alpha
-        # Fast enough for the sample, and for the delay of diffusion where that is shorter.
         delay = (self.r - self.r0) ** 2 / self.alpha
-        fastest = max(LIMIT_OF_SAMPLE / dt, LIMIT_OF_SLOWEST * slow)
-        of_delay = min(FASTEST_OF_DELAY / delay if delay else np.inf, fastest)
-        fast = max(FASTEST_OF_SAMPLE / dt, FASTEST_OF_SLOWEST * slow, of_delay)
-        return fit_relaxation(self, slow, fast, dt)
+        return diffusive_modes(self, self.a * self.alpha, delay, dt)
 
     @classmethod
     def search_box(cls, period: float, duration: float, **fixed: float) -> dict[str, Range]:

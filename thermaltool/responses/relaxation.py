@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from thermaltool.errors import ThermalToolWarning
+from thermaltool.laplace.contours import hyperbola_rule, windows
 from thermaltool.responses import Response
-from thermaltool.responses.modes import Float, Hold, Modes, uniform_spans
+from thermaltool.responses.modes import Complex, Float, Hold, Modes, uniform_spans
 
 # Rates a decade: eight follow a step response to a part in 10⁶; a response that starts with zero
 # slope and curvature needs ten, and one that loses most of its heat on the way (√a·r of 7 and more)
@@ -30,6 +32,13 @@ MAX_SPANS = 50
 SERIES_BELOW = 1e-4
 # Largest error of a step response, relative to its largest value.
 STEP_TOLERANCE = 3e-5
+# Nodes of a contour: good to 1e-11 of the steady state.
+CONTOUR_NODES = 28
+# The spectrum is fitted from this share of the slowest rate, below which there is nothing, to rates
+# of so many samples, of the slowest rate, and of the delay of diffusion; at most to these.
+SLOWEST_SHARE = 0.9
+FASTEST_OF_SAMPLE, FASTEST_OF_SLOWEST, FASTEST_OF_DELAY = 8.0, 1000.0, 30.0
+LIMIT_OF_SAMPLE, LIMIT_OF_SLOWEST = 800.0, 30000.0
 
 
 @dataclass(frozen=True)
@@ -158,6 +167,51 @@ class RelaxationGrid:
             slope = ((u[n] - u[k]) / np.where(n > k, time[n] - time[k], 1.0))[:, None]
             found[there] += slope * (since - (1 - kept) / self.rates)
         return found
+
+
+def diffusive_step(transfer: Callable[[Complex], Complex], t: Float) -> Float:
+    """Unit-step response of what comes by diffusion; zero for t ≤ 0.
+
+    H(s)/s is inverted on one contour per window of times. All its singularities lie on the
+    negative real axis, so the contour needs no audit.
+
+    Parameters
+    ----------
+    transfer : callable
+        H, of complex frequencies [rad/s].
+    t : ndarray, any shape [s]
+    """
+    t = np.asarray(t, float)
+    times, back = np.unique(t[t > 0], return_inverse=True)
+    values = np.empty(times.shape)
+    for window in windows(times):
+        last = times[window][-1]
+        nodes, weights = hyperbola_rule(CONTOUR_NODES)
+        terms = transfer(nodes / last) / nodes * weights
+        values[window] = (np.exp(np.outer(times[window] / last, nodes)) @ terms).real
+    step = np.zeros(t.shape)
+    step[t > 0] = values[back]
+    return step
+
+
+def diffusive_modes(response: Response, slowest: float, delay: float, dt: float) -> Modes:
+    """A response by diffusion as exponentials, for samples of `dt` or longer; see `fit_relaxation`.
+
+    Parameters
+    ----------
+    response : Response
+    slowest : float [1/s]
+        Its slowest rate.
+    delay : float [s]
+        Distance² over diffusivity.
+    dt : float [s]
+    """
+    slow = SLOWEST_SHARE * slowest
+    # Fast enough for the sample, and for the delay of diffusion where that is shorter.
+    fastest = max(LIMIT_OF_SAMPLE / dt, LIMIT_OF_SLOWEST * slow)
+    of_delay = min(FASTEST_OF_DELAY / delay if delay else np.inf, fastest)
+    fast = max(FASTEST_OF_SAMPLE / dt, FASTEST_OF_SLOWEST * slow, of_delay)
+    return fit_relaxation(response, slow, fast, dt)
 
 
 def fit_relaxation(response: Response, slow: float, fast: float, dt: float) -> Modes:
