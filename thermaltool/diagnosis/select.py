@@ -44,6 +44,8 @@ IMPLAUSIBLE = 1e300
 # First step of a search: of a logarithm, and relative to the distance from neutral; the instant of
 # an accident moves by this part of a log, half of what lies between two trials.
 LOG_STEP, RELATIVE_STEP, PARTS_OF_A_LOG = 0.3, 0.2, 96
+# ... and a place by no more than this share of what its channel goes through.
+RANGE_STEP = 0.1
 # Where a search ends: steps relative to the first one, log likelihood, trials for each parameter.
 RELATIVE_TOLERANCE, GAIN_TOLERANCE, MAX_TRIALS = 1e-3, 0.05, 30
 # A time constant is no shorter than this part of a sample period.
@@ -281,6 +283,8 @@ def _scaled(effect: Effect, amplitude: float) -> Effect:
     for name in effect.searched():
         known = effect.parameter(name)
         value = effect.parameters[name]
+        if known.place:
+            continue
         if known.log and known.neutral > 0:
             values[name] = float(known.neutral * (value / known.neutral) ** scale)
         else:
@@ -293,7 +297,11 @@ def _first_step(hypothesis: Hypothesis, effect: Effect, name: str) -> float:
     known, value = effect.parameter(name), effect.parameters[name]
     if known.unit == "s" and effect.log is not None:
         return max(log.duration for log in hypothesis.logs) / PARTS_OF_A_LOG
-    return RELATIVE_STEP * (abs(value - known.neutral) or 1.0)
+    step = RELATIVE_STEP * (abs(value - known.neutral) or 1.0)
+    if not known.place:
+        return step
+    logged = [log.columns[effect.channel] for log in hypothesis.logs]
+    return min(step, RANGE_STEP * max(float(np.nanmax(v) - np.nanmin(v)) for v in logged))
 
 
 # ---------------------------------------------------------------- which of them

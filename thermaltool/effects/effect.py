@@ -43,16 +43,14 @@ class Parameter:
     ----------
     unit : str
         A unit, in which ``{channel}`` and ``{output}`` stand for those of the channels.
-    neutral : float
-        The value at which the effect is not there (of a place or a time: any).
-    low, high : float
-        Plausible values.
-    linear : bool
-        Outputs are linear in it while the others stand still.
-    log : bool
-        Positive, and searched by its logarithm.
+    neutral, low, high : float
+        The value at which the effect is not there (of a place or a time: any); plausible ones.
+    linear, log : bool
+        Outputs are linear in it while the others stand still; positive, searched by its logarithm.
     fixed : bool
         Taken from the situation, not fitted.
+    place : bool
+        Where something is in the range of the channel, not how strong it is.
     """
 
     unit: str
@@ -62,6 +60,7 @@ class Parameter:
     linear: bool = False
     log: bool = False
     fixed: bool = False
+    place: bool = False
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,8 @@ class LatentHeat(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {
         "heat": Parameter("K", low=0.0),
-        "at": Parameter("degC", low=-100.0, high=2000.0),
-        "width": Parameter("K", neutral=1.0, low=0.05, high=50.0, log=True),
+        "at": Parameter("degC", low=-100.0, high=2000.0, place=True),
+        "width": Parameter("K", neutral=1.0, low=0.05, high=50.0, log=True, place=True),
         "rest": Parameter("degC", low=ABSOLUTE_ZERO, fixed=True),
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import ClassVar
 
@@ -21,7 +22,7 @@ from thermaltool.record import Record
 
 # Thresholds that are tried, and how far below them it is switched off, as shares of the range that
 # the temperature goes through.
-THRESHOLDS, BAND = (0.3, 0.5, 0.7), 0.1
+THRESHOLDS, BANDS = (0.3, 0.5, 0.7), (0.1, 0.3)
 
 
 class SwitchingLoss(Effect):
@@ -47,8 +48,8 @@ class SwitchingLoss(Effect):
     causal: ClassVar[bool] = True
     known: ClassVar = {
         "rate": Parameter("1/s", low=0.0, high=0.1),
-        "on": Parameter("{channel}"),
-        "off": Parameter("{channel}"),
+        "on": Parameter("{channel}", place=True),
+        "off": Parameter("{channel}", place=True),
     }
 
     def needs(self) -> tuple[str, ...]:
@@ -77,8 +78,7 @@ class SwitchingLoss(Effect):
             if len(logged) < len(scene.logs):
                 continue
             low, high = np.nanquantile(np.concatenate(logged), (0.01, 0.99)).tolist()
-            for share in THRESHOLDS if high > low else ():
-                on = low + share * (high - low)
-                yield cls(
-                    sensor, {"rate": 0.5 / slowest, "on": on, "off": on - BAND * (high - low)}
-                )
+            span = high - low
+            for share, band in itertools.product(THRESHOLDS, BANDS) if span else ():
+                on = low + share * span
+                yield cls(sensor, {"rate": 0.5 / slowest, "on": on, "off": on - band * span})
