@@ -167,8 +167,11 @@ def test_a_change_of_the_law_is_named_and_none_where_there_is_none(monkeypatch):
 WALL = ("T_hot_degC", "T_cold_degC")
 
 
-def wall_log(more, seed, noise=0.03):
-    """Two masses of 30 and 90 kJ/K, `more` of that for each 100 K, in steps of a second."""
+def wall_log(more, seed, noise=0.03, better=0.0):
+    """Two masses of 30 and 90 kJ/K, `more` of that for each 100 K, in steps of a second.
+
+    Between them they conduct `better` for each 100 K of their mean.
+    """
     generator = np.random.default_rng(seed)
     time, step = 15.0 * np.arange(1200), 1.0
     holds = generator.uniform(500.0, 2500.0, 40)
@@ -178,7 +181,7 @@ def wall_log(more, seed, noise=0.03):
     hot, cold, found = 0.0, 0.0, np.zeros((len(time), 2))
     for k in range(1, len(time)):
         for _ in range(int(15.0 / step)):
-            through = 12.0 * (hot - cold)
+            through = 12.0 * (1 + better * (hot + cold) / 200) * (hot - cold)
             into = watts[k - 1] - 1.5 * hot - through
             hot += step * into / (30e3 * (1 + more * hot / 100))
             cold += step * (through - 6.0 * cold) / (90e3 * (1 + more * cold / 100))
@@ -209,6 +212,21 @@ def test_a_capacity_that_rises_with_the_temperature_is_found():
         ]
         assert left[0] < 1.5 * 0.03
         assert left[1] > 2 * left[0]
+
+
+@pytest.mark.slow
+def test_a_conductivity_that_rises_with_the_temperature_bends_readings():
+    logs, unseen = [wall_log(0.0, 20261128, better=0.1)], wall_log(0.0, 20261129, better=0.1)
+    model, linear = calibrate(logs, WALL_PLAN), calibrate(logs, replace(WALL_PLAN, linear=True))
+    bent = {e.channel: e for e in model.effects if e.name == "sensor_conversion"}
+    # The nearer to the heat the less in proportion.
+    assert bent["T_hot_degC"].parameters["curvature"] < 0
+    assert any("conducts heat otherwise" in each for each in calibration_warnings(model))
+    left, was = (
+        float(np.std(unseen.columns["T_hot_degC"] - each.simulate(unseen)["T_hot_degC"]))
+        for each in (model, linear)
+    )
+    assert left < 0.5 * was
 
 
 @pytest.mark.parametrize("seed", [20261125, 20261126])

@@ -22,7 +22,8 @@ class SensorConversion(Effect):
     side: ClassVar[Side] = "sensor"
     explanation: ClassVar[str] = (
         "a signal is converted by the wrong curve: another thermistor's constants, another type "
-        "of thermocouple, a straight line for a bent characteristic"
+        "of thermocouple, a straight line for a bent characteristic; or the material conducts "
+        "heat otherwise when it is hot"
     )
     action: ClassVar[str] = (
         "check how {channel} is converted (constants of the thermistor, type of "

@@ -3,8 +3,9 @@
 Heat goes with the square of a voltage, friction with a power of the speed, a motor's loss with
 more than its load: a power law or a parabola of the drive, the same for every output (Hammerstein).
 What a hot machine is made of stores more heat or conducts it worse: its own time goes slower. A
-linear model leaves of that an error of structure that every later log shows again. As with kinds of
-response, evidence and rows held out decide.
+linear model leaves of that an error of structure that every later log shows again. Where the hot
+material conducts heat better, a temperature bends with its own height. As with kinds of response,
+evidence and rows held out decide.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.effects.dynamics import from_rest
 from thermaltool.effects.effect import Effect
 from thermaltool.effects.heat_capacity import HeatCapacity
+from thermaltool.effects.sensor_conversion import SensorConversion
 from thermaltool.fitting.hold_choice import ChosenKinds
 from thermaltool.fitting.law_search import LawSearch
 from thermaltool.fitting.laws import Law, acting_records
@@ -65,18 +67,19 @@ def laws_of(
     Returns
     -------
     tuple of Effect
-        One for a channel at most, with their standard errors.
+        With their standard errors.
     """
     if sum(len(record) for record in records) < MIN_ROWS * len(drives):
         return ()
-    laws = {
-        d.channel: Law(DriveNonlinearity, level)
+    laws = [
+        Law(DriveNonlinearity, d.channel, level)
         for k, d in enumerate(drives)
         if _drives(chosen, k) and (level := _level(records, d))
-    }
-    if not free_start and (hottest := _hottest(records, chosen)):
-        channel, level = hottest
-        laws[channel] = Law(HeatCapacity, level, HeatCapacity.ends(level))
+    ]
+    if not free_start and (levels := _levels(records, chosen)):
+        hottest = max(levels, key=lambda channel: levels[channel])
+        laws.append(Law(HeatCapacity, hottest, levels[hottest]))
+        laws += [Law(SensorConversion, channel, level) for channel, level in levels.items()]
     if not laws:
         return ()
     # Rows that a known nonlinearity explains are no outliers.
@@ -86,7 +89,7 @@ def laws_of(
         KindSearch(acting, [zeroed[d] for d in each.drives], each.output, free_start, fixed, states)
         for each in chosen
     ]
-    return tuple(LawSearch(records, drives, chosen, tasks, laws).in_turn(known).values())
+    return tuple(LawSearch(records, drives, chosen, tasks, laws).in_turn(known))
 
 
 def explain(
@@ -133,15 +136,14 @@ def _drives(chosen: Sequence[ChosenKinds], drive: int) -> bool:
     return any(drive in each.drives for each in chosen)
 
 
-def _hottest(records: Sequence[Record], chosen: Sequence[ChosenKinds]) -> tuple[str, float] | None:
-    """The temperature among the outputs that moves most, and how far [K]."""
-    levels = {
-        each.output: max(float(np.max(np.abs(from_rest(r, each.output)))) for r in records)
+def _levels(records: Sequence[Record], chosen: Sequence[ChosenKinds]) -> dict[str, float]:
+    """How far each temperature among the outputs moves [K]; none that does not."""
+    return {
+        each.output: level
         for each in chosen
         if is_temperature(each.output)
+        and (level := max(float(np.nanmax(np.abs(from_rest(r, each.output)))) for r in records))
     }
-    channel = max(levels, key=lambda c: levels[c], default="")
-    return (channel, levels[channel]) if levels and levels[channel] else None
 
 
 def _level(records: Sequence[Record], drive: Drive) -> float:

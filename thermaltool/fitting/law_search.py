@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from thermaltool.effects.effect import Effect
 from thermaltool.fitting.hold_choice import ChosenKinds
-from thermaltool.fitting.laws import FORMS, Law, acting_records
+from thermaltool.fitting.laws import Law, LawName, acting_records
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.response_search import FittedKinds, KindSearch
@@ -53,55 +53,56 @@ class LawSearch:
     drives: Sequence[Drive]
     chosen: Sequence[ChosenKinds]
     tasks: Sequence[KindSearch]
-    laws: Mapping[str, Law]
+    laws: Sequence[Law]
     _settled: dict[str, tuple[tuple[Effect, ...], GridStates]] = field(default_factory=dict)
 
-    def in_turn(self, known: Sequence[Effect]) -> dict[str, Effect]:
-        """Each channel beside what is known of the others, until none of them moves.
+    def in_turn(self, known: Sequence[Effect]) -> list[Effect]:
+        """Each law beside what is known of the others, until none of them moves.
 
         Parameters
         ----------
         known : sequence of Effect
         """
-        found = {effect.channel: effect for effect in known if effect.channel in self.laws}
-        order, settled = list(self.laws), ""
+        order, first = list(self.laws), None
+        names = {law.name for law in order}
+        found = {name: e for e in known if (name := (e.name, e.channel)) in names}
         if not found:
-            alone = {c: best for c in order if (best := self._best(c, (), None)) is not None}
+            alone = {law.name: best for law in order if (best := self._best(law, (), None))}
             if not alone or len(order) == 1:
-                return {channel: effect for channel, (_, effect) in alone.items()}
+                return [effect for _, effect in alone.values()]
             # The strongest first: what comes near to it is nothing beside it.
-            order.sort(key=lambda c: -alone[c][0] if c in alone else 0.0)
-            settled = order[0]
-            found = {settled: alone[settled][1]}
+            order.sort(key=lambda law: -alone[law.name][0] if law.name in alone else 0.0)
+            first = order[0].name
+            found = {first: alone[first][1]}
         for turn in range(MAX_TURNS):
             before = dict(found)
-            for channel in order:
-                if channel == settled and not turn:
+            for law in order:
+                if law.name == first and not turn:
                     continue
-                others = tuple(effect for c, effect in found.items() if c != channel)
-                near = found.get(channel) if turn else None
-                best = self._best(channel, others, near)
-                found.pop(channel, None)
+                others = tuple(effect for name, effect in found.items() if name != law.name)
+                near = found.get(law.name) if turn else None
+                best = self._best(law, others, near)
+                found.pop(law.name, None)
                 if best is not None:
-                    found[channel] = best[1]
+                    found[law.name] = best[1]
             if len(order) == 1 or _alike(before, found):
                 break
-        return found
+            # What says nothing beside the first ones is not asked again.
+            order = [law for law in order if law.name in found]
+        return list(found.values())
 
     def _best(
-        self, channel: str, others: tuple[Effect, ...], near: Effect | None
+        self, law: Law, others: tuple[Effect, ...], near: Effect | None
     ) -> tuple[float, Effect] | None:
-        """The law of one channel that decides, and its evidence, beside others; None for none."""
+        """A law that decides, and its evidence, beside others; None for none."""
         base = self._fits(others)
         if base is None:
             return None
-        law = self.laws[channel]
         best: tuple[float, Effect] | None = None
-        forms = FORMS[law.effect]
-        for form in forms if near is None else [n for n in forms if n in near.parameters]:
+        for form in law.forms if near is None else [n for n in law.forms if n in near.parameters]:
 
             def at(x: float, close: Sequence[FittedKinds] | None, form: str = form) -> _Trial:
-                fits = self._fits((*others, law.at(channel, form, x)), close)
+                fits = self._fits((*others, law.at(form, x)), close, base)
                 return _Trial(float(x), base if fits is None else fits)
 
             start = None if near is None else law.place(form, near.parameters[form])
@@ -112,16 +113,19 @@ class LawSearch:
             rows = _independent(trial.fits)
             evidence = trial.fall(base, rows) - float(np.log(np.sum(rows)))
             if evidence > DECISIVE and (best is None or evidence > best[0]):
-                chosen = law.at(channel, form, trial.x)
-                error *= chosen.parameters[form] if chosen.parameter(form).log else 1.0
-                covariance = np.diag([error**2, 0.0])
-                best = evidence, replace(chosen, covariance=covariance)
+                best = evidence, law.known(form, trial.x, error)
         return best
 
     def _fits(
-        self, effects: tuple[Effect, ...], near: Sequence[FittedKinds] | None = None
+        self,
+        effects: tuple[Effect, ...],
+        near: Sequence[FittedKinds] | None = None,
+        base: Sequence[FittedKinds] | None = None,
     ) -> list[FittedKinds] | None:
-        """Every output fitted with these nonlinearities; None where one cannot be."""
+        """Every output fitted with these nonlinearities; None where one cannot be.
+
+        Where the last of them bends a reading, the others are as in `base`.
+        """
         # What acts on a drive, and the clock on which it acts.
         own = {
             d.channel: tuple(e for e in effects if e.side == "state" or e.channel == d.channel)
@@ -133,11 +137,14 @@ class LawSearch:
                 states.update(kept)
         records, drives = acting_records(self.records, self.drives, effects)
         thetas = [None] * len(self.chosen) if near is None else [each.theta for each in near]
+        alone = effects[-1].channel if base is not None and effects[-1].side == "sensor" else None
         fits = [
             task.driven_by([drives[d] for d in each.drives], states, records).fit(
-                each.kinds, each.delays, theta
+                each.kinds, each.delays, thetas[k]
             )
-            for each, task, theta in zip(self.chosen, self.tasks, thetas, strict=True)
+            if base is None or alone is None or each.output == alone
+            else base[k]
+            for k, (each, task) in enumerate(zip(self.chosen, self.tasks, strict=True))
         ]
         for drive in self.drives:
             mine = {key: value for key, value in states.items() if key[1] == drive.channel}
@@ -221,7 +228,7 @@ def _predicted_side(
     return side if np.max(-np.log(share) @ rows) > DECISIVE else 0.0
 
 
-def _alike(before: Mapping[str, Effect], after: Mapping[str, Effect]) -> bool:
+def _alike(before: Mapping[LawName, Effect], after: Mapping[LawName, Effect]) -> bool:
     """Whether no nonlinearity moved by what its standard error shows."""
     if before.keys() != after.keys():
         return False

@@ -11,14 +11,23 @@ from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.effects.dynamics import from_rest
 from thermaltool.effects.effect import Effect
 from thermaltool.effects.heat_capacity import HeatCapacity
+from thermaltool.effects.sensor_conversion import SensorConversion
 from thermaltool.model import Course, Drive, relative
+from thermaltool.model.rest import rest_level
 from thermaltool.record import Record
+
+LawName = tuple[str, str]  # of its effect, and its channel
 
 # Parameters of a law that are tried, one at a time.
 FORMS: dict[type[Effect], tuple[str, ...]] = {
     DriveNonlinearity: ("exponent", "curvature"),
     HeatCapacity: ("rise",),
+    SensorConversion: ("curvature",),
 }
+# A temperature is bent by no more than this share of its largest rise over the chord.
+MAX_BEND = 0.25
+# Over which the slopes of parameters are taken.
+SLOPE_STEP = 1e-6
 
 
 @dataclass(frozen=True)
@@ -28,43 +37,76 @@ class Law:
     Attributes
     ----------
     effect : type of Effect
+    channel : str
     level : float [unit of the channel]
         Where it is told: the largest value that the records reach.
-    ends : tuple of float, optional
-        Least and largest value of its parameter; those of the effect by default.
     """
 
     effect: type[Effect]
+    channel: str
     level: float
-    ends: tuple[float, float] | None = None
+
+    @property
+    def name(self) -> LawName:
+        """Of the effect, and its channel."""
+        return self.effect.name, self.channel
+
+    @property
+    def forms(self) -> tuple[str, ...]:
+        """Parameters that are tried, one at a time."""
+        return FORMS[self.effect]
 
     def place(self, form: str, value: float) -> float:
         """Where a search has a value: at its logarithm where it is searched by that."""
+        if self.effect is SensorConversion:
+            return value * self.level
         return float(np.log(value)) if self.effect.known[form].log else value
 
-    def at(self, channel: str, form: str, x: float) -> Effect:
+    def at(self, form: str, x: float) -> Effect:
         """The effect at a place of the search."""
+        if self.effect is SensorConversion:
+            # What is read at rest and at the level stays: the other parameters need not move.
+            bent = {"gain": 1.0 - float(x), "curvature": float(x) / self.level}
+            return SensorConversion(self.channel, bent)
         value = np.exp(x) if self.effect.known[form].log else x
-        return self.effect(channel, {form: float(value), "level": self.level})
+        return self.effect(self.channel, {form: float(value), "level": self.level})
+
+    def known(self, form: str, x: float, error: float) -> Effect:
+        """The effect at a place of the search that has a standard error."""
+        ahead, behind = (self.at(form, x + side * SLOPE_STEP) for side in (1, -1))
+        found = self.at(form, x)
+        slopes = np.array(
+            [
+                (ahead.parameters[n] - behind.parameters[n]) / (2 * SLOPE_STEP)
+                for n in found.parameters
+            ]
+        )
+        return replace(found, covariance=error**2 * np.outer(slopes, slopes))
 
     def places(self, form: str) -> tuple[float, float]:
         """Where a search ends."""
+        if self.effect is SensorConversion:
+            return -MAX_BEND, MAX_BEND
         known = self.effect.known[form]
-        low, high = self.ends or (known.low, known.high)
+        low, high = known.low, known.high
+        if self.effect is HeatCapacity:
+            low, high = HeatCapacity.ends(self.level)
         return self.place(form, low), self.place(form, high)
 
 
 def acting_records(
     records: Sequence[Record], drives: Sequence[Drive], effects: Sequence[Effect]
 ) -> tuple[list[Record], list[Drive]]:
-    """Records with what acts in place of nonlinear drives, and drives that count it from zero.
+    """Records with what acts in place of nonlinear drives and is behind bent readings.
+
+    The drives count from zero.
 
     Parameters
     ----------
     records : sequence of Record
     drives : sequence of Drive
     effects : sequence of Effect
-        Of the drives, one each at most; of the state, by the outputs as measured.
+        Of the drives, one each at most; of the state and of outputs, by what was measured.
 
     Returns
     -------
@@ -74,6 +116,7 @@ def acting_records(
     """
     own = {effect.channel: effect for effect in effects if effect.side == "drive"}
     states = [effect for effect in effects if effect.side == "state"]
+    bent = [effect for effect in effects if isinstance(effect, SensorConversion)]
     result = []
     for record in records:
         changed = {}
@@ -81,6 +124,10 @@ def acting_records(
             if drive.channel in own:
                 u = relative(record.column(drive.channel), drive.reference, drive.hold)
                 changed[drive.channel] = own[drive.channel].drive(record, u)
+        for effect in bent:
+            reading = record.column(effect.channel)
+            rest = rest_level(reading, "first", "first")
+            changed[effect.channel] = rest + effect.undone(reading - rest)
         measured = {effect.channel: from_rest(record, effect.channel) for effect in states}
         clock = Course.of(states, record, measured).clock if states else record.time
         result.append(replace(record.with_columns(changed), time=clock))

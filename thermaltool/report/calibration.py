@@ -108,7 +108,7 @@ def calibration_warnings(model: Model) -> list[str]:
             "the state at the first rows is fitted: zero free is beside it, too; simulate begins "
             "at rest, and is off by what these logs bring along"
         )
-    found += [_law(effect) for effect in model.effects]
+    found += [_law(effect, model) for effect in model.effects]
     found += [sentence for output in model.outputs if (sentence := _coarse(output))]
     found += [sentence for output in model.outputs if (sentence := _below_zero(output))]
     for term in model.terms:
@@ -148,12 +148,21 @@ def _below_zero(output: Output) -> str:
     )
 
 
-def _law(effect: Effect) -> str:
-    """What acts in place of a drive, or how the machine changes with its temperature."""
-    name = next(n for n in effect.parameters if n != "level")
+def _law(effect: Effect, model: Model) -> str:
+    """What acts in place of a drive, how the machine changes with its temperature, what is read."""
+    name = next(n for n in effect.parameters if n not in ("level", "gain"))
     value, at = effect.parameters[name], list(effect.parameters).index(name)
     error = 0.0 if effect.covariance is None else float(effect.covariance[at, at]) ** 0.5
     told = normal_estimate(value, error)
+    if effect.name == "sensor_conversion":
+        reach = max(map(abs, next(o.range for o in model.outputs if o.channel == effect.channel)))
+        half, unit = -(reach**2) / 4, printed(parse_channel(effect.channel).unit)
+        return (
+            f"{effect.channel}: between rest and {reach:.4g} {unit} above it, it is up to "
+            f"{normal_estimate(half * value, -half * error)} {unit} off a straight line: the "
+            "material conducts heat otherwise when it is hot, or the sensor is converted by "
+            "another curve"
+        )
     level = f"{effect.parameters['level']:.4g} {printed(parse_channel(effect.channel).unit)}"
     if name == "rise":
         return (
