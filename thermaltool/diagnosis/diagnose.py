@@ -103,7 +103,7 @@ def diagnose(
     # They are left out from here on; whether they are a cause is told at the end.
     start = first if outliers is None else first.with_masked(outliers.masked)
     search = _second_look(task, _forward(task, SearchState(start, start, unseen)))
-    search = _of_use(task, _backward(search))
+    search = _of_no_harm(task, _of_use(task, _backward(search)))
     if outliers is not None:
         search = _with_outliers(search)
     return answer(task, first, search)
@@ -295,12 +295,31 @@ def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
     cause; all of them together do not.
     """
     while (useless := _useless(task, search)) is not None:
-        last = search.hypothesis
-        search = replace(
-            search.noted(f"{useless.effect.name} explains nothing in the written model"),
-            causes=tuple(c for c in search.causes if c is not useless),
-            hypothesis=last.with_model(without(last.model, useless.effect)).fitted(),
-        )
+        search = _dropped(search, useless, "explains nothing in the written model")
+    return search
+
+
+def _dropped(search: SearchState, cause: Cause, why: str) -> SearchState:
+    """The search without one of its causes."""
+    last = search.hypothesis
+    return replace(
+        search.noted(f"{cause.effect.name} {why}"),
+        causes=tuple(c for c in search.causes if c is not cause),
+        hypothesis=last.with_model(without(last.model, cause.effect)).fitted(),
+    )
+
+
+def _of_no_harm(task: DiagnosisTask, search: SearchState) -> SearchState:
+    """The search without the one cause that keeps the others from being written."""
+    effects = search.hypothesis.model.effects
+    acting = [cause for cause in search.causes if cause.effect in effects]
+    if len(acting) < 2 or search.spoiled(task, search.written(task)) is None:
+        return search
+    # What was found last explains least.
+    for cause in reversed(acting):
+        rest = _dropped(search, cause, "is left out: with it a log would be worse")
+        if rest.spoiled(task, rest.written(task)) is None:
+            return rest
     return search
 
 

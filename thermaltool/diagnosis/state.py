@@ -17,7 +17,7 @@ from thermaltool.diagnosis.severity import fraction_removed
 from thermaltool.diagnosis.simulation import Mask
 from thermaltool.diagnosis.validate import AcceptedCause
 from thermaltool.diagnosis.verdict import misfit_of
-from thermaltool.diagnosis.written import cannot_run, rezeroed, spoiled_by
+from thermaltool.diagnosis.written import cannot_run, not_to_be_written, rezeroed
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -183,25 +183,30 @@ class SearchState:
         last = self.hypothesis
         masked = last.simulation.masked
         if "released" not in last.assumptions or task.own:
-            return rezeroed(last.written(task.model).model, task.logs, masked)
-        known = [log for log in task.calibration if cannot_run(last.model, log) is None]
-        # What many logs have settled one log does not overturn.
-        joint = last.with_logs((*last.logs, *known)).fitted() if known else last
-        freed, held = (
-            rezeroed(model, task.logs, masked)
-            for model in (
-                joint.written(task.model).model,
-                replace(task.model, effects=last.model.effects),
-            )
-        )
-        logs = [log for log in (*task.logs, *task.validate) if cannot_run(held, log) is None]
+            plain = [last.written(task.model).model]
+        else:
+            known = [log for log in task.calibration if cannot_run(last.model, log) is None]
+            # What many logs have settled one log does not overturn.
+            joint = last.with_logs((*last.logs, *known)).fitted() if known else last
+            # A change of the model's own parameters that makes a log worse is left out.
+            held = replace(task.model, effects=last.model.effects)
+            plain = [joint.written(task.model).model, held]
+        # ... and so is another zero that does.
+        every = [*(rezeroed(model, task.logs, masked) for model in plain), *plain]
+        return next((model for model in every if self.spoiled(task, model) is None), every[0])
+
+    def spoiled(self, task: DiagnosisTask, model: Model) -> tuple[Record, str] | None:
+        """Log and output for which a model is not to be written; None where it is.
+
+        Parameters
+        ----------
+        task : DiagnosisTask
+        model : Model
+        """
+        last = self.hypothesis
+        logs = [log for log in (*task.logs, *task.validate) if cannot_run(model, log) is None]
         noise = {o: last.white(o) for o in last.groups}
-
-        def spoils(model: Model) -> bool:
-            return spoiled_by(task.model, model, logs, masked, noise) is not None
-
-        # A change of the model's own parameters that makes a log worse is left out.
-        return held if spoils(freed) and not spoils(held) else freed
+        return not_to_be_written(task.model, model, logs, last.simulation.masked, noise)
 
     def open(self) -> Hypothesis:
         """The accepted causes under the assumptions in which the last step ended."""

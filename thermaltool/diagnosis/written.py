@@ -190,10 +190,13 @@ def spoiled_by(
     masked: Mask,
     noise: Mapping[str, float],
     surely: bool = False,
+    as_simulated: bool = False,
 ) -> tuple[Record, str] | None:
     """Log and output of which a model is worse than another beyond noise; None where it is not.
 
-    Worse as `simulate` counts, or with the zero of the log free; outliers do not count.
+    Worse as `simulate` counts, or with the zero of the log free; outliers do not count. What is
+    left of a warm start says nothing of a cause: there the start is free as well, and the second
+    half counts.
 
     Parameters
     ----------
@@ -205,6 +208,8 @@ def spoiled_by(
         Of a reading; from the readings themselves where it is not there.
     surely : bool
         Worse on other logs as well, by bootstrap; on these very rows by default.
+    as_simulated : bool
+        With warm starts as they are.
 
     Raises
     ------
@@ -216,8 +221,7 @@ def spoiled_by(
     is_worse = Gain.worse if surely else Gain.lost
     for log in logs:
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
-        # What `simulate` leaves of a warm start says nothing of a cause: its second half does.
-        warm = old.warm_logs
+        warm = () if as_simulated else old.warm_logs
         late = _without_start(log, old.groups, masked) if warm else masked
         counted = gains_of(
             replace(old, masked=late), replace(new, masked=late), lambda output: False
@@ -230,6 +234,25 @@ def spoiled_by(
             if is_worse(free, sigma) or zero:
                 return log, output
     return None
+
+
+def not_to_be_written(
+    before: Model,
+    after: Model,
+    logs: Sequence[Record],
+    masked: Mask,
+    noise: Mapping[str, float],
+) -> tuple[Record, str] | None:
+    """Log and output of which a user would find the extended model worse, however he counts.
+
+    Parameters
+    ----------
+    before, after, logs, masked, noise
+        As in `spoiled_by`.
+    """
+    return spoiled_by(before, after, logs, masked, noise) or spoiled_by(
+        before, after, logs, masked, noise, as_simulated=True
+    )
 
 
 def _without_start(log: Record, outputs: Collection[str], masked: Mask) -> Mask:
@@ -295,7 +318,7 @@ def account(
     )
     if len(own) < len(logs):
         spoiled = next(_name(log) for log in logs if why[id(log)] is not None)
-    elif worse := spoiled_by(model, extended, [*own, *unseen], masked, noise):
+    elif worse := not_to_be_written(model, extended, [*own, *unseen], masked, noise):
         spoiled = f"{worse[1]} in {_name(worse[0])}"
     if worse := spoiled_by(model, extended, before, masked, noise, surely=True):
         notes.append(
