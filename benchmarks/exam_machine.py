@@ -86,7 +86,8 @@ class Calibrated:
     options : list of str
         How its logs are read.
     residual : mapping of output to ndarray [unit of the output]
-        What the model leaves of a clean log, about its mean.
+        What the model leaves of a clean log, about its mean; of a machine that may be warm when
+        a log begins, about the start that fits best.
     seconds : float
         CPU time of the calibration.
     """
@@ -119,8 +120,16 @@ def calibrated(plant: Plant, machine: int, folder: Path) -> Calibrated:
     residual = {}
     for name in plant.outputs:
         values = np.array([float(row[f"residual_{name}"]) for row in rows])
-        residual[name] = values - values.mean()
+        residual[name] = values - (_start(values) if plant.warm or plant.days else values.mean())
     return Calibrated(plant, folder, options, residual, seconds)
+
+
+def _start(residual: Float) -> Float:
+    """What a log that does not begin at rest brings along: decays and a level that fit best."""
+    time = np.arange(len(residual)) / len(residual)
+    decays = np.column_stack([np.exp(-time / tau) for tau in (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)])
+    columns = np.column_stack([np.ones(len(residual)), decays])
+    return np.asarray(columns @ np.linalg.lstsq(columns, residual, rcond=1e-8)[0])
 
 
 def score_machine(

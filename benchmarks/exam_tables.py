@@ -23,7 +23,8 @@ _PAIRS = {
 _INSTEAD = ", ".join(sorted(" and ".join(sorted(pair)) for pair in _PAIRS))
 HOW_COUNTED = f"""\
 - *Size*: RMS of what is changed, without noise and about its mean, over what the calibrated model
-  leaves of a clean log (about its mean too), at the output where that is largest. A log that
+  leaves of a clean log (about its mean too; about the start that fits best where a machine may
+  be warm when a log begins), at the output where that is largest. A log that
   reaches less than {100 * REACHED:.0f} % of its size counts for none; frozen and swapped
   sensors have the size that they have, which counts from 5 on.
 - *In the group*: first, or in a group of at most three that the tool declares indistinguishable
@@ -41,7 +42,7 @@ HOW_COUNTED = f"""\
 - *Told off*: largest relative difference between an RMS in the report and that of `simulate`.
 - *Seen by a test told all*: mean power of a matched filter that knows the change to the row, 3 %
   false alarms, noise as the model leaves it in a clean log. *Blind*: its power is below one half.
-- *Left over noise*: what the calibrated model leaves of a clean log, about its mean, over the noise
+- *Left over noise*: what the calibrated model leaves of a clean log, counted so, over the noise
   of a reading, at the worst output; median of the machines.
 - A log on which a command fails counts as answered wrong, a clean one as named."""
 

@@ -255,8 +255,8 @@ def is_practical(
 def holds(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
     """Whether a cause that held-out rows confirm holds on unseen logs, which may show little of it.
 
-    No output is spoiled, all together are no worse, and one is better by a practical share or none
-    changes by more than a part of its noise.
+    No output is spoiled, all together are no worse, and one is better, surely or by a practical
+    share, or none changes by more than a part of its noise.
 
     Parameters
     ----------
@@ -273,7 +273,7 @@ def holds(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
     if any(g.harmful for g in gains.values()) or sum(change.values()) > 0:
         return False
     unseen = all(abs(each) < MIN_LOSS for each in change.values())
-    return unseen or any(gains[output].useful for output in change)
+    return unseen or any(gains[output].useful or gains[output].claimed for output in change)
 
 
 # ---------------------------------------------------------------- prediction of held-out rows

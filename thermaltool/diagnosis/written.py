@@ -221,7 +221,8 @@ def spoiled_by(
     is_worse = Gain.worse if surely else Gain.lost
     for log in logs:
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
-        warm = () if as_simulated else old.warm_logs
+        # What a cause explains was no start.
+        warm = () if as_simulated else set(old.warm_logs) & set(new.warm_logs)
         late = _without_start(log, old.groups, masked) if warm else masked
         counted = gains_of(
             replace(old, masked=late), replace(new, masked=late), lambda output: False
