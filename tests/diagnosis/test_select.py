@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pytest
+
+from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.select import shortlist
 from thermaltool.effects import effect_class
+from thermaltool.model import Drive, Model, Output, Term
+from thermaltool.record import Record
+from thermaltool.responses.rational import Rational1
 
 PRESENT, FREED = frozenset({"tight"}), frozenset({"released"})
 
@@ -30,3 +37,44 @@ def test_few_of_one_name_and_none_without_evidence():
     gains = [candidate("sensor_gain", 100.0 - k, PRESENT, f"dT_{k}_K") for k in range(4)]
     found = shortlist([*gains, candidate("sensor_lag", -11.0, PRESENT)], {PRESENT: 0.0})
     assert [each.effect.channel for each in found] == ["dT_0_K", "dT_1_K"]
+
+
+# ---------------------------------------------------------------- a thermostat's fan
+
+HEAT, GAINS, LAGS = "Q_main_W", np.array([0.4, 0.3]), np.array([600.0, 1500.0])
+SENSORS = ("T_a_degC", "T_b_degC")
+
+
+def known_model():
+    """Two masses that a calibration knows to a part in a thousand."""
+    terms = [
+        Term(HEAT, name, Rational1(K1=k, tau1=tau), np.diag([tau, k]) ** 2 * 1e-6, ("tau1", "K1"))
+        for name, k, tau in zip(SENSORS, GAINS.tolist(), LAGS.tolist(), strict=True)
+    ]
+    outputs = [Output(name, "sensor", 20.0, (0.0, 40.0), {}) for name in SENSORS]
+    return Model((Drive(HEAT, "zero", 0.0, (0.0, 100.0)),), tuple(outputs), tuple(terms), 10.0)
+
+
+def fan_log(seed, rate, on=40.0, off=36.0, rows=1500):
+    """The same by steps of a second, with a fan that comes on and goes off by T_a."""
+    generator = np.random.default_rng([20261123, seed])
+    heat = np.repeat(generator.choice([0.0, 40.0, 70.0, 100.0], rows // 50), 50)
+    heat[:50] = 0.0
+    rise, blows, read = np.zeros(2), False, []
+    for u in heat:
+        read.append(20.0 + rise + 0.02 * generator.standard_normal(2))
+        for _ in range(10):
+            blows = 20.0 + rise[0] > (off if blows else on)
+            rise = rise + (GAINS * u - rise) / LAGS - rate * blows * rise
+    columns = {HEAT: heat, **dict(zip(SENSORS, np.array(read).T, strict=True))}
+    return Record(10.0 * np.arange(rows), columns, digest=f"fan {seed}")
+
+
+def test_a_fan_is_told_with_the_temperatures_that_switch_it():
+    found = diagnose(known_model(), [fan_log(1, 8e-5)], [fan_log(2, 8e-5)])
+    assert [(c.effect.name, c.effect.channel) for c in found.causes] == [
+        ("switching_loss", "T_a_degC")
+    ]
+    told = found.causes[0].effect.parameters
+    assert told["rate"] == pytest.approx(8e-5, rel=0.05)
+    assert (told["on"], told["off"]) == pytest.approx((40.0, 36.0), abs=0.5)

@@ -11,7 +11,7 @@ import pytest
 
 from thermaltool.diagnosis.gain import compare
 from thermaltool.diagnosis.simulation import SimulatedLogs
-from thermaltool.diagnosis.written import rezeroed, spoiled_by, steps_of
+from thermaltool.diagnosis.written import not_to_be_written, rezeroed, spoiled_by, steps_of
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
@@ -195,6 +195,14 @@ PLANT = Model(
     ),
     sample_period=3.0,
 )
+# The same with lags that are over long before the log is.
+QUICK = replace(
+    PLANT,
+    outputs=(replace(PLANT.outputs[0], offset=0.0),),
+    terms=(
+        Term("Q_main_1", "d_y_um", Deflection(A=50.0, a=0.02, B=20.0, b=5e-3, D=-0.01, d=0.01)),
+    ),
+)
 DELAY = effect_class("transport_delay")("Q_main_1", {"delay": 60.0})
 CURVE = effect_class("drive_nonlinearity")("Q_main_1", {"exponent": 1.1})
 
@@ -216,20 +224,42 @@ def test_a_log_that_another_model_spoils_is_named():
 
 
 def test_a_zero_that_moves_under_a_warm_start_is_worse():
-    quick = Deflection(A=50.0, a=0.02, B=20.0, b=5e-3, D=-0.01, d=0.01)
-    plant = replace(
-        PLANT,
-        outputs=(replace(PLANT.outputs[0], offset=0.0),),
-        terms=(replace(PLANT.terms[0], response=quick),),
-    )
-    calm = record(plant, 1)
+    calm = record(QUICK, 1)
     decay = 200.0 * np.exp(-TIME / 200.0)
     warm = Record(TIME, {**calm.columns, "d_y_um": calm.columns["d_y_um"] + decay}, digest="warm")
     jump = effect_class("sensor_offset_step")("d_y_um", {"step": 0.4, "time": 12.0}, "warm")
-    moved = replace(plant, effects=(jump,))
-    assert SimulatedLogs(plant, (warm,), {}).warm_logs == (0,)
-    log, output = spoiled_by(plant, moved, [warm], {}, {"d_y_um": 0.1})
+    moved = replace(QUICK, effects=(jump,))
+    assert SimulatedLogs(QUICK, (warm,), {}).warm_logs == (0,)
+    log, output = spoiled_by(QUICK, moved, [warm], {}, {"d_y_um": 0.1})
     assert (log.digest, output) == ("warm", "d_y_um")
+
+
+def test_what_a_warm_start_hides_is_right_and_not_written():
+    calm = record(QUICK, 1)
+    # A drift that makes up for part of the start until it is taken off.
+    drift = effect_class("sensor_drift")("d_y_um", {"rate": 6.0})
+    read = calm.columns["d_y_um"] + 60.0 * np.exp(-TIME / 150.0) + 6.0 * TIME / 3600.0
+    warm = Record(TIME, {**calm.columns, "d_y_um": read}, digest="warm")
+    drifting, noise = replace(QUICK, effects=(drift,)), {"d_y_um": 0.1}
+    left = [float(np.std(read - m.simulate(warm)["d_y_um"])) for m in (QUICK, drifting)]
+    assert left[1] > 1.05 * left[0]
+    assert spoiled_by(QUICK, drifting, [warm], {}, noise) is None
+    log, output = not_to_be_written(QUICK, drifting, [warm], {}, noise)
+    assert (log.digest, output) == ("warm", "d_y_um")
+
+
+def test_what_a_cause_explains_was_no_start():
+    # Alone it looks like a start, which fits better than what is told of it; with it none is left.
+    warm = replace(record(QUICK, 1), digest="warm")
+    values = {"gain[d_y_um]": 40.0, "start": float(TIME[0]), "time_constant": 60.0}
+    source = effect_class("second_source")("", values, "warm")
+    jump = effect_class("sensor_offset_step")("d_y_um", {"step": 0.2, "time": 2700.0}, "warm")
+    true, told = (replace(QUICK, effects=effects) for effects in ((source,), (source, jump)))
+    noise = 0.1 * np.random.default_rng(5).standard_normal(len(TIME))
+    warm = warm.with_columns({"d_y_um": true.simulate(warm)["d_y_um"] + noise})
+    assert SimulatedLogs(QUICK, (warm,), {}).warm_logs == (0,)
+    assert SimulatedLogs(told, (warm,), {}).warm_logs == ()
+    assert not_to_be_written(QUICK, told, [warm], {}, {"d_y_um": 0.1}) is None
 
 
 def test_a_loss_within_noise_is_none():

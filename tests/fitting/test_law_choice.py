@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from thermaltool.diagnosis.diagnose import diagnose
+from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
+from thermaltool.effects.heat_capacity import HeatCapacity
+from thermaltool.effects.sensor_conversion import SensorConversion
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.laws import Law, acting_records
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_warnings
 
@@ -192,6 +196,7 @@ def wall_log(more, seed, noise=0.03, better=0.0):
     return Record(time, columns, digest=f"wall {more} {seed}")
 
 
+WALL_LOG = Record(15.0 * np.arange(3), {})
 WALL_PLAN = CalibrationPlan(("P_heater_W",), WALL, choose=True)
 
 
@@ -232,3 +237,32 @@ def test_a_conductivity_that_rises_with_the_temperature_bends_readings():
 @pytest.mark.parametrize("seed", [20261125, 20261126])
 def test_a_capacity_that_stays_is_left_alone(seed):
     assert not calibrate([wall_log(0.0, seed)], WALL_PLAN).effects
+
+
+@pytest.mark.parametrize(
+    ("law", "form"),
+    [
+        (Law(SensorConversion, "T_hot_degC", 80.0), "curvature"),
+        (Law(HeatCapacity, "T_hot_degC", 80.0), "rise"),
+        (Law(DriveNonlinearity, "P_heater_W", 80.0), "exponent"),
+    ],
+)
+def test_a_law_says_how_sure_each_of_its_parameters_is(law, form):
+    """By a step of one standard error in what is searched."""
+    error, x = 0.003, 0.05
+    found, moved = law.known(form, x, error), law.at(form, x + error)
+    assert law.place(form, found.parameters[form]) == pytest.approx(x)
+    deviations = np.sqrt(np.diag(found.covariance))
+    for name, deviation in zip(found.parameters, deviations, strict=True):
+        change = abs(moved.parameters[name] - found.parameters[name])
+        assert deviation == pytest.approx(change, rel=0.01)
+
+
+def test_a_bent_reading_keeps_rest_and_the_largest_level():
+    bent = Law(SensorConversion, "T_hot_degC", 80.0).at("curvature", -0.1)
+    y = np.array([0.0, 40.0, 80.0])
+    np.testing.assert_allclose(bent.reading(y, WALL_LOG), [0.0, 42.0, 80.0])
+    np.testing.assert_allclose(bent.undone(bent.reading(y, WALL_LOG)), y, atol=1e-12)
+    read = replace(WALL_LOG, columns={"T_hot_degC": 20.0 + bent.reading(y, WALL_LOG)})
+    (straight,), _ = acting_records([read], [], [bent])
+    np.testing.assert_allclose(straight.columns["T_hot_degC"], 20.0 + y)
