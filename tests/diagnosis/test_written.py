@@ -11,7 +11,7 @@ import pytest
 
 from thermaltool.diagnosis.gain import compare
 from thermaltool.diagnosis.simulation import SimulatedLogs
-from thermaltool.diagnosis.written import not_to_be_written, rezeroed, spoiled_by, steps_of
+from thermaltool.diagnosis.written import rezeroed, spoiled_by, steps_of
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
@@ -244,7 +244,7 @@ def test_what_a_warm_start_hides_is_right_and_not_written():
     left = [float(np.std(read - m.simulate(warm)["d_y_um"])) for m in (QUICK, drifting)]
     assert left[1] > 1.05 * left[0]
     assert spoiled_by(QUICK, drifting, [warm], {}, noise) is None
-    log, output = not_to_be_written(QUICK, drifting, [warm], {}, noise)
+    log, output = spoiled_by(QUICK, drifting, [warm], {}, noise, as_simulated=True)
     assert (log.digest, output) == ("warm", "d_y_um")
 
 
@@ -259,7 +259,7 @@ def test_what_a_cause_explains_was_no_start():
     warm = warm.with_columns({"d_y_um": true.simulate(warm)["d_y_um"] + noise})
     assert SimulatedLogs(QUICK, (warm,), {}).warm_logs == (0,)
     assert SimulatedLogs(told, (warm,), {}).warm_logs == ()
-    assert not_to_be_written(QUICK, told, [warm], {}, {"d_y_um": 0.1}) is None
+    assert spoiled_by(QUICK, told, [warm], {}, {"d_y_um": 0.1}) is None
 
 
 def test_a_loss_within_noise_is_none():

@@ -17,6 +17,8 @@ from thermaltool.model import Model
 # Moves from which slopes are taken: of what is linear in an effect and what is not, both relative,
 # and the smallest.
 LINEAR_MOVE, SEARCHED_MOVE, MIN_MOVE = 1e-3, 1e-2, 1e-6
+# Variance of a scaled direction below which it does not move.
+MIN_VARIANCE = 1e-9
 
 
 def accepted_effects(
@@ -37,7 +39,7 @@ def accepted_effects(
     return {
         (at, name): change
         for at, effect in enumerate(simulation.model.effects)
-        if not _errors(calibrated, effect)
+        if not _roots(calibrated, effect)
         # The instant of an accident is found by scanning: it has no slope.
         for name in (*effect.linear(), *(() if effect.event else effect.searched()))
         if (change := _sensitivity(simulation, at, name, output)) is not None
@@ -45,7 +47,7 @@ def accepted_effects(
 
 
 def calibrated_effects(simulation: SimulatedLogs, calibrated: Model, output: str) -> list[Series]:
-    """Change of an output by one standard error of each parameter that was calibrated.
+    """Change of an output by one deviation of what was calibrated of each effect.
 
     Parameters
     ----------
@@ -53,21 +55,36 @@ def calibrated_effects(simulation: SimulatedLogs, calibrated: Model, output: str
     calibrated : Model
     output : str
     """
-    return [
-        [error * each for each in change]
-        for at, effect in enumerate(simulation.model.effects)
-        for name, error in _errors(calibrated, effect).items()
-        if (change := _sensitivity(simulation, at, name, output)) is not None
-    ]
+    found: list[Series] = []
+    for at, effect in enumerate(simulation.model.effects):
+        for root in _roots(calibrated, effect):
+            moves = [
+                [move * each for each in change]
+                for name, move in root.items()
+                if (change := _sensitivity(simulation, at, name, output)) is not None
+            ]
+            if moves:
+                found.append([np.sum(each, axis=0) for each in zip(*moves, strict=True)])
+    return found
 
 
-def _errors(calibrated: Model, effect: Effect) -> dict[str, float]:
-    """Standard errors of an effect's parameters by the calibration; none where it has none."""
+def _roots(calibrated: Model, effect: Effect) -> list[dict[str, float]]:
+    """Moves of an effect's parameters by the calibration, each of deviation one; none, if unknown.
+
+    Columns of a root of the covariance: parameters that only move together do so here.
+    """
     for each in calibrated.effects:
         if each == effect and each.covariance is not None:
-            errors = np.sqrt(np.diag(each.covariance)).tolist()
-            return {n: e for n, e in zip(each.parameters, errors, strict=True) if e > 0}
-    return {}
+            errors = np.sqrt(np.diag(each.covariance))
+            scale = np.where(errors > 0, errors, 1.0)
+            values, vectors = np.linalg.eigh(each.covariance / np.outer(scale, scale))
+            kept = values > MIN_VARIANCE
+            columns = (errors[:, None] * vectors[:, kept] * np.sqrt(values[kept])).T.tolist()
+            return [
+                {n: m for n, m in zip(each.parameters, column, strict=True) if m}
+                for column in columns
+            ]
+    return []
 
 
 def _sensitivity(simulation: SimulatedLogs, at: int, name: str, output: str) -> Series | None:

@@ -300,8 +300,12 @@ def _first_step(hypothesis: Hypothesis, effect: Effect, name: str) -> float:
     step = RELATIVE_STEP * (abs(value - known.neutral) or 1.0)
     if not known.place:
         return step
-    logged = [log.columns[effect.channel] for log in hypothesis.logs]
-    return min(step, RANGE_STEP * max(float(np.nanmax(v) - np.nanmin(v)) for v in logged))
+    spans = [
+        float(np.nanmax(values) - np.nanmin(values))
+        for log in hypothesis.logs
+        if (values := log.columns.get(effect.channel)) is not None and np.isfinite(values).any()
+    ]
+    return min(step, RANGE_STEP * max(spans)) if max(spans, default=0.0) > 0 else step
 
 
 # ---------------------------------------------------------------- which of them

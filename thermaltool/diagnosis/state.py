@@ -17,7 +17,7 @@ from thermaltool.diagnosis.severity import fraction_removed
 from thermaltool.diagnosis.simulation import Mask
 from thermaltool.diagnosis.validate import AcceptedCause
 from thermaltool.diagnosis.verdict import misfit_of
-from thermaltool.diagnosis.written import cannot_run, not_to_be_written, rezeroed
+from thermaltool.diagnosis.written import cannot_run, rezeroed, spoiled_by
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -206,7 +206,8 @@ class SearchState:
         last = self.hypothesis
         logs = [log for log in (*task.logs, *task.validate) if cannot_run(model, log) is None]
         noise = {o: last.white(o) for o in last.groups}
-        return not_to_be_written(task.model, model, logs, last.simulation.masked, noise)
+        masked = last.simulation.masked
+        return spoiled_by(task.model, model, logs, masked, noise, as_simulated=True)
 
     def open(self) -> Hypothesis:
         """The accepted causes under the assumptions in which the last step ended."""

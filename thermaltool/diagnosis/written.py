@@ -209,7 +209,7 @@ def spoiled_by(
     surely : bool
         Worse on other logs as well, by bootstrap; on these very rows by default.
     as_simulated : bool
-        With warm starts as they are.
+        With warm starts as they are, too.
 
     Raises
     ------
@@ -222,38 +222,27 @@ def spoiled_by(
     for log in logs:
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
         # What a cause explains was no start.
-        warm = () if as_simulated else set(old.warm_logs) & set(new.warm_logs)
-        late = _without_start(log, old.groups, masked) if warm else masked
-        counted = gains_of(
-            replace(old, masked=late), replace(new, masked=late), lambda output: False
-        )
-        for output, free in gains_of(old, new, lambda output: True, warm).items():
+        warm = set(old.warm_logs) & set(new.warm_logs)
+        free = [gains_of(old, new, lambda output: True, warm)]
+        counted = []
+        if not warm or as_simulated:
+            counted.append(gains_of(old, new, lambda output: False))
+        if warm:
+            late = _without_start(log, old.groups, masked)
+            halves = [replace(each, masked=late) for each in (old, new)]
+            counted.append(gains_of(halves[0], halves[1], lambda output: False))
+            free += [gains_of(old, new, lambda output: True)] * as_simulated
+        for output in old.groups:
             sigma = noise.get(output) or difference_sigma(
                 old.groups[output].joined(old.residual(output))
             )
-            zero = output in counted and is_worse(counted[output], sigma, MIN_LOSS_COUNTED)
-            if is_worse(free, sigma) or zero:
+            if any(is_worse(each[output], sigma) for each in free) or any(
+                is_worse(each[output], sigma, MIN_LOSS_COUNTED)
+                for each in counted
+                if output in each
+            ):
                 return log, output
     return None
-
-
-def not_to_be_written(
-    before: Model,
-    after: Model,
-    logs: Sequence[Record],
-    masked: Mask,
-    noise: Mapping[str, float],
-) -> tuple[Record, str] | None:
-    """Log and output of which a user would find the extended model worse, however he counts.
-
-    Parameters
-    ----------
-    before, after, logs, masked, noise
-        As in `spoiled_by`.
-    """
-    return spoiled_by(before, after, logs, masked, noise) or spoiled_by(
-        before, after, logs, masked, noise, as_simulated=True
-    )
 
 
 def _without_start(log: Record, outputs: Collection[str], masked: Mask) -> Mask:
@@ -319,7 +308,7 @@ def account(
     )
     if len(own) < len(logs):
         spoiled = next(_name(log) for log in logs if why[id(log)] is not None)
-    elif worse := not_to_be_written(model, extended, [*own, *unseen], masked, noise):
+    elif worse := spoiled_by(model, extended, [*own, *unseen], masked, noise, as_simulated=True):
         spoiled = f"{worse[1]} in {_name(worse[0])}"
     if worse := spoiled_by(model, extended, before, masked, noise, surely=True):
         notes.append(

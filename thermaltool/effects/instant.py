@@ -8,8 +8,8 @@ import numpy as np
 
 from thermaltool.effects.effect import Effect, Scene
 
-# Samples of the log before and after the instant.
-MIN_SAMPLES_BESIDE = 3
+# Readings of the channel before and after the instant.
+MIN_READINGS_BESIDE = 3
 
 
 class Instant(Effect):
@@ -18,9 +18,11 @@ class Instant(Effect):
     event: ClassVar[bool] = True
 
     def plausible(self, scene: Scene) -> bool:
-        # What fewer samples show is an outlier, or how the log begins or ends.
-        before = [
-            log.time < self.parameters["time"] for log in scene.logs if log.digest == self.log
-        ]
-        seen = all(min(np.sum(b), np.sum(~b)) >= MIN_SAMPLES_BESIDE for b in before)
-        return super().plausible(scene) and seen
+        # What fewer readings show is an outlier, or how the log begins or ends.
+        for log in scene.logs:
+            if log.digest == self.log:
+                values = log.columns.get(self.channel, log.time)
+                before = (log.time < self.parameters["time"])[np.isfinite(values)]
+                if min(np.sum(before), np.sum(~before)) < MIN_READINGS_BESIDE:
+                    return False
+        return super().plausible(scene)

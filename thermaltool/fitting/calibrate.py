@@ -12,11 +12,12 @@ import numpy as np
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.hold_choice import ChosenKinds, switched_between_rows
+from thermaltool.fitting.kind_candidate import KindCandidate, of_one_body
 from thermaltool.fitting.law_choice import explain, laws_of
 from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
-from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, KindCandidate, choose_response
+from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, choose_response
 from thermaltool.fitting.start_choice import begins_away_from_rest
 from thermaltool.fitting.start_state import Initial
 from thermaltool.model import (
@@ -235,17 +236,23 @@ def _fitted(
     terms: list[Term] = []
     chosen: list[ChosenKinds] = []
     states: GridStates = {}
-    for channel, role, kind in plan.outputs():
+    choices = of_one_body(
+        [
+            choose_response(
+                records, drives, channel, kind, plan.fixed, plan.free_start,
+                partial(_say, progress, channel), states,
+            )
+            if plan.chosen(channel)
+            else ()
+            for channel, _, kind in plan.outputs()
+        ]
+    )  # fmt: skip
+    for (channel, role, kind), tried in zip(plan.outputs(), choices, strict=True):
         say = partial(_say, progress, channel)
         kinds = [kind] * len(drives)
         delays: tuple[float, ...] = (0.0,) * len(drives)
-        tried: tuple[KindCandidate, ...] = ()
-        if plan.chosen(channel):
-            tried = choose_response(
-                records, drives, channel, kind, plan.fixed, plan.free_start, say, states
-            )
-            for taken in (each for each in tried if each.chosen):
-                kinds, delays = list(taken.kinds), taken.delays
+        for taken in (each for each in tried if each.chosen):
+            kinds, delays = list(taken.kinds), taken.delays
         acting = [k for k, own in enumerate(kinds) if own != LEFT_OUT]
         used, kinds = [drives[k] for k in acting], [kinds[k] for k in acting]
         fit = fit_output(
@@ -287,12 +294,13 @@ def _with_rests(model: Model, records: Sequence[Record]) -> Model:
 def _as_simulated(model: Model, records: Sequence[Record]) -> Model:
     """The model with fits as `simulate` gives them; the fit itself leaves every zero free."""
     found, zeros = agreements(model, records), [zeros_of(model, record) for record in records]
-    outputs = []
+    outputs, bent = [], {effect.channel for effect in model.effects if effect.side == "sensor"}
     for output in model.outputs:
         own = found[output.channel]
         fit = {
             "rmse": own.rmse,
-            "rmse_zero_free": output.fit["rmse"],
+            # ... of straightened readings where they are bent.
+            "rmse_zero_free": own.rmse_zero_free if output.channel in bent else output.fit["rmse"],
             "max_error": own.max_error,
             "fit_percent": own.fit_percent,
             "zeros": [each[output.channel].document() for each in zeros],

@@ -28,10 +28,12 @@ from thermaltool.fitting.response_search import KindSearch
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
 from thermaltool.signals.resolution import reading_sigma
-from thermaltool.units import is_temperature
+from thermaltool.units import is_absolute, is_temperature
 
 # Levels beside rest and the largest that count as one [of the largest].
 SAME_LEVEL = 0.02
+# Between which a temperature goes.
+LEVEL_QUANTILES = (0.005, 0.995)
 # Of the squared error beyond the noise, where that is larger than the noise, a nonlinearity leaves
 # at most this share. Laws that hold leave less than a tenth; what merely comes near to another
 # error of structure leaves a quarter and more, and predicts other logs no better. No output's error
@@ -77,13 +79,16 @@ def laws_of(
         if _drives(chosen, k) and (level := _level(records, d))
     ]
     if not free_start and (levels := _levels(records, chosen)):
-        hottest = max(levels, key=lambda channel: levels[channel])
-        laws.append(Law(HeatCapacity, hottest, levels[hottest]))
-        laws += [Law(SensorConversion, channel, level) for channel, level in levels.items()]
+        hottest = max(levels, key=lambda channel: abs(levels[channel]))
+        laws.append(Law(HeatCapacity, hottest, abs(levels[hottest])))
+        # A room as a drive moves the level at rest, about which a reading would bend.
+        rooms = any(is_absolute(drive.channel) for drive in drives)
+        bent = {} if rooms else levels
+        laws += [Law(SensorConversion, channel, level) for channel, level in bent.items()]
     if not laws:
         return ()
     # Rows that a known nonlinearity explains are no outliers.
-    acting, zeroed = acting_records(records, drives, known)
+    acting, zeroed = acting_records(records, drives, known, comparable=True)
     states: GridStates = {}
     tasks = [
         KindSearch(acting, [zeroed[d] for d in each.drives], each.output, free_start, fixed, states)
@@ -117,7 +122,7 @@ def explain(
     for before, after in zip(plain, chosen, strict=True):
         fits = []
         for each, laws in ((before, ()), (after, effects)):
-            acting, zeroed = acting_records(records, drives, laws)
+            acting, zeroed = acting_records(records, drives, laws, comparable=True)
             own = [zeroed[d] for d in each.drives]
             task = KindSearch(acting, own, each.output, free_start, fixed, {})
             fits.append(task.fit(each.kinds, each.delays))
@@ -137,13 +142,16 @@ def _drives(chosen: Sequence[ChosenKinds], drive: int) -> bool:
 
 
 def _levels(records: Sequence[Record], chosen: Sequence[ChosenKinds]) -> dict[str, float]:
-    """How far each temperature among the outputs moves [K]; none that does not."""
-    return {
-        each.output: level
-        for each in chosen
-        if is_temperature(each.output)
-        and (level := max(float(np.nanmax(np.abs(from_rest(r, each.output)))) for r in records))
-    }
+    """How far each temperature among the outputs moves [K], with its sign; none that does not."""
+    found = {}
+    for each in chosen:
+        if is_temperature(each.output):
+            rises = np.concatenate([from_rest(record, each.output) for record in records])
+            # A few outliers are no level.
+            ends = np.quantile(rises, LEVEL_QUANTILES)
+            if level := float(max(ends, key=abs)):
+                found[each.output] = level
+    return found
 
 
 def _level(records: Sequence[Record], drive: Drive) -> float:

@@ -55,6 +55,7 @@ class LawSearch:
     tasks: Sequence[KindSearch]
     laws: Sequence[Law]
     _settled: dict[str, tuple[tuple[Effect, ...], GridStates]] = field(default_factory=dict)
+    _bases: dict[str, list[FittedKinds] | None] = field(default_factory=dict)
 
     def in_turn(self, known: Sequence[Effect]) -> list[Effect]:
         """Each law beside what is known of the others, until none of them moves.
@@ -74,18 +75,21 @@ class LawSearch:
             order.sort(key=lambda law: -alone[law.name][0] if law.name in alone else 0.0)
             first = order[0].name
             found = {first: alone[first][1]}
+        beside: dict[LawName, set[LawName]] = {}
         for turn in range(MAX_TURNS):
             before = dict(found)
             for law in order:
                 if law.name == first and not turn:
                     continue
-                others = tuple(effect for name, effect in found.items() if name != law.name)
-                near = found.get(law.name) if turn else None
-                best = self._best(law, others, near)
+                others = {name: effect for name, effect in found.items() if name != law.name}
+                # Near its last value where it was found beside the same others.
+                near = found.get(law.name) if beside.get(law.name) == set(others) else None
+                beside[law.name] = set(others)
+                best = self._best(law, tuple(others.values()), near)
                 found.pop(law.name, None)
                 if best is not None:
                     found[law.name] = best[1]
-            if len(order) == 1 or _alike(before, found):
+            if _alike(before, found):
                 break
             # What says nothing beside the first ones is not asked again.
             order = [law for law in order if law.name in found]
@@ -95,7 +99,7 @@ class LawSearch:
         self, law: Law, others: tuple[Effect, ...], near: Effect | None
     ) -> tuple[float, Effect] | None:
         """A law that decides, and its evidence, beside others; None for none."""
-        base = self._fits(others)
+        base = self._base(others)
         if base is None:
             return None
         best: tuple[float, Effect] | None = None
@@ -116,6 +120,13 @@ class LawSearch:
                 best = evidence, law.known(form, trial.x, error)
         return best
 
+    def _base(self, others: tuple[Effect, ...]) -> list[FittedKinds] | None:
+        """Every output fitted with these laws alone; each set of them once."""
+        key = repr([(e.name, e.channel, dict(e.parameters)) for e in others])
+        if key not in self._bases:
+            self._bases[key] = self._fits(others)
+        return self._bases[key]
+
     def _fits(
         self,
         effects: tuple[Effect, ...],
@@ -135,7 +146,7 @@ class LawSearch:
         for channel, (acted, kept) in self._settled.items():
             if own[channel] == acted:
                 states.update(kept)
-        records, drives = acting_records(self.records, self.drives, effects)
+        records, drives = acting_records(self.records, self.drives, effects, comparable=True)
         thetas = [None] * len(self.chosen) if near is None else [each.theta for each in near]
         alone = effects[-1].channel if base is not None and effects[-1].side == "sensor" else None
         fits = [
@@ -183,6 +194,9 @@ def _searched(
     if min(best.x - ends[0], ends[1] - best.x) < ERROR_STEP:
         # At the end of what is tried the records want another law than this one.
         return None
+    if start is not None and min(best.x - low, high - best.x) < ERROR_STEP:
+        # Farther away than where it was looked for.
+        return _searched(at, base, ends, None)
     sides = [at(best.x + step, best.fits) for step in (-ERROR_STEP, ERROR_STEP)]
     bend = sum(best.fall(each.fits, rows) for each in sides)
     return best, ERROR_STEP * float(np.sqrt(2 / bend)) if bend > 0 else abs(best.x)

@@ -9,14 +9,14 @@ import numpy as np
 
 from thermaltool.effects.drive_nonlinearity import DriveNonlinearity
 from thermaltool.effects.dynamics import from_rest
-from thermaltool.effects.effect import Effect
+from thermaltool.effects.effect import Effect, Float
 from thermaltool.effects.heat_capacity import HeatCapacity
 from thermaltool.effects.sensor_conversion import SensorConversion
 from thermaltool.model import Course, Drive, relative
 from thermaltool.model.rest import rest_level
 from thermaltool.record import Record
 
-LawName = tuple[str, str]  # of its effect, and its channel
+LawName = tuple[str, str]  # effect, channel
 
 # Parameters of a law that are tried, one at a time.
 FORMS: dict[type[Effect], tuple[str, ...]] = {
@@ -24,8 +24,10 @@ FORMS: dict[type[Effect], tuple[str, ...]] = {
     HeatCapacity: ("rise",),
     SensorConversion: ("curvature",),
 }
-# A temperature is bent by no more than this share of its largest rise over the chord.
-MAX_BEND = 0.25
+# The slope of a bent reading changes by no more than twice this share between rest and its level; a
+# quarter of it is how far it may be off the chord. Beyond 0.17 what is as far below rest as the
+# level is above it could not be straightened.
+MAX_BEND = 0.15
 # Over which the slopes of parameters are taken.
 SLOPE_STEP = 1e-6
 
@@ -39,7 +41,7 @@ class Law:
     effect : type of Effect
     channel : str
     level : float [unit of the channel]
-        Where it is told: the largest value that the records reach.
+        Where its parameter counts: the largest value that the records reach.
     """
 
     effect: type[Effect]
@@ -48,7 +50,7 @@ class Law:
 
     @property
     def name(self) -> LawName:
-        """Of the effect, and its channel."""
+        """Effect and channel."""
         return self.effect.name, self.channel
 
     @property
@@ -95,7 +97,10 @@ class Law:
 
 
 def acting_records(
-    records: Sequence[Record], drives: Sequence[Drive], effects: Sequence[Effect]
+    records: Sequence[Record],
+    drives: Sequence[Drive],
+    effects: Sequence[Effect],
+    comparable: bool = False,
 ) -> tuple[list[Record], list[Drive]]:
     """Records with what acts in place of nonlinear drives and is behind bent readings.
 
@@ -107,6 +112,9 @@ def acting_records(
     drives : sequence of Drive
     effects : sequence of Effect
         Of the drives, one each at most; of the state and of outputs, by what was measured.
+    comparable : bool
+        Straightened readings times the mean slope of the bend (geometric), so that errors are as
+        large as those of readings.
 
     Returns
     -------
@@ -117,6 +125,7 @@ def acting_records(
     own = {effect.channel: effect for effect in effects if effect.side == "drive"}
     states = [effect for effect in effects if effect.side == "state"]
     bent = [effect for effect in effects if isinstance(effect, SensorConversion)]
+    slopes = {e.channel: _mean_slope(e, records) if comparable else 1.0 for e in bent}
     result = []
     for record in records:
         changed = {}
@@ -125,10 +134,26 @@ def acting_records(
                 u = relative(record.column(drive.channel), drive.reference, drive.hold)
                 changed[drive.channel] = own[drive.channel].drive(record, u)
         for effect in bent:
-            reading = record.column(effect.channel)
-            rest = rest_level(reading, "first", "first")
-            changed[effect.channel] = rest + effect.undone(reading - rest)
+            rest, straight = _straightened(effect, record)
+            changed[effect.channel] = rest + slopes[effect.channel] * straight
         measured = {effect.channel: from_rest(record, effect.channel) for effect in states}
         clock = Course.of(states, record, measured).clock if states else record.time
         result.append(replace(record.with_columns(changed), time=clock))
     return result, [replace(d, reference=0.0) if d.channel in own else d for d in drives]
+
+
+def _straightened(effect: SensorConversion, record: Record) -> tuple[float, Float]:
+    """A reading at rest, and the rise behind the others; an outlier stays what it is."""
+    reading = record.column(effect.channel)
+    rest = rest_level(reading, "first", "first")
+    rise = reading - rest
+    straight = effect.undone(rise)
+    return float(rest), np.where(np.isfinite(straight), straight, rise)
+
+
+def _mean_slope(effect: SensorConversion, records: Sequence[Record]) -> float:
+    """Geometric mean of the change of a reading over that of what is behind it."""
+    gain, curvature = effect.parameters.get("gain", 1.0), effect.parameters["curvature"]
+    rises = np.concatenate([_straightened(effect, record)[1] for record in records])
+    slopes = gain + 2 * curvature * rises[np.isfinite(rises)]
+    return float(np.exp(np.mean(np.log(slopes[slopes > 0])))) if np.any(slopes > 0) else 1.0

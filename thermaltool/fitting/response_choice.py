@@ -9,12 +9,19 @@ either, the one with the fewest parameters is taken.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
+from thermaltool.fitting.kind_candidate import (
+    MORE_PARAMETERS,
+    PLATE,
+    SLAB,
+    WHY_ALONE,
+    WHY_SIMPLEST,
+    KindCandidate,
+)
 from thermaltool.fitting.output_fit import check_records
 from thermaltool.fitting.projection import MAX_CANCELLATION, GridStates
 from thermaltool.fitting.response_search import BLOCKS, CandidateData, FittedKinds, KindSearch
@@ -35,8 +42,6 @@ KINDS = (
     "deflection",
     "joint_deflection",
 )
-# Tried for one drive where none of the others follows the output with as few parameters.
-SLAB = "slab"
 # In place of a kind: these records show no response to the drive.
 LEFT_OUT = "none"
 DELAYED = ("rational1", "rational2", "rational3")
@@ -60,61 +65,6 @@ MAX_SLOWEST, SLOW_LOSS = 2.0, 1.25
 DELAY_SAMPLES, MAX_DELAY_SHARE, DELAY_STEPS = (0.5, 1, 2, 4, 8, 16, 32, 64), 0.05, 8
 # Longer delays are not tried behind one that leaves so many times the squared error of the best.
 GIVE_UP = 2.0
-# What is said of the one that is taken.
-WHY_ALONE = "chosen: no other is as good"
-WHY_SIMPLEST = "chosen: the fewest parameters among those that are as good"
-
-
-@dataclass(frozen=True)
-class KindCandidate:
-    """One choice of kinds, and what it is worth.
-
-    Attributes
-    ----------
-    kinds : tuple of str, one for each drive
-    delays : tuple of float [s]
-    parameters : int
-        Fitted ones, without offsets.
-    rmse : float [unit of the output]
-        Of the means over groups of rows.
-    held_out : float or None [unit of the output]
-        The same of rows that the fit has not seen; None where evidence has ruled it out before.
-    criterion : float
-        Above the least of all candidates.
-    cancellation : float
-        Size of the largest term over that of the output.
-    note : str
-        Why it is not taken, or why it is.
-    chosen : bool
-    """
-
-    kinds: tuple[str, ...]
-    delays: tuple[float, ...]
-    parameters: int
-    rmse: float
-    held_out: float | None
-    criterion: float
-    cancellation: float
-    note: str = ""
-    chosen: bool = False
-
-    def document(self) -> dict[str, Any]:
-        """As JSON."""
-        return {
-            **asdict(self),
-            "label": self.label,
-            "kinds": list(self.kinds),
-            "delays": list(self.delays),
-        }
-
-    @property
-    def label(self) -> str:
-        """The kinds, with their delays."""
-        parts = [
-            f"{kind} delay={delay:.4g}" if delay else kind
-            for kind, delay in zip(self.kinds, self.delays, strict=True)
-        ]
-        return parts[0] if len(set(parts)) == 1 else " + ".join(parts)
 
 
 def choose_response(
@@ -163,7 +113,10 @@ def choose_response(
     if not found:
         return ()
     rows = min(_sound(found), key=lambda each: each.size).independent
-    if len(drives) == 1 and _best(found, rows).parameters > len(parameter_names(SLAB)):
+    best = _best(found, rows)
+    if len(drives) == 1 and (
+        best.parameters > len(parameter_names(SLAB)) or best.kinds == (PLATE,)
+    ):
         progress(f"trying {SLAB}")
         own = task.fit((SLAB,), still)
         found += [own] if own is not None else []
@@ -386,7 +339,7 @@ class _Judgement:
                     self.rms(each.held_out) if "held_out" in each.__dict__ else None,
                     _criterion(each, self.rows) - self.least,
                     each.cancellation,
-                    note or "more parameters",
+                    note or MORE_PARAMETERS,
                     k == taken,
                 )
             )

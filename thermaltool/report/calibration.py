@@ -155,10 +155,11 @@ def _law(effect: Effect, model: Model) -> str:
     error = 0.0 if effect.covariance is None else float(effect.covariance[at, at]) ** 0.5
     told = normal_estimate(value, error)
     if effect.name == "sensor_conversion":
-        reach = max(map(abs, next(o.range for o in model.outputs if o.channel == effect.channel)))
+        ends = next(o.range for o in model.outputs if o.channel == effect.channel)
+        reach = max(ends, key=abs)
         half, unit = -(reach**2) / 4, printed(parse_channel(effect.channel).unit)
         return (
-            f"{effect.channel}: between rest and {reach:.4g} {unit} above it, it is up to "
+            f"{effect.channel}: between rest and {reach:+.4g} {unit}, it is up to "
             f"{normal_estimate(half * value, -half * error)} {unit} off a straight line: the "
             "material conducts heat otherwise when it is hot, or the sensor is converted by "
             "another curve"
