@@ -266,3 +266,39 @@ def test_a_bent_reading_keeps_rest_and_the_largest_level():
     read = replace(WALL_LOG, columns={"T_hot_degC": 20.0 + bent.reading(y, WALL_LOG)})
     (straight,), _ = acting_records([read], [], [bent])
     np.testing.assert_allclose(straight.columns["T_hot_degC"], 20.0 + y)
+
+
+# ---------------------------------------------------------------- what a bend may not do
+
+
+def hot_log(seed, noise, law=lambda share: share, outlier=None):
+    """One lag of 20 K behind levels of 0.7 to 1, mostly hot."""
+    generator = np.random.default_rng([20261130, seed])
+    levels = np.repeat(generator.uniform(0.7, 1.0, 24), 50)
+    levels[:50] = 0.0
+    rise, read = 0.0, []
+    for level in levels:
+        read.append(rise)
+        rise = rise + (20.0 * law(level) - rise) * -np.expm1(-10.0 / 300.0)
+    y = 20.0 + np.array(read) + noise * generator.standard_normal(len(levels))
+    if outlier is not None:
+        y[700] = outlier
+    time = 10.0 * np.arange(len(levels))
+    return Record(time, {DRIVE: 100.0 * levels, "T_a_degC": y}, digest=f"hot {seed}")
+
+
+HOT_PLAN = CalibrationPlan((DRIVE,), ("T_a_degC",), choose=True)
+
+
+@pytest.mark.parametrize("outlier", [None, 0.0, 850.0])
+def test_a_straight_machine_is_not_bent(outlier):
+    """Where a log is mostly hot a bend makes the noise smaller, and is no better for it."""
+    assert not calibrate([hot_log(1, 0.3, outlier=outlier)], HOT_PLAN).effects
+
+
+def test_a_law_of_the_drive_is_not_shared_with_a_bend():
+    model = calibrate([hot_log(2, 0.3, lambda share: share**2)], HOT_PLAN)
+    (effect,) = model.effects
+    error = float(effect.covariance[0, 0]) ** 0.5
+    assert effect.name == "drive_nonlinearity"
+    assert effect.parameters["exponent"] == pytest.approx(2.0, abs=3 * error)

@@ -86,7 +86,7 @@ def test_a_rod_is_followed_to_its_noise_on_another_input(seed):
 
 
 @pytest.mark.parametrize("seed", [5, 6])
-def test_a_wall_is_told_with_its_films(seed):
+def test_a_wall_has_its_films(seed):
     """Sixty cells, heat into the first one, a film on either face, a probe in the hotter third."""
     cells, generator, u = 60, np.random.default_rng(seed), switched(seed)
     tau, biot, far = generator.uniform(1000, 4000), *10 ** generator.uniform(-1, 0.7, 2)

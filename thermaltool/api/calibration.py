@@ -115,8 +115,9 @@ def calibrate(
     deflections : str or sequence of str
         Outputs that will be computed.
     kinds : mapping of output to kind of response, optional
-        Default: of all kinds (`conduction`, `slab`, `deflection`, `joint_deflection`, sums of one
-        to four lags with a delay or without) the one that evidence and held-out rows speak for.
+        Default: of all kinds (`conduction`, `slab` for one drive, `deflection`,
+        `joint_deflection`, sums of one to four lags with a delay or without) the one that evidence
+        and held-out rows speak for.
     fixed : mapping of parameter to value, optional
         Parameters that are not fitted.
     reference : "first" or float, optional

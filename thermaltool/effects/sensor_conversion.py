@@ -28,7 +28,7 @@ class SensorConversion(Effect):
     action: ClassVar[str] = (
         "check how {channel} is converted (constants of the thermistor, type of "
         "thermocouple, characteristic): compare it with a reference at three values over its "
-        "range"
+        "range; where it is right, the material there conducts heat otherwise when it is hot"
     )
     signature: ClassVar[str] = (
         "the residual of one output is a bent function of the output itself, alike at every time "
