@@ -247,7 +247,9 @@ def test_the_compensator_cancels_what_is_estimated_row_by_row(files: Files) -> N
     compensator = tt.Compensator(files.kalman, step=0.0, slew=math.inf)
     assert compensator.names == ("offset_x_um",)
     setpoints = compensator.run(files.log)["offset_x_um"]
-    np.testing.assert_allclose(setpoints, -estimates["d_x_um"], atol=1e-6)
+    # Blocks of rows and one row after the other round otherwise: by 2e-7 on some processors.
+    largest = float(np.max(np.abs(setpoints)))
+    np.testing.assert_allclose(setpoints, -estimates["d_x_um"], atol=1e-6 * largest)
     assert compensator.finish() == {"offset_x_um": 0.0}
 
 
