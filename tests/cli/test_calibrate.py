@@ -97,7 +97,7 @@ def test_kind_and_fixed_radius(thermaltool, files):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--fix", "r1=0.2"), "cannot fix r1 = 0.2: it must be above 0, and one of delay, r0"),
+        (("--fix", "r1=0.2"), "cannot fix r1: only delay, r0 can be fixed"),
         (("--fix", "r0=-1"), "cannot fix r0 = -1"),
         (("--response", "dT_pair1_K=radiation"), "unknown response 'radiation'; known: conduction"),
         (("--response", "d_y_um=deflection"), "d_y_um, which is no output of the fit"),

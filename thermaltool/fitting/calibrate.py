@@ -135,9 +135,11 @@ class CalibrationPlan:
             kinds |= set(KINDS)
         constants = {name for kind in kinds for name in response_class(kind).fixed}
         for name, value in self.fixed.items():
-            if name not in constants or not 0 < value < float("inf"):
-                known = f"one of {', '.join(sorted(constants))}" if constants else "nothing here"
-                raise ModelError(f"cannot fix {name} = {value:g}: it must be above 0, and {known}")
+            if name not in constants:
+                known = f"only {', '.join(sorted(constants))}" if constants else "nothing here"
+                raise ModelError(f"cannot fix {name}: {known} can be fixed")
+            if not 0 < value < float("inf"):
+                raise ModelError(f"cannot fix {name} = {value:g}: it must be above 0")
 
 
 def calibrate(
