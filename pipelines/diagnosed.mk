@@ -21,8 +21,8 @@ CASES := gantry gantry_before gantry_after gantry_header heating heating_half sp
 # MAP, LOGS and MORE are what diagnose gets, MODEL its model; TRAIN and PLAN make the model.
 gantry.MAP := gantry
 gantry.TRAIN := $(MORNING)
-# Of the kinds of response the one that fits the morning run best.
-gantry.PLAN := --drive T_frame_degC --deflection d_z_um --response d_z_um=joint_deflection
+# With the kind of response that `calibrate` chooses.
+gantry.PLAN := --drive T_frame_degC --deflection d_z_um
 gantry.LOGS := $(MORNING)
 gantry.MORE := --validate $(EVENING) -o $(OUT)/gantry.extended.json
 
