@@ -223,15 +223,15 @@ def spoiled_by(
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
         # What a cause explains was no start.
         warm = set(old.warm_logs) & set(new.warm_logs)
-        free = [gains_of(old, new, lambda output: True, warm)]
-        counted = []
+        free, counted = [], []
         if not warm or as_simulated:
+            free.append(gains_of(old, new, lambda output: True))
             counted.append(gains_of(old, new, lambda output: False))
         if warm:
+            free.append(gains_of(old, new, lambda output: True, warm))
             late = _without_start(log, old.groups, masked)
             halves = [replace(each, masked=late) for each in (old, new)]
             counted.append(gains_of(halves[0], halves[1], lambda output: False))
-            free += [gains_of(old, new, lambda output: True)] * as_simulated
         for output in old.groups:
             sigma = noise.get(output) or difference_sigma(
                 old.groups[output].joined(old.residual(output))

@@ -95,10 +95,8 @@ def _with_slab(own: tuple[KindCandidate, ...]) -> tuple[KindCandidate, ...]:
     plate = [each for each in own if each.chosen and each.kinds == (PLATE,)]
     if not good or not plate:
         return own
-    notes = {id(good[0]): (WHY_ALIKE, True), id(plate[0]): ("another output needs a slab", False)}
-    return tuple(
-        replace(each, note=notes[id(each)][0], chosen=notes[id(each)][1])
-        if id(each) in notes
-        else each
-        for each in own
-    )
+    swapped = {
+        good[0]: replace(good[0], note=WHY_ALIKE, chosen=True),
+        plate[0]: replace(plate[0], note="another output needs a slab", chosen=False),
+    }
+    return tuple(swapped.get(each, each) for each in own)

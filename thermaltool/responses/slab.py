@@ -97,10 +97,6 @@ class Slab:
 
     def slowest(self) -> float:
         """Slowest time constant, τ/μ² by the least root of tan μ = μ (B₀ + B₁)/(μ² − B₀B₁) [s]."""
-        return self.tau / self._slowest_root**2
-
-    @property
-    def _slowest_root(self) -> float:
         # Imported on use: the stream reads models and needs no root finder.
         from scipy.optimize import brentq
 
@@ -109,7 +105,7 @@ class Slab:
         def characteristic(mu: float) -> float:
             return both * float(np.cos(mu)) + (product - mu**2) * float(np.sinc(mu / np.pi))
 
-        return float(brentq(characteristic, 0.0, np.pi, xtol=1e-14, rtol=1e-14))
+        return self.tau / float(brentq(characteristic, 0.0, np.pi, xtol=1e-14, rtol=1e-14)) ** 2
 
     def modes(self, dt: float) -> Modes:
         """The response as exponentials, for samples of `dt` or longer [s].
@@ -150,6 +146,6 @@ class Slab:
         slow = duration * np.array([0.05, 0.2, 0.5, 1.0])
         faces = ((0.1, 0.1), (0.3, 3.0), (3.0, 0.3), (3.0, 3.0), (0.1, 30.0))
         return [
-            (tau * cls(1.0, 1.0, *biots, depth)._slowest_root ** 2, *biots, depth)
+            (tau / cls(1.0, 1.0, *biots, depth).slowest(), *biots, depth)
             for tau, biots, depth in itertools.product(slow.tolist(), faces, (0.05, 0.4, 0.9))
         ]
