@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import json
 import os
 import stat
@@ -34,26 +35,38 @@ class DocumentFormat:
         What an error calls it.
     needs_version : bool
         Whether a document without ``version`` is refused; else it counts as the first.
+    sealed : bool
+        Whether it is written with a checksum of its content, ``sha256``.
     """
 
     name: str
     version: int
     noun: str
     needs_version: bool = True
+    sealed: bool = False
 
     def wrap(self, body: Mapping[str, Any]) -> dict[str, Any]:
         """The document of a body: ``format`` and ``version`` beside its fields."""
-        return {"format": self.name, "version": self.version, **body}
+        document = {"format": self.name, "version": self.version, **body}
+        return {**document, "sha256": content_digest(document)} if self.sealed else document
 
-    def dumps(self, body: Mapping[str, Any]) -> str:
-        """The file's text: sorted keys, no clock time.
+    def dumps(self, body: Mapping[str, Any], indent: int | None = 1) -> str:
+        """The file's text: sorted keys.
 
         Raises
         ------
         ValueError
             NaN or infinity in the body.
         """
-        return to_json(self.wrap(body))
+        return to_json(self.wrap(body), indent)
+
+    def check_seal(self, document: Mapping[str, Any], source: str) -> bool:
+        """Whether a document has a checksum; ModelError where its content is another."""
+        if "sha256" not in document:
+            return False
+        if document["sha256"] != content_digest(document):
+            raise ModelError(f"{source}: changed or damaged since it was written (its checksum)")
+        return True
 
     def loads(self, text: str, source: str) -> dict[str, Any]:
         """The document in a text.
@@ -93,11 +106,17 @@ class DocumentFormat:
         return document.get("format") == self.name
 
 
-MODEL = DocumentFormat("thermaltool-model", 1, "a thermaltool model")
+MODEL = DocumentFormat("thermaltool-model", 1, "a thermaltool model", sealed=True)
 NOISE = DocumentFormat("thermaltool-noise", 1, "what thermaltool noise -o writes", False)
 ARMA = DocumentFormat("thermaltool-arma", 1, "what thermaltool fit -o writes")
 DIAGNOSIS = DocumentFormat("thermaltool-diagnosis", 1, "a diagnosis")
-CHECKPOINT = DocumentFormat("thermaltool-checkpoint", 1, "a checkpoint")
+CHECKPOINT = DocumentFormat("thermaltool-checkpoint", 2, "a checkpoint", sealed=True)
+
+
+def content_digest(document: Mapping[str, Any]) -> str:
+    """Identifies what a document says, however it is laid out; its own checksum is left out."""
+    content = {key: value for key, value in document.items() if key != "sha256"}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def jsonable(value: Any) -> Any:

@@ -112,12 +112,12 @@ def test_bad_readings_are_bridged_then_safe():
 
 
 def test_a_time_that_repeats_is_ignored_and_a_pause_is_told():
-    text = HEADER + "0,1\n0.0005,1\n0.0005,7\n0.001,1\n3,1\n"
+    text = HEADER + "0,1\n0.0005,1\n0.0005,7\n0.001,1\n3,1\n3.0005,1\n"
     code, out, err = run("--delay", 0.001, text=text)
     assert code == 0
-    assert len(out) == 1 + 5 + 1
+    assert len(out) == 1 + 6 + 1
     assert "line ignored" in err[0]
-    assert "a pause of 2.999 s" in err[1]
+    assert "a pause of 2.9995 s" in err[2]
 
 
 def test_a_stream_without_a_clock():

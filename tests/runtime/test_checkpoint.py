@@ -30,7 +30,7 @@ def test_a_slow_disk_ends_with_the_newest_state(tmp_path, monkeypatch):
         kept.save({"k": k})
     go_on.set()
     kept._writer.join(20)
-    assert kept.load() == {"k": 4}
+    assert kept.load().state == {"k": 4}
     assert len(written) == 2
 
 
@@ -47,7 +47,7 @@ def test_a_checkpoint_of_an_earlier_release_goes_on_without_a_step(compensator, 
     kept = shutil.copy(Path(__file__).with_name("checkpoint_1.json"), tmp_path / "state.json")
     whole, resumed = compensator(step=0.5), compensator(step=0.5)
     expected = setpoints(whole, 0, 400)[200:]
-    resumed.resume(Checkpoint(str(kept), resumed.digest).load())
+    resumed.resume(Checkpoint(str(kept), resumed.digest).load().state)
     assert resumed.time == 199.0
     assert setpoints(resumed, 200, 400) == expected
     assert resumed.state()["sensors"] == whole.state()["sensors"]

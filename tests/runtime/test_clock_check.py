@@ -41,10 +41,32 @@ def test_a_clock_that_was_set_back_is_followed_after_the_hold():
     assert shifts == [-100.0]
 
 
-def test_one_time_far_ahead_is_forgotten():
-    seconds, said, _ = checked(ClockCheck(nobody, hold=2.0), [0.0, 1e5, 1.0, 2.0])
+@pytest.mark.parametrize("ahead", [6.0, 1e5])
+def test_one_time_far_ahead_is_forgotten(ahead):
+    seconds, said, _ = checked(ClockCheck(nobody, expected=1.0), [0.0, ahead, 1.0, 2.0])
     assert seconds == [0.0, None, 1.0, 1.0]
     assert len(said) == 1
+
+
+def test_a_pause_is_believed_with_the_next_line():
+    check = ClockCheck(nobody, expected=1.0, max_gap=10.0)
+    seconds, said, shifts = checked(check, [0.0, 1.0, 500.0, 501.0, 502.0])
+    assert seconds == [0.0, 1.0, None, 500.0, 1.0]
+    assert said == ["time 500 s after 1 s: line ignored", "a pause of 500 s"]
+    assert shifts == []
+
+
+def test_lines_that_come_more_slowly_than_expected_are_not_doubted_for_long():
+    seconds, _, _ = checked(ClockCheck(nobody, expected=1.0), [10.0 * k for k in range(9)])
+    assert seconds == [0.0, None, 20.0, *[10.0] * 6]
+
+
+def test_a_clock_that_was_set_ahead_by_years_is_followed():
+    check = ClockCheck(nobody, expected=1.0)
+    seconds, said, shifts = checked(check, [0.0, 1.0, 1.7e9, 1.7e9 + 1, 1.7e9 + 2])
+    assert seconds == [0.0, 1.0, None, 1.0, 1.0]
+    assert shifts == [1.7e9 - 1.0]
+    assert said[1] == "the clock was set from 1 s to 1700000001 s: followed"
 
 
 def test_samples_are_followed_by_their_number():

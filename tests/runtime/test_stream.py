@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import pytest
 
+from thermaltool.documents import content_digest
 from thermaltool.errors import LogError, ModelError, OutputError
 from thermaltool.runtime.compensation import offsets
 from thermaltool.runtime.messages import Messages
@@ -142,7 +143,7 @@ def test_messages_name_line_and_channel(run):
     run(HEADER + b"0,0\n0.5,--\n1.0\n0.2,1\n1.5,1\n")
     assert run.said == [
         "<stdin>:3: dT_pair1_K: not a number: '--': holding 0.0",
-        "<stdin>:4: no time on this line: ignored",
+        "<stdin>:4: 1 fields instead of 2: ignored",
         "<stdin>:5: time 0.2 s after 0.5 s: line ignored",
         "<stdin>:6: dT_pair1_K: good again",
     ]
@@ -191,11 +192,11 @@ def test_each_answer_comes_while_the_source_waits(run):
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_in_the_safe_setpoint(run, number):
     def feed(inlet, outlet):
-        os.write(inlet, HEADER + b"0,0\n60,5.0\n")
-        read_lines(outlet, 3)
+        os.write(inlet, HEADER + b"0,0\n60,5.0\n60.5,5.0\n")
+        read_lines(outlet, 4)
         signal.pthread_kill(threading.main_thread().ident, number)
         # The source stays open: only the signal ends the stream.
-        assert read_lines(outlet, 1) == ["60.5,0.0,0.0"]
+        assert read_lines(outlet, 1) == ["61.0,0.0,0.0"]
         os.close(inlet)
 
     handler = signal.getsignal(number)
@@ -225,47 +226,47 @@ def test_silence_ends_in_the_safe_setpoint_and_resumes(run):
     seen = []
 
     def feed(inlet, outlet):
-        os.write(inlet, HEADER + b"0,0\n60,5.0\n")
-        seen.extend(read_lines(outlet, 3))
+        os.write(inlet, HEADER + b"0,0\n1,5.0\n2,5.0\n")
+        seen.extend(read_lines(outlet, 4))
         seen.extend(read_lines(outlet, 1))
-        os.write(inlet, b"61,5.0\n")
+        os.write(inlet, b"3,5.0\n")
         seen.extend(read_lines(outlet, 1))
         os.close(inlet)
 
     run(b"", feed, timeout=0.1, max_gap=100.0)
-    time, *setpoints = map(float, seen[3].split(","))
+    time, *setpoints = map(float, seen[4].split(","))
     assert setpoints == [0.0, 0.0]
-    assert 60.1 <= time < 61
-    assert float(seen[4].split(",")[2]) < -1
-    assert run.said == ["<stdin>:3: no usable line for 0.1 s: safe setpoint"]
+    assert 2.1 <= time < 3
+    assert float(seen[5].split(",")[2]) < -0.1
+    assert run.said == ["<stdin>:4: no usable line for 0.1 s: safe setpoint"]
 
 
 def test_silence_is_slewed_line_by_line(run, model):
     seen = []
 
     def feed(inlet, outlet):
-        os.write(inlet, HEADER + b"0,0\n60,5.0\n120,5.0\n")
-        while not seen or not seen[-1].endswith(",0.0,0.0") or len(seen) < 5:
+        os.write(inlet, HEADER + b"0,0\n60,5.0\n120,5.0\n180,5.0\n")
+        while not seen or not seen[-1].endswith(",0.0,0.0") or len(seen) < 6:
             seen.extend(read_lines(outlet, 1))
         os.close(inlet)
 
     quick = replace(model, sample_period=0.02)
     run(b"", feed, machine=quick, timeout=0.1, slew=50.0, max_gap=100.0)
-    ramp = [[float(cell) for cell in line.split(",")] for line in seen[3:]]
+    ramp = [[float(cell) for cell in line.split(",")] for line in seen[4:]]
     assert len(ramp) > 5
     for (t0, _, y0), (t1, _, y1) in pairwise(ramp):
         assert abs(y1 - y0) <= 50.0 * (t1 - t0) + 1e-9
-    assert len(run.said) == 1
+    assert len([line for line in run.said if "safe setpoint" in line]) == 1
 
 
 def test_lines_without_a_usable_time_do_not_feed_the_watchdog(run):
     seen = []
 
     def feed(inlet, outlet):
-        os.write(inlet, HEADER + b"0,0\n60,5.0\n")
+        os.write(inlet, HEADER + b"0,0\n2,5.0\n")
         read_lines(outlet, 3)
         for _ in range(200):
-            os.write(inlet, b"60,5.0\n")
+            os.write(inlet, b"2,5.0\n")
             seen.extend(read_lines(outlet, 1))
             threading.Event().wait(0.005)
         os.close(inlet)
@@ -328,6 +329,18 @@ def test_a_restart_after_a_safe_end_comes_back_at_the_slew_rate(run, tmp_path):
     assert path[-1] < -60
 
 
+def sealed(change):
+    """A change of the document behind which its checksum is right again."""
+
+    def changed(text):
+        document = json.loads(text)
+        del document["sha256"]
+        change(document)
+        return json.dumps({**document, "sha256": content_digest(document)})
+
+    return changed
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -335,13 +348,14 @@ def test_a_restart_after_a_safe_end_comes_back_at_the_slew_rate(run, tmp_path):
         (lambda d: d[: len(d) // 2], "json:1: not JSON: .* .not a checkpoint.; remove the file"),
         (lambda d: "\0\xff", "not JSON: .* .not a checkpoint.; remove the file"),
         (lambda d: d.replace('-checkpoint"', '-model"'), "-model. is not thermal"),
-        (lambda d: d.replace('"version": 1', '"version": 2'), "version 2 is newer"),
-        (lambda d: d.replace('"version": 1', '"versions": 1'), "no version of the format"),
-        (lambda d: d.replace('"state"', '"states"'), "json: 'state' is missing; remove the file"),
-        (lambda d: d.replace('"design_sha256": "', '"design_sha256": "0'), "of another model"),
-        (lambda d: d.replace('"estimator": [', '"estimator": [0.0, '), "damaged; remove the file"),
-        (lambda d: d.replace('"time_s"', '"time"'), "damaged; remove the file"),
-        (lambda d: d.replace('"clock"', '"clocks"'), "damaged; remove the file"),
+        (lambda d: d.replace('"version": 2', '"version": 3'), "version 3 is newer"),
+        (lambda d: d.replace('"version": 2', '"versions": 2'), "no version of the format"),
+        (lambda d: d.replace('"time_s": 19.0', '"time_s": 18.0'), "changed or damaged since"),
+        (sealed(lambda d: d.update(states=d.pop("state"))), "json: 'state' is missing; remove"),
+        (sealed(lambda d: d.update(design_sha256="0")), "of another model"),
+        (sealed(lambda d: d["state"]["estimator"].append(0.0)), "damaged; remove the file"),
+        (sealed(lambda d: d["state"].pop("time_s")), "damaged; remove the file"),
+        (sealed(lambda d: d["state"].pop("clock")), "damaged; remove the file"),
     ],
 )
 def test_a_checkpoint_that_does_not_fit_is_an_error_that_names_the_mend(
@@ -349,12 +363,13 @@ def test_a_checkpoint_that_does_not_fit_is_an_error_that_names_the_mend(
 ):
     path = tmp_path / "state.json"
     run(HEADER + rows(0, 20), checkpoint=str(path))
+    (tmp_path / "state.json.previous").unlink()
     text = path.read_text()
     assert change(text) != text
     path.write_text(change(text))
     with pytest.raises(ModelError, match=message):
         run(HEADER + rows(20, 30), checkpoint=str(path))
-    assert run.out == []
+    assert run.out == ["time_s,offset_x_um,offset_y_um", ",0.0,0.0"]
     assert path.read_text() == change(text)
 
 

@@ -9,7 +9,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar, Unpack, cast
 
 from thermaltool.api.result import Notice, notice
-from thermaltool.documents import NOISE, Part, finite, mapping, read_text, write_whole
+from thermaltool.documents import (
+    MODEL,
+    NOISE,
+    Part,
+    content_digest,
+    finite,
+    mapping,
+    read_text,
+    write_whole,
+)
 from thermaltool.errors import LogError, ModelError
 
 if TYPE_CHECKING:
@@ -146,6 +155,34 @@ def read_model(path: str) -> Model:
     from thermaltool.model import loads
 
     return loads(*read_text(path))
+
+
+def read_sealed_model(path: str) -> tuple[Model, Callable[[], str]]:
+    """The model in a file, and what checks that nobody has changed it and gives its digest.
+
+    Parameters
+    ----------
+    path : str
+        ``-`` is stdin. A file of an earlier release, without a checksum, is taken as it is.
+
+    Raises
+    ------
+    ModelError
+        As `read_model`; from the check: another content than was written.
+    """
+    from thermaltool.model import loads
+
+    text, name = read_text(path)
+
+    def checked() -> str:
+        document = MODEL.loads(text, name)
+        try:
+            MODEL.check_seal(document, name)
+        except ModelError as error:
+            raise ModelError(f"{error}: write it anew with the command that made it") from error
+        return content_digest(document)
+
+    return loads(text, name), checked
 
 
 def write_model(model: ModelLike, path: str, command: str | None = None) -> None:

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from thermaltool.cli import shared, streaming
-from thermaltool.cli.types import NOT_NEGATIVE, POSITIVE, IntervalType, SafeType
+from thermaltool.cli.types import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    IntervalType,
+    SafeType,
+    standing_of,
+)
 
 if TYPE_CHECKING:
     from thermaltool.runtime.messages import Messages
@@ -28,9 +34,9 @@ if TYPE_CHECKING:
               help="What the heater holds at zero.  [default: the only deflection]")  # fmt: skip
 @click.option("--lead", type=POSITIVE, metavar="S", help="How far it is foretold for the heater, "
               "beyond its delay [s].  [default: 2 sample periods]")  # fmt: skip
-@click.option("--also", type=click.Choice(["estimates"]),
-              help="Add columns: heat and deflections; the power wanted and the output."
-)  # fmt: skip
+@click.option("--also", type=click.Choice(["estimates", "status"]), multiple=True,
+              help="Add columns: heat and deflections (the power wanted and the output); what each "
+              "line rests on: ok, held, safe, extrapolates, resumed.")  # fmt: skip
 @click.option("--sign", type=click.Choice(["-1", "1"]), default="-1",
               help="Setpoint over deflection: -1 for an offset that cancels it.")  # fmt: skip
 @click.option("--hold", type=POSITIVE, metavar="S",
@@ -61,6 +67,7 @@ if TYPE_CHECKING:
 @click.option("--safe", type=SafeType(), default="zero",
               help="Setpoint while readings are lost and at the end: the last one, or a value "
               "[um]; not with --heater.")  # fmt: skip
+@streaming.actuating_options
 @streaming.checkpoint_options
 @shared.initial_option
 @streaming.short_options
@@ -81,8 +88,9 @@ def command(model: str, log: str, **options: Any) -> None:
     limits that it has. Here the safe setpoint is no power.
     """
     shared.one_thread()
-    from thermaltool.api.inputs import read_model
+    from thermaltool.api.inputs import read_sealed_model
     from thermaltool.runtime.compensation import heater_power, offsets
+    from thermaltool.runtime.refusal import refused_setpoints
 
     shared.check_files(None, model, log)
     heater, settled = options["heater"], options["initial"] == "settled"
@@ -97,14 +105,26 @@ def command(model: str, log: str, **options: Any) -> None:
         options,
         clock="arrival" if options["clock"] == "arrival" else counted,
         ranges=dict(options["ranges"]),
-        estimates=options["also"] == "estimates",
+        estimates="estimates" in options["also"],
+        status="status" in options["also"],
+        at=standing_of(options["at"]),
     )
 
     def process(messages: Messages) -> Process:
-        machine = read_model(model)
+        machine, digest_of_file = read_sealed_model(model)
         if heater is None:
-            return offsets(machine, settings, messages, float(options["sign"]), settled)
-        target, lead = options["target"], options["lead"]
-        return heater_power(machine, settings, messages, heater, target, lead, settled)
+            process = offsets(machine, settings, messages, float(options["sign"]), settled)
+        else:
+            target, lead = options["target"], options["lead"]
+            process = heater_power(machine, settings, messages, heater, target, lead, settled)
+        process.title = f"{model} (sha256 {digest_of_file()[:12]})"
+        return process
 
-    streaming.run("compensate", log, options["quiet"], settings, process)
+    streaming.run(
+        "compensate",
+        log,
+        options["quiet"],
+        settings,
+        process,
+        refused=lambda: refused_setpoints(model, heater),
+    )

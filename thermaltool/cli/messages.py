@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from time import monotonic
 
 import click
@@ -23,16 +24,29 @@ def warn(message: str) -> None:
     click.echo(message, err=True)
 
 
-def emitter(command: str, quiet: int) -> Callable[[str], None]:
-    """Where a stream's messages go: one line each on stderr, nowhere with --quiet."""
+@contextlib.contextmanager
+def background_emitter(command: str, quiet: int) -> Iterator[Callable[[str], None]]:
+    """Where a stream's messages go: one line each on stderr, nowhere with --quiet.
 
-    def emit(message: str) -> None:
-        # A terminal that has gone must not stop the stream.
-        if not quiet:
-            with contextlib.suppress(OSError):
-                click.echo(f"thermaltool {command}: {message}", err=True)
+    Nobody waits for stderr, not even at the end: where it stalls, messages are dropped.
+    """
+    from thermaltool.runtime.line_writer import LineWriter
 
-    return emit
+    if quiet or sys.stderr is None:
+        yield lambda message: None
+        return
+    try:
+        lines = LineWriter(sys.stderr.fileno())
+    except (OSError, ValueError):  # no file: somebody catches what is said
+        yield lambda message: warn(f"thermaltool {command}: {message}")
+        return
+    sys.stderr.flush()
+    try:
+        yield lambda message: lines.write(f"thermaltool {command}: {message}")
+    finally:
+        if not lines.close():
+            # The interpreter writes its own last words there.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 def terminal_progress(label: str) -> Callable[[str], None]:

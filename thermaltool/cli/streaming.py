@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import select
+import sys
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from thermaltool.cli import shared
-from thermaltool.cli.types import POSITIVE
+from thermaltool.cli.types import POSITIVE, StandingType
 from thermaltool.documents import source_name
+from thermaltool.errors import ModelError, OutputError
 from thermaltool.logs.formats import FORMATS
 from thermaltool.runtime.rows import ROW_FORMATS
 from thermaltool.runtime.sinks import RECORDING_SINKS, SINKS
@@ -66,6 +68,20 @@ checkpoint_options = shared.together(
                  help="Keep the state here; a restart goes on from it."),
     click.option("--checkpoint-every", type=POSITIVE, metavar="S", default=10.0,
                  help="Time between two states kept [s]."),
+    click.option("--checkpoint-max-age", type=POSITIVE, metavar="S", default=3600.0,
+                 help="An older state is not gone on from [s]."),
+)  # fmt: skip
+
+
+# Where the actuators stand, which readings are believed, and what is noted of it.
+actuating_options = shared.together(
+    click.option("--at", type=StandingType(), multiple=True,
+                 help="Where the actuators stand at the start [um].  [default: as the "
+                 "checkpoint's last line, else --safe]"),
+    click.option("--jumps/--no-jumps", default=True,
+                 help="Whether a reading is bad that changes faster than the machine can."),
+    click.option("--audit", type=click.Path(dir_okay=False), metavar="FILE",
+                 help="Append every change of state to this file, as NDJSON."),
 )  # fmt: skip
 
 
@@ -88,26 +104,36 @@ def run(
     settings: Settings,
     make: Callable[[Messages], Process],
     closed_loop: bool = False,
+    refused: Callable[[], list[str]] = list,
 ) -> None:
     """Run the process that `make` makes over the lines of LOG; exits by the signal that came.
 
-    In a closed loop the machine that reads the answers ends first, and its readings with it: that
-    is no error.
+    Where `make` refuses a file, the set points that are `refused` get their safe line. In a closed
+    loop the machine that reads the answers ends first, and its readings with it: that is no error.
     """
-    from thermaltool.cli.messages import emitter
+    from thermaltool.cli.messages import background_emitter
     from thermaltool.runtime.messages import Messages
+    from thermaltool.runtime.refusal import write_safe_line
     from thermaltool.runtime.stream import open_stream
 
-    messages = Messages(emitter(command, quiet), source_name(log))
-    with click.open_file(log, "rb") as source:
-        with shared.usage_errors():
-            stream = open_stream(make(messages), settings, source.fileno(), 1, messages)
-        try:
-            number = stream.run()
-        except BrokenPipeError:
-            if not (closed_loop and _at_end(source.fileno())):
-                raise
-            number = 0
+    if sys.stdout is None:
+        raise OutputError("<stdout>: closed")
+    with background_emitter(command, quiet) as emit:
+        messages = Messages(emit, source_name(log))
+        with click.open_file(log, "rb") as source:
+            with shared.usage_errors():
+                try:
+                    process = make(messages)
+                except ModelError:
+                    write_safe_line(refused(), settings, source.fileno(), 1)
+                    raise
+                stream = open_stream(process, settings, source.fileno(), 1, messages)
+            try:
+                number = stream.run()
+            except BrokenPipeError:
+                if not (closed_loop and _at_end(source.fileno())):
+                    raise
+                number = 0
     if number:
         raise SystemExit(128 + number)
 

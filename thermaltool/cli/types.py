@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from math import inf, isfinite
 from typing import Any
 
@@ -148,6 +149,29 @@ class SafeType(Parsed):
         if not isfinite(number):
             raise ValueError
         return number
+
+
+class StandingType(Parsed):
+    """Where an actuator stands: ``NAME=VALUE``, or a number for every one."""
+
+    name = "[NAME=]VALUE"
+
+    def parse(self, text: str) -> tuple[str, float]:
+        name, _, value = text.rpartition("=")
+        number = float(value)
+        if not isfinite(number):
+            raise ValueError
+        return name, number
+
+
+def standing_of(given: Sequence[tuple[str, float]]) -> dict[str, float] | float | None:
+    """What `StandingType` gave: one number for all, a number for each name, or nothing."""
+    names = [name for name, _ in given]
+    if len(set(names)) < len(names) or ("" in names and len(names) > 1):
+        raise click.UsageError("--at takes one number for all, or one for each NAME")
+    if names == [""]:
+        return given[0][1]
+    return dict(given) or None
 
 
 class PairsType(Parsed):

@@ -9,6 +9,8 @@ from typing import Literal
 from thermaltool.errors import FitError, ModelError
 from thermaltool.estimation.design_model import DesignModel
 from thermaltool.estimation.known_inputs import Feedforward
+from thermaltool.estimation.permanent_effects import reading_columns
+from thermaltool.estimation.plausible_change import plausible_changes
 from thermaltool.estimation.regularization import (
     DesignChoice,
     best_choice,
@@ -126,8 +128,11 @@ def design_estimator(
             refused = f"kernel form: {error}"
     chosen = min(choices, key=lambda form: best_choice(choices[form]).objective)
     best = best_choice(choices[chosen])
+    columns = reading_columns(model)
+    read = {columns[sensor]: sensor for sensor in problem.sensors}
     document = {
         **problem.finished(best.estimator).document(),
+        "plausible_change": plausible_changes(model, read, problem.noise, problem.dt),
         "sample_period_s": problem.dt,
         "settings": best.settings,
         "predicted": asdict(best.prediction),

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import os
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from thermaltool.documents import CHECKPOINT, Part, atomic_output, mapping, text
+from thermaltool.documents import CHECKPOINT, Part, atomic_output, finite, mapping, text
 from thermaltool.errors import ModelError, OutputError
 
+# At the end of a stream the last state has this long [s] to be written.
+LAST_WORD = 1.0
 REMEDY = "remove the file to start from rest"
 
 
@@ -21,52 +26,94 @@ def design_digest(design: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(design, sort_keys=True).encode()).hexdigest()
 
 
+@dataclass(frozen=True)
+class Kept:
+    """A state that was read.
+
+    Attributes
+    ----------
+    state : dict
+    age : float [s]
+        By the wall clock; below zero where that was put back.
+    damage : str
+        What is wrong with the newest state, where this is the one before it; else empty.
+    """
+
+    state: dict[str, Any]
+    age: float
+    damage: str = ""
+
+
 @dataclass
 class Checkpoint:
-    """A file that always holds one whole state.
+    """A file that always holds one whole state, beside the one before it.
 
     Attributes
     ----------
     path : str
+        The state before the newest is in ``PATH.previous``.
     design : str
         Digest of the estimator.
+    wall : callable
+        Seconds since 1970.
     """
 
     path: str
     design: str
+    wall: Callable[[], float] = time.time
     _writer: threading.Thread | None = field(default=None, init=False)
     _waiting: bytes | None = field(default=None, init=False)
     _writing: bool = field(default=False, init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
     _error: OutputError | None = field(default=None, init=False)
 
-    def load(self) -> dict[str, Any] | None:
-        """The state, or None where there is no file yet.
+    @property
+    def previous(self) -> str:
+        """Where the state before the newest is."""
+        return self.path + ".previous"
+
+    def check_folder(self) -> None:
+        """Raise OutputError where no state could be kept."""
+        if Path(self.path).exists() and not Path(self.path).is_file():
+            raise OutputError(f"{self.path}: not a file that could hold a state")
+        if not Path(self.path).absolute().parent.is_dir():
+            raise OutputError(f"{self.path}: the folder does not exist")
+
+    def load(self) -> Kept | None:
+        """The newest state that is whole, or None where there is no file yet.
 
         Raises
         ------
         ModelError
-            Not a checkpoint, or one of another estimator.
+            Not a checkpoint, or one of another estimator, and no whole one before it.
         OutputError
-            The folder is missing: no state could be kept there.
+            It cannot be read.
         """
-        if Path(self.path).exists() and not Path(self.path).is_file():
-            raise OutputError(f"{self.path}: not a file that could hold a state")
-        try:
-            content = Path(self.path).read_bytes().decode(errors="replace")
-        except FileNotFoundError:
-            if not Path(self.path).absolute().parent.is_dir():
-                raise OutputError(f"{self.path}: the folder does not exist") from None
+        if not Path(self.path).exists():
             return None
-        except OSError as error:
-            raise OutputError(f"{self.path}: {error.strerror}") from error
         try:
-            part = Part(CHECKPOINT.loads(content, self.path), self.path)
-            if part.read("design_sha256", text) != self.design:
-                raise ModelError(f"{self.path}: a checkpoint of another model or design")
-            return part.read("state", mapping)
+            return self._read(self.path)
         except ModelError as error:
+            with contextlib.suppress(ModelError, OutputError):
+                before = self._read(self.previous)
+                return Kept(before.state, before.age, str(error))
             raise ModelError(f"{error}; {REMEDY}") from error
+
+    def _read(self, path: str) -> Kept:
+        try:
+            content = Path(path).read_bytes().decode(errors="replace")
+            written = os.stat(path).st_mtime
+        except OSError as error:
+            raise OutputError(f"{path}: {error.strerror}") from error
+        document = CHECKPOINT.loads(content, path)
+        part = Part(document, path)
+        # The first version had neither seal nor time.
+        if document["version"] > 1:
+            CHECKPOINT.check_seal(document, path)
+            written = part.read("written_s", finite)
+        if part.read("design_sha256", text) != self.design:
+            raise ModelError(f"{path}: a checkpoint of another model or design")
+        return Kept(part.read("state", mapping), self.wall() - written)
 
     def save(self, state: dict[str, Any]) -> None:
         """Write `state` whole, in the background: a slow disk does not keep the stream waiting.
@@ -84,20 +131,22 @@ class Checkpoint:
             if self._writing:
                 return
             self._writing = True
-        self._writer = threading.Thread(target=self._write_waiting)
+        self._writer = threading.Thread(target=self._write_waiting, daemon=True)
         self._writer.start()
 
-    def close(self, state: dict[str, Any]) -> None:
-        """Write the last state and wait for it; raises as `save`."""
-        if self._writer is not None:
-            self._writer.join()
+    def close(self, state: dict[str, Any], patience: float = LAST_WORD) -> None:
+        """Write the last state and wait for it, no longer than `patience` [s]; raises as `save`."""
         self._error = None
-        self._write(self._text(state))
+        self.save(state)
+        assert self._writer is not None
+        self._writer.join(patience)
+        if self._writer.is_alive():
+            raise OutputError(f"{self.path}: the disk stalls, the last state is not written")
         self._raise()
 
     def _text(self, state: dict[str, Any]) -> bytes:
-        document = CHECKPOINT.wrap({"design_sha256": self.design, "state": state})
-        return json.dumps(document, sort_keys=True, allow_nan=False).encode() + b"\n"
+        body = {"design_sha256": self.design, "state": state, "written_s": self.wall()}
+        return CHECKPOINT.dumps(body, indent=None).encode()
 
     def _write_waiting(self) -> None:
         while True:
@@ -110,10 +159,20 @@ class Checkpoint:
 
     def _write(self, text: bytes) -> None:
         try:
+            self._keep_previous()
             with atomic_output(self.path) as stream:
                 stream.write(text)
         except OutputError as error:
             self._error = error
+
+    def _keep_previous(self) -> None:
+        """The newest state gets its second name; where links are not possible, there is none."""
+        beside = self.previous + ".new"
+        with contextlib.suppress(OSError):
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(beside)
+            os.link(self.path, beside)
+            os.replace(beside, self.previous)
 
     def _raise(self) -> None:
         error, self._error = self._error, None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -10,8 +11,11 @@ from thermaltool.errors import LogError
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.messages import Report
 
-# A clock that jumps ahead by more than this [s] is doubted, as one that goes back: nothing that is
-# controlled is left alone for two hours.
+# A step of more than so many periods is doubted until the next line confirms it.
+DOUBTED_PERIODS = 5
+# The period of lines whose clock is checked is the median of so many steps.
+RECENT_STEPS = 9
+# A clock that was put back and then goes on for longer than this [s] is another's.
 DOUBTED_PAUSE = 7200.0
 # A pause beyond this [s], four months, is none: the clock was set.
 LONGEST_PAUSE = 1e7
@@ -60,31 +64,37 @@ class ClockCheck:
     report : callable
         Gets (channel, message).
     hold : float [s]
-        A clock that stays refused for longer than this was set anew, and is followed.
+        A clock that stays put back for longer than this was set anew, and is followed.
     min_step : float [s]
         A smaller step, or one back, is refused.
-    max_step : float [s]
-        A larger step is refused too; inf for none.
     max_gap : float [s]
         A longer pause is reported.
+    expected : float [s]
+        Period that lines are expected to have; where they come more slowly, their own counts.
+        A step ahead of many periods is refused until the next line goes on from there.
     period : PeriodCheck or None
         The period that is expected, where it matters.
     on_set : callable
         Gets by how much the clock was set [s], before it is followed.
     last : float [s] or None
         The last time that was accepted.
+    known_pause : float [s]
+        A pause that is known from elsewhere needs no confirmation.
     """
 
     report: Report
     hold: float = 0.0
     min_step: float = CLOCK_STEP / 2
-    max_step: float = DOUBTED_PAUSE
     max_gap: float = math.inf
+    expected: float = math.inf
     period: PeriodCheck | None = None
     on_set: Callable[[float], None] = lambda shift: None
     last: float | None = field(default=None, init=False)
+    known_pause: float = field(default=0.0, init=False)
     _refused: int = field(default=0, init=False)
     _refused_from: float = field(default=math.inf, init=False)
+    _ahead: float = field(default=math.inf, init=False)
+    _recent: deque[float] = field(default_factory=lambda: deque(maxlen=RECENT_STEPS), init=False)
 
     def take(self, time: float) -> float | None:
         """Seconds since the last accepted time, 0 for the first; None where it is refused.
@@ -99,31 +109,60 @@ class ClockCheck:
         step: float | None = 0.0
         if self.last is not None:
             step = time - self.last
-            if not self.min_step < step < self.max_step:
+            if not self.min_step < step <= self.plausible:
                 self._refused += 1
                 step = self._doubted(time, step, self.last)
                 if step is None:
                     return None
             elif step > self.max_gap:
                 self.report("", f"a pause of {step:g} s")
-            if self._refused:
-                self._refused, self._refused_from = 0, math.inf
+            if self._refused or self.known_pause:
+                self.forget_doubts()
+            self._learn(step)
         self.last = time
         return step
 
+    def forget_doubts(self) -> None:
+        """What was refused so far says nothing of what comes."""
+        self._refused, self._refused_from, self._ahead = 0, math.inf, math.inf
+        self.known_pause = 0.0
+
+    @property
+    def plausible(self) -> float:
+        """The longest step that needs no confirmation [s]."""
+        usual = sorted(self._recent)[len(self._recent) // 2] if self._recent else 0.0
+        return DOUBTED_PERIODS * max(self.expected, usual) + self.known_pause
+
+    def _learn(self, step: float) -> None:
+        if self.expected < math.inf:
+            self._recent.append(step)
+
     def _doubted(self, time: float, step: float, last: float) -> float | None:
         """The same for a step that is too small or too large."""
+        if step > self.min_step:
+            return self._leap(time, step, last)
         if time < self._refused_from:
             self._refused_from = time
             self._report_refusal(time, last)
         elapsed = time - self._refused_from
         if not self.hold < elapsed < DOUBTED_PAUSE:
             return None
-        if self.min_step < step < LONGEST_PAUSE:
-            self.report("", f"a pause of {step:g} s")
-            return step
         self._follow(time, last, self._refused_from - last)
         return elapsed
+
+    def _leap(self, time: float, step: float, last: float) -> float | None:
+        """The same for a step ahead: one stamp may be garbled, two that agree are not."""
+        after, self._ahead = time - self._ahead, time
+        if not self.min_step < after <= max(self.plausible, step - after):
+            self._report_refusal(time, last)
+            return None
+        self._learn(after)
+        if step < LONGEST_PAUSE:
+            if step > self.max_gap:
+                self.report("", f"a pause of {step:g} s")
+            return step
+        self._follow(time, last, step - after)
+        return after
 
     def _report_refusal(self, time: float, last: float) -> None:
         self.report("", f"time {time:.15g} s after {last:.15g} s: line ignored")
@@ -143,7 +182,6 @@ class SampleClockCheck(ClockCheck):
         After more refused lines in a row the clock was set anew, and is followed.
     """
 
-    max_step: float = math.inf
     max_refused: int = 10
 
     def _doubted(self, time: float, step: float, last: float) -> float | None:

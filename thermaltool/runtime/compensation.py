@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from thermaltool.control.heaters import Stabilizer, parts_of
 from thermaltool.errors import ModelError
 from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
+from thermaltool.estimation.plausible_change import reach_of
 from thermaltool.model import Model
 from thermaltool.runtime.checkpoint import design_digest
 from thermaltool.runtime.clock_check import ClockCheck
@@ -21,6 +23,8 @@ from thermaltool.runtime.stepper import stepper_of
 # Where nothing is said, readings are held and pauses borne for this many sample periods of the
 # design, and not below this [s]: one lost line of a slow logger is no loss, nor are ten of a quick.
 HOLD_PERIODS, MIN_HOLD = 10, 10.0
+# On a slow disk the newest state may be so many times older than its interval.
+LATE_SAVES = 10
 CLOCK_ADVICE = "--period gives one to a stream without, --clock arrival takes the time of arrival"
 
 
@@ -72,7 +76,7 @@ def offsets(
         raise ModelError("the model's design estimates no deflection: nothing to compensate")
     return SetpointProcess(
         stepper_of(estimator, period),
-        _sensors(pipeline.input_columns, period, settings, messages),
+        _sensors(pipeline.input_columns, period, settings, messages, design),
         followed,
         [settings.setpoint(settings.limits) for _ in followed],
         _policy(settings, period, sign, settled),
@@ -80,6 +84,7 @@ def offsets(
         messages,
         names=[setpoint_name(estimator.estimates[k]) for k in followed],
         estimates=estimator.estimates if settings.estimates else (),
+        with_status=settings.status,
         patience=default_hold(period),
         clock_advice=CLOCK_ADVICE,
         digest=design_digest(design),
@@ -140,6 +145,7 @@ def heater_power(
         messages,
         names=[heater],
         estimates=(f"wanted_{heater}", target) if settings.estimates else (),
+        with_status=settings.status,
         patience=default_hold(period),
         clock_advice=CLOCK_ADVICE,
         digest=design_digest(digest),
@@ -156,18 +162,24 @@ def _period(settings: Settings, period: float) -> float:
 
 def _policy(settings: Settings, period: float, sign: float, settled: bool) -> Policy:
     slew_gap = SLEW_PERIODS * period if settings.max_gap is None else settings.max_gap
-    return Policy(period, sign, settings.safe, slew_gap, settled)
+    every, max_age = settings.checkpoint_every, settings.checkpoint_max_age
+    return Policy(period, sign, settings.safe, slew_gap, settled, max_age, LATE_SAVES * every)
 
 
 def _clock_check(settings: Settings, period: float, messages: Messages) -> ClockCheck:
     hold, max_gap = settings.bridged(default_hold(period))
-    return ClockCheck(messages, hold, max_gap=max_gap)
+    return ClockCheck(messages, hold, max_gap=max_gap, expected=period)
 
 
 def _sensors(
-    inputs: Sequence[InputColumn], period: float, settings: Settings, report: Report
+    inputs: Sequence[InputColumn],
+    period: float,
+    settings: Settings,
+    report: Report,
+    design: Mapping[str, Any] | None = None,
 ) -> list[SensorChannel]:
-    """The columns that are read, with their rest and range from the model."""
+    """The columns that are read, with their rest, range and largest change from the model."""
+    known = design if design is not None and settings.jumps else {}
     settings.check_ranges([each.column for each in inputs])
     return [
         SensorChannel(
@@ -181,6 +193,7 @@ def _sensors(
             report=report,
             back=each.to_true,
             at_rest=each.sensor,
+            reach=reach_of(known if each.sensor else {}, each.column),
         )
         for each in inputs
     ]

@@ -12,7 +12,7 @@ from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.messages import Report
-from thermaltool.runtime.process import Process, Reply
+from thermaltool.runtime.process import STATUS, Process, Reply
 from thermaltool.runtime.rows.row import Row
 from thermaltool.runtime.sensors import SensorChannel
 from thermaltool.runtime.stepper import Steps
@@ -36,6 +36,10 @@ class Policy:
         A longer pause counts as this long for the slew rate.
     settled : bool
         The machine has stood at the first readings for long; else it is at rest there.
+    max_age : float [s]
+        Time after which a state that was kept says nothing of the machine.
+    kept_every : float [s]
+        How old a state is at the most that was kept before a kill.
     """
 
     period: float
@@ -43,6 +47,8 @@ class Policy:
     safe: float | None = 0.0
     slew_gap: float = math.inf
     settled: bool = False
+    max_age: float = math.inf
+    kept_every: float = 0.0
 
 
 class SetpointProcess(Process):
@@ -65,6 +71,8 @@ class SetpointProcess(Process):
         Of the setpoints.
     estimates : sequence of str
         Names of the estimates where they are written too; empty where they are not.
+    with_status : bool
+        Whether the status is written too.
     patience, clock_advice, digest, summary
         As for `Process`.
     inputs, outputs : callable or None
@@ -90,6 +98,7 @@ class SetpointProcess(Process):
         *,
         names: Sequence[str],
         estimates: Sequence[str] = (),
+        with_status: bool = False,
         patience: float = math.inf,
         clock_advice: str = Process.clock_advice,
         digest: str = "",
@@ -100,7 +109,8 @@ class SetpointProcess(Process):
         self.stepper, self.sensors, self.setpoints = stepper, sensors, setpoints
         self.policy, self.clock, self.report = policy, clock, report
         self.columns = tuple(sensor.channel for sensor in sensors)
-        self.names, self._estimates_too = (*names, *estimates), bool(estimates)
+        self.names = (*names, *estimates, *[STATUS] * with_status)
+        self._estimates_too, self._status_too = bool(estimates), with_status
         self.period, self.patience = policy.period, patience
         self.clock_advice, self.digest, self._summary = clock_advice, digest, summary
         self._inputs, self._outputs = inputs, outputs
@@ -108,7 +118,20 @@ class SetpointProcess(Process):
         self.estimates: list[float] = stepper.rest()
         self._started = False
         self._moved_at = -math.inf
+        self.status = "safe"
+        # Age [s] of a state that was resumed, until a row shows that it belongs to it.
+        self._age: float | None = None
+        self._doubted = math.inf
         clock.on_set = self._shift
+
+    def take(self, row: Row) -> Reply | None:
+        """The reply to a row, as `Process.take`; a state that was kept has to fit the first."""
+        if self._age is not None and row.time is not None and math.isfinite(row.time):
+            if not self._follows(row, row.time, self._age):
+                return self.repeat()
+            self._age = None
+            self.status = "resumed"
+        return super().take(row)
 
     def step(self, row: Row, seconds: float) -> Reply:
         """Setpoints, and estimates if they are wanted, after a row."""
@@ -119,8 +142,54 @@ class SetpointProcess(Process):
             lost = lost or sensor.lost
         readings = [sensor.truth - sensor.rest for sensor in self.sensors]
         self._estimate(round(seconds / CLOCK_STEP), readings)
-        self._move(time, lost or not self._started)
+        safe = lost or not self._started
+        self._move(time, safe)
+        self.status = self._state_of(safe)
         return time, self._written()
+
+    def _state_of(self, safe: bool) -> str:
+        """What a row's reply rests on."""
+        if safe:
+            return "safe"
+        if any(sensor.held for sensor in self.sensors):
+            return "held"
+        if self.accepted == 1 and self.status == "resumed":
+            return "resumed"
+        return "extrapolates" if any(s.extrapolates for s in self.sensors) else "ok"
+
+    def _follows(self, row: Row, time: float, age: float) -> bool:
+        """Whether rows go on from the state that was kept; where they do not, it is forgotten.
+
+        A clock that goes on says so itself. One that begins anew is known by two lines; then the
+        wall clock says how long ago the state was, and the readings have to follow from it.
+        """
+        assert self.time is not None
+        if 0 < time - self.time <= self.policy.max_age:
+            self.clock.known_pause = max(age, 0.0) + self.policy.kept_every
+            return True
+        after, self._doubted = time - self._doubted, time
+        if not 0 < after <= self.clock.plausible:
+            self.report("", f"time {time:.15g} s after {self.time:.15g} s: line ignored")
+            return False
+        pairs = zip(self.sensors, row.readings, strict=True)
+        if 0 <= age <= self.policy.max_age and all(s.agrees(x, age) for s, x in pairs if s.at_rest):
+            self.report("", f"another clock: goes on from the state of {age:.3g} s ago")
+            shift = time - max(age, after) - self.time
+            self._shift(shift)
+            self.time += shift
+            self.clock.last = self.time
+        else:
+            self.report("", "the kept state does not fit clock and readings: starts from rest")
+            self._forget()
+        return True
+
+    def _forget(self) -> None:
+        """Nothing is known of the machine; the actuators stand where they stand."""
+        self._started, self.estimates = False, self.stepper.rest()
+        for sensor in self.sensors:
+            sensor.forget()
+        self.time = self.clock.last = None
+        self._moved_at = math.inf
 
     def _estimate(self, ticks: int, readings: list[float]) -> None:
         """Go on, or start from rest as soon as every sensor has given a reading."""
@@ -162,12 +231,12 @@ class SetpointProcess(Process):
         """What was last replied, or is about to be."""
         return self.time, self._written()
 
-    def _written(self) -> list[float]:
+    def _written(self) -> list[Any]:
         # Adding zero turns -0.0 into 0.0.
         written = [setpoint.value + 0.0 for setpoint in self.setpoints]
         if self._estimates_too:
             written += [estimate + 0.0 for estimate in self.estimates]
-        return written
+        return [*written, self.status] if self._status_too else written
 
     def silence(self, elapsed: float) -> Reply:
         """Move towards the safe setpoint, `elapsed` [s] after the last row."""
@@ -175,6 +244,8 @@ class SetpointProcess(Process):
         if time is not None:
             time += elapsed
             self._move(time, True)
+            self.clock.known_pause = elapsed
+        self.status = "safe"
         return time, self._written()
 
     @property
@@ -182,8 +253,9 @@ class SetpointProcess(Process):
         """Whether every setpoint has reached the safe one."""
         return all(s.ramp == s.limits.clip(self._safe(s)) for s in self.setpoints)
 
-    def finish(self) -> list[float]:
+    def finish(self) -> list[Any]:
         """The safe setpoint at once: nothing comes after it."""
+        self.status = "safe"
         for setpoint in self.setpoints:
             setpoint.jump(self._safe(setpoint))
         return self._written()
@@ -196,6 +268,19 @@ class SetpointProcess(Process):
         """The setpoints."""
         return [setpoint.value for setpoint in self.setpoints]
 
+    def stand_at(self, values: Sequence[float]) -> None:
+        """Begin where the actuators stand, be it outside the limits; from there at the slew rate.
+
+        Parameters
+        ----------
+        values : sequence of float
+        """
+        for setpoint, value in zip(self.setpoints, values, strict=True):
+            if value != setpoint.value:
+                setpoint.value = setpoint.ramp = value
+        if self.time is None:
+            self._moved_at = math.inf
+
     def state(self) -> dict[str, Any]:
         """All that a restart needs, as JSON."""
         return {
@@ -207,8 +292,14 @@ class SetpointProcess(Process):
             "setpoints": [[s.value, s.ramp] for s in self.setpoints],
         }
 
-    def resume(self, state: dict[str, Any]) -> None:
-        """Go on from `state`.
+    def resume(self, state: dict[str, Any], age: float = 0.0) -> None:
+        """Go on from `state`, which was left `age` [s] ago.
+
+        Parameters
+        ----------
+        state : dict
+        age : float [s]
+            NaN where nobody knows.
 
         Raises
         ------
@@ -221,7 +312,8 @@ class SetpointProcess(Process):
         for sensor, kept in zip(self.sensors, state["sensors"], strict=True):
             sensor.resume(kept)
         for setpoint, (value, ramp) in zip(self.setpoints, state["setpoints"], strict=True):
-            setpoint.resume(float(value), float(ramp))
+            setpoint.value, setpoint.ramp = float(value), float(ramp)
         self.time = None if state["time_s"] is None else float(state["time_s"])
         self.clock.last = self.time
-        self._moved_at = -math.inf if self.time is None else self.time
+        self._moved_at = math.inf if self.time is None else self.time
+        self._age = None if self.time is None else age

@@ -243,7 +243,9 @@ def error_control(
         [0],
         [setpoint],
         Policy(period, 1.0, settings.safe, SLEW_PERIODS * period),
-        ClockCheck(messages, hold, max_gap=max_gap, period=PeriodCheck(period, name)),
+        ClockCheck(
+            messages, hold, max_gap=max_gap, expected=period, period=PeriodCheck(period, name)
+        ),
         messages,
         names=[command],
         estimates=ESTIMATES if settings.estimates else (),

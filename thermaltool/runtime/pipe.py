@@ -29,13 +29,15 @@ class LinePipe:
         The signal that came; 0 for none.
     torn : bytes
         What followed the last newline when the source ended.
+    sink_failed : bool
+        The sink has failed, or did not take the last lines: it takes nothing more.
     """
 
     def __init__(self, source: int, sink: int) -> None:
         self.source, self.sink = source, sink
         self.signal = 0
         self.torn = b""
-        self._sink_failed = False
+        self.sink_failed = False
 
     def __enter__(self) -> LinePipe:
         def note(number: int, frame: FrameType | None) -> None:
@@ -78,7 +80,7 @@ class LinePipe:
         ready = self._incoming.poll(None if timeout is None else 1000 * timeout)
         for descriptor, event in ready:
             if descriptor == self.sink and event & (select.POLLERR | select.POLLNVAL):
-                self._sink_failed = True
+                self.sink_failed = True
                 raise BrokenPipeError
         return not self.signal and any(d == self.source for d, _ in ready)
 
@@ -115,21 +117,21 @@ class LinePipe:
         BrokenPipeError
             The reader has left.
         """
-        while data and not self._sink_failed and self._writable():
+        while data and not self.sink_failed and self._writable():
             size = len(data)
             if size > PIPE_BUF:
                 size = data.rfind(b"\n", 0, PIPE_BUF) + 1 or PIPE_BUF
             try:
                 data = data[os.write(self.sink, data[:size]) :]
             except BrokenPipeError:
-                self._sink_failed = True
+                self.sink_failed = True
                 raise
             except OSError as error:
-                self._sink_failed = True
+                self.sink_failed = True
                 raise OutputError(f"<stdout>: {error.strerror}") from error
 
     def _writable(self) -> bool:
         if not self.signal and any(d == self.sink for d, _ in self._outgoing.poll()):
             return True
-        self._sink_failed = not self._last_word.poll(1000 * LAST_WORD)
-        return not self._sink_failed
+        self.sink_failed = not self._last_word.poll(1000 * LAST_WORD)
+        return not self.sink_failed

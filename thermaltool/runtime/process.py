@@ -11,8 +11,9 @@ from thermaltool.runtime.messages import Report
 from thermaltool.runtime.rows.row import Row
 
 # What is written for a row: a time [s] (None where none is known) and one finite number per name,
-# never -0.0.
-Reply = tuple[float | None, Sequence[float]]
+# never -0.0; under the name STATUS a word.
+Reply = tuple[float | None, Sequence[Any]]
+STATUS = "status"
 
 
 class Process:
@@ -45,6 +46,10 @@ class Process:
         Of the last row that was accepted.
     accepted : int
         Rows that moved the clock.
+    title : str
+        What is run, for the first message; empty for none.
+    status : str
+        What the last reply rests on; empty where there is nothing to say of it.
     """
 
     columns: tuple[str, ...]
@@ -58,6 +63,8 @@ class Process:
     clock_advice = "--period gives one to a stream without"
     time: float | None = None
     accepted = 0
+    title = ""
+    status = ""
 
     def take(self, row: Row) -> Reply | None:
         """The reply to a row; one whose time is refused leaves everything as it is.
@@ -70,7 +77,8 @@ class Process:
         time = row.time
         # A time that is no number would stay in the clock, and with it in every later setpoint.
         if time is None or not math.isfinite(time):
-            self.report("", "no time on this line: ignored")
+            fault = next(filter(None, row.faults), "") if time is None else ""
+            self.report("", f"{fault or 'no time on this line'}: ignored")
             return self.repeat()
         seconds = self.clock.take(time)
         if seconds is None:
@@ -104,12 +112,19 @@ class Process:
         """What is said at the end; nothing where it is empty."""
         return ""
 
+    def values(self) -> Sequence[float]:
+        """Where the actuators stand that are set; nothing where none is."""
+        return ()
+
+    def stand_at(self, values: Sequence[float]) -> None:
+        """Begin where the actuators stand."""
+
     def state(self) -> dict[str, Any]:
         """All that a restart needs, as JSON."""
         return {}
 
-    def resume(self, state: dict[str, Any]) -> None:
-        """Go on from `state`.
+    def resume(self, state: dict[str, Any], age: float = 0.0) -> None:
+        """Go on from `state`, which was left `age` [s] ago; NaN where nobody knows.
 
         Raises
         ------

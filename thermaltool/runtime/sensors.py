@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +13,10 @@ from thermaltool.estimation.permanent_effects import StaticMap, apply_maps
 from thermaltool.model import MARGIN
 from thermaltool.runtime.messages import Report
 from thermaltool.runtime.settings import ANYTHING, Interval
+
+# Where nothing says how fast a reading can change, a restart on another clock goes on where it
+# differs by no more than this part of the range that the calibration has seen.
+DISAGREEMENT = 0.1
 
 
 def widened(span: Interval, part: float) -> Interval:
@@ -46,12 +51,17 @@ class SensorChannel:
         not give, and what the calibration has seen, are of the truth.
     at_rest : bool
         A machine at rest reads rest here.
+    reach : callable
+        The largest change that the machine can make within a time [s], in the unit of the channel.
+        A reading that changes by more has jumped, and is bad until it jumps back.
     value : float
         The last good reading; NaN before the first.
     truth : float
         What is behind it.
     good_at, changed_at : float [s]
         When the last good reading came, and since when readings have been identical.
+    jumped : float
+        By how much the readings have jumped, and not yet back.
     held, lost, extrapolates : bool
     """
 
@@ -64,6 +74,7 @@ class SensorChannel:
     report: Report = lambda channel, message: None
     back: tuple[StaticMap, ...] = ()
     at_rest: bool = True
+    reach: Callable[[float], float] = lambda seconds: math.inf
     value: float = field(default=math.nan, init=False)
     truth: float = field(default=math.nan, init=False)
     good_at: float = field(default=-math.inf, init=False)
@@ -75,6 +86,10 @@ class SensorChannel:
     def __post_init__(self) -> None:
         self._low, self._high = self.bounds or ANYTHING
         self._seen = self._usable = ANYTHING
+        self._first_rest = self.rest
+        # The last number that was read, good or bad, and when.
+        self._read, self._read_at = math.nan, -math.inf
+        self.jumped = 0.0
         self._settle(self.rest)
 
     def _settle(self, rest: float) -> None:
@@ -95,6 +110,9 @@ class SensorChannel:
         if not (inside and math.isfinite(truth)):
             self._miss(time, fault or self._fault(reading, truth))
             return
+        if self._jumps(time, reading):
+            self._miss(time, f"jumps by {self.jumped:+.3g}, which the machine cannot")
+            return
         if reading != self.value:
             self.value, self.truth, self.changed_at = reading, truth, time
             if self.rest != self.rest:
@@ -108,6 +126,41 @@ class SensorChannel:
             self.report(self.channel, "good again")
             self.held = self.lost = False
         self.good_at = time
+
+    def _jumps(self, time: float, reading: float) -> bool:
+        """Whether the reading stands where a jump has put it."""
+        step, elapsed = reading - self._read, time - self._read_at
+        self._read, self._read_at = reading, time
+        jumps = abs(step) > self.reach(elapsed)
+        if jumps:
+            self.jumped += step
+        # It is back where nothing but the time since the last good reading lies between; that a
+        # reading has drifted there by itself, without a jump or a long silence, does not count.
+        back = self.jumped and (jumps or elapsed > self.hold)
+        if back and abs(reading - self.value) <= self.reach(time - self.good_at):
+            self.jumped = 0.0
+        return self.jumped != 0.0
+
+    def agrees(self, reading: float, elapsed: float) -> bool:
+        """Whether a reading can follow the last good one after so long [s].
+
+        Parameters
+        ----------
+        reading : float
+        elapsed : float [s]
+        """
+        reach = self.reach(elapsed)
+        if reach == math.inf:
+            reach = DISAGREEMENT * (self.calibrated[1] - self.calibrated[0])
+        return not abs(reading - self.value) > reach
+
+    def forget(self) -> None:
+        """Nothing has been read yet."""
+        self.value = self.truth = self._read = math.nan
+        self.good_at = self.changed_at = self._read_at = -math.inf
+        self.held = self.lost = self.extrapolates = False
+        self.jumped = 0.0
+        self._settle(self._first_rest)
 
     def _behind(self, reading: float) -> float:
         """The truth behind a reading; the first one stands for rest where that is not known."""
@@ -154,6 +207,8 @@ class SensorChannel:
             "rest": self.rest,
             "good_at": self.good_at,
             "changed_at": self.changed_at,
+            "jumped": self.jumped,
+            "read": [self._read, self._read_at],
         }
 
     def resume(self, state: dict[str, Any]) -> None:
@@ -161,6 +216,8 @@ class SensorChannel:
         if state:
             self.value = float(state["value"])
             self.good_at, self.changed_at = float(state["good_at"]), float(state["changed_at"])
+            self.jumped = float(state.get("jumped", 0.0))
+            self._read, self._read_at = map(float, state.get("read", (self.value, self.good_at)))
             self._settle(float(state["rest"]))
             self.truth = self._behind(self.value)
 
@@ -168,3 +225,4 @@ class SensorChannel:
         """The clock was set: past times move along."""
         self.good_at += seconds
         self.changed_at += seconds
+        self._read_at += seconds

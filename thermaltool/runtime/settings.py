@@ -54,9 +54,18 @@ class Settings:
         The safe setpoint; None holds the last one.
     estimates : bool
         Whether more is written than the setpoints: what they were made of.
+    status : bool
+        Whether each line says what it rests on: ok, held, safe, extrapolates, resumed.
+    jumps : bool
+        Whether a reading that changes faster than the machine can is bad.
+    at : mapping of set point to float, float, or None
+        Where the actuator stands at the start; None where a checkpoint says it, or at the safe one.
     checkpoint : str or None
         File in which the state is kept.
-    checkpoint_every : float
+    checkpoint_every, checkpoint_max_age : float
+        An older state is not gone on from.
+    audit : str or None
+        File to which every change of state is appended.
     """
 
     from_format: str = "csv"
@@ -74,8 +83,13 @@ class Settings:
     step: float = 0.0
     safe: float | None = 0.0
     estimates: bool = False
+    status: bool = False
+    jumps: bool = True
+    at: Mapping[str, float] | float | None = None
     checkpoint: str | None = None
     checkpoint_every: float = 10.0
+    checkpoint_max_age: float = 3600.0
+    audit: str | None = None
 
     def wanted(self, columns: tuple[str, ...], clock_advice: str) -> Wanted:
         """What is looked for in the lines; LogError where the column map cannot be read."""

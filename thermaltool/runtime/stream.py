@@ -5,23 +5,26 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from thermaltool.errors import LogError, ModelError, OutputError
-from thermaltool.runtime.checkpoint import REMEDY, Checkpoint
+from thermaltool.errors import LogError
+from thermaltool.runtime.audit import Audit
+from thermaltool.runtime.heartbeat import Heartbeat, heartbeat_of_process
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
 from thermaltool.runtime.process import Process, Reply
+from thermaltool.runtime.restart import Restart, open_restart
 from thermaltool.runtime.rows import open_rows
 from thermaltool.runtime.rows.row import RowReader
 from thermaltool.runtime.settings import Settings
 from thermaltool.runtime.sinks import Sink, open_sink
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+# Time between two lines of a stream that has no period and is silent [s].
+USUAL_TICK = 1.0
 
 
 def open_stream(
@@ -42,8 +45,11 @@ def open_stream(
     ------
     LogError
         The column map cannot be read.
+    OutputError
+        The audit log cannot be written.
     ValueError
-        A format that a stream cannot read, or not be written as.
+        A format that a stream cannot read, or not be written as; a start for a set point that is
+        not there.
     """
     pipe = LinePipe(source, sink)
     timeout = process.patience if settings.timeout is None else settings.timeout
@@ -53,9 +59,10 @@ def open_stream(
         open_sink(settings.to_format, pipe),
         process,
         messages,
+        open_restart(process, settings, messages),
         timeout or math.inf,
-        Checkpoint(settings.checkpoint, process.digest) if settings.checkpoint else None,
-        settings.checkpoint_every,
+        Audit(settings.audit),
+        heartbeat_of_process(time.monotonic),
     )
 
 
@@ -72,9 +79,9 @@ class Stream:
     messages : Messages
     timeout : float [s]
         Without a line that counts for this long the process answers silence; inf never.
-    checkpoint : Checkpoint or None
-    checkpoint_every : float [s]
-        Of stream time.
+    restart : Restart
+    audit : Audit
+    heartbeat : Heartbeat
     """
 
     pipe: LinePipe
@@ -82,16 +89,17 @@ class Stream:
     sink: Sink
     process: Process
     messages: Messages
+    restart: Restart
     timeout: float = math.inf
-    checkpoint: Checkpoint | None = None
-    checkpoint_every: float = 10.0
+    audit: Audit = field(default_factory=lambda: Audit(None))
+    heartbeat: Heartbeat = field(default_factory=lambda: Heartbeat({}, time.monotonic))
     now: Callable[[], float] = time.monotonic
     _heard_at: float = field(default=0.0, init=False)
     _due: float = field(default=math.inf, init=False)
     _silent: bool = field(default=False, init=False)
     _replied_at: float | None = field(default=None, init=False)
-    _saved_at: float | None = field(default=None, init=False)
-    _resumed: dict[str, Any] = field(default_factory=dict, init=False)
+    _save_due: bool = field(default=False, init=False)
+    _status: str = field(default="", init=False)
 
     def run(self) -> int:
         """Answer lines until the source ends or a signal comes; returns the signal, or 0.
@@ -103,33 +111,66 @@ class Stream:
         LogError, ModelError, OutputError, FitError, BrokenPipeError
         """
         # Estimates that overflow are caught by the process.
-        with self.pipe, np.errstate(all="ignore"):
-            self._resume()
-            with contextlib.closing(self.sink):
-                self.sink.open(("time_s", *self.process.names))
-                try:
-                    self._loop()
-                finally:
-                    self._finish()
+        with self.pipe, np.errstate(all="ignore"), contextlib.closing(self.sink):
+            self.sink.open(("time_s", *self.process.names))
+            try:
+                self._begin()
+                self.heartbeat.ready()
+                self._loop()
+            except BaseException as error:
+                self.audit.add("error", message=str(error) or type(error).__name__)
+                raise
+            finally:
+                self._finish()
         return self.pipe.signal
+
+    def _begin(self) -> None:
+        begin = self.restart.begin()
+        if self.process.title:
+            self.messages.emit(f"{self.process.title}: starts {begin}")
+        self.audit.add("start", of=self.process.title, begin=begin)
 
     def _loop(self) -> None:
         self._heard()
         while not self.pipe.signal:
-            patience = self._due - self.now()
+            self.heartbeat.beat()
+            patience = min(self._due - self.now(), self.heartbeat.interval)
             if self.pipe.wait(max(patience, 0.0) if patience < math.inf else None):
                 lines = self.pipe.read()
                 if lines is None:
                     self._end()
                     return
                 accepted = self.process.accepted
-                self.sink.write([reply for line in lines if (reply := self._reply(line))])
+                self._answer(lines)
                 if self.process.accepted > accepted or not self.process.actuates:
                     self._heard()
                 if self.process.accepted > accepted:
                     self._save()
             if self.now() >= self._due and not self.pipe.signal:
                 self._silence()
+
+    def _answer(self, lines: list[bytes]) -> None:
+        """Reply to lines; those that move an actuator leave one by one where they are kept."""
+        replies: list[Reply] = []
+        standing = self.process.values()
+        for line in lines:
+            reply = self._reply(line)
+            if reply is None:
+                continue
+            if self.restart.journal is not None and (values := self.process.values()) != standing:
+                self.sink.write(replies)
+                replies, before, standing = [], standing, values
+                self._put(reply, before)
+            else:
+                replies.append(reply)
+        self.sink.write(replies)
+
+    def _put(self, reply: Reply, before: Sequence[float]) -> None:
+        """Write a reply that moves an actuator, and keep where it stands then."""
+        self.restart.record(self.process.values())
+        self.sink.write([reply])
+        if self.pipe.sink_failed:
+            self.restart.record(before)
 
     def _reply(self, line: bytes) -> Reply | None:
         """The reply to a line; none to names, comments and blank lines."""
@@ -142,17 +183,38 @@ class Stream:
             return None
         if self.rows.clock is None and not self._open(line):
             return None
-        reply = self.process.take(self.rows.row(line))
+        row = self.rows.row(line)
+        if (row.time is None or all(row.faults)) and self.rows.is_header(line):
+            if message := self.rows.reopen(line, self.process.time):
+                self.messages("", message)
+            return None
+        reply = self.process.take(row)
         if reply is not None:
             self._replied_at = reply[0]
+        if self.process.status != self._status:
+            self._changed()
         return reply
+
+    def _changed(self) -> None:
+        """The process is in another state: kept at once, and noted."""
+        self._status, self._save_due = self.process.status, True
+        self.audit.add(
+            "state",
+            status=self._status,
+            stream_s=self.process.time,
+            setpoints=list(self.process.values()),
+            line=self.messages.line,
+        )
 
     def _open(self, line: bytes) -> bool:
         is_row = self.rows.open(line, self.messages.source, self.messages.line)
-        if self._resumed and self.rows.clock and self.process.time is not None:
-            with self._whole_checkpoint():
-                self.rows.clock.resume(self._resumed["clock"], self.process.time)
+        if self.rows.clock is not None:
+            self.restart.resume_clock(self.rows.clock)
         return is_row
+
+    def _save(self) -> None:
+        at_once, self._save_due = self._save_due, False
+        self.restart.save(self.rows.clock, at_once)
 
     def _heard(self) -> None:
         """A line that counts has come: the watchdog starts anew."""
@@ -167,11 +229,20 @@ class Stream:
             self._silent = True
             usable, then = ("usable ", ": safe setpoint") if self.process.actuates else ("", "")
             self.messages("", f"no {usable}line for {self.timeout:.3g} s{then}")
+        before = self.process.values()
         reply = self.process.silence(elapsed)
         if reply is not None:
             self._replied_at = reply[0]
-            self.sink.write([reply])
-        self._due = math.inf if self.process.at_safe else self.now() + (self.process.period or 0.0)
+            self._put(reply, before)
+        if self.process.status != self._status:
+            self._changed()
+            self._save()
+        # What actuates says at each tick that it is safe: who reads it knows that it lives.
+        ticks = self.process.actuates and reply is not None
+        again = self.process.period or USUAL_TICK
+        if self.process.at_safe:
+            again = max(again, USUAL_TICK)
+        self._due = self.now() + again if ticks or not self.process.at_safe else math.inf
 
     def _end(self) -> None:
         """The source has ended."""
@@ -184,46 +255,18 @@ class Stream:
             )
 
     def _finish(self) -> None:
-        values, last = self.process.finish(), self._replied_at
+        self.heartbeat.close()
+        before, values, last = self.process.values(), self.process.finish(), self._replied_at
         try:
             if values is not None:
                 # A row of its own moment, so that the output is a log whose clock only goes on.
                 after = None if last is None else last + (self.process.period or 0.0)
-                self.sink.write([(after, values)])
+                self._put((after, values), before)
         finally:
             # A sink that has failed may fail again: messages and checkpoint come all the same.
             self.messages.close()
             if summary := self.process.summary():
                 self.messages.emit(summary)
-            if self.checkpoint:
-                self.checkpoint.close(self._state())
-
-    def _state(self) -> dict[str, Any]:
-        clock = self.rows.clock.state() if self.rows.clock else self._resumed.get("clock", {})
-        return {"clock": clock, **self.process.state()}
-
-    def _save(self) -> None:
-        time = self.process.time
-        if not self.checkpoint or time is None:
-            return
-        if self._saved_at is None or abs(time - self._saved_at) >= self.checkpoint_every:
-            self._saved_at = time
-            try:
-                self.checkpoint.save(self._state())
-            except OutputError as error:
-                self.messages("", f"checkpoint not written: {error}")
-
-    def _resume(self) -> None:
-        self._resumed = (self.checkpoint.load() if self.checkpoint else None) or {}
-        if self._resumed:
-            with self._whole_checkpoint():
-                self._resumed["clock"].items()
-                self.process.resume(self._resumed)
-
-    @contextlib.contextmanager
-    def _whole_checkpoint(self) -> Iterator[None]:
-        try:
-            yield
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
-            path = self.checkpoint.path if self.checkpoint else ""
-            raise ModelError(f"{path}: a checkpoint that is damaged; {REMEDY}") from error
+            self.audit.add("end", signal=self.pipe.signal, setpoints=[*self.process.values()])
+            self.audit.close()
+            self.restart.close(self.rows.clock)

@@ -19,6 +19,9 @@ class CsvRows(RowReader):
         self._separator = dialect.separator.encode() if dialect else b","
         self._parse = csv_number(dialect.decimal, dialect.missing) if dialect else plain_number
         self._width = 0
+        self._names: list[str] = []
+        self._read_names: set[bytes] = set()
+        self._blind = ""
 
     def _open(self, line: bytes) -> bool:
         try:
@@ -28,24 +31,34 @@ class CsvRows(RowReader):
         if text.lstrip().startswith("{"):
             raise LogError("this is NDJSON, not CSV: use --from ndjson")
         names = [name.strip() for name in self._unquoted(text)]
-        self._width = len(names)
-        self._lay_out({name: k for k, name in enumerate(names)}, self._parse)
-        for name in (names[key] for key in self._keys):
+        keys = self._lay_out({name: k for k, name in enumerate(names)}, self._parse)
+        for name in (names[key] for key in keys):
             if names.count(name) > 1:
                 raise LogError("this name is there twice", column=name)
+        self._names, self._width, self._blind = names, len(names), ""
+        self._read_names = {names[key].encode() for key in keys}
         return False
 
     def row(self, line: bytes) -> Row:
-        """The row in a line; of one with too many or too few fields no reading counts."""
+        """The row in a line; one with too many or too few fields counts for nothing."""
         fields = line.split(self._separator)
         if b'"' in line:
             fields = [field.encode() for field in self._unquoted(line.decode("utf-8", "replace"))]
-        if len(fields) == self._width:
-            return self._take(fields)
-        # Of a line cut short, the last field may be cut too: no reading counts, and the time
-        # only if something follows it.
-        fault = f"{len(fields)} fields instead of {self._width}"
-        return self._unusable(self._time(fields[:-1]), fault)
+        if len(fields) != self._width:
+            # Any field may be another's; a clock that needs none goes on.
+            return self._unusable(self._time([]), f"{len(fields)} fields instead of {self._width}")
+        if self._blind:
+            return self._unusable(self._time(fields), self._blind)
+        return self._take(fields)
+
+    def is_header(self, line: bytes) -> bool:
+        """Whether a line names columns: one of those that are read is among its fields."""
+        fields = line.split(self._separator)
+        return any(field.strip(b' "') in self._read_names for field in fields)
+
+    def _same_header(self, line: bytes) -> bool:
+        names = [name.strip() for name in self._unquoted(line.decode("utf-8", "replace"))]
+        return names == self._names and not self._blind
 
     def _unquoted(self, text: str) -> list[str]:
         # A return inside a line would end it for the csv module.

@@ -42,6 +42,7 @@ class RowReader:
     """
 
     clock: LineClock | None = None
+    _blind = ""
 
     def __init__(self, wanted: Wanted) -> None:
         self.wanted = wanted
@@ -61,19 +62,54 @@ class RowReader:
         except LogError as error:
             raise LogError(error.message, source, number, error.column) from error
 
+    def reopen(self, line: bytes, last: float | None) -> str:
+        """Find the columns anew in a header amid the lines; returns a message, or nothing.
+
+        Where one is missing no reading counts until a header has them all.
+
+        Parameters
+        ----------
+        line : bytes
+        last : float [s] or None
+            Time of the last row.
+        """
+        before = self.clock
+        if self._same_header(line):
+            return ""
+        try:
+            self._open(line)
+        except LogError as error:
+            self.clock, self._blind = before, f"after a header that does not fit ({error})"
+            return f"a header that does not fit: {error}: no reading counts"
+        assert self.clock is not None
+        if before is not None and before is not self.clock and last is not None:
+            self.clock.resume(before.state(), last)
+        return "a header: columns found anew"
+
     def row(self, line: bytes) -> Row:
         """The row in a line, whatever the line holds."""
         raise NotImplementedError
 
+    def is_header(self, line: bytes) -> bool:
+        """Whether a line, of which nothing can be used, names columns."""
+        return False
+
+    def _same_header(self, line: bytes) -> bool:
+        return True
+
     def _open(self, line: bytes) -> bool:
         raise NotImplementedError
 
-    def _lay_out(self, keys: dict[str, Any], number: Callable[[Any], float]) -> None:
-        """Find clock and sensors; `keys` leads from a name to its field, `number` reads one."""
+    def _lay_out(self, keys: dict[str, Any], number: Callable[[Any], float]) -> list[Any]:
+        """Find clock and sensors; `keys` leads from a name to its field, `number` reads one.
+
+        Returns what leads to the sensors' fields.
+        """
         layout = find_layout(keys, self.wanted, number)
         self._number, self._sensed, self.clock = number, layout.sensors, layout.clock
         self._keys = [sensed.key for sensed in layout.sensors]
         self._scaled = any((s.scale, s.offset) != (1.0, 0.0) for s in layout.sensors)
+        return self._keys
 
     def _time(self, fields: Any) -> float | None:
         assert self.clock is not None

@@ -6,6 +6,8 @@ import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from thermaltool.runtime.process import STATUS
+
 if TYPE_CHECKING:
     from thermaltool.runtime.process import Reply
     from thermaltool.runtime.sinks import ByteOutput
@@ -18,7 +20,7 @@ class LineSink:
         self._output = output
 
     def _layout(self, names: Sequence[str]) -> tuple[str, str, str]:
-        """Header, pattern of a line (the time as %s, each number as %r), and a missing time."""
+        """Header, pattern of a line (time and status as %s, numbers as %r), a missing time."""
         raise NotImplementedError
 
     def open(self, names: Sequence[str]) -> None:
@@ -42,7 +44,8 @@ class CsvSink(LineSink):
     """A line of names, then a line per reply; a missing time is an empty field."""
 
     def _layout(self, names: Sequence[str]) -> tuple[str, str, str]:
-        return ",".join(names) + "\n", ",".join(["%s"] + ["%r"] * (len(names) - 1)) + "\n", ""
+        fields = ["%s", *("%s" if name == STATUS else "%r" for name in names[1:])]
+        return ",".join(names) + "\n", ",".join(fields) + "\n", ""
 
 
 class NdjsonSink(LineSink):
@@ -50,5 +53,6 @@ class NdjsonSink(LineSink):
 
     def _layout(self, names: Sequence[str]) -> tuple[str, str, str]:
         keys = [json.dumps(name).replace("%", "%%") for name in names]
-        fields = [f"{key}: %{'r' if k else 's'}" for k, key in enumerate(keys)]
+        values = ["%s", *('"%s"' if name == STATUS else "%r" for name in names[1:])]
+        fields = [f"{key}: {value}" for key, value in zip(keys, values, strict=True)]
         return "", "{" + ", ".join(fields) + "}\n", "null"

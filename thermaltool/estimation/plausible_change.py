@@ -1,0 +1,90 @@
+"""How fast a sensor's reading can change: what is faster is a fault of the sensor.
+
+No step of the drives, within what the calibration has seen, changes a reading by more within a
+time than the largest rise of its step response over that time.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from thermaltool.documents import Part, finite, items
+from thermaltool.estimation.estimator import SensorNoise
+from thermaltool.model import Model
+
+# A machine may be driven harder than in its calibration by this factor [1].
+CHANGE_MARGIN = 3.0
+# Noise that is borne beside it, in its standard deviations.
+NOISE_MARGIN = 10.0
+# Times over which the change is kept, each twice the one before: from a sample to 2¹⁸ samples.
+DOUBLINGS = 19
+# Times of the step response among which the steepest stretch is looked for.
+RESPONSE_TIMES = 300
+
+
+def plausible_changes(
+    model: Model, sensors: Mapping[str, str], noise: Sequence[SensorNoise], dt: float
+) -> dict[str, Any]:
+    """What `reach_of` reads: the largest change of each sensor over times from `dt` [s] on.
+
+    Parameters
+    ----------
+    model : Model
+    sensors : mapping of column to output
+        The columns that are read, and the outputs of the model behind them.
+    noise : sequence of SensorNoise
+        In the order of `sensors`.
+    dt : float [s]
+    """
+    seconds = dt * 2.0 ** np.arange(DOUBLINGS)
+    starts = np.concatenate([[0.0], np.geomspace(dt / 4, 2 * seconds[-1], RESPONSE_TIMES)])
+    changes = {}
+    for (column, output), each in zip(sensors.items(), noise, strict=True):
+        largest = np.zeros(DOUBLINGS)
+        for term in model.terms:
+            if term.output == output:
+                low, high = next(d.range for d in model.drives if d.channel == term.drive)
+                step = term.response.modes(dt).step
+                before = step(starts)
+                rise = [np.max(np.abs(step(starts + span) - before)) for span in seconds]
+                largest += (max(high, 0.0) - min(low, 0.0)) * np.array(rise)
+        bound = CHANGE_MARGIN * largest + NOISE_MARGIN * math.hypot(each.white, each.drift)
+        changes[column] = bound.tolist()
+    return {"seconds": seconds.tolist(), "largest": changes}
+
+
+def reach_of(design: Mapping[str, Any], column: str) -> Callable[[float], float]:
+    """The largest change of a sensor within a time [s]; without bound where nothing tells it.
+
+    Parameters
+    ----------
+    design : mapping
+    column : str
+
+    Raises
+    ------
+    ModelError
+        Not what `plausible_changes` gives.
+    """
+    if "plausible_change" not in design:
+        return lambda seconds: math.inf
+    kept = Part(design["plausible_change"], "design.plausible_change")
+    seconds = _numbers(kept.read("seconds", items))
+    largest = _numbers(kept.part("largest").read(column, items))
+    kept.as_whole(lambda whole: _same_length(seconds, largest))
+    # Between two times the later one counts.
+    return lambda elapsed: largest[min(bisect_left(seconds, elapsed), len(largest) - 1)]
+
+
+def _numbers(values: Sequence[Any]) -> list[float]:
+    return [finite(value) for value in values]
+
+
+def _same_length(seconds: list[float], largest: list[float]) -> None:
+    if not seconds or len(seconds) != len(largest) or sorted(set(seconds)) != seconds:
+        raise ValueError("times and changes do not go together")

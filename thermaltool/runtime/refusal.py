@@ -1,0 +1,58 @@
+"""What a stream writes whose model is refused: the names of its set points, and the safe line."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+from pathlib import Path
+
+from thermaltool.runtime.compensation import setpoint_name
+from thermaltool.runtime.pipe import LinePipe
+from thermaltool.runtime.settings import Settings
+from thermaltool.runtime.sinks import open_sink
+
+# In a file that is no JSON any more: outputs that measure a displacement.
+DEFLECTION = re.compile(r'"channel":\s*"(d_[^"\\]+)"')
+
+
+def refused_setpoints(path: str, heater: str | None) -> list[str]:
+    """Names of the set points of a model that cannot be run, as far as its file shows them.
+
+    Parameters
+    ----------
+    path : str
+    heater : str or None
+        The drive that is set in place of offsets.
+    """
+    if heater is not None:
+        return [heater]
+    text = ""
+    with contextlib.suppress(OSError, ValueError):
+        text = Path(path).read_text(encoding="utf-8", errors="replace")
+    with contextlib.suppress(ValueError, RecursionError, TypeError, KeyError, AttributeError):
+        outputs = json.loads(text)["outputs"]
+        return [setpoint_name(o["channel"]) for o in outputs if o["role"] == "deflection"]
+    return [setpoint_name(name) for name in dict.fromkeys(DEFLECTION.findall(text))]
+
+
+def write_safe_line(names: list[str], settings: Settings, source: int, sink: int) -> None:
+    """Header and safe set points: all that a stream without a model has to say.
+
+    Parameters
+    ----------
+    names : list of str
+        Nothing is written where it is empty.
+    settings : Settings
+    source, sink : int
+        File descriptors.
+    """
+    if not names:
+        return
+    with LinePipe(source, sink) as pipe:
+        out = open_sink(settings.to_format, pipe)
+        out.open(("time_s", *names))
+        # Where the last set point is to be held, no line holds it.
+        if settings.safe is not None:
+            out.write([(None, [settings.safe + 0.0] * len(names))])
+        out.close()
