@@ -78,8 +78,9 @@ actuating_options = shared.together(
     click.option("--at", type=StandingType(), multiple=True,
                  help="Where the actuators stand at the start [um].  [default: as the "
                  "checkpoint's last line, else --safe]"),
-    click.option("--jumps/--no-jumps", default=True,
-                 help="Whether a reading is bad that changes faster than the machine can."),
+    click.option("--trust-sensors", "trust", is_flag=True,
+                 help="Take every reading in range: no test of its rate, of its noise, or against "
+                 "other sensors."),
     click.option("--audit", type=click.Path(dir_okay=False), metavar="FILE",
                  help="Append every change of state to this file, as NDJSON."),
 )  # fmt: skip

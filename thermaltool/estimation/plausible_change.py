@@ -55,7 +55,8 @@ def plausible_changes(
                 largest += (max(high, 0.0) - min(low, 0.0)) * np.array(rise)
         bound = CHANGE_MARGIN * largest + NOISE_MARGIN * math.hypot(each.white, each.drift)
         changes[column] = bound.tolist()
-    return {"seconds": seconds.tolist(), "largest": changes}
+    white = {column: each.white for column, each in zip(sensors, noise, strict=True)}
+    return {"seconds": seconds.tolist(), "largest": changes, "white_sigma": white}
 
 
 def reach_of(design: Mapping[str, Any], column: str) -> Callable[[float], float]:
@@ -79,6 +80,21 @@ def reach_of(design: Mapping[str, Any], column: str) -> Callable[[float], float]
     kept.as_whole(lambda whole: _same_length(seconds, largest))
     # Between two times the later one counts.
     return lambda elapsed: largest[min(bisect_left(seconds, elapsed), len(largest) - 1)]
+
+
+def white_noise_of(design: Mapping[str, Any], column: str) -> float:
+    """Standard deviation of a sensor's white noise; 0 where the design does not tell it.
+
+    Parameters
+    ----------
+    design : mapping
+    column : str
+    """
+    if "plausible_change" not in design:
+        return 0.0
+    kept = Part(design["plausible_change"], "design.plausible_change")
+    white: float = kept.part("white_sigma").read(column, finite)
+    return white
 
 
 def _numbers(values: Sequence[Any]) -> list[float]:

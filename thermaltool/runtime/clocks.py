@@ -9,6 +9,11 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
+from thermaltool.runtime.messages import Report
+
+# The first so many steps between arrivals are compared with the period. What comes within LIVE
+# periods is a log that is played; above EVEN it is the period itself.
+GAPS, LIVE, EVEN = 20, 0.05, 0.9
 Fields = Any  # list of bytes (CSV) or dict (NDJSON)
 
 
@@ -29,8 +34,14 @@ class LineClock:
         """What `resume` needs, as JSON."""
         return {}
 
-    def resume(self, state: dict[str, Any], last: float) -> None:
-        """Go on from a state, whose last line was at `last` [s]; a clock may need no memory."""
+    def resume(self, state: dict[str, Any], last: float, age: float = 0.0) -> None:
+        """Go on from a state, whose last line was at `last` [s], and `age` [s] ago.
+
+        A clock may need no memory.
+        """
+
+    def tell(self, report: Report) -> None:
+        """Where messages of the clock go."""
 
 
 @dataclass
@@ -69,25 +80,68 @@ class StampClock(LineClock):
     def state(self) -> dict[str, Any]:
         return {} if self.epoch is None else {"epoch": self.epoch.isoformat()}
 
-    def resume(self, state: dict[str, Any], last: float) -> None:
+    def resume(self, state: dict[str, Any], last: float, age: float = 0.0) -> None:
         if "epoch" in state:
             self.epoch = datetime.fromisoformat(state["epoch"])
 
 
 @dataclass
 class PeriodClock(LineClock):
-    """No clock in the stream: lines come every `period` [s]."""
+    """No clock in the stream: lines come every `period` [s].
+
+    The time of arrival watches over it. A line behind which nothing waits has come in its own
+    time: where it is a period late, lines before it are lost, and count. Lines that come too
+    quickly may be a log that is played; where they come evenly, a message says so.
+    """
 
     period: float
     origin: float = 0.0
     count: int = -1
+    monotonic: Callable[[], float] = time.monotonic
+    _report: Report = field(default=lambda channel, message: None, init=False)
+    _arrived: float = field(default=math.nan, init=False)
+    _begin: float = field(default=math.nan, init=False)
+    _begin_count: int = field(default=0, init=False)
+    _gaps: list[float] = field(default_factory=list, init=False)
 
     def stamp(self, fields: Fields) -> float:
+        now = self.monotonic()
+        gap, before, self._arrived = now - self._arrived, self._arrived, now
+        if gap != gap:
+            self._begin, self._begin_count = now, self.count
+        elif gap > self.period / 2:
+            self._catch_up(before)
+        if len(self._gaps) < GAPS and gap == gap:
+            self._gaps.append(gap)
+            self._compare()
         self.count += 1
         return self.origin + self.count * self.period
 
-    def resume(self, state: dict[str, Any], last: float) -> None:
-        self.origin, self.count = last, 0
+    def _catch_up(self, arrived: float) -> None:
+        """The line before was the last that waited: by its arrival so many are lost."""
+        late = (arrived - self._begin) / self.period - (self.count - self._begin_count - 1)
+        if late >= 1:
+            self.count += int(late)
+            self._report("", f"{int(late)} lines lost: counted, {self.period:g} s each")
+        elif late < 0:
+            self._begin += late * self.period
+
+    def _compare(self) -> None:
+        """Say where the first lines came evenly, and more quickly than by the period."""
+        if len(self._gaps) == GAPS:
+            low, middle, high = (sorted(self._gaps)[k * (GAPS - 1) // 4] for k in (1, 2, 3))
+            if LIVE * self.period < middle < EVEN * self.period and high - low < middle / 2:
+                self._report(
+                    "", f"lines come each {middle:.3g} s, the period is {self.period:g} s: "
+                    "a log that is played, or another --period"
+                )  # fmt: skip
+
+    def resume(self, state: dict[str, Any], last: float, age: float = 0.0) -> None:
+        passed = int(max(age, 0.0) / self.period) if age == age else 0
+        self.origin, self.count, self._arrived = last, passed, math.nan
+
+    def tell(self, report: Report) -> None:
+        self._report = report
 
 
 @dataclass
@@ -114,6 +168,6 @@ class ArrivalClock(LineClock):
             return {}
         return {"wall": self.wall() - (self.monotonic() - self.origin)}
 
-    def resume(self, state: dict[str, Any], last: float) -> None:
+    def resume(self, state: dict[str, Any], last: float, age: float = 0.0) -> None:
         if "wall" in state:
             self.origin = self.monotonic() - max(self.wall() - float(state["wall"]), last)

@@ -7,22 +7,31 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from thermaltool.control.heaters import Stabilizer, parts_of
+from thermaltool.control.setpoint import Limits
 from thermaltool.errors import ModelError
+from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
-from thermaltool.estimation.plausible_change import reach_of
+from thermaltool.estimation.plausible_change import reach_of, white_noise_of
 from thermaltool.model import Model
 from thermaltool.runtime.checkpoint import design_digest
 from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.compensator import Policy, SetpointProcess
+from thermaltool.runtime.frozen import FrozenCheck
 from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers
+from thermaltool.runtime.leave_one_out import LeaveOneOut
 from thermaltool.runtime.messages import Messages, Report
 from thermaltool.runtime.sensors import SensorChannel
 from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
 from thermaltool.runtime.stepper import stepper_of
+from thermaltool.runtime.vote import CONTRADICTION, NOISE_MARGIN, Vote
 
 # Where nothing is said, readings are held and pauses borne for this many sample periods of the
 # design, and not below this [s]: one lost line of a slow logger is no loss, nor are ten of a quick.
 HOLD_PERIODS, MIN_HOLD = 10, 10.0
+# Filters agree whose deflections differ by less than this part of the calibrated range.
+AGREEMENT = 0.01
+# So many sensors at least can say which one is wrong: of two that differ, either may be.
+MIN_VOTERS = 3
 # On a slow disk the newest state may be so many times older than its interval.
 LATE_SAVES = 10
 CLOCK_ADVICE = "--period gives one to a stream without, --clock arrival takes the time of arrival"
@@ -74,9 +83,14 @@ def offsets(
     followed = [k for k, name in enumerate(estimator.estimates) if name in deflections]
     if not followed:
         raise ModelError("the model's design estimates no deflection: nothing to compensate")
+    sensors = _sensors(pipeline.input_columns, period, settings, messages, design)
+    mapped = any(pipeline.estimate_maps)
+    plain = isinstance(estimator, KalmanEstimator) and pipeline.passes_inputs and not mapped
+    watch = plain and len(sensors) > 1 and not settings.trust
+    ranges = {output.channel: output.range for output in model.deflections}
     return SetpointProcess(
-        stepper_of(estimator, period),
-        _sensors(pipeline.input_columns, period, settings, messages, design),
+        _watched(estimator, period, ranges) if watch else stepper_of(estimator, period),
+        sensors,
         followed,
         [settings.setpoint(settings.limits) for _ in followed],
         _policy(settings, period, sign, settled),
@@ -89,8 +103,33 @@ def offsets(
         clock_advice=CLOCK_ADVICE,
         digest=design_digest(design),
         inputs=None if pipeline.passes_inputs else pipeline.estimator_inputs,
-        outputs=pipeline.given_out if any(pipeline.estimate_maps) else None,
+        outputs=pipeline.given_out if mapped else None,
+        vote=_vote(sensors, design) if watch and len(sensors) >= MIN_VOTERS else None,
+        reduced=[_seen(ranges[estimator.estimates[k]], sign) for k in followed] if watch else (),
     )
+
+
+def _watched(
+    estimator: Estimator, period: float, ranges: Mapping[str, tuple[float, float]]
+) -> LeaveOneOut:
+    assert isinstance(estimator, KalmanEstimator)
+    widths = (ranges[name][1] - ranges[name][0] for name in estimator.outputs)
+    return LeaveOneOut(estimator, period, [AGREEMENT * width for width in widths])
+
+
+def _vote(sensors: Sequence[SensorChannel], design: Mapping[str, Any]) -> Vote:
+    return Vote(
+        [
+            CONTRADICTION * (each.calibrated[1] - each.calibrated[0])
+            + NOISE_MARGIN * white_noise_of(design, each.channel)
+            for each in sensors
+        ]
+    )
+
+
+def _seen(span: tuple[float, float], sign: float) -> Limits:
+    """Set points for the deflections that the calibration has seen."""
+    return Limits(*sorted(sign * deflection for deflection in span))
 
 
 def heater_power(
@@ -171,6 +210,12 @@ def _clock_check(settings: Settings, period: float, messages: Messages) -> Clock
     return ClockCheck(messages, hold, max_gap=max_gap, expected=period)
 
 
+def _frozen_check(each: InputColumn, settings: Settings, design: Mapping[str, Any]) -> FrozenCheck:
+    """By the noise that the design knows, where the user says nothing else."""
+    by_noise = each.sensor and math.isinf(settings.frozen_after) and not settings.trust
+    return FrozenCheck(white_noise_of(design, each.column) if by_noise else 0.0)
+
+
 def _sensors(
     inputs: Sequence[InputColumn],
     period: float,
@@ -179,7 +224,7 @@ def _sensors(
     design: Mapping[str, Any] | None = None,
 ) -> list[SensorChannel]:
     """The columns that are read, with their rest, range and largest change from the model."""
-    known = design if design is not None and settings.jumps else {}
+    known = design if design is not None and not settings.trust else {}
     settings.check_ranges([each.column for each in inputs])
     return [
         SensorChannel(
@@ -194,6 +239,7 @@ def _sensors(
             back=each.to_true,
             at_rest=each.sensor,
             reach=reach_of(known if each.sensor else {}, each.column),
+            frozen=_frozen_check(each, settings, design or {}),
         )
         for each in inputs
     ]

@@ -7,15 +7,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from thermaltool.control.setpoint import Setpoint
+from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck
+from thermaltool.runtime.leave_one_out import LeaveOneOut
 from thermaltool.runtime.messages import Report
 from thermaltool.runtime.process import STATUS, Process, Reply
 from thermaltool.runtime.rows.row import Row
 from thermaltool.runtime.sensors import SensorChannel
 from thermaltool.runtime.stepper import Steps
+from thermaltool.runtime.vote import Vote
 
 Pass = Callable[[list[float]], list[float]]
 
@@ -75,6 +77,10 @@ class SetpointProcess(Process):
         Whether the status is written too.
     patience, clock_advice, digest, summary
         As for `Process`.
+    vote : Vote or None
+        Of the sensors, where the stepper is a `LeaveOneOut`.
+    reduced : sequence of Limits
+        For each set point while a sensor is left out.
     inputs, outputs : callable or None
         From the readings of a sample to what the stepper takes, and from its estimates to those
         that are written and followed; None where they are the same.
@@ -105,6 +111,8 @@ class SetpointProcess(Process):
         summary: Callable[[], str] = lambda: "",
         inputs: Pass | None = None,
         outputs: Pass | None = None,
+        vote: Vote | None = None,
+        reduced: Sequence[Limits] = (),
     ) -> None:
         self.stepper, self.sensors, self.setpoints = stepper, sensors, setpoints
         self.policy, self.clock, self.report = policy, clock, report
@@ -114,6 +122,8 @@ class SetpointProcess(Process):
         self.period, self.patience = policy.period, patience
         self.clock_advice, self.digest, self._summary = clock_advice, digest, summary
         self._inputs, self._outputs = inputs, outputs
+        self._vote, self._reduced = vote, reduced
+        self._without: int | None = None
         self._targets = list(zip(followed, setpoints, strict=True))
         self.estimates: list[float] = stepper.rest()
         self._started = False
@@ -140,17 +150,41 @@ class SetpointProcess(Process):
         for sensor, reading, fault in zip(self.sensors, row.readings, row.faults, strict=True):
             sensor.take(time, reading, fault)
             lost = lost or sensor.lost
+        if isinstance(self.stepper, LeaveOneOut):
+            lost = self._leave_out(self.stepper)
         readings = [sensor.truth - sensor.rest for sensor in self.sensors]
         self._estimate(round(seconds / CLOCK_STEP), readings)
+        if isinstance(self.stepper, LeaveOneOut) and self._vote is not None and self._started:
+            self._vote.take(seconds, self.stepper.residuals)
         safe = lost or not self._started
         self._move(time, safe)
         self.status = self._state_of(safe)
         return time, self._written()
 
+    def _leave_out(self, stepper: LeaveOneOut) -> bool:
+        """Leave out what is lost or voted out; whether the others do not suffice."""
+        out = {k for k, sensor in enumerate(self.sensors) if sensor.lost}
+        against = None if self._vote is None else self._vote.against
+        if against is not None:
+            out.add(against)
+        stepper.out = out
+        enough = stepper.can_do_without(out)
+        left_out = stepper.left_out if enough and not out else next(iter(out), None)
+        if enough and left_out != self._without:
+            if left_out is None:
+                self.report("", "all sensors count again")
+            else:
+                why = ": the others contradict it" if left_out == against else ""
+                self.report(self.sensors[left_out].channel, f"left out{why}, the others go on")
+            self._without = left_out
+        return not enough
+
     def _state_of(self, safe: bool) -> str:
         """What a row's reply rests on."""
         if safe:
             return "safe"
+        if self._without is not None:
+            return "reduced"
         if any(sensor.held for sensor in self.sensors):
             return "held"
         if self.accepted == 1 and self.status == "resumed":
@@ -186,6 +220,9 @@ class SetpointProcess(Process):
     def _forget(self) -> None:
         """Nothing is known of the machine; the actuators stand where they stand."""
         self._started, self.estimates = False, self.stepper.rest()
+        self._without = None
+        if self._vote is not None:
+            self._vote.forget()
         for sensor in self.sensors:
             sensor.forget()
         self.time = self.clock.last = None
@@ -220,8 +257,10 @@ class SetpointProcess(Process):
     def _move(self, time: float, safe: bool) -> None:
         dt = min(max(time - self._moved_at, 0.0), self.policy.slew_gap)
         self._moved_at = time
-        for at, setpoint in self._targets:
+        for k, (at, setpoint) in enumerate(self._targets):
             target = self._safe(setpoint) if safe else self.policy.sign * self.estimates[at]
+            if self._without is not None and self._reduced:
+                target = self._reduced[k].clip(target)
             setpoint.move(target, dt)
 
     def _safe(self, setpoint: Setpoint) -> float:

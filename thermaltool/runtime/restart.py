@@ -40,7 +40,7 @@ def _start(at: Mapping[str, float] | float | None, names: Sequence[str]) -> list
     """Where each actuator stands, as the user says."""
     if at is None or isinstance(at, float):
         return None if at is None else [at] * len(names)
-    for name in {*at, *names}:
+    for name in (*at, *names):
         if name not in names:
             raise ValueError(f"no set point {name}; there are: {', '.join(names)}")
         if name not in at:
@@ -121,7 +121,7 @@ class Restart:
         """Let the clock of the lines go on, where a state was resumed."""
         if self._clock is not None and self.process.time is not None:
             with self._whole_checkpoint():
-                clock.resume(self._clock, self.process.time)
+                clock.resume(self._clock, self.process.time, self._age)
 
     def record(self, values: Sequence[float]) -> None:
         """Keep where the actuators stand after the line that leaves next."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from thermaltool.estimation.permanent_effects import StaticMap, apply_maps
 from thermaltool.model import MARGIN
+from thermaltool.runtime.frozen import FrozenCheck
 from thermaltool.runtime.messages import Report
 from thermaltool.runtime.settings import ANYTHING, Interval
 
@@ -54,6 +55,8 @@ class SensorChannel:
     reach : callable
         The largest change that the machine can make within a time [s], in the unit of the channel.
         A reading that changes by more has jumped, and is bad until it jumps back.
+    frozen : FrozenCheck
+        Whether readings stand still although they should be noisy.
     value : float
         The last good reading; NaN before the first.
     truth : float
@@ -75,6 +78,7 @@ class SensorChannel:
     back: tuple[StaticMap, ...] = ()
     at_rest: bool = True
     reach: Callable[[float], float] = lambda seconds: math.inf
+    frozen: FrozenCheck = field(default_factory=FrozenCheck)
     value: float = field(default=math.nan, init=False)
     truth: float = field(default=math.nan, init=False)
     good_at: float = field(default=-math.inf, init=False)
@@ -114,12 +118,13 @@ class SensorChannel:
             self._miss(time, f"jumps by {self.jumped:+.3g}, which the machine cannot")
             return
         if reading != self.value:
+            self.frozen.moves(reading - self.value)
             self.value, self.truth, self.changed_at = reading, truth, time
             if self.rest != self.rest:
                 self._settle(reading)
             if self.extrapolates == (self._seen[0] <= truth <= self._seen[1]):
                 self._cross(reading)
-        elif time - self.changed_at > self.frozen_after:
+        elif self.frozen.repeats() or time - self.changed_at > self.frozen_after:
             self._miss(time, f"frozen at {reading!r} for {time - self.changed_at:g} s")
             return
         if self.held:
@@ -160,6 +165,7 @@ class SensorChannel:
         self.good_at = self.changed_at = self._read_at = -math.inf
         self.held = self.lost = self.extrapolates = False
         self.jumped = 0.0
+        self.frozen.forget()
         self._settle(self._first_rest)
 
     def _behind(self, reading: float) -> float:

@@ -56,8 +56,8 @@ class Settings:
         Whether more is written than the setpoints: what they were made of.
     status : bool
         Whether each line says what it rests on: ok, held, safe, extrapolates, resumed.
-    jumps : bool
-        Whether a reading that changes faster than the machine can is bad.
+    trust : bool
+        Whether every reading in range is taken: no test of its rate, its noise, or against others.
     at : mapping of set point to float, float, or None
         Where the actuator stands at the start; None where a checkpoint says it, or at the safe one.
     checkpoint : str or None
@@ -84,7 +84,7 @@ class Settings:
     safe: float | None = 0.0
     estimates: bool = False
     status: bool = False
-    jumps: bool = True
+    trust: bool = False
     at: Mapping[str, float] | float | None = None
     checkpoint: str | None = None
     checkpoint_every: float = 10.0

@@ -97,6 +97,7 @@ class Stream:
     _heard_at: float = field(default=0.0, init=False)
     _due: float = field(default=math.inf, init=False)
     _silent: bool = field(default=False, init=False)
+    _unusable: int = field(default=0, init=False)
     _replied_at: float | None = field(default=None, init=False)
     _save_due: bool = field(default=False, init=False)
     _status: str = field(default="", init=False)
@@ -188,7 +189,13 @@ class Stream:
             if message := self.rows.reopen(line, self.process.time):
                 self.messages("", message)
             return None
+        accepted = self.process.accepted
         reply = self.process.take(row)
+        self._unusable = 0 if self.process.accepted > accepted else self._unusable + 1
+        # Where a log is played, lines that cannot be used are the silence.
+        silent = self._unusable * (self.process.period or 0.0)
+        if self.process.actuates and silent > self.timeout:
+            reply = self.process.silence(silent)
         if reply is not None:
             self._replied_at = reply[0]
         if self.process.status != self._status:
@@ -209,6 +216,7 @@ class Stream:
     def _open(self, line: bytes) -> bool:
         is_row = self.rows.open(line, self.messages.source, self.messages.line)
         if self.rows.clock is not None:
+            self.rows.clock.tell(self.messages)
             self.restart.resume_clock(self.rows.clock)
         return is_row
 

@@ -1,0 +1,153 @@
+"""Several sensors that watch each other: what each should read by the others, and without it.
+
+Beside the filter of all sensors runs one without each. It foretells the sensor that it lacks; where
+a sensor is lost, or the others agree against it, the filter without it goes on alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from thermaltool.errors import FitError
+from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.runtime.stepper import Stepper
+
+
+def without(estimator: KalmanEstimator, k: int) -> KalmanEstimator:
+    """The estimator that lacks sensor `k` and estimates it, behind the deflections.
+
+    Parameters
+    ----------
+    estimator : KalmanEstimator
+    k : int
+    """
+    place = [j - (j > k) for j in range(len(estimator.sensors))]
+    last = len(estimator.outputs)
+    sensed = tuple((place[to], drive, m) for to, drive, m in estimator.sensed if to != k)
+    foretold = tuple((last, drive, m) for to, drive, m in estimator.sensed if to == k)
+    return replace(
+        estimator,
+        sensors=(*estimator.sensors[:k], *estimator.sensors[k + 1 :]),
+        outputs=(*estimator.outputs, estimator.sensors[k]),
+        sensed=sensed,
+        followed=(*estimator.followed, *foretold),
+        noise=(*estimator.noise[:k], *estimator.noise[k + 1 :]),
+    )
+
+
+class LeaveOneOut:
+    """The filter of all sensors, and one without each.
+
+    Parameters
+    ----------
+    estimator : KalmanEstimator
+    sample_period : float [s]
+    tolerance : sequence of float, one for each deflection [unit of the deflection]
+        Filters whose deflections differ by less agree.
+
+    Attributes
+    ----------
+    out : set of int
+        Sensors whose readings do not count. With one of them, the estimates are those without it.
+    residuals : list of float
+        What each sensor reads, less what the others foretell; NaN where nothing does.
+    """
+
+    def __init__(
+        self, estimator: KalmanEstimator, sample_period: float, tolerance: Sequence[float]
+    ) -> None:
+        self.out: set[int] = set()
+        self._whole = Stepper(estimator, sample_period)
+        self._others: list[Stepper | None] = []
+        for k in range(len(estimator.sensors)):
+            try:
+                self._others.append(Stepper(without(estimator, k), sample_period))
+            except (FitError, np.linalg.LinAlgError):
+                # This sensor alone sees a drive.
+                self._others.append(None)
+        self._drives, self._tolerance = len(estimator.drives), tolerance
+        # Filters whose estimates have met those of the whole since they last differed.
+        self._met = [False] * len(self._others)
+        self.residuals = [math.nan] * len(self._others)
+        self._without: int | None = None
+
+    def can_do_without(self, lost: Collection[int]) -> bool:
+        """Whether there are estimates that use none of these sensors."""
+        if len(lost) != 1:
+            return not lost
+        (k,) = lost
+        return self._others[k] is not None and (self._met[k] or self._without == k)
+
+    def rest(self) -> list[float]:
+        """Estimates before anything is known."""
+        return self._whole.rest()
+
+    def start(self, readings: list[float], settled: bool = False) -> list[float]:
+        """Estimates at the first readings; see `Stepper.start`."""
+        estimates = self._whole.start(readings, settled)
+        for k, other in enumerate(self._others):
+            if other is not None:
+                other.start(_but(readings, k), settled)
+                self._met[k] = True
+        return estimates
+
+    def step(self, ticks: int, readings: list[float]) -> list[float]:
+        """Estimates after a sample; see `Stepper.step`."""
+        whole = self._whole.step(ticks, readings)
+        chosen = whole
+        out = next(iter(self.out)) if len(self.out) == 1 else None
+        if out is not None and self.can_do_without([out]):
+            self._without = out
+        for k, other in enumerate(self._others):
+            if other is None:
+                continue
+            *estimates, foretold = other.step(ticks, _but(readings, k))
+            self.residuals[k] = readings[k] - foretold
+            agrees = self._agree(whole, estimates)
+            if self._without == k:
+                if out is None and agrees:
+                    # The whole has forgotten what the sensor read while it was out.
+                    self._without = None
+                else:
+                    chosen = estimates
+            elif not self.out:
+                self._met[k] = self._met[k] or agrees
+        return chosen
+
+    @property
+    def left_out(self) -> int | None:
+        """The sensor that the estimates do not use."""
+        return self._without
+
+    def _agree(self, one: Sequence[float], other: Sequence[float]) -> bool:
+        first = self._drives
+        pairs = zip(one[first:], other[first:], self._tolerance, strict=True)
+        return all(abs(a - b) <= tolerance for a, b, tolerance in pairs)
+
+    def state(self) -> list[Any]:
+        """For `resume`, as JSON."""
+        return [self._whole.state(), *(each.state() if each else [] for each in self._others)]
+
+    def resume(self, values: list[Any]) -> None:
+        """Raises ValueError where `values` are no state of these filters.
+
+        One of an earlier release holds the whole alone: the others meet it in time.
+        """
+        if values and not isinstance(values[0], list):
+            self._whole.resume(values)
+            return
+        whole, *others = values
+        self._whole.resume(whole)
+        for k, (each, kept) in enumerate(zip(self._others, others, strict=True)):
+            if each is not None:
+                each.resume(kept)
+                self._met[k] = True
+
+
+def _but(readings: list[float], k: int) -> list[float]:
+    return readings[:k] + readings[k + 1 :]

@@ -1,0 +1,59 @@
+"""Which sensor the others contradict for long: one that comes off slowly, or is bent by a fault."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+# What the others foretell of a sensor may be off by this part of the range that the calibration
+# has seen, and by so many standard deviations of its white noise.
+CONTRADICTION, NOISE_MARGIN = 0.05, 6.0
+# A contradiction of twice that counts after so long [s], one of three times after half of it.
+PATIENCE = 60.0
+# The sensor that is wrong bends what it helps to foretell; it stands out by this factor.
+STANDS_OUT = 1.5
+
+
+@dataclass
+class Vote:
+    """A cumulated sum for each sensor of how far it is contradicted.
+
+    Attributes
+    ----------
+    allowed : sequence of float [unit of the sensor]
+        What residuals may be.
+    patience : float [s]
+    against : int or None
+        The sensor that is voted out.
+    """
+
+    allowed: Sequence[float]
+    patience: float = PATIENCE
+    against: int | None = field(default=None, init=False)
+    _sums: list[float] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        self._sums = [0.0] * len(self.allowed)
+
+    def take(self, seconds: float, residuals: Sequence[float]) -> None:
+        """Residuals after a sample of so many `seconds`; NaN where nothing is foretold."""
+        sizes = [
+            abs(r) / a if r == r else 0.0 for r, a in zip(residuals, self.allowed, strict=True)
+        ]
+        for k, size in enumerate(sizes):
+            added = seconds * (min(size, 3.0) - 1.0)
+            self._sums[k] = min(max(self._sums[k] + added, 0.0), 2 * self.patience)
+        if self.against is not None:
+            if self._sums[self.against] == 0.0:
+                self.against = None
+            return
+        worst = max(range(len(sizes)), key=sizes.__getitem__)
+        others = max((size for k, size in enumerate(sizes) if k != worst), default=math.inf)
+        if self._sums[worst] >= self.patience and sizes[worst] >= STANDS_OUT * others:
+            self.against = worst
+
+    def forget(self) -> None:
+        """Nothing is known."""
+        self.__post_init__()
+        self.against = None
