@@ -5,6 +5,7 @@
 """
 
 import argparse
+import contextlib
 import functools
 import itertools
 import json
@@ -17,6 +18,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
@@ -26,8 +28,9 @@ from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.estimation.plausible_change import plausible_changes
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.responses.rational import Rational2
-from thermaltool.runtime import compensation, leave_one_out, pipe
+from thermaltool.runtime import compensation, pipe
 from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.sensing import leave_one_out
 from thermaltool.runtime.settings import Settings
 from thermaltool.runtime.stream import open_stream
 
@@ -37,7 +40,6 @@ NAMES = ("time_s", *SENSORS)
 # Limits hold in the tests for what a line may move: two periods at the slew rate, and the grid.
 MOST = SLEW * 2 * PERIOD + 1.25 * STEP
 WHOLE_PIPELINE, WHOLE_WITHOUT = EstimatorPipeline.of, leave_one_out.without
-READ_SIZE = pipe.READ_SIZE
 
 
 @functools.cache
@@ -248,7 +250,11 @@ def run_stream(
     messages = Messages(lambda line: None)
     process = compensation.offsets(machine(sensors), settings, messages)
     (folder / "in").write_bytes(text)
-    with open(folder / "in", "rb") as source, open(folder / "out", "wb") as sink:
+    with (
+        open(folder / "in", "rb") as source,
+        open(folder / "out", "wb") as sink,
+        contextlib.ExitStack() as killing,
+    ):
         stream = open_stream(process, settings, source.fileno(), sink.fileno(), messages)
         if kill_at is not None:
             whole, written = stream.pipe.write, 0
@@ -262,9 +268,8 @@ def run_stream(
                     raise Killed
                 whole(data)
 
-            stream.pipe.write = dying
-            stream.sink._output = stream.pipe
-            stream._finish = lambda: None
+            killing.enter_context(mock.patch.object(stream.pipe, "write", dying))
+            killing.enter_context(mock.patch.object(stream, "_finish", lambda: None))
         try:
             stream.run()
         except Killed:
@@ -348,11 +353,12 @@ def inject(count: int, seed: int, patience: float = math.inf) -> tuple[int, Coun
     failures: list[str] = []
     begin, ran = time.monotonic(), 0
     # Gains are solved for once: they are nearly all the time of a trial.
-    EstimatorPipeline.of = staticmethod(lambda model: pipeline(len(model.sensors)))
-    leave_one_out.without = without
     # Few lines at once, as they come from a machine: a state is kept between them.
-    pipe.READ_SIZE = 512
-    try:
+    with (
+        mock.patch.object(EstimatorPipeline, "of", lambda model: pipeline(len(model.sensors))),
+        mock.patch.object(leave_one_out, "without", without),
+        mock.patch.object(pipe, "READ_SIZE", 512),
+    ):
         for number in range(count):
             if time.monotonic() - begin > patience:
                 break
@@ -361,10 +367,6 @@ def inject(count: int, seed: int, patience: float = math.inf) -> tuple[int, Coun
             ran += 1
             drawn.update(done)
             failures += [f"trial {number} ({', '.join(done)}): {each}" for each in wrong]
-    finally:
-        EstimatorPipeline.of = staticmethod(WHOLE_PIPELINE)
-        leave_one_out.without = WHOLE_WITHOUT
-        pipe.READ_SIZE = READ_SIZE
     return ran, drawn, failures
 
 

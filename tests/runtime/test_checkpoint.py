@@ -8,8 +8,8 @@ import threading
 from contextlib import contextmanager
 from pathlib import Path
 
-from thermaltool.runtime import checkpoint
-from thermaltool.runtime.checkpoint import Checkpoint
+from thermaltool.runtime.restart import checkpoint
+from thermaltool.runtime.restart.checkpoint import Checkpoint
 from thermaltool.runtime.rows.row import Row
 
 

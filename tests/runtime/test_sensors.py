@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from thermaltool.runtime.messages import Messages
-from thermaltool.runtime.sensors import SensorChannel, widened
+from thermaltool.runtime.sensing.sensors import SensorChannel, widened
 
 
 def sensor(**kept):

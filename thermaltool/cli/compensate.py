@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,7 +13,7 @@ from thermaltool.cli.types import (
     POSITIVE,
     IntervalType,
     SafeType,
-    standing_of,
+    positions_of,
 )
 
 if TYPE_CHECKING:
@@ -28,12 +29,7 @@ if TYPE_CHECKING:
               help="Period of an input without a clock [s].")  # fmt: skip
 @click.option("--clock", type=click.Choice(["column", "arrival"]), default="column",
               help="Time from the input, or of its arrival (to 1 ms).")  # fmt: skip
-@click.option("--heater", cls=streaming.Once, metavar="CHANNEL",
-              help="Set this drive, a heater, in place of offsets.")  # fmt: skip
-@click.option("--target", metavar="OUTPUT",
-              help="What the heater holds at zero.  [default: the only deflection]")  # fmt: skip
-@click.option("--lead", type=POSITIVE, metavar="S", help="How far it is foretold for the heater, "
-              "beyond its delay [s].  [default: 2 sample periods]")  # fmt: skip
+@streaming.heater_options
 @click.option("--also", type=click.Choice(["estimates", "status"]), multiple=True,
               help="Add columns: heat and deflections (the power wanted and the output); what each "
               "line rests on: ok, held, safe, extrapolates, resumed.")  # fmt: skip
@@ -76,10 +72,9 @@ def command(model: str, log: str, **options: Any) -> None:
 
     MODEL is a file from regularize; LOG is read line by line: the sensors, and the columns that
     measured drives and effects of the model need (regularize names them). Readings that are bad
-    (text, empty, NaN, out of range, frozen) are held, then the safe setpoint is written until good
-    ones return. The safe setpoint is also the last line, whatever ends the stream (end of input,
-    SIGINT, SIGTERM); it is approached at --slew while the stream lives, and written at once at its
-    end.
+    (text, NaN, out of range, frozen, faster than the machine) are held, then the safe setpoint is
+    written until good ones return; one of several sensors is left out. The safe setpoint is also
+    the last line, whatever ends the stream, at once; before, it is approached at --slew.
     Each deflection d_PLACE_um gives a column offset_PLACE_um; --limit, --slew, --step and --safe
     count in its unit.
 
@@ -100,14 +95,14 @@ def command(model: str, log: str, **options: Any) -> None:
         raise click.UsageError("--sign is for offsets: it does not go with --heater")
     if heater is not None and options["safe"] != 0:
         raise click.UsageError("--safe is for offsets: the safe setpoint of a heater is no power")
-    counted = "count" if options["period"] else "column"
+    counted = options["period"] and options["clock"] == "column"
     settings = streaming.settings_of(
         options,
-        clock="arrival" if options["clock"] == "arrival" else counted,
+        clock="count" if counted else options["clock"],
         ranges=dict(options["ranges"]),
         estimates="estimates" in options["also"],
         status="status" in options["also"],
-        at=standing_of(options["at"]),
+        at=positions_of(options["at"]),
     )
 
     def process(messages: Messages) -> Process:
@@ -120,11 +115,5 @@ def command(model: str, log: str, **options: Any) -> None:
         process.title = f"{model} (sha256 {digest_of_file()[:12]})"
         return process
 
-    streaming.run(
-        "compensate",
-        log,
-        options["quiet"],
-        settings,
-        process,
-        refused=lambda: refused_setpoints(model, heater),
-    )
+    refused = partial(refused_setpoints, model, heater)
+    streaming.run("compensate", log, options["quiet"], settings, process, refused=refused)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from thermaltool.cli import shared
-from thermaltool.cli.types import POSITIVE, StandingType
+from thermaltool.cli.types import POSITIVE, PositionType
 from thermaltool.documents import source_name
 from thermaltool.errors import ModelError, OutputError
 from thermaltool.logs.formats import FORMATS
@@ -73,9 +73,20 @@ checkpoint_options = shared.together(
 )  # fmt: skip
 
 
+# A heater that is set in place of offsets.
+heater_options = shared.together(
+    click.option("--heater", cls=Once, metavar="CHANNEL",
+                 help="Set this drive, a heater, in place of offsets."),
+    click.option("--target", metavar="OUTPUT",
+                 help="What the heater holds at zero.  [default: the only deflection]"),
+    click.option("--lead", type=POSITIVE, metavar="S", help="How far it is foretold for the "
+                 "heater, beyond its delay [s].  [default: 2 sample periods]"),
+)  # fmt: skip
+
+
 # Where the actuators stand, which readings are believed, and what is noted of it.
 actuating_options = shared.together(
-    click.option("--at", type=StandingType(), multiple=True,
+    click.option("--at", type=PositionType(), multiple=True,
                  help="Where the actuators stand at the start [um].  [default: as the "
                  "checkpoint's last line, else --safe]"),
     click.option("--trust-sensors", "trust", is_flag=True,

@@ -151,7 +151,7 @@ class SafeType(Parsed):
         return number
 
 
-class StandingType(Parsed):
+class PositionType(Parsed):
     """Where an actuator stands: ``NAME=VALUE``, or a number for every one."""
 
     name = "[NAME=]VALUE"
@@ -164,8 +164,8 @@ class StandingType(Parsed):
         return name, number
 
 
-def standing_of(given: Sequence[tuple[str, float]]) -> dict[str, float] | float | None:
-    """What `StandingType` gave: one number for all, a number for each name, or nothing."""
+def positions_of(given: Sequence[tuple[str, float]]) -> dict[str, float] | float | None:
+    """What `PositionType` gave: one number for all, a number for each name, or nothing."""
     names = [name for name, _ in given]
     if len(set(names)) < len(names) or ("" in names and len(names) > 1):
         raise click.UsageError("--at takes one number for all, or one for each NAME")

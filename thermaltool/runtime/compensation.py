@@ -13,17 +13,17 @@ from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
 from thermaltool.estimation.plausible_change import reach_of, white_noise_of
 from thermaltool.model import Model
-from thermaltool.runtime.checkpoint import design_digest
 from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.compensator import Policy, SetpointProcess
-from thermaltool.runtime.frozen import FrozenCheck
 from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers
-from thermaltool.runtime.leave_one_out import LeaveOneOut
 from thermaltool.runtime.messages import Messages, Report
-from thermaltool.runtime.sensors import SensorChannel
+from thermaltool.runtime.restart.checkpoint import design_digest
+from thermaltool.runtime.sensing.frozen import FrozenCheck
+from thermaltool.runtime.sensing.leave_one_out import LeaveOneOut
+from thermaltool.runtime.sensing.sensors import SensorChannel
+from thermaltool.runtime.sensing.vote import CONTRADICTION, NOISE_MARGIN, Vote
 from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
 from thermaltool.runtime.stepper import stepper_of
-from thermaltool.runtime.vote import CONTRADICTION, NOISE_MARGIN, Vote
 
 # Where nothing is said, readings are held and pauses borne for this many sample periods of the
 # design, and not below this [s]: one lost line of a slow logger is no loss, nor are ten of a quick.

@@ -11,13 +11,13 @@ from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck
-from thermaltool.runtime.leave_one_out import LeaveOneOut
 from thermaltool.runtime.messages import Report
 from thermaltool.runtime.process import STATUS, Process, Reply
 from thermaltool.runtime.rows.row import Row
-from thermaltool.runtime.sensors import SensorChannel
+from thermaltool.runtime.sensing.leave_one_out import LeaveOneOut
+from thermaltool.runtime.sensing.sensors import SensorChannel
+from thermaltool.runtime.sensing.vote import Vote
 from thermaltool.runtime.stepper import Steps
-from thermaltool.runtime.vote import Vote
 
 Pass = Callable[[list[float]], list[float]]
 
@@ -317,8 +317,8 @@ class SetpointProcess(Process):
         for setpoint, value in zip(self.setpoints, values, strict=True):
             if value != setpoint.value:
                 setpoint.value = setpoint.ramp = value
-        if self.time is None:
-            self._moved_at = math.inf
+        # Since when they stand there, nobody knows: the first row moves nothing.
+        self._moved_at = math.inf
 
     def state(self) -> dict[str, Any]:
         """All that a restart needs, as JSON."""

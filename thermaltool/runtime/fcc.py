@@ -19,7 +19,7 @@ from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck, PeriodCheck
 from thermaltool.runtime.compensator import Policy, SetpointProcess
 from thermaltool.runtime.messages import Messages
-from thermaltool.runtime.sensors import SensorChannel
+from thermaltool.runtime.sensing.sensors import SensorChannel
 from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
 from thermaltool.timeseries.recursive.arma import RecursiveArma
 from thermaltool.timeseries.recursive.direct import DirectForecast

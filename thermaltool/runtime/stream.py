@@ -16,7 +16,7 @@ from thermaltool.runtime.heartbeat import Heartbeat, heartbeat_of_process
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
 from thermaltool.runtime.process import Process, Reply
-from thermaltool.runtime.restart import Restart, open_restart
+from thermaltool.runtime.restart.keeper import Restart, open_restart
 from thermaltool.runtime.rows import open_rows
 from thermaltool.runtime.rows.row import RowReader
 from thermaltool.runtime.settings import Settings
@@ -194,7 +194,7 @@ class Stream:
         self._unusable = 0 if self.process.accepted > accepted else self._unusable + 1
         # Where a log is played, lines that cannot be used are the silence.
         silent = self._unusable * (self.process.period or 0.0)
-        if self.process.actuates and silent > self.timeout:
+        if self.process.actuates and silent > max(self.timeout, self.process.patience):
             reply = self.process.silence(silent)
         if reply is not None:
             self._replied_at = reply[0]

@@ -11,8 +11,8 @@ import numpy as np
 
 from thermaltool.estimation.permanent_effects import StaticMap, apply_maps
 from thermaltool.model import MARGIN
-from thermaltool.runtime.frozen import FrozenCheck
 from thermaltool.runtime.messages import Report
+from thermaltool.runtime.sensing.frozen import FrozenCheck
 from thermaltool.runtime.settings import ANYTHING, Interval
 
 # Where nothing says how fast a reading can change, a restart on another clock goes on where it

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from thermaltool.errors import ModelError, OutputError
-from thermaltool.runtime.checkpoint import REMEDY, Checkpoint, Kept
 from thermaltool.runtime.clocks import LineClock
-from thermaltool.runtime.journal import SetpointJournal
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.process import Process
+from thermaltool.runtime.restart.checkpoint import REMEDY, Checkpoint, Kept
+from thermaltool.runtime.restart.journal import SetpointJournal
 from thermaltool.runtime.settings import Settings
 
 
