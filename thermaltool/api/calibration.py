@@ -163,6 +163,7 @@ def calibrate(
     >>> round(fit.model.terms[0].response.dc_gain(), 3)
     0.2
     """
+    from thermaltool.fitting.averaging import averaged_rows
     from thermaltool.fitting.calibrate import CalibrationPlan
     from thermaltool.fitting.calibrate import calibrate as fit
 
@@ -186,6 +187,10 @@ def calibrate(
         read_for_fit(each, need, "response", (start, stop), warn=warn, **reading)
         for each in all_of(data)
     ]
+    for log, rows in zip(logs, averaged_rows(logs), strict=True):
+        if rows > 1:
+            count = f"{len(log):,}".replace(",", " ")
+            warn(f"{log.name}: {count} rows: every {rows} are averaged for the fit")
     model = fit(logs, plan, progress)
     progress("done\n")
     return Calibration(model, tuple(logs))
