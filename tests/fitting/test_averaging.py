@@ -58,6 +58,13 @@ def on_from_the_first_row():
     return record_of(time, duty(time) + 0.5)
 
 
+def switched_fast():
+    """A heater that is switched by its duty, each time for two averages of ten rows."""
+    time = PERIOD * np.arange(ROWS)
+    share = (np.arange(ROWS) % 20) / 20
+    return record_of(time, (share < duty(time)).astype(float))
+
+
 def jittered():
     rng = np.random.default_rng(3)
     time = PERIOD * np.cumsum(rng.uniform(0.5, 1.5, ROWS))
@@ -122,6 +129,17 @@ def test_averages_tell_what_all_rows_tell(log, monkeypatch):
     assert np.all(np.abs(found - [*TAUS, *GAINS]) < 4 * own_error)
     # No more is lost than what is faster than an average.
     assert np.all(own_error < 1.5 * error)
+
+
+def test_a_drive_that_switches_all_the_time_is_followed_within_averages(monkeypatch):
+    record = switched_fast()
+    whole, error = parameters(calibrate([record], PLAN))
+    monkeypatch.setattr(averaging, "MAX_ROWS", ROWS // 10)
+    found, _ = parameters(calibrate([record], PLAN))
+    assert np.all(np.abs(found - whole) < error)
+    # Of rows at the averages alone this would be missed by far.
+    monkeypatch.setattr(averaging, "PARTS", 1)
+    assert abs(parameters(calibrate([record], PLAN))[0][0] - whole[0]) > 3 * error[0]
 
 
 def test_kinds_are_chosen_alike(monkeypatch):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -32,10 +33,11 @@ MIN_APART = 0.5
 # A reading stands for no more than so many usual steps to either side; a stretch has a mean where
 # its readings stand for this share of it.
 MAX_CELL, MIN_COVERED = 3.0, 0.9
-# Steps of the drives whose ramps get rows of their own, the largest first: one for so many rows, so
-# that the median step of the clock stays one stretch. Rows nearer than this share of a stretch are
-# one.
-ROWS_PER_STEP, SAME_ROW = 8, 1e-3
+# Where drives step more often than once in so many stretches, the ramps of single steps get no rows
+# of their own; each stretch is cut into so many parts, at which the average is told.
+STRETCHES_PER_STEP, PARTS = 2, 8
+# Rows nearer than this share of a stretch are one.
+SAME_ROW = 1e-3
 
 
 # Moments [s], the stretches around them [s], which of them have readings, and the segments.
@@ -52,10 +54,18 @@ class Averages(Record):
         Rows that make one average.
     noise : mapping of output to float [unit of the output]
         White noise of one reading: differences of averages show the signal, too.
+    stretch : float [s]
+        Time over which readings are averaged; rows of the drives alone stand closer.
     """
 
     rows_each: int = 1
     noise: Mapping[str, float] = field(default_factory=dict)
+    stretch: float = 1.0
+
+    @cached_property
+    def period(self) -> float:
+        """Usual time between averages [s]."""
+        return self.stretch
 
 
 def row_noise(record: Record, output: str) -> float:
@@ -168,9 +178,7 @@ def _averages(
         drive: relative(record.column(drive.channel), drive.reference, drive.hold)
         for drive in drives
     }
-    moments, widths, measured, parts = _with_ramps(
-        _moments(stretches), _steps(record.time, inputs, len(record) / rows)
-    )
+    moments, widths, measured, parts = _with_ramps(_moments(stretches), _steps(record.time, inputs))
     columns = {}
     for drive, u in inputs.items():
         integral = _integral(record.time, u, drive.hold)
@@ -186,7 +194,7 @@ def _averages(
         columns[output][measured] = np.concatenate(means)
     noise = {output: reading_sigma(record.column(output)) for output in outputs}
     return Averages(moments, columns, parts, record.digest, record.name, record.at_rest,
-                    record.origin, rows, noise)  # fmt: skip
+                    record.origin, rows, noise, rows * record.period)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -250,43 +258,44 @@ class _Stretches:
         return np.diff(before[last] + values[last] * reached)
 
 
-def _steps(time: Float, inputs: Mapping[Drive, Float], rows: float) -> Float:
-    """When drives step, the largest steps of each as many as there is room for [s].
-
-    That from rest to the first row is one of any drive.
-    """
-    found = [time[:1]]
-    for drive, u in inputs.items():
-        if drive.hold == "zero":
-            size = np.abs(np.diff(u))
-            at = np.flatnonzero(size)
-            most = int(rows / ROWS_PER_STEP / len(inputs))
-            if len(at) > most:
-                at = at[np.argpartition(size[at], len(at) - most)[len(at) - most :]]
-            found.append(time[at + 1])
-    return np.unique(np.concatenate(found))
+def _steps(time: Float, inputs: Mapping[Drive, Float]) -> Float:
+    """When drives step; that from rest to the first row is one of any drive [s]."""
+    found = [
+        time[np.flatnonzero(np.diff(u)) + 1] for drive, u in inputs.items() if drive.hold == "zero"
+    ]
+    return np.unique(np.concatenate([time[:1], *found]))
 
 
 def _with_ramps(clock: _Clock, steps: Float) -> _Clock:
-    """A clock with rows at the ends of the ramps that steps become."""
-    moments, widths, measured, parts = clock
+    """A clock with rows where averages of drives that step so bend, which have no readings."""
+    moments, widths = clock[:2]
+    if STRETCHES_PER_STEP * len(steps) > len(moments):
+        lengths = np.diff(moments)
+        whole = lengths < 1.5 * widths[1:]  # no pause
+        parts = np.arange(1, PARTS) / PARTS
+        return _with_rows(clock, (moments[:-1, None] + np.outer(lengths, parts))[whole].ravel())
     at = np.maximum(np.searchsorted(moments, steps) - 1, 0)
     ramps = np.concatenate([steps + half * widths[at] for half in (-0.5, 0.5)])
-    ramps = np.sort(ramps[(ramps > moments[0]) & (ramps < moments[-1])])
-    if not len(ramps):
+    return _with_rows(clock, np.sort(ramps[(ramps > moments[0]) & (ramps < moments[-1])]))
+
+
+def _with_rows(clock: _Clock, rows: Float) -> _Clock:
+    """A clock with more rows, in order and within it, where they are no others."""
+    moments, widths, measured, parts = clock
+    if not len(rows):
         return clock
-    behind = np.searchsorted(moments, ramps)
+    behind = np.searchsorted(moments, rows)
     near = SAME_ROW * widths[behind]
-    apart = np.minimum(moments[behind] - ramps, ramps - moments[behind - 1]) > near
-    apart[1:] &= np.diff(ramps) > near[1:]
-    ramps, behind = ramps[apart], behind[apart]
-    edges = [part.start + int(np.sum(behind <= part.start)) for part in parts]
-    edges = [0, *edges[1:], len(moments) + len(ramps)]
+    apart = np.minimum(moments[behind] - rows, rows - moments[behind - 1]) > near
+    apart[1:] &= np.diff(rows) > near[1:]
+    rows, behind = rows[apart], behind[apart]
+    starts = np.array([part.start for part in parts[1:]], dtype=np.int64)
+    edges = [*(starts + np.searchsorted(behind, starts, side="right")).tolist()]
     return (
-        np.insert(moments, behind, ramps),
+        np.insert(moments, behind, rows),
         np.insert(widths, behind, widths[behind]),
         np.insert(measured, behind, False),
-        tuple(slice(a, b) for a, b in pairwise(edges)),
+        tuple(slice(a, b) for a, b in pairwise([0, *edges, len(moments) + len(rows)])),
     )
 
 
