@@ -1,7 +1,7 @@
 # make demo     the main job on data_samples/: tables, and figures in demo/figures
 # make test     the tests but the longest repetitions over seeds, which make test-slow runs; CI: both
 # make lint     ruff, mypy, import direction
-# make bench    speed as ratios measured in one run, and diagnose beside what a user would pick instead
+# make bench    speed as ratios in one run, memory by the row, diagnose beside what a user would pick
 # make study    error bands over fresh noise, hidden effects, the measured logs
 # make hidden   hidden effects alone; make measured: the measured logs alone
 # make exam     machines of other physics, known and unknown trouble: 324 logs; not in CI
@@ -61,6 +61,7 @@ lint: $(READY)
 
 bench: $(READY) $(BENCH_READY) $(BENCH_IDENTIFY_READY)
 	@$(BIN)/python benchmarks/speed.py
+	@$(BIN)/python benchmarks/memory.py
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/peers.py
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/orders.py speed
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/streaming.py

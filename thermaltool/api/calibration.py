@@ -103,7 +103,8 @@ def calibrate(
 ) -> Calibration:
     """Fit temperature and deflection models to measured logs.
 
-    Any input will do, not only a step; several logs are fitted together.
+    Any input will do, not only a step; several logs are fitted together. Of more than 100 000 rows
+    averages are fitted, and told.
 
     Parameters
     ----------
@@ -163,6 +164,7 @@ def calibrate(
     >>> round(fit.model.terms[0].response.dc_gain(), 3)
     0.2
     """
+    from thermaltool.fitting.averaging import averaged_rows
     from thermaltool.fitting.calibrate import CalibrationPlan
     from thermaltool.fitting.calibrate import calibrate as fit
 
@@ -186,6 +188,10 @@ def calibrate(
         read_for_fit(each, need, "response", (start, stop), warn=warn, **reading)
         for each in all_of(data)
     ]
+    for log, rows in zip(logs, averaged_rows(logs), strict=True):
+        if rows > 1:
+            count = f"{len(log):,}".replace(",", " ")
+            warn(f"{log.name}: {count} rows: every {rows} are averaged for the fit")
     model = fit(logs, plan, progress)
     progress("done\n")
     return Calibration(model, tuple(logs))

@@ -11,6 +11,7 @@ import numpy as np
 
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, ModelError
+from thermaltool.fitting.averaging import average, averaged_rows, of_readings
 from thermaltool.fitting.hold_choice import ChosenKinds, switched_between_rows
 from thermaltool.fitting.kind_candidate import KindCandidate, of_one_body
 from thermaltool.fitting.law_choice import explain, laws_of
@@ -18,7 +19,7 @@ from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, choose_response
-from thermaltool.fitting.start_choice import begins_away_from_rest
+from thermaltool.fitting.start_choice import begins_away_from_rest, rests
 from thermaltool.fitting.start_state import Initial
 from thermaltool.model import (
     Drive,
@@ -165,13 +166,18 @@ def calibrate(
         See `fit_output`.
     """
     plan.check()
-    drives = [plan.drive(channel) for channel in plan.drives]
+    measured, commanded = records, [plan.drive(channel) for channel in plan.drives]
+    drives, rows = commanded, averaged_rows(records)
+    if max(rows, default=1) > 1:
+        progress("averaging rows")
+        records, drives = average(records, drives, (*plan.sensors, *plan.deflections))
     outputs, terms, kinds = _fitted(records, plan, drives, progress)
     if plan.choose and plan.hold is None:
         progress("trying whether drives switch between rows")
         between = switched_between_rows(records, drives, kinds, plan.fixed, plan.free_start)
         if between:
             drives = [replace(d, hold="first") if d.channel in between else d for d in drives]
+            commanded = drives
             outputs, terms, kinds = _fitted(records, plan, drives, progress)
     effects, plain = tuple[Effect, ...](), kinds
     for _ in range(LAW_ROUNDS if plan.choose and not plan.linear else 0):
@@ -186,23 +192,24 @@ def calibrate(
         effects = found
         outputs, terms, kinds = with_laws
     ranges = (
-        _extent([relative(r.column(d.channel), d.reference, d.hold) for r in records])
-        for d in drives
+        _extent([relative(r.column(d.channel), d.reference, d.hold) for r in measured])
+        for d in commanded
     )
     model = Model(
-        drives=tuple(replace(d, range=own) for d, own in zip(drives, ranges, strict=True)),
-        outputs=tuple(outputs),
+        drives=tuple(replace(d, range=own) for d, own in zip(commanded, ranges, strict=True)),
+        outputs=tuple(of_readings(output, measured, rows) for output in outputs),
         terms=tuple(terms),
-        sample_period=min(record.period for record in records),
+        sample_period=min(record.period for record in measured),
         effects=effects,
-        provenance={"logs": [record.source for record in records if record.digest]},
+        provenance={"logs": [record.source for record in measured if record.digest]},
     )
-    model = _as_simulated(_with_rests(model, records), records)
+    model = _as_simulated(_with_rests(model, measured), measured)
     if plan.choose and plan.initial == "auto":
         progress("trying whether the machine begins at rest")
         chosen = [each for each in kinds if plan.chosen(each.output)]
-        if begins_away_from_rest(records, drives, chosen, effects, plan.fixed):
-            return _free_where_known(records, plan, model, progress)
+        still = all(rests(r, commanded, [each.output for each in chosen]) for r in measured)
+        if not still and begins_away_from_rest(records, drives, chosen, effects, plan.fixed):
+            return _free_where_known(measured, plan, model, progress)
     return model
 
 
@@ -298,11 +305,13 @@ def _as_simulated(model: Model, records: Sequence[Record]) -> Model:
     found, zeros = agreements(model, records), [zeros_of(model, record) for record in records]
     outputs, bent = [], {effect.channel for effect in model.effects if effect.side == "sensor"}
     for output in model.outputs:
-        own = found[output.channel]
+        own, averaged = found[output.channel], "averaged_rows" in output.fit
         fit = {
             "rmse": own.rmse,
             # ... of straightened readings where they are bent.
-            "rmse_zero_free": own.rmse_zero_free if output.channel in bent else output.fit["rmse"],
+            "rmse_zero_free": own.rmse_zero_free
+            if output.channel in bent or (averaged and not output.fit["free_start"])
+            else output.fit["rmse"],
             "max_error": own.max_error,
             "fit_percent": own.fit_percent,
             "zeros": [each[output.channel].document() for each in zeros],

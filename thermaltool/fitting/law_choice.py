@@ -19,6 +19,7 @@ from thermaltool.effects.dynamics import from_rest
 from thermaltool.effects.effect import Effect
 from thermaltool.effects.heat_capacity import HeatCapacity
 from thermaltool.effects.sensor_conversion import SensorConversion
+from thermaltool.fitting.averaging import row_noise
 from thermaltool.fitting.hold_choice import ChosenKinds
 from thermaltool.fitting.law_search import LawSearch
 from thermaltool.fitting.laws import Law, acting_records
@@ -27,7 +28,6 @@ from thermaltool.fitting.response_choice import MIN_ROWS
 from thermaltool.fitting.response_search import KindSearch
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
-from thermaltool.signals.resolution import reading_sigma
 from thermaltool.units import is_absolute, is_temperature
 
 # Levels beside rest and the largest that count as one [of the largest].
@@ -129,7 +129,7 @@ def explain(
         usual, other = fits
         if usual is None or other is None:
             return False
-        noise = max(reading_sigma(r.column(before.output)) for r in records) ** 2
+        noise = max(row_noise(r, before.output) for r in records) ** 2
         size, rest = (float(np.mean(fit.residual**2)) for fit in (usual, other))
         large.append(size > 2 * noise)
         left.append(rest - noise < MAX_LEFT_BY_LAW * (size - noise))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.averaging import known_noise
 from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.fitting.projection import CalibrationProblem, GridStates, Triangle
 from thermaltool.fitting.start_search import COARSE, StartSearch
@@ -200,6 +201,10 @@ class KindSearch:
         """Shortest sample period [s]."""
         return min(record.period for record in self.records)
 
+    @property
+    def _noise(self) -> float | None:
+        return known_noise(self.records, self.output)
+
     def _parametrization(self, kinds: Sequence[str]) -> Parametrization:
         classes = tuple(response_class(kind) for kind in kinds)
         constants = tuple({k: self.fixed.get(k, v) for k, v in c.fixed.items()} for c in classes)
@@ -230,7 +235,7 @@ class KindSearch:
                 break
             triangle = problem.compress(keep.astype(float))
             theta = search.refine(theta, triangle)[1]
-        self._data[(0.0,) * len(self.drives)] = _grouped(problem, keep)
+        self._data[(0.0,) * len(self.drives)] = _grouped(problem, keep, self._noise)
         return np.asarray(keep)
 
     def _assemble(self, delays: tuple[float, ...]) -> CalibrationProblem:
@@ -247,7 +252,7 @@ class KindSearch:
         """
         keep = self._sound
         if delays not in self._data:
-            self._data[delays] = _grouped(self._assemble(delays), keep)
+            self._data[delays] = _grouped(self._assemble(delays), keep, self._noise)
         return self._data[delays]
 
     def size(self, kinds: Sequence[str], delays: tuple[float, ...], theta: Float) -> float:
@@ -301,7 +306,9 @@ def _silent(message: str) -> None:
     """No word of progress."""
 
 
-def _grouped(problem: CalibrationProblem, keep: NDArray[np.bool_]) -> CandidateData:
+def _grouped(
+    problem: CalibrationProblem, keep: NDArray[np.bool_], noise: float | None
+) -> CandidateData:
     """Means of groups of rows, each times the root of its number, so that noise stays white."""
     size = -(-int(keep.sum()) // MAX_GROUPS)
     record = problem.record[keep]
@@ -321,5 +328,5 @@ def _grouped(problem: CalibrationProblem, keep: NDArray[np.bool_]) -> CandidateD
         grouped.compress(np.ones(rows)),
         np.arange(rows) * min(BLOCKS, rows) // rows % FOLDS,
         root**2,
-        difference_sigma(problem.measured[keep]),
+        difference_sigma(problem.measured[keep]) if noise is None else noise,
     )

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from thermaltool.effects.effect import Effect
+from thermaltool.fitting.averaging import row_noise
 from thermaltool.fitting.hold_choice import ChosenKinds
 from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.response_choice import DECISIVE
@@ -18,7 +19,6 @@ from thermaltool.fitting.response_search import KindSearch
 from thermaltool.fitting.start_state import stands_still
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
-from thermaltool.signals.resolution import reading_sigma
 
 # Of the squared error beyond the noise of some output, where that is larger than the noise, a free
 # start leaves at most this share: it stands in for slow lags and curves, too, which leave more.
@@ -34,8 +34,7 @@ def begins_away_from_rest(
 ) -> bool:
     """Whether the same kinds of response with a free state at the first rows leave far less.
 
-    Not where all is off and stands still at first: that is rest, whatever else a free state may
-    explain.
+    Not to be asked where all `rests` at first, whatever else a free state may explain.
 
     Parameters
     ----------
@@ -47,8 +46,6 @@ def begins_away_from_rest(
         Laws of the drives that were found.
     fixed : mapping of parameter name to value
     """
-    if all(rests(record, drives, [each.output for each in chosen]) for record in records):
-        return False
     acting, zeroed = acting_records(records, drives, effects)
     evidence, explained = 0.0, False
     for each in chosen:
@@ -59,7 +56,7 @@ def begins_away_from_rest(
         rest = started.from_rest().fit(each.kinds, each.delays)
         if rest is None or free is None or not rest.size:
             continue
-        noise = max(reading_sigma(r.column(each.output)) for r in records) ** 2
+        noise = max(row_noise(r, each.output) for r in records) ** 2
         size, left = (float(np.mean(fit.residual**2)) - noise for fit in (rest, free))
         explained |= size > noise and left < MAX_LEFT_BY_START * size
         floor, rows = np.finfo(float).tiny, free.independent
