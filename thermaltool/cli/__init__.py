@@ -124,15 +124,20 @@ def _defaults(
     """Defaults of one command by parameter, from its options as they are written."""
     command = group.get_command(ctx, name)
     assert command is not None
-    known = {o.lstrip("-"): p.name for p in command.params for o in p.opts if o.startswith("--")}
-    for key in table:
+    known = {o.lstrip("-"): p for p in command.params for o in p.opts if o.startswith("--")}
+    for key, value in table.items():
         if key.replace("_", "-") not in known:
             from difflib import get_close_matches
 
             near = get_close_matches(key, known, n=1)
             hint = f" (did you mean {near[0]}?)" if near else ""
             raise click.UsageError(f"{config}: [{name}] has no option {key!r}{hint}")
-    return {known[key.replace("_", "-")]: value for key, value in table.items()}
+        option = known[key.replace("_", "-")]
+        several = option.multiple or option.nargs != 1
+        if not isinstance(value, str | int | float | list) or isinstance(value, list) > several:
+            what = "values" if several else "one value"
+            raise click.UsageError(f"{config}: [{name}] {key} takes {what}, not {value!r:.60}")
+    return {known[key.replace("_", "-")].name: value for key, value in table.items()}
 
 
 def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:
