@@ -11,7 +11,6 @@ import errno
 import hashlib
 import json
 import os
-import stat
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -19,6 +18,8 @@ from math import isfinite
 from typing import Any, BinaryIO, Literal
 
 from thermaltool.errors import ModelError, OutputError
+from thermaltool.files import read_whole, replaced_file
+from thermaltool.parsing import first_fault, parse_json
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class DocumentFormat:
 
         Raises
         ------
-        ValueError
+        ModelError
             NaN or infinity in the body.
         """
         return to_json(self.wrap(body), indent)
@@ -76,13 +77,7 @@ class DocumentFormat:
         ModelError
             No JSON, another format, no version or a newer one; each names `source`.
         """
-        try:
-            document = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise ModelError(
-                f"{source}:{error.lineno}: not JSON: {error.msg} (not {self.noun})"
-            ) from error
-        return self.check(document, source)
+        return self.check(parse_json(text, source, f" (not {self.noun})"), source)
 
     def check(self, document: Any, source: str) -> dict[str, Any]:
         """The document itself, if it is one of this format (ModelError as in `loads`)."""
@@ -105,6 +100,9 @@ class DocumentFormat:
         """Whether a document says that it is of this format, whatever its version."""
         return document.get("format") == self.name
 
+
+# Numbers of logs and documents: fourth powers of them, which fits form, are still numbers.
+MAX_NUMBER = 1e75
 
 MODEL = DocumentFormat("thermaltool-model", 1, "a thermaltool model", sealed=True)
 NOISE = DocumentFormat("thermaltool-noise", 1, "what thermaltool noise -o writes", False)
@@ -133,8 +131,12 @@ def jsonable(value: Any) -> Any:
 
 
 def to_json(document: Mapping[str, Any], indent: int | None = 1) -> str:
-    """A document as text: sorted keys, an end of line; ValueError for NaN and infinity."""
-    return json.dumps(document, sort_keys=True, indent=indent, allow_nan=False) + "\n"
+    """A document as text: sorted keys, an end of line; ModelError for NaN and infinity."""
+    try:
+        return json.dumps(document, sort_keys=True, indent=indent, allow_nan=False) + "\n"
+    except ValueError as error:
+        fault = first_fault(document) or str(error)
+        raise ModelError(f"cannot be written: {fault}") from error
 
 
 def write_json(document: Mapping[str, Any], target: str) -> None:
@@ -165,9 +167,9 @@ def read_text(path: str) -> tuple[str, str]:
     """
     try:
         if path == "-":
-            return sys.stdin.read(), source_name(path)
-        with open(path, encoding="utf-8") as stream:
-            return stream.read(), path
+            return read_whole(sys.stdin.buffer, source_name(path)).decode(), source_name(path)
+        with open(path, "rb") as stream:
+            return read_whole(stream, path).decode(), path
     except UnicodeDecodeError as error:
         raise ModelError(f"{path}: not a text file") from error
 
@@ -261,19 +263,29 @@ def mapping(value: Any) -> dict[str, Any]:
     return value
 
 
+def bounded(value: Any) -> dict[str, Any]:
+    """An object, all numbers of which are up to `MAX_NUMBER`."""
+    if fault := first_fault(mapping(value), limit=MAX_NUMBER):
+        raise ModelError(fault)
+    return mapping(value)
+
+
 def finite(value: Any) -> float:
-    """A number, neither NaN nor infinity."""
+    """A number up to `MAX_NUMBER`, neither NaN nor infinity."""
     number = isinstance(value, float | int) and not isinstance(value, bool)
-    # Beyond the largest float an integer is no number of a model.
     if not number or not abs(value) <= sys.float_info.max:
         raise ModelError(f"not a finite number: {value!r:.60}")
+    if abs(value) > MAX_NUMBER:
+        raise ModelError(f"too large, above {MAX_NUMBER:g}: {value:g}")
     return float(value)
 
 
 def above_zero(value: Any) -> float:
-    """A number above zero."""
+    """A number above zero, the reciprocal of which is one of a document."""
     if not (number := finite(value)) > 0:
         raise ModelError(f"not above 0: {number:g}")
+    if number < 1 / MAX_NUMBER:
+        raise ModelError(f"too small, below {1 / MAX_NUMBER:g}: {number:g}")
     return number
 
 
@@ -324,22 +336,8 @@ def atomic_output(target: str) -> Iterator[BinaryIO]:
             with open(path, "wb") as device:
                 yield device
             return
-        mode = stat.S_IMODE(os.stat(path).st_mode) if os.path.exists(path) else 0o666 & ~_umask()
-        folder, name = os.path.split(path)
-        import tempfile  # costs 5 ms, which a pipe does not pay
-
-        handle, temporary = tempfile.mkstemp(prefix=f".{name}.", dir=folder)
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                yield stream
-                stream.flush()
-                os.fsync(stream.fileno())
-            os.chmod(temporary, mode)
-            os.replace(temporary, path)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
-            raise
+        with replaced_file(path) as stream:
+            yield stream
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -369,9 +367,3 @@ def _discard_stdout() -> None:
     """Let what stdout still holds go nowhere: the interpreter flushes it once more at exit."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

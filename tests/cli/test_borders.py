@@ -63,6 +63,8 @@ def test_defaults_are_named_like_the_options(thermaltool, files):
     [
         ("check = 3\n", "[check] is no command"),
         ("[chekc]\n", "[chekc] is no command"),
+        ("[check]\nmax-gap = [5.0]\n", "[check] max-gap takes one value, not [5.0]"),
+        ("[check]\nmax-gap = 2020-01-01\n", "[check] max-gap takes one value, not datetime"),
         ("[check]\nmax-gpa = 5.0\n", "[check] has no option 'max-gpa' (did you mean max-gap?)"),
     ],
 )

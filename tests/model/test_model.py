@@ -201,7 +201,10 @@ def test_excursions():
         (edited("effects", value=["drift"]), r"effects\[0\]: not an object: 'drift'"),
         (edited("provenance", value="calibrate"), "provenance: not an object: 'calibrate'"),
         (edited("design", value="kalman"), "design: not an object: 'kalman'"),
-        (edited("drives", 0, "range", value=[0, 10**400]), "range: not a finite number: 10{59}$"),
+        (
+            edited("drives", 0, "range", value=[0, 10**400]),
+            "range\\[1\\]: not a finite number: 10{59}$",
+        ),
     ],
 )
 def test_unsound_files_are_named(text, message):
@@ -223,7 +226,7 @@ def test_what_an_older_file_may_lack():
 
 def test_no_nan_is_written():
     bad = model(outputs=(Output("T_a_degC", "sensor", float("nan"), (0.0, 1.0)),))
-    with pytest.raises(ValueError, match="JSON compliant"):
+    with pytest.raises(ValueError, match="not a finite number: nan"):
         dumps(bad)
 
 

@@ -274,9 +274,14 @@ def _calibration_logs(
 ) -> tuple[Log, ...]:
     """Logs that the model was calibrated on, where they still are what they were."""
     found, seen = [], {log.digest for log in given}
-    for source in model.provenance.get("logs", ()):
-        name, digest = source.get("name"), source.get("sha256")
-        if not digest or digest in seen or not os.path.isfile(name or ""):
+    sources = model.provenance.get("logs")
+    for source in sources if isinstance(sources, list | tuple) else ():
+        # A document of another program may hold anything here.
+        name, digest = (source.get(k) if isinstance(source, Mapping) else None
+                        for k in ("name", "sha256"))  # fmt: skip
+        if not (isinstance(name, str) and isinstance(digest, str)):
+            continue
+        if not digest or digest in seen or not os.path.isfile(name):
             continue
         try:
             log = read_log(name, **reading, need=model.needs())

@@ -38,7 +38,13 @@ COMMANDS: dict[str, str] = {
     "plant": "Write a test log from a simulated machine.",
 }
 
-INTERRUPTED, TERMINATED, CLOSED_PIPE = 128 + signal.SIGINT, 128 + signal.SIGTERM, 141
+INTERRUPTED, CLOSED_PIPE = 128 + signal.SIGINT, 141
+
+
+OUT_OF_MEMORY = (
+    "out of memory: take a shorter log, fewer columns (--columns) or a longer period "
+    "(check --resample)"
+)
 
 
 class LazyGroup(click.Group):
@@ -94,13 +100,16 @@ def group(ctx: click.Context, debug: bool, config: str | None) -> None:
     Logs are tables (CSV, Parquet, NDJSON) whose columns are named <quantity>_<place>_<unit>.
     """
     if config:
-        import tomllib
+        from thermaltool.files import read_whole
+        from thermaltool.parsing import parse_toml
 
         try:
             with open(config, "rb") as stream:
-                tables = tomllib.load(stream)
-        except (OSError, tomllib.TOMLDecodeError) as error:
-            raise click.UsageError(f"{config}: {error}") from error
+                tables = parse_toml(read_whole(stream, config), config)
+        except OSError as error:
+            raise click.UsageError(f"{config}: {error.strerror or error}") from error
+        except ThermalToolError as error:
+            raise click.UsageError(str(error)) from error
         for name, table in tables.items():
             if name not in COMMANDS or not isinstance(table, dict):
                 raise click.UsageError(f"{config}: [{name}] is no command")
@@ -115,26 +124,44 @@ def _defaults(
     """Defaults of one command by parameter, from its options as they are written."""
     command = group.get_command(ctx, name)
     assert command is not None
-    known = {o.lstrip("-"): p.name for p in command.params for o in p.opts if o.startswith("--")}
-    for key in table:
+    known = {o.lstrip("-"): p for p in command.params for o in p.opts if o.startswith("--")}
+    for key, value in table.items():
         if key.replace("_", "-") not in known:
             from difflib import get_close_matches
 
             near = get_close_matches(key, known, n=1)
             hint = f" (did you mean {near[0]}?)" if near else ""
             raise click.UsageError(f"{config}: [{name}] has no option {key!r}{hint}")
-    return {known[key.replace("_", "-")]: value for key, value in table.items()}
+        option = known[key.replace("_", "-")]
+        several = option.multiple or option.nargs != 1
+        if not isinstance(value, str | int | float | list) or isinstance(value, list) > several:
+            what = "values" if several else "one value"
+            raise click.UsageError(f"{config}: [{name}] {key} takes {what}, not {value!r:.60}")
+    return {known[key.replace("_", "-")].name: value for key, value in table.items()}
 
 
 def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:
-    """One line on stderr, as everything that a command says."""
-    click.echo(str(message), err=True)
+    """One line on stderr, as everything that a command says.
+
+    NumPy's own are about its operations, not about the user's data: an overflow ends in NaN or
+    infinity, which no writer takes.
+    """
+    if not isinstance(message, RuntimeWarning):
+        click.echo(str(message), err=True)
+
+
+def _end_by_signals() -> None:
+    """SIGTERM and SIGHUP as exceptions, so that a half-written file is taken away."""
+    for name in ("SIGTERM", "SIGHUP"):  # Windows has no SIGHUP
+        number = getattr(signal, name, None)
+        # nohup has its command go on.
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda number, frame: sys.exit(128 + number))
 
 
 def main() -> None:
     """Entry point: every way out has its exit code and at most one line on stderr."""
-    # As an exception, so that a half-written file is taken away.
-    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(TERMINATED))
+    _end_by_signals()
     warnings.showwarning = _show_warning
     debug = "--debug" in sys.argv[1:]
     name = " ".join(["thermaltool", *[arg for arg in sys.argv[1:] if arg in COMMANDS][:1]])
@@ -155,10 +182,15 @@ def main() -> None:
         # The interpreter flushes stdout once more at exit: give it somewhere to go.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = CLOSED_PIPE
-    except (ThermalToolError, MemoryError) as error:
+    except ThermalToolError as error:
         if debug:
             raise
-        click.echo(f"{name}: {error or 'out of memory'}".replace("\n", " "), err=True)
+        click.echo(f"{name}: {error}".replace("\n", " "), err=True)
+        code = 1
+    except MemoryError:
+        if debug:
+            raise
+        click.echo(f"{name}: {OUT_OF_MEMORY}", err=True)
         code = 1
     except OSError as error:
         if debug:

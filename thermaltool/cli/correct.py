@@ -82,8 +82,10 @@ def command(
             warn(sentence)
     fresh = None if validation is None else read.pop()
     found = correct(document, read, at, Form.usual(curve, size), refit)
-    write_model(found.model, output, command_line())
+    # The file last: where anything before it fails, the old one stays.
+    table = aligned(correction_table(found, document, fresh))
     if as_json:
         write_json(correction_document(found, document, fresh), "-")
-    elif not quiet:
-        warn(aligned(correction_table(found, document, fresh)))
+    write_model(found.model, output, command_line())
+    if not as_json and not quiet:
+        warn(table)

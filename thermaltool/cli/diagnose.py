@@ -102,13 +102,15 @@ def command(
         shared.keep_inputs(output, *calibration)
     shared.keep_from_report(report, calibration, None)
     refused = output is not None and found.diagnosis.spoiled
-    if output is not None and not refused:
-        found.write_extended(output, model, command_line())
+    # The files last: where anything before them fails, the old ones stay.
+    table = found.table()
+    write_json(found.document(), "-")
     if report is not None:
         found.write(report, lambda figure: shared.keep_inputs(figure, *inputs, *calibration))
-    write_json(found.document(), "-")
+    if output is not None and not refused:
+        found.write_extended(output, model, command_line())
     if not quiet:
-        warn(found.table())
+        warn(table)
     if refused:
         warn(f"{output} is not written: {refused} would be worse than by {model}")
     code = EXIT_CODES[found.diagnosis.verdict]

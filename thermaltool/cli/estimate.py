@@ -43,9 +43,11 @@ def command(
 
     shared.check_files(output, model, log)
     result = api.estimate(model, log, **options, warn=warn)
-    if output != "-" or not as_json:
-        write_table(result.columns, output, to_format)
+    # The file last: where anything before it fails, the old one stays.
+    table = result.table() if result.agreements else ""
     if as_json:
         write_json(result.document(), "-")
-    elif not quiet and result.agreements:
-        warn(result.table())
+    if output != "-" or not as_json:
+        write_table(result.columns, output, to_format)
+    if table and not as_json and not quiet:
+        warn(table)

@@ -62,9 +62,10 @@ def command(log: str, order: tuple[int, int] | None, method: str, long_order: in
         log, column_of(options), order, method=method, long_order=long_order,
         correct=regressions == "3", level=level, command=command_line(), warn=warn, **options,
     )  # fmt: skip
-    if output is not None:
-        write_json(result.document(), output)
+    # The file last: where anything before it fails, the old one stays.
     if as_json:
         write_json(result.document(), "-")
     elif output != "-":
         click.echo(result.table())
+    if output is not None:
+        write_json(result.document(), output)

@@ -90,12 +90,13 @@ def command(
     rest = shared.reference_of(reference)
     shared.check_files(model_file, *logs, options["validate"])
     found = api.identify(logs, inputs, outputs, reference=rest, warn=warn, **options)
-    if model_file is not None:
-        api.write_model(found, model_file, command_line())
+    notes = (*found.notes, *(found.model_notes if model_file is not None else ()))
+    # The file last: where anything before it fails, the old one stays.
     if as_json:
         write_json(found.document(), "-")
     elif model_file != "-":
         click.echo(found.table())
-    if not quiet:
-        for message in (*found.notes, *(found.model_notes if model_file is not None else ())):
-            warn(message)
+    if model_file is not None:
+        api.write_model(found, model_file, command_line())
+    for message in notes if not quiet else ():
+        warn(message)

@@ -77,17 +77,18 @@ def command(
     shared.keep_inputs(output, model)
     shape = None if regularization is None else Regularization(*regularization)
     found = sensor_kernel(document, sensor, shape, dt, window)
+    kernel, kept = found.kernel, found.steady_state_kept
+    summary = (
+        f"A0 = {kernel.A0:.6g}, A1 = {kernel.A1:.6g} s, error of a weight below "
+        f"{kernel.error:.1e}; a window of {window} keeps {100 * kept:.2f} % of the steady state"
+    )
+    # The file last: where anything before it fails, the old one stays.
     if as_json:
         write_json(found.document(), output)
     else:
         write_table(found.columns(), output, to_format)
-    for note in found.notes:
+    for note in (*found.notes, summary):
         warn(note)
-    kernel, kept = found.kernel, found.steady_state_kept
-    warn(
-        f"A0 = {kernel.A0:.6g}, A1 = {kernel.A1:.6g} s, error of a weight below "
-        f"{kernel.error:.1e}; a window of {window} keeps {100 * kept:.2f} % of the steady state"
-    )
 
 
 def _invert_rational(
@@ -98,8 +99,9 @@ def _invert_rational(
     document = read_model(model)
     shared.keep_inputs(output, model)
     found = inverse_model(document, filter_time, sensor, drive)
-    write_model(found.model, output)
     lags = ", ".join(f"{lag:.4g}" for lag in found.inverse.filter_lags)
     zeros = ", ".join(f"{z:.3g}" if z.imag else f"{z.real:.3g}" for z in found.inverse.zeros)
-    warn(f"filter of {lags} s; zeros at {zeros or 'none'} 1/s; steady gain "
-         f"{found.inverse.response.dc_gain():.4g}")  # fmt: skip
+    gain = found.inverse.response.dc_gain()
+    summary = f"filter of {lags} s; zeros at {zeros or 'none'} 1/s; steady gain {gain:.4g}"
+    write_model(found.model, output)
+    warn(summary)

@@ -40,16 +40,20 @@ def command(
     from thermaltool import api
     from thermaltool.documents import write_whole
     from thermaltool.report.noise import to_json
-    from thermaltool.report.style import figure_format, write_figure
+    from thermaltool.report.style import figure_format, render
 
     if plot is not None:
         figure_format(plot)
     shared.check_files(output, log)
     result = api.noise(log, **options, warn=warn)
     document = to_json(result.document())
-    for target in [output] * (output != "-") + ["-"] * as_json:
-        write_whole(document, target)
-    if plot is not None:
-        write_figure(result.draw, plot)
-    if not as_json:
+    # The files last: where anything before them fails, the old ones stay.
+    figure = None if plot is None else render(result.draw, figure_format(plot))
+    if as_json:
+        write_whole(document, "-")
+    else:
         click.echo(result.table())
+    if plot is not None and figure is not None:
+        write_whole(figure, plot)
+    if output != "-":
+        write_whole(document, output)

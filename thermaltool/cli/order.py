@@ -59,9 +59,10 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
         log, column_of(options), max_p=max_p, max_q=max_q, criteria=criteria, effort=effort,
         warn=warn, **options,
     )  # fmt: skip
-    if figure is not None:
-        write_figure(result.draw, figure)
+    # The file last: where anything before it fails, the old one stays.
     if as_json:
         write_json(result.document(), "-")
     else:
         click.echo(result.table())
+    if figure is not None:
+        write_figure(result.draw, figure)

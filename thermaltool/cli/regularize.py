@@ -79,8 +79,10 @@ def command(
                             progress=terminal_progress("regularize"))  # fmt: skip
     if quiet and result.design.refused is not None:
         warn(result.design.refused)
-    api.write_model(result, output)
+    # The file last: where anything before it fails, the old one stays.
+    table = result.table()
     if as_json:
         write_json(result.document(), "-")
-    elif not quiet:
-        warn(result.table())
+    api.write_model(result, output)
+    if not as_json and not quiet:
+        warn(table)

@@ -48,16 +48,15 @@ def command(
 
     shared.check_files(output, model, log)
     result = api.simulate(api.read_model(model), log, **options, warn=warn)
-    if output != "-" or not as_json:
-        write_table(result.columns, output, to_format)
+    if max_rmse is not None and not result.judged:
+        raise LogError("--max-rmse: no measured output to judge", result.log.name)
+    # The file last: where anything before it fails, the old one stays.
+    words = (result.table(), *result.notes) if result.agreements else ()
     if as_json:
         write_json(result.document(), "-")
-    elif not quiet and result.agreements:
-        warn(result.table())
-        for sentence in result.notes:
-            warn(sentence)
-    if max_rmse is not None:
-        if not result.judged:
-            raise LogError("--max-rmse: no measured output to judge", result.log.name)
-        if result.exceeds(max_rmse):
-            sys.exit(DID_NOT_PASS)
+    if output != "-" or not as_json:
+        write_table(result.columns, output, to_format)
+    for sentence in words if not as_json and not quiet else ():
+        warn(sentence)
+    if max_rmse is not None and result.exceeds(max_rmse):
+        sys.exit(DID_NOT_PASS)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from thermaltool.documents import finite
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 
@@ -98,9 +99,9 @@ def load_effect(document: Mapping[str, Any]) -> Effect:
     """
     cls = effect_class(document["name"])
     given = document["parameters"]
-    parameters = {name: float(given[name]) for name in document.get("covariance_names", given)}
+    parameters = {name: finite(given[name]) for name in document.get("covariance_names", given)}
     for name, value in parameters.items():
-        if name.partition("[")[0] not in cls.known or not np.isfinite(value):
+        if name.partition("[")[0] not in cls.known:
             raise ModelError(f"{cls.name}: no parameter {name} = {value:g}")
     covariance = document.get("covariance")
     return cls(

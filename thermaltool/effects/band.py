@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from thermaltool.documents import finite
 from thermaltool.effects.effect import Float
 from thermaltool.errors import ModelError
 
@@ -69,5 +70,5 @@ def load_band(document: Mapping[str, Any] | None) -> ScheduleBand | None:
     """
     if document is None:
         return None
-    levels = tuple(float(level) for level in document["levels"])
-    return ScheduleBand(str(document["channel"]), levels, int(document["index"]))
+    levels = tuple(finite(level) for level in document["levels"])
+    return ScheduleBand(str(document["channel"]), levels, int(finite(document["index"])))

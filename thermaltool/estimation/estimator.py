@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from thermaltool.documents import names
 from thermaltool.errors import FitError, ModelError
 from thermaltool.estimation.known_inputs import Feedforward, load_known_inputs
 from thermaltool.estimation.linear_estimator import LinearEstimator
@@ -336,7 +337,7 @@ def load_estimator(document: dict[str, Any]) -> Estimator:
 
 
 def _load_form(document: dict[str, Any]) -> Estimator:
-    sensors, drives, outputs = (tuple(document[k]) for k in ("sensors", "drives", "outputs"))
+    sensors, drives, outputs = (names(document[k]) for k in ("sensors", "drives", "outputs"))
     if document["form"] == "kalman":
         noise = tuple(
             SensorNoise(n["white_sigma"], n["drift_sigma"], n["drift_time_s"])

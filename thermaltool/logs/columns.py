@@ -9,7 +9,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from thermaltool.errors import LogError, UnitError
+from thermaltool.documents import finite
+from thermaltool.errors import LogError, ModelError, UnitError
+from thermaltool.files import read_whole
+from thermaltool.parsing import parse_toml
 from thermaltool.record import Array, hint
 from thermaltool.units import UNITS, clock_unit, parse_channel
 
@@ -50,8 +53,9 @@ class Angle:
     def of(self, first: Array, second: Array) -> Array:
         """φ in the unit of its name, from what both probes read."""
         lengths = [UNITS[parse_channel(probe).unit][1] for probe in self.probes]  # [µm]
-        radians = (lengths[1] * second - lengths[0] * first) / (1e3 * self.distance)
-        return np.asarray(1e6 * radians / UNITS[parse_channel(self.name).unit][1], float)
+        with np.errstate(over="ignore", invalid="ignore"):  # the reader refuses what overflows
+            radians = (lengths[1] * second - lengths[0] * first) / (1e3 * self.distance)
+            return np.asarray(1e6 * radians / UNITS[parse_channel(self.name).unit][1], float)
 
 
 @dataclass(frozen=True)
@@ -134,15 +138,13 @@ def read_map(source: Columns) -> ColumnMap:
 
 
 def _toml(path: str) -> dict[str, Any]:
-    import tomllib
-
     try:
         with open(path, "rb") as stream:
-            return tomllib.load(stream)
+            return parse_toml(read_whole(stream, path), path)
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror or error}", path) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise LogError(f"not TOML: {error}", path) from error
+    except ModelError as error:
+        raise LogError(str(error).removeprefix(f"{path}: "), path) from error
 
 
 _KEYS = ("time", "columns", "unmapped", "angles", *Dialect.__dataclass_fields__)
@@ -157,7 +159,7 @@ def _clock(entry: Any) -> Clock:
     if ("column" in entry) == ("period" in entry):
         raise _MapError("[time] takes either a column or a period")
     if "period" in entry:
-        period = float(_typed("time.period", entry["period"], (int, float)))
+        period = _number("time.period", entry["period"])
         if not period > 0:
             raise _MapError("time.period must be above 0 s")
         return Clock(period=period)
@@ -181,7 +183,7 @@ def _rename(name: str, entry: Any) -> Rename | None:
     _keys(f"columns.{name}", entry, ("name", "scale", "offset"))
     target = parse_channel(_typed(f"columns.{name}.name", entry.get("name"), str)).name
     scale, offset = (
-        float(_typed(f"columns.{name}.{key}", entry.get(key, default), (int, float)))
+        _number(f"columns.{name}.{key}", entry.get(key, default))
         for key, default in (("scale", 1.0), ("offset", 0.0))
     )
     return Rename(target, scale, offset)
@@ -198,8 +200,8 @@ def _angle(name: str, entry: Any) -> Angle:
     for probe in probes:
         if parse_channel(_typed(f"{place}.probes", probe, str)).dimension != "length":
             raise _MapError(f"{place}: {probe} is no displacement")
-    distance = float(_typed(f"{place}.distance_mm", entry.get("distance_mm"), (int, float)))
-    if not 0 < distance < float("inf"):
+    distance = _number(f"{place}.distance_mm", entry.get("distance_mm"))
+    if not distance > 0:
         raise _MapError(f"{place}.distance_mm must be above 0")
     return Angle(name, (probes[0], probes[1]), distance)
 
@@ -223,6 +225,13 @@ def _typed(place: str, value: Any, kind: Any) -> Any:
     if not isinstance(value, kind) or isinstance(value, bool):
         raise _MapError(f"{place} cannot be {value!r}")
     return value
+
+
+def _number(place: str, value: Any) -> float:
+    try:
+        return finite(value)
+    except ModelError as error:
+        raise _MapError(f"{place}: {error}") from error
 
 
 def _choice(place: str, value: Any, known: Sequence[str]) -> str:

@@ -63,7 +63,7 @@ class NdjsonTable:
                 record = decode(row.decode())
                 if not isinstance(record, dict):
                     raise ValueError("something else")
-            except ValueError as error:
+            except (ValueError, RecursionError) as error:
                 if row.endswith(b"\n"):
                     self.faults.append(LogError(f"not a JSON object: {error}", self.file, line))
                 else:

@@ -11,12 +11,21 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
 
+from thermaltool.documents import MAX_NUMBER
 from thermaltool.errors import LogError, UnitError
 from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import Clock, ColumnMap, Columns, Rename, read_map
 from thermaltool.logs.formats import format_of, load_format
 from thermaltool.logs.log import Log
-from thermaltool.logs.table import Cells, Kind, Table, first_faults, read_source
+from thermaltool.logs.table import (
+    MAX_TIME,
+    Cells,
+    Kind,
+    Table,
+    beyond_range,
+    first_faults,
+    read_source,
+)
 from thermaltool.record import Array, Record, hint
 from thermaltool.units import UNITS, clock_unit, names, parse_channel
 
@@ -74,7 +83,8 @@ def read_log(
     ------
     LogError
         With file, line and column: unreadable, empty, truncated, ragged, text or infinity in a
-        number, unknown unit, column missing or there twice, clock absent, backward or repeated,
+        number, a number too large to square, unknown unit, column missing or there twice, clock
+        absent, backward or repeated,
         a missing value under ``raise``.
     UnitError
         A column of a record whose name has no known unit.
@@ -114,7 +124,11 @@ def read_log(
         epoch=epoch,
         lines=cells.lines,
     )
-    log = _without_gaps(_with_angles(log, mapping), need, nan_policy)
+    log, beyond = _within_range(_with_angles(log, mapping), plan.clock.column)
+    if strict and beyond:
+        raise beyond[0]
+    problems += beyond
+    log = _without_gaps(log, need, nan_policy)
     missing = [] if not strict else _first_missing(log, plan.clock.column)
     faults = [*faults, *missing, *_disorder(log, plan.clock.column)]
     if strict and faults:
@@ -134,6 +148,8 @@ def _of_record(record: Record, nan_policy: str, max_gap: float | None, need: Seq
         record = Log(**own, lines=np.arange(1, len(record) + 1))
         if not record.digest:
             record = replace(record, digest=_samples_digest(record))
+    if faults := _within_range(record, "time_s")[1]:
+        raise faults[0]
     log = _without_gaps(record, need, nan_policy)
     if faults := [*_first_missing(log, "time_s"), *_disorder(log, "time_s")]:
         raise faults[0]
@@ -179,21 +195,25 @@ def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:
     kinds: list[Kind] = [None] * len(table.names)
     renames: dict[int, Rename] = {}
     problems: list[LogError] = []
+    # Tables of some ten thousand columns: no search through those before.
+    seen: set[str] = set()
+    taken: set[str] = set()
 
     def fault(message: str, name: str | None) -> None:
         problems.append(LogError(message, file, table.header_line, name))
 
     for i, name in enumerate(table.names):
-        if name in table.names[:i]:
+        if name in seen:
             fault("this name is there twice", name)
             continue
+        seen.add(name)
         if name == clock.column:
             kinds[i] = "text" if clock.unit == "iso" else "number"
             continue
         rename = mapping.rename(name)
         if rename is None:
             continue
-        if any(rename.name == other.name for other in renames.values()):
+        if rename.name in taken:
             fault(f"two columns are mapped to {rename.name}", name)
             continue
         if not name:
@@ -204,6 +224,7 @@ def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:
         except UnitError as error:
             fault(str(error).removeprefix(f"{rename.name}: "), name)
         kinds[i], renames[i] = "number", rename
+        taken.add(rename.name)
     return _Plan(clock, kinds, renames, problems)
 
 
@@ -266,7 +287,8 @@ def iso_clock(
 def _scaled(values: Array, rename: Rename) -> Array:
     if rename.scale == 1.0 and rename.offset == 0.0:
         return values
-    return rename.scale * values + rename.offset
+    with np.errstate(over="ignore"):  # what overflows is refused with what is too large
+        return rename.scale * values + rename.offset
 
 
 def _with_angles(log: Log, mapping: ColumnMap) -> Log:
@@ -279,11 +301,28 @@ def _with_angles(log: Log, mapping: ColumnMap) -> Log:
     return log
 
 
+def _within_range(log: Log, clock: str | None) -> tuple[Log, list[LogError]]:
+    """The log, NaN where a number is too large to be worked with, and where that is."""
+    faults = first_faults(beyond_range(log.name, clock, log.time, log.lines, MAX_TIME))
+    if faults:
+        log = replace(log, time=np.where(np.abs(log.time) > MAX_TIME, np.nan, log.time))
+    kept = {}
+    for name, values in log.columns.items():
+        if found := beyond_range(log.name, name, values, log.lines):
+            kept[name] = np.where(np.abs(values) > MAX_NUMBER, np.nan, values)
+            faults += first_faults(found)
+    return log.with_columns(kept) if kept else log, faults
+
+
 def _without_gaps(log: Log, need: Sequence[str], policy: str) -> Log:
     """Apply the policy for missing values to the channels of `need`."""
     if policy not in NAN_POLICIES:
         raise ValueError(f"nan_policy {policy!r}: one of {', '.join(NAN_POLICIES)}")
     needed = {name: log.column(name) for name in need}
+    for name, values in needed.items():
+        # A fit divides by squares, which would be 0.
+        if 0 < np.fmax.reduce(np.abs(values), initial=0.0) < 1 / MAX_NUMBER:
+            raise LogError(f"too small, none above {1 / MAX_NUMBER:g}", log.name, None, name)
     if policy == "omit":
         bad = np.isnan(log.time)
         for values in needed.values():

@@ -12,7 +12,7 @@ from thermaltool.errors import LogError
 from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import Clock, ColumnMap
 from thermaltool.logs.reader import iso_clock, open_source, read_log
-from thermaltool.logs.table import Kind
+from thermaltool.logs.table import MAX_TIME, Kind, beyond_range
 from thermaltool.record import Array, Record, hint
 from thermaltool.units import UNITS, clock_unit
 
@@ -81,6 +81,9 @@ def read_series(
     if not rows.any():
         raise LogError("no row is left" if time.size else "no rows", name)
     time, values, lines = time[rows], values[rows], lines[rows]
+    beyond = beyond_range(name, None, time, lines, MAX_TIME)
+    for error in beyond or beyond_range(name, column, values, lines):
+        raise error
     steps = np.diff(time)
     for k in np.flatnonzero(~(steps > 0.0))[:1]:
         message = f"the clock does not increase: {time[k + 1]:.15g} s"

@@ -12,7 +12,9 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.documents import MAX_NUMBER
 from thermaltool.errors import LogError
+from thermaltool.files import read_whole
 from thermaltool.record import Array
 
 # How a column is wanted: as numbers, as text (an ISO clock), or not at all.
@@ -20,6 +22,8 @@ Kind = Literal["number", "text"] | None
 
 # Problems of one kind in one column that are listed one by one; the rest is counted.
 MAX_LISTED = 5
+# Clocks are compared in whole microseconds, which an integer has to hold [s].
+MAX_TIME = 9e12
 UNFINISHED = "the last line is unfinished: left out"
 
 
@@ -107,13 +111,31 @@ def without_infinity(array: Array, file: str, name: str) -> tuple[Array, list[Lo
     return np.where(infinite, np.nan, array), faults
 
 
+def beyond_range(
+    file: str, name: str | None, values: Array, lines: NDArray[np.intp], limit: float = MAX_NUMBER
+) -> list[LogError]:
+    """Where numbers of a column are too large to be worked with.
+
+    Parameters
+    ----------
+    file, name : str
+        What messages call the log, and the column.
+    values : ndarray, shape (n,)
+    lines : ndarray of int, shape (n,)
+    limit : float
+    """
+    rows = np.flatnonzero(np.abs(values) > limit)
+    what = "too large for a clock" if limit == MAX_TIME else f"too large, above {limit:g}"
+    return [LogError(f"{what}: {values[k]:g}", file, int(lines[k]), name) for k in rows]
+
+
 def read_source(source: str) -> InputBytes:
     """All bytes of a file, or of stdin for ``-``; a file that cannot be read is a LogError."""
     try:
         if source == "-":
-            return InputBytes("<stdin>", sys.stdin.buffer.read())
+            return InputBytes("<stdin>", read_whole(sys.stdin.buffer, "<stdin>"))
         with open(source, "rb") as stream:
-            return InputBytes(source, stream.read())
+            return InputBytes(source, read_whole(stream, source))
     except IsADirectoryError as error:
         raise LogError("this is a folder, not a log", source) from error
     except OSError as error:

@@ -321,7 +321,7 @@ def _load(whole: Part) -> Model:
         terms=tuple(_load_term(part) for part in whole.parts("terms")),
         sample_period=whole.read("sample_period_s", documents.above_zero),
         provenance=whole.read("provenance", documents.mapping, {}),
-        design=whole.read("design", documents.mapping, None),
+        design=whole.read("design", documents.bounded, None),
         effects=tuple(_load_effect(part) for part in whole.parts("effects", ())),
     )
     _check_ends(model)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -17,6 +16,7 @@ from thermaltool.errors import LogError, ModelError
 from thermaltool.logs import Log, read_log
 from thermaltool.logs.table import UNFINISHED, read_source
 from thermaltool.model import loads
+from thermaltool.parsing import parse_json
 from thermaltool.report.records import RESIDUAL, SETPOINT
 
 Kind = Literal[
@@ -77,13 +77,12 @@ def read_document(source: str) -> Content:
     name = raw.name
     try:
         text = raw.data.decode("utf-8-sig")
-        document = json.loads(text)
+        document = parse_json(text, name)
     except UnicodeDecodeError as error:
         raise LogError("not a text file", name) from error
-    except json.JSONDecodeError as error:
+    except ModelError as error:
         lines = " (a log of JSON lines: name it .ndjson, or give --from ndjson)"
-        more = lines if error.msg == "Extra data" else ""
-        raise LogError(f"not JSON: {error.msg}{more}", name, error.lineno) from error
+        raise LogError(f"{error}{lines if 'Extra data' in str(error) else ''}") from error
     if MODEL.matches(document):
         return Content("model", name, loads(text, name))
     if NOISE.matches(document):

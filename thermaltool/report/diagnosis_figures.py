@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from thermaltool.files import file_words
 from thermaltool.record import Record
 from thermaltool.report.diagnosis_words import DECISIVE_EVIDENCE, Document, called, number
 from thermaltool.report.style import (
@@ -40,7 +42,7 @@ MAX_FIGURES, MAX_BARS = 6, 12
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as PNG: what its file's name ends in, and what it shows."""
+    """A figure as PNG: what its file's name ends in (`file_words`), and what it shows."""
 
     name: str
     what: str
@@ -59,16 +61,16 @@ def pictures(curves: Sequence[tuple[str, Record]], document: Document) -> Iterat
         The diagnosis as JSON.
     """
     several = len({record.name for _, record in curves}) > 1
-    kept = sorted(range(len(curves)), key=lambda k: -_misfit(curves[k][1]))[:MAX_FIGURES]
-    for k in sorted(kept):
-        output, record = curves[k]
-        file = Path(record.name)
-        what = f"{output} in {file.name}: measured, computed, residual"
-        png = render(lambda k=k: draw_curves(*curves[k], document), "png")  # type: ignore[misc]
-        yield Picture(f"{output}_{file.stem}" if several else output, what, png)
+    by_misfit = sorted(range(len(curves)), key=lambda k: -_misfit(curves[k][1]))
+    kept = [curves[k] for k in sorted(by_misfit[:MAX_FIGURES])]
+    names = [f"{o}_{Path(record.name).stem}" if several else o for o, record in kept]
+    *words, evidence = file_words([*names, "evidence"])
+    for word, (output, record) in zip(words, kept, strict=True):
+        what = f"{output} in {Path(record.name).name}: measured, computed, residual"
+        yield Picture(word, what, render(partial(draw_curves, output, record, document), "png"))
     if document["tried"]:
         png = render(lambda: draw_evidence(document), "png")
-        yield Picture("evidence", "Evidence of every cause that was tried", png)
+        yield Picture(evidence, "Evidence of every cause that was tried", png)
 
 
 def worst(curves: Sequence[tuple[str, Record]]) -> tuple[str, Record]:

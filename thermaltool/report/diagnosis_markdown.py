@@ -49,14 +49,15 @@ def write_report(
     """
     from thermaltool.report.diagnosis_figures import pictures
 
-    # Figures first: the report appears when what it shows is there.
-    figures = []
-    for picture in pictures(curves, document):
-        target = f"{os.path.splitext(path)[0]}_{picture.name}.png"
+    drawn = {f"{os.path.splitext(path)[0]}_{p.name}.png": p for p in pictures(curves, document)}
+    figures = [(os.path.basename(target), picture.what) for target, picture in drawn.items()]
+    markdown = to_markdown(document, figures).encode()
+    for target in drawn:
         check(target)
+    # Figures first: the report appears when what it shows is there.
+    for target, picture in drawn.items():
         write_whole(picture.png, target)
-        figures.append((os.path.basename(target), picture.what))
-    write_whole(to_markdown(document, figures).encode(), path)
+    write_whole(markdown, path)
 
 
 def to_markdown(document: Document, figures: Sequence[tuple[str, str]]) -> str:

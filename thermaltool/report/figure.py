@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from thermaltool.errors import LogError
+from thermaltool.errors import LogError, ThermalToolError
 from thermaltool.report.content import Content
 from thermaltool.report.kernels import draw_inversion, draw_kernel
 from thermaltool.report.models import draw_model, draw_trade_off
@@ -68,5 +68,14 @@ def draw(contents: Sequence[Content], channels: Sequence[str] = ()) -> Figure:
         )
     try:
         return FIGURES[kinds](*ordered, channels)
+    except ThermalToolError:
+        raise
     except KeyError as error:
         raise LogError(f"{error.args[0]!r} is missing", ordered[0].name) from error
+    except (AttributeError, IndexError, TypeError, ValueError) as error:
+        # A document of a report has no format and no readers: its figure finds what is wrong.
+        documents = [each for each in ordered if isinstance(each.data, Mapping)]
+        if not documents:
+            raise
+        message = f"not what the command wrote: no figure of these numbers ({error})"
+        raise LogError(message, documents[0].name) from error

@@ -1,0 +1,168 @@
+"""Files that appear whole, and names of files that hold a word of the user's data."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import stat
+import time
+import unicodedata
+from collections.abc import Iterator, Sequence
+from typing import BinaryIO
+
+# What a temporary file is called: hidden, the target's name, and a mark by which a later run knows
+# what a killed one has left.
+MARK = ".thermaltool-part"
+# Younger ones may belong to a run that is only slow to lock its own [s].
+STALE_AFTER = 60.0
+# Bytes of a file's name; 255 in the usual file systems.
+MAX_NAME = 255
+# Bytes that a word of the user's data may take of it.
+MAX_WORD = 100
+# Bytes of a line: a hundred thousand columns fit, an input without lines does not.
+MAX_LINE = 2**24
+READ_AT_ONCE = 2**20
+
+
+def read_whole(stream: BinaryIO, name: str) -> bytes:
+    """All bytes of an input, unless it is one that has no lines and no end.
+
+    Parameters
+    ----------
+    stream : binary file
+    name : str
+        What messages call it.
+
+    Raises
+    ------
+    OSError
+        A line longer than `MAX_LINE`; Parquet has no lines.
+    """
+    pieces: list[bytes] = []
+    length = 0  # of the last line so far
+    while piece := stream.read(READ_AT_ONCE):
+        pieces.append(piece)
+        end = max(piece.rfind(b"\n"), piece.rfind(b"\r"))
+        length = length + len(piece) if end < 0 else len(piece) - end - 1
+        if length > MAX_LINE and not pieces[0].startswith(b"PAR1"):
+            size = f"{MAX_LINE // 2**20} MiB"
+            raise OSError(errno.EFBIG, f"a line longer than {size}: no log and no document", name)
+    return b"".join(pieces)
+
+
+@contextlib.contextmanager
+def replaced_file(path: str) -> Iterator[BinaryIO]:
+    """A file beside `path` for bytes; it takes the place of `path` when the block ends well.
+
+    It is locked while it is open: what a killed process left is not, and is taken away by the next
+    that writes the same file.
+
+    Raises
+    ------
+    OSError
+        It cannot be written. What was there before still is.
+    """
+    mode = stat.S_IMODE(os.stat(path).st_mode) if os.path.exists(path) else 0o666 & ~_umask()
+    folder, name = os.path.split(path)
+    _remove_stale(folder, name)
+    import tempfile  # costs 5 ms, which a pipe does not pay
+
+    handle, temporary = tempfile.mkstemp(prefix=_prefix(name), suffix=MARK, dir=folder)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            _lock(handle)
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+            os.chmod(temporary, mode)
+            os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)
+        raise
+    _sync_folder(folder)
+
+
+def _prefix(name: str) -> str:
+    # A name may be as long as the file system allows, and a temporary one adds to it.
+    room = MAX_NAME - len(MARK) - 20
+    return f".{name.encode()[:room].decode(errors='ignore')}."
+
+
+def _remove_stale(folder: str, name: str) -> None:
+    """Take away what killed runs have left beside a file."""
+    pattern = re.compile(re.escape(_prefix(name)) + r"[a-z0-9_]{8}" + re.escape(MARK))
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if pattern.fullmatch(entry.name) and _is_stale(entry):
+                os.unlink(entry.path)
+
+
+def _is_stale(entry: os.DirEntry[str]) -> bool:
+    """Whether a temporary file is old and no process holds it."""
+    if entry.is_symlink() or time.time() - entry.stat().st_mtime < STALE_AFTER:
+        return False
+    handle = os.open(entry.path, os.O_RDONLY)
+    try:
+        return _lock(handle)
+    finally:
+        os.close(handle)
+
+
+def _lock(handle: int) -> bool:
+    """Whether a file could be locked; where the system or the file system knows no locks, not."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _sync_folder(folder: str) -> None:
+    """Make a new name last through a power cut; not every system or file system can."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder or ".", os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def file_words(names: Sequence[str]) -> list[str]:
+    """A part of a file's name for each of several names of channels, logs or causes.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Any text; equal ones get words of their own.
+
+    Returns
+    -------
+    list of str
+        Letters, digits, ``_``, ``-``, ``+`` and inner points: no folder, no hidden file. No two
+        are the same, even where a file system does not tell capitals.
+    """
+    words: list[str] = []
+    taken: set[str] = set()
+    for name in names:
+        plain = re.sub(r"[^\w+.-]", "-", unicodedata.normalize("NFKC", name)).strip(".")
+        word = base = plain.encode()[:MAX_WORD].decode(errors="ignore") or "-"
+        count = 1
+        while word.casefold() in taken:
+            count += 1
+            word = f"{base}_{count}"
+        taken.add(word.casefold())
+        words.append(word)
+    return words
