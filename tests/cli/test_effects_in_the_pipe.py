@@ -73,7 +73,8 @@ def compensate(*arguments, text=""):
 def streamed(path, log):
     """Estimates of compensate: all lines but the last, which is the end."""
     done = compensate(path, log, "--also", "estimates")
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr.count("\n")) == (0, 1)
+    assert ": starts from rest" in done.stderr
     return {n: v[:-1] for n, v in table(done.stdout).items()}
 
 

@@ -269,7 +269,7 @@ def run_stream(
                 whole(data)
 
             killing.enter_context(mock.patch.object(stream.pipe, "write", dying))
-            killing.enter_context(mock.patch.object(stream, "_finish", lambda: None))
+            killing.enter_context(mock.patch.object(stream, "_finish"))
         try:
             stream.run()
         except Killed:
