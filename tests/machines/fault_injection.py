@@ -37,6 +37,7 @@ from thermaltool.runtime.stream import open_stream
 PERIOD, SLEW, STEP, LIMIT = 0.5, 4.0, 0.5, 90.0
 SENSORS = ("T_near_degC", "T_far_degC", "T_wall_degC")
 NAMES = ("time_s", *SENSORS)
+HEADER_OF = {n: ",".join(NAMES[: 1 + n]).encode() for n in (1, 2, 3)}
 # Limits hold in the tests for what a line may move: two periods at the slew rate, and the grid.
 MOST = SLEW * 2 * PERIOD + 1.25 * STEP
 WHOLE_PIPELINE, WHOLE_WITHOUT = EstimatorPipeline.of, leave_one_out.without
@@ -290,7 +291,7 @@ def trial(seed: int, number: int, folder: Path) -> tuple[list[str], list[str]]:
     t = Trial(rng, np.random.default_rng([seed, number]), rng.choice([1, 1, 2, 3]))
     rows = rng.randrange(60, 260)
     readings = warming(t.numbers, t.sensors, rows)
-    t.lines = [b",".join(name.encode() for name in NAMES[: 1 + t.sensors])]
+    t.lines = [HEADER_OF[t.sensors]]
     t.lines += [
         b"%g,%s" % (k * PERIOD, b",".join(b"%.3f" % x for x in row))
         for k, row in enumerate(readings)

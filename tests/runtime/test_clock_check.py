@@ -61,6 +61,26 @@ def test_lines_that_come_more_slowly_than_expected_are_not_doubted_for_long():
     assert seconds == [0.0, None, 20.0, *[10.0] * 6]
 
 
+@pytest.mark.parametrize(
+    ("pace", "pause", "taken"),
+    [(1.0, 2.0, 1.0), (1.0, 3600.0, 3601.0), (0.0, 0.0, 3601.0)],
+    ids=["set", "paused", "played"],
+)
+def test_a_leap_that_the_computer_has_not_seen_is_a_clock_that_was_set(pace, pause, taken):
+    """Lines live: an hour ahead at once is no pause. A log that is played has its pauses."""
+    wall = 0.0
+    check = ClockCheck(nobody, expected=1.0, now=lambda: wall)
+    check.report, said = (lambda channel, message: said.append(message)), []
+    for k in range(20):
+        wall += pace
+        assert check.take(float(k)) is not None
+    wall += pause
+    assert check.take(3619.0) is None
+    wall += pace
+    assert check.take(3620.0) == taken
+    assert ("the clock was set" in said[-1]) == (taken == 1.0)
+
+
 def test_a_clock_that_was_set_ahead_by_years_is_followed():
     check = ClockCheck(nobody, expected=1.0)
     seconds, said, shifts = checked(check, [0.0, 1.0, 1.7e9, 1.7e9 + 1, 1.7e9 + 2])

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from time import monotonic
 
 from thermaltool.errors import LogError
 from thermaltool.responses.modes import CLOCK_STEP
@@ -15,6 +16,8 @@ from thermaltool.runtime.messages import Report
 DOUBTED_PERIODS = 5
 # The period of lines whose clock is checked is the median of so many steps.
 RECENT_STEPS = 9
+# Lines that come at this part of their own pace, or more slowly, are not played from a log.
+LIVE_PACE = 0.5
 # A clock that was put back and then goes on for longer than this [s] is another's.
 DOUBTED_PAUSE = 7200.0
 # A pause beyond this [s], four months, is none: the clock was set.
@@ -76,6 +79,9 @@ class ClockCheck:
         The period that is expected, where it matters.
     on_set : callable
         Gets by how much the clock was set [s], before it is followed.
+    now : callable
+        Seconds of the computer. Where lines come at its pace, a leap that it has not seen is a
+        clock that was set.
     last : float [s] or None
         The last time that was accepted.
     known_pause : float [s]
@@ -89,12 +95,14 @@ class ClockCheck:
     expected: float = math.inf
     period: PeriodCheck | None = None
     on_set: Callable[[float], None] = lambda shift: None
+    now: Callable[[], float] = monotonic
     last: float | None = field(default=None, init=False)
     known_pause: float = field(default=0.0, init=False)
     _refused: int = field(default=0, init=False)
     _refused_from: float = field(default=math.inf, init=False)
     _ahead: float = field(default=math.inf, init=False)
     _recent: deque[float] = field(default_factory=lambda: deque(maxlen=RECENT_STEPS), init=False)
+    _arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=RECENT_STEPS), init=False)
 
     def take(self, time: float) -> float | None:
         """Seconds since the last accepted time, 0 for the first; None where it is refused.
@@ -136,6 +144,7 @@ class ClockCheck:
     def _learn(self, step: float) -> None:
         if self.expected < math.inf:
             self._recent.append(step)
+            self._arrivals.append(self.now())
 
     def _doubted(self, time: float, step: float, last: float) -> float | None:
         """The same for a step that is too small or too large."""
@@ -157,12 +166,21 @@ class ClockCheck:
             self._report_refusal(time, last)
             return None
         self._learn(after)
-        if step < LONGEST_PAUSE:
+        if step < LONGEST_PAUSE and not self._unseen(step):
             if step > self.max_gap:
                 self.report("", f"a pause of {step:g} s")
             return step
         self._follow(time, last, step - after)
         return after
+
+    def _unseen(self, step: float) -> bool:
+        """Whether lines come at the computer's pace, and it has not seen such a pause."""
+        if len(self._arrivals) < RECENT_STEPS:
+            return False
+        # What is learnt last is the line that confirms the leap.
+        *_, before, _ = self._arrivals
+        span, steps = before - self._arrivals[0], sum(list(self._recent)[1:-1])
+        return span > LIVE_PACE * steps and self.now() - before < step / 2
 
     def _report_refusal(self, time: float, last: float) -> None:
         self.report("", f"time {time:.15g} s after {last:.15g} s: line ignored")

@@ -74,9 +74,9 @@ class Checkpoint:
 
     def check_folder(self) -> None:
         """Raise OutputError where no state could be kept."""
-        if Path(self.path).exists() and not Path(self.path).is_file():
+        if os.path.exists(self.path) and not os.path.isfile(self.path):
             raise OutputError(f"{self.path}: not a file that could hold a state")
-        if not Path(self.path).absolute().parent.is_dir():
+        if not os.path.isdir(os.path.dirname(os.path.abspath(self.path))):
             raise OutputError(f"{self.path}: the folder does not exist")
 
     def load(self) -> Kept | None:
@@ -89,7 +89,7 @@ class Checkpoint:
         OutputError
             It cannot be read.
         """
-        if not Path(self.path).exists():
+        if not os.path.exists(self.path):
             return None
         try:
             return self._read(self.path)
