@@ -325,7 +325,7 @@ def test_a_sensor_that_steps_for_good_is_lost_and_alone_leads_to_the_safe_setpoi
     assert "safe setpoint" in said
 
 
-@pytest.mark.parametrize("what", ["steps", "is lost", "comes off"])
+@pytest.mark.parametrize("what", ["steps", "is lost", "comes off", "was never there"])
 def test_one_of_three_sensors_is_left_out_and_the_others_go_on(watched, what):
     values = readings(1200)
     bad = values.copy()
@@ -333,6 +333,8 @@ def test_one_of_three_sensors_is_left_out_and_the_others_go_on(watched, what):
         bad[400:, 1] += 5.0
     elif what == "is lost":
         bad[400:, 1] = np.nan
+    elif what == "was never there":
+        bad[:, 1] = np.nan
     else:
         bad[400:, 1] -= np.linspace(0, 5.0, 800)
     _, clean, _ = run(watched, data=HEADER + text(values))
@@ -340,6 +342,19 @@ def test_one_of_three_sensors_is_left_out_and_the_others_go_on(watched, what):
     assert np.max(np.abs(setpoints(out[1:-1]) - setpoints(clean[1:-1]))) <= 6.0
     assert out[-2].endswith(",reduced")
     assert "T_far_degC: left out" in said
+
+
+def test_what_is_left_out_stays_out_over_a_restart(watched, tmp_path):
+    state, values = tmp_path / "state.json", readings(1600)
+    bad = values.copy()
+    bad[400:, 1] -= np.minimum(np.linspace(0, 6.0, 1200), 3.0)
+    _, clean, _ = run(watched, data=HEADER + text(values))
+    run(watched, "--checkpoint", state, data=HEADER + text(bad[:1400]))
+    lines = text(bad).splitlines(True)
+    options = ("--checkpoint", state, "--also", "status", "--slew", "1000")
+    _, out, _ = run(watched, *options, data=HEADER + b"".join(lines[1400:]))
+    assert {line.rpartition(",")[2] for line in out[3:-1]} == {"reduced"}
+    assert np.max(np.abs(setpoints(out[3:-1]) - setpoints(clean[1403:-1]))) <= 6.0
 
 
 def test_a_sensor_that_freezes_is_found_by_its_noise(model):

@@ -237,7 +237,10 @@ class SetpointProcess(Process):
             if math.isfinite(sum(self.estimates)):
                 return
             self.report("", "the estimates are not finite: started again from rest")
-        self._started = all(map(math.isfinite, inputs))
+        if isinstance(self.stepper, LeaveOneOut):
+            self._started = self.stepper.can_start(inputs)
+        else:
+            self._started = all(map(math.isfinite, inputs))
         if not self._started:
             self.estimates = self.stepper.rest()
             return
@@ -329,6 +332,7 @@ class SetpointProcess(Process):
             "estimates": self.estimates,
             "sensors": [sensor.state() for sensor in self.sensors],
             "setpoints": [[s.value, s.ramp] for s in self.setpoints],
+            "vote": None if self._vote is None else self._vote.state(),
         }
 
     def resume(self, state: dict[str, Any], age: float = 0.0) -> None:
@@ -346,6 +350,8 @@ class SetpointProcess(Process):
             `state` is not one of this compensator.
         """
         self.stepper.resume(state["estimator"])
+        if self._vote is not None and state.get("vote"):
+            self._vote.resume(state["vote"])
         self.estimates = [float(value) for value in state["estimates"]]
         self._started = bool(state["started"])
         for sensor, kept in zip(self.sensors, state["sensors"], strict=True):

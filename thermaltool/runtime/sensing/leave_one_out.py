@@ -87,17 +87,27 @@ class LeaveOneOut:
         """Estimates before anything is known."""
         return self._whole.rest()
 
+    def can_start(self, readings: list[float]) -> bool:
+        """Whether the first readings suffice: one may be missing (NaN) that others make up for."""
+        missing = [k for k, reading in enumerate(readings) if not math.isfinite(reading)]
+        return not missing or (len(missing) == 1 and self._others[missing[0]] is not None)
+
     def start(self, readings: list[float], settled: bool = False) -> list[float]:
-        """Estimates at the first readings; see `Stepper.start`."""
+        """Estimates at the first readings, one of which may be NaN; see `Stepper.start`."""
+        missing = next((k for k, reading in enumerate(readings) if reading != reading), None)
+        readings = _numbers(readings)
         estimates = self._whole.start(readings, settled)
         for k, other in enumerate(self._others):
             if other is not None:
-                other.start(_but(readings, k), settled)
-                self._met[k] = True
+                first = other.start(_but(readings, k), settled)
+                estimates = first[:-1] if k == missing else estimates
+                self._met[k] = missing in (None, k)
+        self._without = missing
         return estimates
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Estimates after a sample; see `Stepper.step`."""
+        readings = _numbers(readings)
         whole = self._whole.step(ticks, readings)
         chosen = whole
         out = next(iter(self.out)) if len(self.out) == 1 else None
@@ -130,8 +140,9 @@ class LeaveOneOut:
         return all(abs(a - b) <= tolerance for a, b, tolerance in pairs)
 
     def state(self) -> list[Any]:
-        """For `resume`, as JSON."""
-        return [self._whole.state(), *(each.state() if each else [] for each in self._others)]
+        """For `resume`, as JSON: each filter, which have met the whole, and what is left out."""
+        filters = [self._whole.state(), *(each.state() if each else [] for each in self._others)]
+        return [*filters, [self._met, self._without]]
 
     def resume(self, values: list[Any]) -> None:
         """Raises ValueError where `values` are no state of these filters.
@@ -141,12 +152,19 @@ class LeaveOneOut:
         if values and not isinstance(values[0], list):
             self._whole.resume(values)
             return
-        whole, *others = values
+        whole, *others, (met, left_out) = values
         self._whole.resume(whole)
-        for k, (each, kept) in enumerate(zip(self._others, others, strict=True)):
+        for each, kept in zip(self._others, others, strict=True):
             if each is not None:
                 each.resume(kept)
-                self._met[k] = True
+        if len(met) != len(self._others) or left_out not in (None, *range(len(met))):
+            raise ValueError("not a state of these filters")
+        self._met, self._without = [bool(each) for each in met], left_out
+
+
+def _numbers(readings: list[float]) -> list[float]:
+    """Rest for what has never been read: no filter that counts looks there."""
+    return [reading if reading == reading else 0.0 for reading in readings]
 
 
 def _but(readings: list[float], k: int) -> list[float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 # What the others foretell of a sensor may be off by this part of the range that the calibration
 # has seen, and by so many standard deviations of its white noise.
@@ -52,6 +53,17 @@ class Vote:
         others = max((size for k, size in enumerate(sizes) if k != worst), default=math.inf)
         if self._sums[worst] >= self.patience and sizes[worst] >= STANDS_OUT * others:
             self.against = worst
+
+    def state(self) -> list[Any]:
+        """For `resume`, as JSON."""
+        return [self._sums, self.against]
+
+    def resume(self, values: list[Any]) -> None:
+        """Go on from a state; raises TypeError or ValueError where it is none."""
+        sums, against = values
+        if len(sums) != len(self._sums) or against not in (None, *range(len(sums))):
+            raise ValueError("not a state of this vote")
+        self._sums, self.against = [float(each) for each in sums], against
 
     def forget(self) -> None:
         """Nothing is known."""
