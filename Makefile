@@ -78,7 +78,7 @@ study: $(READY)
 	@$(BIN)/python benchmarks/identify.py measured
 	@$(BIN)/python benchmarks/heaters.py
 	@$(BIN)/python benchmarks/stream_faults.py
-	@$(BIN)/python tests/machines/fault_injection.py --count 10000
+	@$(BIN)/python tests/faults/streams.py --count 10000
 	@$(BIN)/python tests/faults/mutations.py --count 10000
 	@$(MAKE) --no-print-directory hidden
 	@$(MAKE) --no-print-directory measured

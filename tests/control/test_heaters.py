@@ -173,6 +173,9 @@ def test_readings_that_are_lost_and_an_uneven_clock():
     stream = heater_power(each, chosen, Messages(lambda m: None), HEATER)
     held, given = [], []
     for k, t in enumerate(moments):
+        if k == 61:
+            # The first line behind a pause is not believed yet.
+            stream.take(Row(float(t) - 3.0, [7.0], ("",)))
         reading = np.nan if lost[k] else causal[k]
         held.append(held[-1] if lost[k] else causal[k])
         stream.take(Row(float(t), [reading], ("missing" if lost[k] else "",)))

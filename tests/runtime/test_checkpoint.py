@@ -50,4 +50,6 @@ def test_a_checkpoint_of_an_earlier_release_goes_on_without_a_step(compensator, 
     resumed.resume(Checkpoint(str(kept), resumed.digest).load().state)
     assert resumed.time == 199.0
     assert setpoints(resumed, 200, 400) == expected
-    assert resumed.state()["sensors"] == whole.state()["sensors"]
+    # How often readings repeat was not kept then.
+    each, other = (one.state()["sensors"] for one in (resumed, whole))
+    assert [{**s, "frozen": 0} for s in each] == [{**s, "frozen": 0} for s in other]

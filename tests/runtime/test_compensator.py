@@ -89,9 +89,7 @@ def test_safe_setpoints(compensator, safe, end):
     assert each.values() == wanted
 
 
-def test_until_sensors_have_been_good_the_setpoint_is_safe(
-    make_machine, make_kalman, compensator
-):
+def test_until_sensors_have_been_good_the_setpoint_is_safe(make_machine, make_kalman, compensator):
     each = compensator(make_machine(make_kalman(2)), safe=3.0)
     each.take(Row(0.0, [math.nan, math.nan], ("empty", "empty")))
     assert each.values() == [3.0, 3.0]

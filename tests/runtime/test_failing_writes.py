@@ -5,7 +5,7 @@ import os
 
 import numpy as np
 import pytest
-from machines.fault_injection import HEADER_OF, check, read_out, run_stream, warming
+from faults.streams import HEADER_OF, check, read_out, run_stream, warming
 
 from thermaltool.errors import ThermalToolError
 

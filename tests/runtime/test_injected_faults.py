@@ -2,7 +2,7 @@
 
 import secrets
 
-from machines.fault_injection import inject
+from faults.streams import inject
 
 
 def test_no_fault_makes_a_step_or_an_end_that_is_not_safe():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import sys
 from collections.abc import Callable, Iterator
 from time import monotonic
@@ -32,21 +33,28 @@ def background_emitter(command: str, quiet: int) -> Iterator[Callable[[str], Non
     """
     from thermaltool.runtime.line_writer import LineWriter
 
-    if quiet or sys.stderr is None:
-        yield lambda message: None
-        return
     try:
-        lines = LineWriter(sys.stderr.fileno())
+        descriptor = -1 if sys.stderr is None else sys.stderr.fileno()
     except (OSError, ValueError):  # no file: somebody catches what is said
-        yield lambda message: warn(f"thermaltool {command}: {message}")
+        yield lambda message: None if quiet else warn(f"thermaltool {command}: {message}")
         return
-    sys.stderr.flush()
+    lines = LineWriter(descriptor)
     try:
-        yield lambda message: lines.write(f"thermaltool {command}: {message}")
+        if quiet or descriptor < 0:
+            yield lambda message: None
+        else:
+            yield lambda message: lines.write(f"thermaltool {command}: {message}")
     finally:
-        if not lines.close():
-            # The interpreter writes its own last words there.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+        if descriptor >= 0 and not (lines.close() and _takes_more(descriptor)):
+            # The command and the interpreter write their last words there, and would wait.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
+
+
+def _takes_more(descriptor: int) -> bool:
+    """Whether a descriptor takes a line at once."""
+    poll = select.poll()
+    poll.register(descriptor, select.POLLOUT)
+    return any(event & select.POLLOUT for _, event in poll.poll(0))
 
 
 def terminal_progress(label: str) -> Callable[[str], None]:

@@ -13,7 +13,7 @@ import click
 from thermaltool.cli import shared
 from thermaltool.cli.types import POSITIVE, PositionType
 from thermaltool.documents import source_name
-from thermaltool.errors import ModelError, OutputError
+from thermaltool.errors import LogError, OutputError, ThermalToolError
 from thermaltool.logs.formats import FORMATS
 from thermaltool.runtime.rows import ROW_FORMATS
 from thermaltool.runtime.sinks import RECORDING_SINKS, SINKS
@@ -130,16 +130,19 @@ def run(
 
     if sys.stdout is None:
         raise OutputError("<stdout>: closed")
+    if log == "-" and sys.stdin is None:
+        write_safe_line(refused(), settings, 1, 1)
+        raise LogError("closed", "<stdin>")
     with background_emitter(command, quiet) as emit:
         messages = Messages(emit, source_name(log))
         with click.open_file(log, "rb") as source:
             with shared.usage_errors():
                 try:
                     process = make(messages)
-                except ModelError:
+                    stream = open_stream(process, settings, source.fileno(), 1, messages)
+                except ThermalToolError:
                     write_safe_line(refused(), settings, source.fileno(), 1)
                     raise
-                stream = open_stream(process, settings, source.fileno(), 1, messages)
             try:
                 number = stream.run()
             except BrokenPipeError:

@@ -137,6 +137,9 @@ class Setpoint:
             reach = self.rate * dt if self.rate < math.inf else math.inf
             self.ramp = slewed(self.ramp, self.limits.clip(wanted), reach)
             self.value = quantized(self.value, self.ramp, self.step)
+            # From outside, where it may begin, the last part of a step is taken at once.
+            if self.limits.clip(self.ramp) == self.ramp:
+                self.value = self.limits.clip(self.value)
         return self.value
 
     def jump(self, wanted: float) -> float:

@@ -44,7 +44,9 @@ def plausible_changes(
     seconds = dt * 2.0 ** np.arange(DOUBLINGS)
     starts = np.concatenate([[0.0], np.geomspace(dt / 4, 2 * seconds[-1], RESPONSE_TIMES)])
     changes = {}
-    for (column, output), each in zip(sensors.items(), noise, strict=True):
+    # What effects add to the terms may be faster: nothing bounds it here.
+    bounded = {} if model.effects else sensors
+    for (column, output), each in zip(bounded.items(), noise, strict=bool(bounded)):
         largest = np.zeros(DOUBLINGS)
         for term in model.terms:
             if term.output == output:
@@ -76,6 +78,8 @@ def reach_of(design: Mapping[str, Any], column: str) -> Callable[[float], float]
         return lambda seconds: math.inf
     kept = Part(design["plausible_change"], "design.plausible_change")
     seconds = _numbers(kept.read("seconds", items))
+    if column not in kept.part("largest").names():
+        return lambda elapsed: math.inf
     largest = _numbers(kept.part("largest").read(column, items))
     kept.as_whole(lambda whole: _same_length(seconds, largest))
     # Between two times the later one counts.

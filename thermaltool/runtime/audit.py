@@ -10,6 +10,9 @@ from typing import Any
 from thermaltool.errors import OutputError
 from thermaltool.runtime.line_writer import LineWriter
 
+# Every line of such a file begins so.
+BEGIN = b'{"utc": '
+
 
 class Audit:
     """A file to which events are appended; without a path it keeps nothing.
@@ -28,9 +31,17 @@ class Audit:
         self._descriptor, self._lines = -1, None
         if path is None:
             return
-        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
+        # A pipe that nobody reads is refused at once.
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NONBLOCK
         try:
+            if os.path.isfile(path) and os.path.getsize(path):
+                with open(path, "rb") as before:
+                    if not before.read(len(BEGIN)).startswith(BEGIN):
+                        raise OutputError(f"{path}: not an audit log, nothing is appended to it")
             self._descriptor = os.open(path, flags, 0o644)
+            os.set_blocking(self._descriptor, True)
+        except OutputError:
+            raise
         except OSError as error:
             raise OutputError(f"{path}: {error.strerror}") from error
         self._lines = LineWriter(self._descriptor)

@@ -16,6 +16,8 @@ from thermaltool.runtime.messages import Report
 DOUBTED_PERIODS = 5
 # The period of lines whose clock is checked is the median of so many steps.
 RECENT_STEPS = 9
+# Lines that come by this factor more often or more seldom than expected are told.
+OTHER_PERIOD = 3.0
 # Lines that come at this part of their own pace, or more slowly, are not played from a log.
 LIVE_PACE = 0.5
 # A clock that was put back and then goes on for longer than this [s] is another's.
@@ -101,6 +103,7 @@ class ClockCheck:
     _refused: int = field(default=0, init=False)
     _refused_from: float = field(default=math.inf, init=False)
     _ahead: float = field(default=math.inf, init=False)
+    _compared: bool = field(default=False, init=False)
     _recent: deque[float] = field(default_factory=lambda: deque(maxlen=RECENT_STEPS), init=False)
     _arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=RECENT_STEPS), init=False)
 
@@ -145,6 +148,13 @@ class ClockCheck:
         if self.expected < math.inf:
             self._recent.append(step)
             self._arrivals.append(self.now())
+            if len(self._recent) == RECENT_STEPS and not self._compared:
+                self._compared = True
+                usual = sorted(self._recent)[RECENT_STEPS // 2]
+                if not 1 / OTHER_PERIOD < usual / self.expected < OTHER_PERIOD:
+                    self.report(
+                        "", f"lines come each {usual:.6g} s, the design has {self.expected:.6g} s"
+                    )
 
     def _doubted(self, time: float, step: float, last: float) -> float | None:
         """The same for a step that is too small or too large."""

@@ -18,7 +18,15 @@ Fields = Any  # list of bytes (CSV) or dict (NDJSON)
 
 
 class LineClock:
-    """Gives each line its time [s], and can go on where an earlier run stopped."""
+    """Gives each line its time [s], and can go on where an earlier run stopped.
+
+    Attributes
+    ----------
+    nothing_waited : bool
+        The next line has come by itself: the one before was the last that waited.
+    """
+
+    nothing_waited = False
 
     def stamp(self, fields: Fields) -> float:
         """Time of a line [s].
@@ -102,6 +110,7 @@ class PeriodClock(LineClock):
     _arrived: float = field(default=math.nan, init=False)
     _begin: float = field(default=math.nan, init=False)
     _begin_count: int = field(default=0, init=False)
+    _lost: int = field(default=0, init=False)
     _gaps: list[float] = field(default_factory=list, init=False)
 
     def stamp(self, fields: Fields) -> float:
@@ -109,8 +118,9 @@ class PeriodClock(LineClock):
         gap, before, self._arrived = now - self._arrived, self._arrived, now
         if gap != gap:
             self._begin, self._begin_count = now, self.count
-        elif gap > self.period / 2:
+        elif self.nothing_waited and gap > self.period / 2:
             self._catch_up(before)
+        self.nothing_waited = False
         if len(self._gaps) < GAPS and gap == gap:
             self._gaps.append(gap)
             self._compare()
@@ -122,7 +132,12 @@ class PeriodClock(LineClock):
         late = (arrived - self._begin) / self.period - (self.count - self._begin_count - 1)
         if late >= 1:
             self.count += int(late)
+            self._lost += int(late)
             self._report("", f"{int(late)} lines lost: counted, {self.period:g} s each")
+        elif late <= -1 and self._lost:
+            # They came after all: this one has no time of its own.
+            self.count -= 1
+            self._lost -= 1
         elif late < 0:
             self._begin += late * self.period
 

@@ -13,7 +13,8 @@ from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
 from thermaltool.estimation.plausible_change import reach_of, white_noise_of
 from thermaltool.model import Model
-from thermaltool.runtime.clock_check import ClockCheck
+from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.runtime.clock_check import LONGEST_PAUSE, ClockCheck
 from thermaltool.runtime.compensator import Policy, SetpointProcess
 from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers
 from thermaltool.runtime.messages import Messages, Report
@@ -21,7 +22,13 @@ from thermaltool.runtime.restart.checkpoint import design_digest
 from thermaltool.runtime.sensing.frozen import FrozenCheck
 from thermaltool.runtime.sensing.leave_one_out import LeaveOneOut
 from thermaltool.runtime.sensing.sensors import SensorChannel
-from thermaltool.runtime.sensing.vote import CONTRADICTION, NOISE_MARGIN, Vote
+from thermaltool.runtime.sensing.vote import (
+    CONTRADICTION,
+    NOISE_MARGIN,
+    PATIENCE,
+    PATIENCE_PERIODS,
+    Vote,
+)
 from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
 from thermaltool.runtime.stepper import stepper_of
 
@@ -104,7 +111,7 @@ def offsets(
         digest=design_digest(design),
         inputs=None if pipeline.passes_inputs else pipeline.estimator_inputs,
         outputs=pipeline.given_out if mapped else None,
-        vote=_vote(sensors, design) if watch and len(sensors) >= MIN_VOTERS else None,
+        vote=_vote(sensors, design, period) if watch and len(sensors) >= MIN_VOTERS else None,
         reduced=[_seen(ranges[estimator.estimates[k]], sign) for k in followed] if watch else (),
     )
 
@@ -117,14 +124,13 @@ def _watched(
     return LeaveOneOut(estimator, period, [AGREEMENT * width for width in widths])
 
 
-def _vote(sensors: Sequence[SensorChannel], design: Mapping[str, Any]) -> Vote:
-    return Vote(
-        [
-            CONTRADICTION * (each.calibrated[1] - each.calibrated[0])
-            + NOISE_MARGIN * white_noise_of(design, each.channel)
-            for each in sensors
-        ]
-    )
+def _vote(sensors: Sequence[SensorChannel], design: Mapping[str, Any], period: float) -> Vote:
+    allowed = [
+        CONTRADICTION * (each.calibrated[1] - each.calibrated[0])
+        + NOISE_MARGIN * white_noise_of(design, each.channel)
+        for each in sensors
+    ]
+    return Vote(allowed, max(PATIENCE, PATIENCE_PERIODS * period))
 
 
 def _seen(span: tuple[float, float], sign: float) -> Limits:
@@ -194,8 +200,8 @@ def heater_power(
 def _period(settings: Settings, period: float) -> float:
     """The sample period [s]: as chosen, else as the model has it."""
     period = settings.period or period
-    if not 0 < period < math.inf:
-        raise ModelError("sample_period_s of the design is not above 0")
+    if not CLOCK_STEP <= period < LONGEST_PAUSE:
+        raise ModelError(f"a sample period of {period:g} s is none of a stream")
     return period
 
 
@@ -225,6 +231,7 @@ def _sensors(
 ) -> list[SensorChannel]:
     """The columns that are read, with their rest, range and largest change from the model."""
     known = design if design is not None and not settings.trust else {}
+    several = bool(known) and sum(each.sensor for each in inputs) > 1
     settings.check_ranges([each.column for each in inputs])
     return [
         SensorChannel(
@@ -240,6 +247,7 @@ def _sensors(
             at_rest=each.sensor,
             reach=reach_of(known if each.sensor else {}, each.column),
             frozen=_frozen_check(each, settings, design or {}),
+            consequence="lost" if several else "safe setpoint",
         )
         for each in inputs
     ]

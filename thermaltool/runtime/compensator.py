@@ -199,14 +199,15 @@ class SetpointProcess(Process):
         """
         assert self.time is not None
         if 0 < time - self.time <= self.policy.max_age:
-            self.clock.known_pause = max(age, 0.0) + self.policy.kept_every
+            self.clock.known_pause = self.policy.kept_every + (age if age > 0 else 0.0)
             return True
         after, self._doubted = time - self._doubted, time
-        if not 0 < after <= self.clock.plausible:
+        if not 0 < after <= self.policy.max_age:
             self.report("", f"time {time:.15g} s after {self.time:.15g} s: line ignored")
             return False
-        pairs = zip(self.sensors, row.readings, strict=True)
-        if 0 <= age <= self.policy.max_age and all(s.agrees(x, age) for s, x in pairs if s.at_rest):
+        pairs = list(zip(self.sensors, row.readings, strict=True))
+        read = [(s, x) for s, x in pairs if s.at_rest and math.isfinite(s.value)]
+        if 0 <= age <= self.policy.max_age and all(s.agrees(x, age) for s, x in read):
             self.report("", f"another clock: goes on from the state of {age:.3g} s ago")
             shift = time - max(age, after) - self.time
             self._shift(shift)
@@ -282,13 +283,14 @@ class SetpointProcess(Process):
 
     def silence(self, elapsed: float) -> Reply:
         """Move towards the safe setpoint, `elapsed` [s] after the last row."""
-        time = self.time
-        if time is not None:
-            time += elapsed
-            self._move(time, True)
-            self.clock.known_pause = elapsed
         self.status = "safe"
-        return time, self._written()
+        if self.time is None:
+            # No row has told a time: that of the silence does.
+            self._move(elapsed, True)
+            return None, self._written()
+        self._move(self.time + elapsed, True)
+        self.clock.known_pause = elapsed
+        return self.time + elapsed, self._written()
 
     @property
     def at_safe(self) -> bool:

@@ -12,6 +12,13 @@ from thermaltool.errors import LogError, OutputError
 READ_SIZE = 16384
 # A write of at most this many bytes to a pipe that polls as writable neither blocks nor tears.
 PIPE_BUF = select.PIPE_BUF
+# What ends a process where nobody takes it.
+ENDS = (
+    signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGALRM, signal.SIGUSR1,
+    signal.SIGUSR2, signal.SIGVTALRM, signal.SIGPROF, signal.SIGXCPU,
+)  # fmt: skip
+# A wait is taken up again after so long [s]: the system counts it in 32 bits of ms.
+LONGEST = 1e6
 # A line longer than this is garbage: it is cut, so that memory stays bounded.
 LONGEST_LINE = 65536
 # After a signal, a sink that is full has this long [s] to take the last line.
@@ -21,7 +28,7 @@ LAST_WORD = 1.0
 class LinePipe:
     """A source and a sink of lines, as file descriptors.
 
-    Inside ``with``, SIGINT, SIGTERM and SIGHUP raise nothing: they set `signal` and wake the wait.
+    Inside ``with`` the signals of `ENDS` raise nothing: they set `signal` and wake the wait.
 
     Attributes
     ----------
@@ -29,6 +36,8 @@ class LinePipe:
         The signal that came; 0 for none.
     torn : bytes
         What followed the last newline when the source ended.
+    was_empty : bool
+        Nothing waited to be read when `wait` was called last.
     sink_failed : bool
         The sink has failed, or did not take the last lines: it takes nothing more.
     """
@@ -37,6 +46,7 @@ class LinePipe:
         self.source, self.sink = source, sink
         self.signal = 0
         self.torn = b""
+        self.was_empty = False
         self.sink_failed = False
 
     def __enter__(self) -> LinePipe:
@@ -54,7 +64,7 @@ class LinePipe:
             poll.register(self._woken, select.POLLIN)
         self._handlers = {
             number: signal.signal(number, note)
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+            for number in ENDS
             if signal.getsignal(number) is not signal.SIG_IGN
         }
         self._old_wake = signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
@@ -77,7 +87,10 @@ class LinePipe:
 
         Raises BrokenPipeError when the sink's reader has left.
         """
-        ready = self._incoming.poll(None if timeout is None else 1000 * timeout)
+        ready = self._incoming.poll(0)
+        self.was_empty = not ready
+        if not ready:
+            ready = self._incoming.poll(None if timeout is None else 1000 * min(timeout, LONGEST))
         for descriptor, event in ready:
             if descriptor == self.sink and event & (select.POLLERR | select.POLLNVAL):
                 self.sink_failed = True
@@ -102,6 +115,7 @@ class LinePipe:
         if len(self.torn) > LONGEST_LINE:
             lines.append(self.torn)
             self.torn = b""
+        self.was_empty = False
         return lines
 
     def write(self, data: bytes) -> None:

@@ -19,6 +19,8 @@ Interval = tuple[float, float]
 ANYTHING: Interval = (-math.inf, math.inf)
 # Arrival times are rounded to this [s]: far below what a pipe and a scheduler add to them.
 ARRIVAL_STEP = 1e-3
+# Beyond it a set point is a slip of the pen [unit of the setpoint].
+LARGEST_SETPOINT = 1e9
 # For the slew rate a pause counts as this many sample periods at the most: a stall must not save
 # up way for one large step.
 SLEW_PERIODS = 2
@@ -118,6 +120,8 @@ class Settings:
             The safe setpoint is outside (called by its `noun`), or no multiple of the step inside.
         """
         allowed = Limits(*limits)
+        if self.safe is not None and abs(self.safe) > LARGEST_SETPOINT:
+            raise ValueError(f"the safe {noun} {self.safe:g} is none that an actuator has")
         if self.safe is not None and allowed.clip(self.safe) != self.safe:
             raise ValueError(f"the safe {noun} {self.safe:g} is outside the limits")
         return Setpoint(allowed, self.slew, self.step, self.safe or 0.0)

@@ -97,7 +97,6 @@ class Stream:
     _heard_at: float = field(default=0.0, init=False)
     _due: float = field(default=math.inf, init=False)
     _silent: bool = field(default=False, init=False)
-    _unusable: int = field(default=0, init=False)
     _replied_at: float | None = field(default=None, init=False)
     _save_due: bool = field(default=False, init=False)
     _status: str = field(default="", init=False)
@@ -137,6 +136,8 @@ class Stream:
             self.heartbeat.beat()
             patience = min(self._due - self.now(), self.heartbeat.interval)
             if self.pipe.wait(max(patience, 0.0) if patience < math.inf else None):
+                if self.rows.clock is not None:
+                    self.rows.clock.nothing_waited = self.pipe.was_empty
                 lines = self.pipe.read()
                 if lines is None:
                     self._end()
@@ -189,13 +190,7 @@ class Stream:
             if message := self.rows.reopen(line, self.process.time):
                 self.messages("", message)
             return None
-        accepted = self.process.accepted
         reply = self.process.take(row)
-        self._unusable = 0 if self.process.accepted > accepted else self._unusable + 1
-        # Where a log is played, lines that cannot be used are the silence.
-        silent = self._unusable * (self.process.period or 0.0)
-        if self.process.actuates and silent > max(self.timeout, self.process.patience):
-            reply = self.process.silence(silent)
         if reply is not None:
             self._replied_at = reply[0]
         if self.process.status != self._status:
@@ -266,7 +261,8 @@ class Stream:
         self.heartbeat.close()
         before, values, last = self.process.values(), self.process.finish(), self._replied_at
         try:
-            if values is not None:
+            # Where another stream has the actuators, this one leaves them alone.
+            if values is not None and not self.restart.taken:
                 # A row of its own moment, so that the output is a log whose clock only goes on.
                 after = None if last is None else last + (self.process.period or 0.0)
                 self._put((after, values), before)

@@ -29,15 +29,22 @@ class SetpointJournal:
         Path of the checkpoint.
     names : sequence of str
         Of the set points.
+
+    Attributes
+    ----------
+    taken : bool
+        Another stream has locked the file.
     """
 
     def __init__(self, checkpoint: str, names: Sequence[str]) -> None:
-        self.path = checkpoint + SUFFIX
+        # A link to a checkpoint is the same checkpoint.
+        self.path = os.path.realpath(checkpoint) + SUFFIX
         owner = hashlib.sha256("\n".join(names).encode()).digest()[:8]
         # Number of the record, whose set points, the set points; a checksum follows.
         self._form = struct.Struct(f"<Q8s{len(names)}d")
         self._owner, self._setpoints = owner, len(names)
         self._descriptor, self._number = -1, 0
+        self.taken = False
         self._last: tuple[float, ...] | None = None
 
     def open(self) -> tuple[float, ...] | None:
@@ -57,9 +64,8 @@ class SetpointJournal:
             os.pwrite(self._descriptor, content.ljust(2 * RECORD_SIZE, b"\0"), 0)
         except OSError as error:
             self.close()
-            reason = error.strerror
-            if isinstance(error, BlockingIOError):
-                reason = "another stream runs on this checkpoint"
+            self.taken = isinstance(error, BlockingIOError)
+            reason = "another stream runs on this checkpoint" if self.taken else error.strerror
             raise OutputError(f"{self.path}: {reason}") from error
         for at in (0, RECORD_SIZE):
             self._read(content[at : at + RECORD_SIZE])

@@ -75,6 +75,11 @@ class Restart:
     _saved_at: float | None = field(default=None, init=False)
     _keeps: bool = field(default=False, init=False)
 
+    @property
+    def taken(self) -> bool:
+        """Whether another stream has the actuators."""
+        return self.journal is not None and self.journal.taken
+
     def begin(self) -> str:
         """Begin where an earlier run stopped, or where the user says; returns from what.
 
@@ -96,6 +101,9 @@ class Restart:
         where = self.start if self.start is not None else standing
         if where is not None:
             self.process.stand_at(where)
+        elif kept is not None and self.journal is not None:
+            self.messages("", "no set points of the last line: from those of the kept state; "
+                          "--at says where the actuators stand")  # fmt: skip
         self._keeps = True
         return begin
 

@@ -45,6 +45,17 @@ class FrozenCheck:
         self._run = 0
         self._step = min(self._step, abs(step))
 
+    def state(self) -> list[float | None]:
+        """For `resume`, as JSON."""
+        step = self._step if math.isfinite(self._step) else None
+        return [step, self._pairs, self._repeats, self._run]
+
+    def resume(self, values: list[float | None]) -> None:
+        """Go on from a state; raises TypeError or ValueError where it is none."""
+        step, *counts = values
+        self._step = math.inf if step is None else float(step)
+        self._pairs, self._repeats, self._run = (int(count or 0) for count in counts)
+
     def forget(self) -> None:
         """What comes is another sensor's."""
         self._step, self._pairs, self._repeats, self._run = math.inf, 0, 0, 0

@@ -125,8 +125,13 @@ class LeaveOneOut:
                     self._without = None
                 else:
                     chosen = estimates
-            elif not self.out:
+            elif self.out:
+                # It takes what the sensor that is out was held at.
+                self._met[k] = k in self.out and self._met[k]
+            elif self._without is None:
                 self._met[k] = self._met[k] or agrees
+            if not self._met[k] and self._without != k:
+                self.residuals[k] = math.nan
         return chosen
 
     @property

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from thermaltool.estimation.permanent_effects import StaticMap, apply_maps
+from thermaltool.estimation.plausible_change import CHANGE_MARGIN
 from thermaltool.model import MARGIN
 from thermaltool.runtime.messages import Report
 from thermaltool.runtime.sensing.frozen import FrozenCheck
@@ -55,6 +56,8 @@ class SensorChannel:
     reach : callable
         The largest change that the machine can make within a time [s], in the unit of the channel.
         A reading that changes by more has jumped, and is bad until it jumps back.
+    consequence : str
+        What comes of a sensor that is lost.
     frozen : FrozenCheck
         Whether readings stand still although they should be noisy.
     value : float
@@ -79,6 +82,7 @@ class SensorChannel:
     at_rest: bool = True
     reach: Callable[[float], float] = lambda seconds: math.inf
     frozen: FrozenCheck = field(default_factory=FrozenCheck)
+    consequence: str = "safe setpoint"
     value: float = field(default=math.nan, init=False)
     truth: float = field(default=math.nan, init=False)
     good_at: float = field(default=-math.inf, init=False)
@@ -91,7 +95,7 @@ class SensorChannel:
         self._low, self._high = self.bounds or ANYTHING
         self._seen = self._usable = ANYTHING
         self._first_rest = self.rest
-        # The last number that was read, good or bad, and when.
+        # The last number that was read, good or bad, and when it was first read.
         self._read, self._read_at = math.nan, -math.inf
         self.jumped = 0.0
         self._settle(self.rest)
@@ -114,8 +118,11 @@ class SensorChannel:
         if not (inside and math.isfinite(truth)):
             self._miss(time, fault or self._fault(reading, truth))
             return
-        if self._jumps(time, reading):
-            self._miss(time, f"jumps by {self.jumped:+.3g}, which the machine cannot")
+        if self._jumps(time, truth):
+            self._miss(
+                time,
+                f"jumps by {self.jumped:+.3g}, which the machine cannot: bad until it comes back",
+            )
             return
         if reading != self.value:
             self.frozen.moves(reading - self.value)
@@ -132,18 +139,23 @@ class SensorChannel:
             self.held = self.lost = False
         self.good_at = time
 
-    def _jumps(self, time: float, reading: float) -> bool:
-        """Whether the reading stands where a jump has put it."""
-        step, elapsed = reading - self._read, time - self._read_at
-        self._read, self._read_at = reading, time
+    def _jumps(self, time: float, truth: float) -> bool:
+        """Whether what is behind the reading stands where a jump has put it."""
+        # A sensor that stood still may have been frozen: then the machine went on meanwhile.
+        step, elapsed = truth - self._read, time - self._read_at
+        if step:
+            self._read, self._read_at = truth, time
         jumps = abs(step) > self.reach(elapsed)
         if jumps:
             self.jumped += step
-        # It is back where nothing but the time since the last good reading lies between; that a
-        # reading has drifted there by itself, without a jump or a long silence, does not count.
-        back = self.jumped and (jumps or elapsed > self.hold)
-        if back and abs(reading - self.value) <= self.reach(time - self.good_at):
-            self.jumped = 0.0
+        if self.jumped:
+            reach, away = self.reach(time - self.good_at), abs(truth - self.truth)
+            # It comes back by a jump, after a long silence, or slowly: then while the machine
+            # cannot yet have gone half of the way itself.
+            half = abs(self.jumped) / 2
+            slowly = reach / CHANGE_MARGIN <= half and away <= half
+            if away <= reach and (jumps or elapsed > self.hold or slowly):
+                self.jumped = 0.0
         return self.jumped != 0.0
 
     def agrees(self, reading: float, elapsed: float) -> bool:
@@ -157,7 +169,7 @@ class SensorChannel:
         reach = self.reach(elapsed)
         if reach == math.inf:
             reach = DISAGREEMENT * (self.calibrated[1] - self.calibrated[0])
-        return not abs(reading - self.value) > reach
+        return abs(reading - self.value) <= reach
 
     def forget(self) -> None:
         """Nothing has been read yet."""
@@ -198,7 +210,7 @@ class SensorChannel:
         if away > self.hold:
             if not self.lost:
                 since = f"no good reading for {away:g} s" if away < math.inf else "none good yet"
-                self.report(self.channel, f"{fault}: {since}: safe setpoint")
+                self.report(self.channel, f"{fault}: {since}: {self.consequence}")
             self.lost = True
         elif not self.held:
             self.report(self.channel, f"{fault}: holding {self.value!r}")
@@ -215,6 +227,7 @@ class SensorChannel:
             "changed_at": self.changed_at,
             "jumped": self.jumped,
             "read": [self._read, self._read_at],
+            "frozen": self.frozen.state(),
         }
 
     def resume(self, state: dict[str, Any]) -> None:
@@ -223,6 +236,8 @@ class SensorChannel:
             self.value = float(state["value"])
             self.good_at, self.changed_at = float(state["good_at"]), float(state["changed_at"])
             self.jumped = float(state.get("jumped", 0.0))
+            if "frozen" in state:
+                self.frozen.resume(state["frozen"])
             self._read, self._read_at = map(float, state.get("read", (self.value, self.good_at)))
             self._settle(float(state["rest"]))
             self.truth = self._behind(self.value)

@@ -9,9 +9,10 @@ from typing import Any
 
 # What the others foretell of a sensor may be off by this part of the range that the calibration
 # has seen, and by so many standard deviations of its white noise.
-CONTRADICTION, NOISE_MARGIN = 0.05, 6.0
-# A contradiction of twice that counts after so long [s], one of three times after half of it.
-PATIENCE = 60.0
+CONTRADICTION, NOISE_MARGIN = 0.1, 6.0
+# A contradiction of twice that counts after so long [s] and so many sample periods, one of three
+# times after half of it.
+PATIENCE, PATIENCE_PERIODS = 60.0, 30
 # The sensor that is wrong bends what it helps to foretell; it stands out by this factor.
 STANDS_OUT = 1.5
 

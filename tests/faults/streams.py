@@ -1,6 +1,6 @@
 """Faults of every kind, drawn at random, in the lines of a stream and in what it keeps.
 
-`python tests/machines/fault_injection.py --count 10000` runs as many and prints what went wrong;
+`python tests/faults/streams.py --count 10000` runs as many and prints what went wrong;
 `test_injected_faults.py` runs fewer. Each run draws its own seed and prints it.
 """
 
@@ -274,10 +274,11 @@ def run_stream(
         try:
             stream.run()
         except Killed:
+            pass
+        finally:
             # What the kernel does at the death of a process.
             if stream.restart.journal is not None:
                 stream.restart.journal.close()
-        finally:
             checkpoint = stream.restart.checkpoint
             if checkpoint is not None and checkpoint._writer is not None:
                 checkpoint._writer.join()
