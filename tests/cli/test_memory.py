@@ -14,7 +14,7 @@ from memory import COMMANDS, FEW_ROWS, documents, peaks, write_log
 # Long enough that readers keep no more of a block than they do of long logs.
 ROWS = (100_000, 300_000)
 # Others take too long here.
-QUICK = ("check", "noise", "calibrate", "simulate", "estimate")
+QUICK = ("check", "noise", "simulate", "estimate")
 
 
 @pytest.fixture(scope="module")
@@ -38,9 +38,7 @@ def bytes_a_row(name, folder, paths, rows=ROWS, averaged=0):
 
 @pytest.mark.parametrize("name", QUICK)
 def test_a_row_takes_few_bytes(name, folder, paths):
-    # Fewer rows than usual are fitted, that it does not take so long.
-    averaged = 1000 if name == "calibrate" else 0
-    assert bytes_a_row(name, folder, paths, averaged=averaged) < COMMANDS[name].limit
+    assert bytes_a_row(name, folder, paths) < COMMANDS[name].limit
 
 
 @pytest.mark.slow

@@ -341,6 +341,18 @@ def test_a_spike_behind_a_filter_is_left_as_it_came(model):
     assert set(words[420:-1]) == {"ok"}
 
 
+def test_a_sensor_that_others_confirm_counts_again(watched):
+    """It went wrong slowly and came back at once: what jumped was right."""
+    values = readings(1600)
+    bad = values.copy()
+    bad[400:700, 0] += np.minimum(np.linspace(0, 12, 300), 3.0)
+    _, clean, _ = run(watched, data=HEADER + text(values))
+    _, out, said = run(watched, "--also", "status", data=HEADER + text(bad))
+    assert "which the machine cannot" in said
+    assert out[-2].endswith(",ok")
+    assert np.max(np.abs(setpoints(out[1201:-1]) - setpoints(clean[1201:-1]))) <= 2.0
+
+
 def test_a_sensor_that_was_lost_long_is_not_trusted_through_the_others(watched):
     """The filter without B has taken what A was held at: it does not stand in for B next."""
     values = readings(1200)

@@ -156,6 +156,11 @@ class SetpointProcess(Process):
         self._estimate(round(seconds / CLOCK_STEP), readings)
         if isinstance(self.stepper, LeaveOneOut) and self._vote is not None and self._started:
             self._vote.take(seconds, self.stepper.residuals)
+            for k, (sensor, residual) in enumerate(
+                zip(self.sensors, self.stepper.residuals, strict=True)
+            ):
+                if sensor.jumped and self._vote.clears(k, seconds, residual + sensor.unused):
+                    sensor.clear()
         safe = lost or not self._started
         self._move(time, safe)
         self.status = self._state_of(safe)

@@ -171,6 +171,15 @@ class SensorChannel:
             reach = DISAGREEMENT * (self.calibrated[1] - self.calibrated[0])
         return abs(reading - self.value) <= reach
 
+    @property
+    def unused(self) -> float:
+        """By how much what is read now differs from what is used."""
+        return self._read - self.truth
+
+    def clear(self) -> None:
+        """Take the reading again, as others confirm it: what jumped was its return."""
+        self.jumped = 0.0
+
     def forget(self) -> None:
         """Nothing has been read yet."""
         self.value = self.truth = self._read = math.nan

@@ -34,9 +34,11 @@ class Vote:
     patience: float = PATIENCE
     against: int | None = field(default=None, init=False)
     _sums: list[float] = field(default_factory=list, init=False)
+    _fits: list[float] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         self._sums = [0.0] * len(self.allowed)
+        self._fits = [0.0] * len(self.allowed)
 
     def take(self, seconds: float, residuals: Sequence[float]) -> None:
         """Residuals after a sample of so many `seconds`; NaN where nothing is foretold."""
@@ -54,6 +56,21 @@ class Vote:
         others = max((size for k, size in enumerate(sizes) if k != worst), default=math.inf)
         if self._sums[worst] >= self.patience and sizes[worst] >= STANDS_OUT * others:
             self.against = worst
+
+    def clears(self, k: int, seconds: float, residual: float) -> bool:
+        """Whether a sensor that is out reads for long what the others predict.
+
+        Parameters
+        ----------
+        k : int
+        seconds : float [s]
+            Since the last sample.
+        residual : float [unit of the sensor]
+            Of what it reads now, used or not.
+        """
+        fits = abs(residual) <= self.allowed[k]
+        self._fits[k] = self._fits[k] + seconds if fits else 0.0
+        return self._fits[k] > self.patience
 
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
