@@ -140,7 +140,8 @@ def run(
                 try:
                     process = make(messages)
                     stream = open_stream(process, settings, source.fileno(), 1, messages)
-                except ThermalToolError:
+                except (ThermalToolError, SystemExit, KeyboardInterrupt):
+                    # Refused, or a signal before the stream looks after signals itself.
                     write_safe_line(refused(), settings, source.fileno(), 1)
                     raise
             try:

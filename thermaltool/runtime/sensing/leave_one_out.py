@@ -1,6 +1,6 @@
 """Several sensors that watch each other: what each should read by the others, and without it.
 
-Beside the filter of all sensors runs one without each. It foretells the sensor that it lacks; where
+Beside the filter of all sensors runs one without each. It predicts the sensor that it lacks; where
 a sensor is lost, or the others agree against it, the filter without it goes on alone.
 """
 
@@ -15,7 +15,11 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.stepper import Stepper
+
+# Sample lengths of the filters beside the full one are multiples of this part of the period.
+GRID_STEPS = 64
 
 
 def without(estimator: KalmanEstimator, k: int) -> KalmanEstimator:
@@ -29,13 +33,13 @@ def without(estimator: KalmanEstimator, k: int) -> KalmanEstimator:
     place = [j - (j > k) for j in range(len(estimator.sensors))]
     last = len(estimator.outputs)
     sensed = tuple((place[to], drive, m) for to, drive, m in estimator.sensed if to != k)
-    foretold = tuple((last, drive, m) for to, drive, m in estimator.sensed if to == k)
+    predicted = tuple((last, drive, m) for to, drive, m in estimator.sensed if to == k)
     return replace(
         estimator,
         sensors=(*estimator.sensors[:k], *estimator.sensors[k + 1 :]),
         outputs=(*estimator.outputs, estimator.sensors[k]),
         sensed=sensed,
-        followed=(*estimator.followed, *foretold),
+        followed=(*estimator.followed, *predicted),
         noise=(*estimator.noise[:k], *estimator.noise[k + 1 :]),
     )
 
@@ -55,14 +59,14 @@ class LeaveOneOut:
     out : set of int
         Sensors whose readings do not count. With one of them, the estimates are those without it.
     residuals : list of float
-        What each sensor reads, less what the others foretell; NaN where nothing does.
+        What each sensor reads, less what the others predict; NaN where nothing does.
     """
 
     def __init__(
         self, estimator: KalmanEstimator, sample_period: float, tolerance: Sequence[float]
     ) -> None:
         self.out: set[int] = set()
-        self._whole = Stepper(estimator, sample_period)
+        self._full = Stepper(estimator, sample_period)
         self._others: list[Stepper | None] = []
         for k in range(len(estimator.sensors)):
             try:
@@ -71,21 +75,22 @@ class LeaveOneOut:
                 # This sensor alone sees a drive.
                 self._others.append(None)
         self._drives, self._tolerance = len(estimator.drives), tolerance
-        # Filters whose estimates have met those of the whole since they last differed.
-        self._met = [False] * len(self._others)
+        # Filters that have agreed with the full one since a reading was last held.
+        self._agreed = [False] * len(self._others)
         self.residuals = [math.nan] * len(self._others)
         self._without: int | None = None
+        self._grid, self._carried = max(round(sample_period / CLOCK_STEP / GRID_STEPS), 1), 0
 
     def can_do_without(self, lost: Collection[int]) -> bool:
         """Whether there are estimates that use none of these sensors."""
         if len(lost) != 1:
             return not lost
         (k,) = lost
-        return self._others[k] is not None and (self._met[k] or self._without == k)
+        return self._others[k] is not None and (self._agreed[k] or self._without == k)
 
     def rest(self) -> list[float]:
         """Estimates before anything is known."""
-        return self._whole.rest()
+        return self._full.rest()
 
     def can_start(self, readings: list[float]) -> bool:
         """Whether the first readings suffice: one may be missing (NaN) that others make up for."""
@@ -96,43 +101,54 @@ class LeaveOneOut:
         """Estimates at the first readings, one of which may be NaN; see `Stepper.start`."""
         missing = next((k for k, reading in enumerate(readings) if reading != reading), None)
         readings = _numbers(readings)
-        estimates = self._whole.start(readings, settled)
+        estimates = self._full.start(readings, settled)
         for k, other in enumerate(self._others):
             if other is not None:
                 first = other.start(_but(readings, k), settled)
                 estimates = first[:-1] if k == missing else estimates
-                self._met[k] = missing in (None, k)
+                self._agreed[k] = missing in (None, k)
         self._without = missing
         return estimates
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Estimates after a sample; see `Stepper.step`."""
         readings = _numbers(readings)
-        whole = self._whole.step(ticks, readings)
-        chosen = whole
+        full = self._full.step(ticks, readings)
+        chosen = full
+        ticks = self._coarse(ticks)
         out = next(iter(self.out)) if len(self.out) == 1 else None
         if out is not None and self.can_do_without([out]):
             self._without = out
         for k, other in enumerate(self._others):
             if other is None:
                 continue
-            *estimates, foretold = other.step(ticks, _but(readings, k))
-            self.residuals[k] = readings[k] - foretold
-            agrees = self._agree(whole, estimates)
+            *estimates, predicted = other.step(ticks, _but(readings, k))
+            self.residuals[k] = readings[k] - predicted
+            agrees = self._agree(full, estimates)
             if self._without == k:
                 if out is None and agrees:
-                    # The whole has forgotten what the sensor read while it was out.
+                    # The full filter has forgotten what the sensor was held at while it was out.
                     self._without = None
                 else:
                     chosen = estimates
             elif self.out:
                 # It takes what the sensor that is out was held at.
-                self._met[k] = k in self.out and self._met[k]
+                self._agreed[k] = k in self.out and self._agreed[k]
             elif self._without is None:
-                self._met[k] = self._met[k] or agrees
-            if not self._met[k] and self._without != k:
+                self._agreed[k] = self._agreed[k] or agrees
+            if not self._agreed[k] and self._without != k:
                 self.residuals[k] = math.nan
         return chosen
+
+    def _coarse(self, ticks: int) -> int:
+        """A sample length on a grid, so that a clock that jitters takes few matrices a filter.
+
+        What is rounded off counts with the next sample.
+        """
+        exact = ticks + self._carried
+        coarse = max(round(exact / self._grid), 1) * self._grid
+        self._carried = exact - coarse
+        return coarse
 
     @property
     def left_out(self) -> int | None:
@@ -145,26 +161,26 @@ class LeaveOneOut:
         return all(abs(a - b) <= tolerance for a, b, tolerance in pairs)
 
     def state(self) -> list[Any]:
-        """For `resume`, as JSON: each filter, which have met the whole, and what is left out."""
-        filters = [self._whole.state(), *(each.state() if each else [] for each in self._others)]
-        return [*filters, [self._met, self._without]]
+        """For `resume`: each filter, which agree with the full one, and what is left out."""
+        filters = [self._full.state(), *(each.state() if each else [] for each in self._others)]
+        return [*filters, [self._agreed, self._without]]
 
     def resume(self, values: list[Any]) -> None:
         """Raises ValueError where `values` are no state of these filters.
 
-        One of an earlier release holds the whole alone: the others meet it in time.
+        One of an earlier release holds the full filter alone: the others agree with it in time.
         """
         if values and not isinstance(values[0], list):
-            self._whole.resume(values)
+            self._full.resume(values)
             return
-        whole, *others, (met, left_out) = values
-        self._whole.resume(whole)
+        full, *others, (agreed, left_out) = values
+        self._full.resume(full)
         for each, kept in zip(self._others, others, strict=True):
             if each is not None:
                 each.resume(kept)
-        if len(met) != len(self._others) or left_out not in (None, *range(len(met))):
+        if len(agreed) != len(self._others) or left_out not in (None, *range(len(agreed))):
             raise ValueError("not a state of these filters")
-        self._met, self._without = [bool(each) for each in met], left_out
+        self._agreed, self._without = [bool(each) for each in agreed], left_out
 
 
 def _numbers(readings: list[float]) -> list[float]:

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-# What the others foretell of a sensor may be off by this part of the range that the calibration
+# What the others predict of a sensor may be off by this part of the range that the calibration
 # has seen, and by so many standard deviations of its white noise.
 CONTRADICTION, NOISE_MARGIN = 0.1, 6.0
 # A contradiction of twice that counts after so long [s] and so many sample periods, one of three
 # times after half of it.
 PATIENCE, PATIENCE_PERIODS = 60.0, 30
-# The sensor that is wrong bends what it helps to foretell; it stands out by this factor.
+# The sensor that is wrong bends what it helps to predict; it stands out by this factor.
 STANDS_OUT = 1.5
 
 
@@ -41,7 +41,7 @@ class Vote:
         self._fits = [0.0] * len(self.allowed)
 
     def take(self, seconds: float, residuals: Sequence[float]) -> None:
-        """Residuals after a sample of so many `seconds`; NaN where nothing is foretold."""
+        """Residuals after a sample of so many `seconds`; NaN where nothing is predicted."""
         sizes = [
             abs(r) / a if r == r else 0.0 for r, a in zip(residuals, self.allowed, strict=True)
         ]
