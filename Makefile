@@ -1,5 +1,5 @@
 # make demo     the main job on data_samples/: tables, and figures in demo/figures
-# make test     the tests but the longest repetitions over seeds, which make test-slow runs; CI: both
+# make test     the tests but the longest, which make test-slow runs; CI: both
 # make lint     ruff, mypy, import direction
 # make bench    speed as ratios in one run, memory by the row, diagnose beside what a user would pick
 # make study    error bands over fresh noise, hidden effects, the measured logs

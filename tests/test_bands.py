@@ -36,6 +36,7 @@ def judge(*arguments):
     )
 
 
+@pytest.mark.slow
 def test_both_forms_hold_the_published_bands_and_the_bound(designs):
     """6, 5, 3.5, 4 µm, and within 15 % of the Kalman filter that knows the plant."""
     done = judge(*designs, "--must", "far_kalman", "--must", "far_kernel")
@@ -43,6 +44,7 @@ def test_both_forms_hold_the_published_bands_and_the_bound(designs):
     assert done.stdout.count("far_k") == 10
 
 
+@pytest.mark.slow
 def test_a_design_that_misses_is_told(designs, tmp_path):
     slow = tmp_path / "slow.json"
     call = f"regularize {designs[0].parent}/model.json --noise {designs[0].parent}/noise.json"

@@ -334,6 +334,7 @@ def test_times_are_told_as_they_are_set(seconds, text):
 # ---------------------------------------------------------------- other people's machines
 
 
+@pytest.mark.slow
 def test_a_hidden_delay():
     """A machine that shares no code with the models; five outputs tell a delay from a lag."""
     log = hide(["transport_delay"], 5.0, 11, 12)
@@ -359,6 +360,7 @@ def test_a_hidden_delay():
     assert seen.change / log.noise[seen.output] < 5.0
 
 
+@pytest.mark.slow
 def test_the_first_half_of_the_heating_system():
     """Issue: 4 V and 9 V cannot identify the lamp's exponent; a third level of the lamp can."""
     log = read_log(

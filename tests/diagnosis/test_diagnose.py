@@ -136,6 +136,7 @@ def test_a_log_of_few_rows_is_refused(model: Model) -> None:
         diagnose(model, [few])
 
 
+@pytest.mark.slow
 def test_the_gantry_names_its_bed() -> None:
     runs = []
     for part in ("morning", "evening"):

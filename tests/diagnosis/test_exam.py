@@ -40,6 +40,7 @@ def scores(monkeypatch):
     return exam_machine.score_machine(trials)
 
 
+@pytest.mark.slow
 def test_the_runner_scores_a_clean_and_a_troubled_log(scores):
     clean, gain = scores
     assert not clean.failure

@@ -101,6 +101,7 @@ def test_a_fan_that_nobody_logs():
     )
 
 
+@pytest.mark.slow
 def test_a_thermometer_that_warms_itself():
     change = {NEAR: lambda y: faults.self_heated(TIME, y, 0.4, 90.0)}
     cause = first_cause(log_of(SEED + 6, change=change))

@@ -57,6 +57,7 @@ def test_the_floor_is_the_models_own():
     assert report(residual, floor=1.5).above_floor < 0.15 < report(residual).above_floor
 
 
+@pytest.mark.slow
 def test_tests_hold_their_level_on_coloured_noise():
     # 200 tests at 1 %: more than 8 rejections have a chance of 3e-4.
     rejected = {"Q_main_1": 0, "T_room_degC": 0, "white": 0}

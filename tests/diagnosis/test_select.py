@@ -70,6 +70,7 @@ def fan_log(seed, rate, on=40.0, off=36.0, rows=1500):
     return Record(10.0 * np.arange(rows), columns, digest=f"fan {seed}")
 
 
+@pytest.mark.slow
 def test_a_fan_is_told_with_the_temperatures_that_switch_it():
     found = diagnose(known_model(), [fan_log(1, 8e-5)], [fan_log(2, 8e-5)])
     assert [(c.effect.name, c.effect.channel) for c in found.causes] == [

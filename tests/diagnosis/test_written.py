@@ -60,6 +60,7 @@ def model(thermaltool, folder):
     return target
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("validated", [False, True])
 def test_simulate_of_the_written_file_is_what_is_told(thermaltool, folder, model, validated):
     target = folder / f"extended_{validated}.json"
@@ -99,6 +100,7 @@ def test_simulate_of_the_written_file_is_what_is_told(thermaltool, folder, model
     assert ends[1] < 0.2 < 1.0 < ends[0]
 
 
+@pytest.mark.slow
 def test_a_sensor_that_was_put_in_anew_has_a_new_zero(thermaltool, folder, model):
     """Half a kelvin more at rest, since the calibration: it goes into the file with the cause."""
     rows = [line.split(",") for line in (folder / "bed.csv").read_text().splitlines()]
@@ -140,6 +142,7 @@ def without(path, column: str):
     return target
 
 
+@pytest.mark.slow
 def test_logs_that_lack_a_channel_are_told_and_the_others_count(thermaltool, folder):
     """The bed was not logged at the calibration: that is why the model does not know it."""
     calm, target = without(folder / "calm.csv", "T_bed_degC"), folder / "blind.json"

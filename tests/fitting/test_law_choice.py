@@ -91,6 +91,7 @@ def test_two_levels_say_nothing_of_a_curve():
     assert not calibrate([log_of("square", 20261129, levels=(0.0, 1.0))], PLAN).effects
 
 
+@pytest.mark.slow
 def test_a_measured_temperature_is_no_command():
     log = log_of("square", 20261130)
     columns = dict(log.columns)
@@ -133,6 +134,7 @@ def test_another_disturbance_of_one_output_hides_no_curve():
     assert effect.parameters["exponent"] == pytest.approx(2.0, abs=0.05)
 
 
+@pytest.mark.slow
 def test_another_error_of_structure_is_no_curve_of_the_drive():
     # Heat is lost faster than in proportion: in steady state like a curve, and else not.
     log = log_of("linear", 20261206)

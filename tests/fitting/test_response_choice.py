@@ -76,6 +76,7 @@ def test_one_lag_is_one_lag(seed):
     assert chosen(model)["delays"] == [0.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_rod_is_followed_to_its_noise_on_another_input(seed):
     """The record is as long as the rod's slowest time constant: what comes later is not in it."""

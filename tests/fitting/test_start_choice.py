@@ -61,6 +61,7 @@ def starts_free(model):
     return {output.fit["free_start"] for output in model.outputs}
 
 
+@pytest.mark.slow
 def test_a_machine_that_cools_as_its_log_begins():
     log = log_of(20261123, before=150.0)
     model = calibrate([log], PLAN)

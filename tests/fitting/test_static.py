@@ -73,6 +73,7 @@ def test_a_polynomial_in_front_is_found():
         assert found.after[name].rmse == pytest.approx(0.3, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("refit", [False, True])
 def test_a_spline_follows_a_curve_that_is_no_spline(refit):
     found = correct(model(), [log(model(*CURVES))], (FIRST, SECOND), Form("spline", 6), refit)

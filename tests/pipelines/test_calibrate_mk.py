@@ -80,6 +80,7 @@ def visible(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir() if not path.name.startswith(".")}
 
 
+@pytest.mark.slow
 def test_a_log_gives_its_products(made: Path) -> None:
     designed = {f"{log}.{what}.json" for log in ("one", "two") for what in DOCUMENTS}
     tables = {"one.kernel.parquet", "one.estimate.parquet", "summary.csv"}
@@ -150,6 +151,7 @@ def interrupt(logs: Path, number: signal.Record, product: Path) -> None:
     assert process.wait() != 0
 
 
+@pytest.mark.slow
 def test_interrupted_run_leaves_only_whole_files(logs: Path, made: Path) -> None:
     out = logs / "cut"
     for number, product in ((signal.SIGINT, "one.model.json"), (signal.SIGKILL, "one.kalman.json")):

@@ -108,6 +108,7 @@ def test_residuals_of_the_true_orders_are_seldom_called_wrong(inputs, lags):
     assert np.mean(independent) <= 12 / 60
 
 
+@pytest.mark.slow
 def test_orders_of_several_logs_with_zeros_of_their_own():
     u, y = plant(7, 4500)
     x = np.exp(-1 / 30)
@@ -132,6 +133,7 @@ def test_bursts_too_short_for_the_choice_of_orders_are_named():
         choose(bursts(3), OeStructure())
 
 
+@pytest.mark.slow
 def test_a_delay_that_leaves_no_row_is_not_the_best():
     best = choose(bursts(8), OeStructure())[0].model
     assert best.orders.nk == (2,)
@@ -149,6 +151,7 @@ def test_logs_without_a_reading_are_no_experiments():
         even_training_data([lost], ["Q_a_W"], "d_z_um")
 
 
+@pytest.mark.slow
 def test_a_long_idle_start_is_no_reason_to_give_up():
     u, y = plant(8, 30000)
     u[:13000] = u[0]
