@@ -61,13 +61,12 @@ class DocumentFormat:
         """
         return to_json(self.wrap(body), indent)
 
-    def check_seal(self, document: Mapping[str, Any], source: str) -> bool:
-        """Whether a document has a checksum; ModelError where its content is another."""
-        if "sha256" not in document:
-            return False
-        if document["sha256"] != content_digest(document):
+    def check_seal(self, document: Mapping[str, Any], source: str) -> str:
+        """The digest of a document; ModelError where it has a checksum of another content."""
+        digest = content_digest(document)
+        if document.get("sha256", digest) != digest:
             raise ModelError(f"{source}: changed or damaged since it was written (its checksum)")
-        return True
+        return digest
 
     def loads(self, text: str, source: str) -> dict[str, Any]:
         """The document in a text.

@@ -13,7 +13,6 @@ from thermaltool.documents import (
     MODEL,
     NOISE,
     Part,
-    content_digest,
     finite,
     mapping,
     read_text,
@@ -175,12 +174,10 @@ def read_sealed_model(path: str) -> tuple[Model, Callable[[], str]]:
     text, name = read_text(path)
 
     def checked() -> str:
-        document = MODEL.loads(text, name)
         try:
-            MODEL.check_seal(document, name)
+            return MODEL.check_seal(MODEL.loads(text, name), name)
         except ModelError as error:
             raise ModelError(f"{error}: write it anew with the command that made it") from error
-        return content_digest(document)
 
     return loads(text, name), checked
 

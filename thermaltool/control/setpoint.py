@@ -156,12 +156,11 @@ class Setpoint:
         return wanted
 
     def resume(self, value: float, ramp: float) -> None:
-        """Stand where an earlier run stood, within these limits.
+        """Stand where an earlier run stood, be it outside these limits; `move` leads inside.
 
         Parameters
         ----------
         value, ramp : float
             As they were.
         """
-        self.jump(value)
-        self.ramp = self.limits.clip(ramp)
+        self.value, self.ramp = value, ramp

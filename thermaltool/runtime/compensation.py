@@ -8,6 +8,7 @@ from typing import Any
 
 from thermaltool.control.heaters import Stabilizer, parts_of
 from thermaltool.control.setpoint import Limits
+from thermaltool.documents import content_digest
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
@@ -18,7 +19,6 @@ from thermaltool.runtime.clock_check import LONGEST_PAUSE, ClockCheck
 from thermaltool.runtime.compensator import Policy, SetpointProcess
 from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers
 from thermaltool.runtime.messages import Messages, Report
-from thermaltool.runtime.restart.checkpoint import design_digest
 from thermaltool.runtime.sensing.frozen import FrozenCheck
 from thermaltool.runtime.sensing.leave_one_out import LeaveOneOut
 from thermaltool.runtime.sensing.sensors import SensorChannel
@@ -108,7 +108,7 @@ def offsets(
         with_status=settings.status,
         patience=default_hold(period),
         clock_advice=CLOCK_ADVICE,
-        digest=design_digest(design),
+        digest=content_digest(design),
         inputs=None if pipeline.passes_inputs else pipeline.estimator_inputs,
         outputs=pipeline.given_out if mapped else None,
         vote=_vote(sensors, design, period) if watch and len(sensors) >= MIN_VOTERS else None,
@@ -193,7 +193,7 @@ def heater_power(
         with_status=settings.status,
         patience=default_hold(period),
         clock_advice=CLOCK_ADVICE,
-        digest=design_digest(digest),
+        digest=content_digest(digest),
     )
 
 

@@ -326,7 +326,7 @@ class SetpointProcess(Process):
         """
         for setpoint, value in zip(self.setpoints, values, strict=True):
             if value != setpoint.value:
-                setpoint.value = setpoint.ramp = value
+                setpoint.resume(value, value)
         # Since when they stand there, nobody knows: the first row moves nothing.
         self._moved_at = math.inf
 
@@ -364,7 +364,7 @@ class SetpointProcess(Process):
         for sensor, kept in zip(self.sensors, state["sensors"], strict=True):
             sensor.resume(kept)
         for setpoint, (value, ramp) in zip(self.setpoints, state["setpoints"], strict=True):
-            setpoint.value, setpoint.ramp = float(value), float(ramp)
+            setpoint.resume(float(value), float(ramp))
         self.time = None if state["time_s"] is None else float(state["time_s"])
         self.clock.last = self.time
         self._moved_at = math.inf if self.time is None else self.time

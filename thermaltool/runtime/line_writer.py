@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import threading
 from collections import deque
 
+from thermaltool.runtime.pipe import LAST_WORD
+
 # Lines that wait for a descriptor that stalls; what comes after them is dropped and counted.
 MAX_WAITING = 1000
-# At the end, what still waits has this long [s] to leave.
-LAST_WORD = 1.0
 
 
 class LineWriter:
@@ -75,6 +74,6 @@ class LineWriter:
             except OSError:
                 # A terminal that has gone stops nothing.
                 self._failed = True
-            with self._changed, contextlib.suppress(IndexError):
+            with self._changed:
                 self._waiting.popleft()
                 self._changed.notify_all()

@@ -21,7 +21,7 @@ ENDS = (
 LONGEST = 1e6
 # A line longer than this is garbage: it is cut, so that memory stays bounded.
 LONGEST_LINE = 65536
-# After a signal, a sink that is full has this long [s] to take the last line.
+# At the end, what still waits for a sink, a terminal or a disk has this long [s] to leave.
 LAST_WORD = 1.0
 
 
@@ -115,7 +115,6 @@ class LinePipe:
         if len(self.torn) > LONGEST_LINE:
             lines.append(self.torn)
             self.torn = b""
-        self.was_empty = False
         return lines
 
     def write(self, data: bytes) -> None:

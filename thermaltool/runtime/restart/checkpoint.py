@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from thermaltool.documents import CHECKPOINT, Part, atomic_output, finite, mapping, text
 from thermaltool.errors import ModelError, OutputError
+from thermaltool.runtime.pipe import LAST_WORD
 
-# At the end of a stream the last state has this long [s] to be written.
-LAST_WORD = 1.0
 REMEDY = "remove the file to start from rest"
-
-
-def design_digest(design: Mapping[str, Any]) -> str:
-    """Identifies an estimator: a state belongs to one."""
-    return hashlib.sha256(json.dumps(design, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
