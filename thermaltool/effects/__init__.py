@@ -85,6 +85,17 @@ def effect_class(name: str) -> type[Effect]:
     return cls
 
 
+class _Loaded(dict[str, float]):
+    """Parameters of a file: which of them an effect needs shows where it asks for one."""
+
+    def __init__(self, effect: str, parameters: Mapping[str, float]) -> None:
+        super().__init__(parameters)
+        self._effect = effect
+
+    def __missing__(self, name: str) -> float:
+        raise ModelError(f"{self._effect}: the parameter {name} is missing")
+
+
 def load_effect(document: Mapping[str, Any]) -> Effect:
     """An effect from a model file.
 
@@ -99,7 +110,8 @@ def load_effect(document: Mapping[str, Any]) -> Effect:
     """
     cls = effect_class(document["name"])
     given = document["parameters"]
-    parameters = {name: finite(given[name]) for name in document.get("covariance_names", given)}
+    names = document.get("covariance_names", given)
+    parameters = _Loaded(cls.name, {name: finite(given[name]) for name in names})
     for name, value in parameters.items():
         if name.partition("[")[0] not in cls.known:
             raise ModelError(f"{cls.name}: no parameter {name} = {value:g}")

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from thermaltool.documents import names
+from thermaltool.documents import finite, names
 from thermaltool.errors import FitError, ModelError
 from thermaltool.estimation.known_inputs import Feedforward, load_known_inputs
 from thermaltool.estimation.linear_estimator import LinearEstimator
@@ -340,7 +340,7 @@ def _load_form(document: dict[str, Any]) -> Estimator:
     sensors, drives, outputs = (names(document[k]) for k in ("sensors", "drives", "outputs"))
     if document["form"] == "kalman":
         noise = tuple(
-            SensorNoise(n["white_sigma"], n["drift_sigma"], n["drift_time_s"])
+            SensorNoise(*(finite(n[key]) for key in ("white_sigma", "drift_sigma", "drift_time_s")))
             for n in document["noise"]
         )
         walk = tuple(document["walk_per_sqrt_s"])
