@@ -13,7 +13,8 @@ from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
 from thermaltool.estimation.plausible_change import reach_of, white_noise_of
-from thermaltool.model import Model
+from thermaltool.estimation.settling_time import REMAINDER
+from thermaltool.model import Model, Term
 from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.runtime.clock_check import LONGEST_PAUSE, ClockCheck
 from thermaltool.runtime.compensator import Policy, SetpointProcess
@@ -169,7 +170,7 @@ def heater_power(
     """
     period = _period(settings, model.sample_period)
     target = held_output(model, target)
-    parts_of(model, heater, target)
+    terms = parts_of(model, heater, target)[2]
     limits = powers(model, heater, settings.limits)
     lead = LEAD_PERIODS * period if lead is None else lead
     stabilizer = Stabilizer(model, heater, target, limits, lead)
@@ -181,7 +182,7 @@ def heater_power(
     digest = {"heater": heater, "lead": lead, "parameters": model.parameters_digest(),
               "target": target}  # fmt: skip
     return SetpointProcess(
-        HeaterStepper(stabilizer, lambda: setpoint.value),
+        HeaterStepper(stabilizer, lambda: setpoint.value, _settling_time(terms)),
         _sensors(inputs, period, settings, messages),
         [0],
         [setpoint],
@@ -195,6 +196,11 @@ def heater_power(
         clock_advice=CLOCK_ADVICE,
         digest=content_digest(digest),
     )
+
+
+def _settling_time(terms: Sequence[Term]) -> float:
+    """Until a wrong start of these terms is forgotten [s]."""
+    return -math.log(REMAINDER) * max(term.response.slowest() for term in terms)
 
 
 def _period(settings: Settings, period: float) -> float:

@@ -14,9 +14,9 @@ from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.messages import Report
 from thermaltool.runtime.process import STATUS, Process, Reply
 from thermaltool.runtime.rows.row import Row
-from thermaltool.runtime.sensing.leave_one_out import LeaveOneOut
 from thermaltool.runtime.sensing.sensors import SensorChannel
 from thermaltool.runtime.sensing.vote import Vote
+from thermaltool.runtime.settling import Settling
 from thermaltool.runtime.stepper import Steps
 
 Pass = Callable[[list[float]], list[float]]
@@ -78,7 +78,7 @@ class SetpointProcess(Process):
     patience, clock_advice, digest, summary
         As for `Process`.
     vote : Vote or None
-        Of the sensors, where the stepper is a `LeaveOneOut`.
+        Of the sensors, where the stepper predicts each from the others.
     reduced : sequence of Limits
         For each set point while a sensor is left out.
     inputs, outputs : callable or None
@@ -124,6 +124,7 @@ class SetpointProcess(Process):
         self._inputs, self._outputs = inputs, outputs
         self._vote, self._reduced = vote, reduced
         self._without: int | None = None
+        self._settling, self._settles = Settling(stepper.settling_time), False
         self._targets = list(zip(followed, setpoints, strict=True))
         self.estimates: list[float] = stepper.rest()
         self._started = False
@@ -146,15 +147,14 @@ class SetpointProcess(Process):
     def step(self, row: Row, seconds: float) -> Reply:
         """Setpoints, and estimates if they are wanted, after a row."""
         assert row.time is not None
-        time, lost = row.time, False
+        time = row.time
         for sensor, reading, fault in zip(self.sensors, row.readings, row.faults, strict=True):
             sensor.take(time, reading, fault)
-            lost = lost or sensor.lost
-        if isinstance(self.stepper, LeaveOneOut):
-            lost = self._leave_out(self.stepper)
+        lost = self._leave_out()
+        self._wait(seconds, lost)
         readings = [sensor.truth - sensor.rest for sensor in self.sensors]
         self._estimate(round(seconds / CLOCK_STEP), readings)
-        if isinstance(self.stepper, LeaveOneOut) and self._vote is not None and self._started:
+        if self._vote is not None and self._started:
             self._vote.take(seconds, self.stepper.residuals)
             for k, (sensor, residual) in enumerate(
                 zip(self.sensors, self.stepper.residuals, strict=True)
@@ -164,10 +164,14 @@ class SetpointProcess(Process):
         safe = lost or not self._started
         self._move(time, safe)
         self.status = self._state_of(safe)
+        if self.status == "settles" and not self._settles:
+            self.report("", f"the estimate settles: about {self._settling.left:.3g} s of readings")
+        self._settles = self._settling.lasts
         return time, self._written()
 
-    def _leave_out(self, stepper: LeaveOneOut) -> bool:
+    def _leave_out(self) -> bool:
         """Leave out what is lost or voted out; whether the others do not suffice."""
+        stepper = self.stepper
         out = {k for k, sensor in enumerate(self.sensors) if sensor.lost}
         against = None if self._vote is None else self._vote.against
         if against is not None:
@@ -184,6 +188,14 @@ class SetpointProcess(Process):
             self._without = left_out
         return not enough
 
+    def _wait(self, seconds: float, lost: bool) -> None:
+        """So long after the sample before: what the estimate may not know of it."""
+        # A pause that readings are held over is none.
+        blind = seconds if lost else max(seconds - self.patience, 0.0)
+        if self._started:
+            self._settling.reads(seconds - blind)
+            self._settling.blind(blind)
+
     def _state_of(self, safe: bool) -> str:
         """What a row's reply rests on."""
         if safe:
@@ -192,6 +204,8 @@ class SetpointProcess(Process):
             return "reduced"
         if any(sensor.held for sensor in self.sensors):
             return "held"
+        if self._settling.lasts:
+            return "settles"
         if self.accepted == 1 and self.status == "resumed":
             return "resumed"
         return "extrapolates" if any(s.extrapolates for s in self.sensors) else "ok"
@@ -226,6 +240,7 @@ class SetpointProcess(Process):
     def _forget(self) -> None:
         """Nothing is known of the machine; the actuators stand where they stand."""
         self._started, self.estimates = False, self.stepper.rest()
+        self._settling.unknown = 1.0
         self._without = None
         if self._vote is not None:
             self._vote.forget()
@@ -243,10 +258,8 @@ class SetpointProcess(Process):
             if math.isfinite(sum(self.estimates)):
                 return
             self.report("", "the estimates are not finite: started again from rest")
-        if isinstance(self.stepper, LeaveOneOut):
-            self._started = self.stepper.can_start(inputs)
-        else:
-            self._started = all(map(math.isfinite, inputs))
+            self._settling.unknown = 1.0
+        self._started = self.stepper.can_start(inputs)
         if not self._started:
             self.estimates = self.stepper.rest()
             return
@@ -256,6 +269,7 @@ class SetpointProcess(Process):
         for sensor, reading in zip(self.sensors, readings, strict=True):
             if not settled and sensor.at_rest and away_from_rest(reading, sensor.calibrated):
                 self.report(sensor.channel, f"{sensor.value:g} at the start {NOT_AT_REST}")
+                self._settling.unknown = 1.0
 
     def _shift(self, seconds: float) -> None:
         """The clock was set: past times move along."""
@@ -340,6 +354,7 @@ class SetpointProcess(Process):
             "sensors": [sensor.state() for sensor in self.sensors],
             "setpoints": [[s.value, s.ramp] for s in self.setpoints],
             "vote": None if self._vote is None else self._vote.state(),
+            "unknown": self._settling.unknown,
         }
 
     def resume(self, state: dict[str, Any], age: float = 0.0) -> None:
@@ -361,6 +376,7 @@ class SetpointProcess(Process):
             self._vote.resume(state["vote"])
         self.estimates = [float(value) for value in state["estimates"]]
         self._started = bool(state["started"])
+        self._settling.unknown = min(max(float(state.get("unknown", 0.0)), 0.0), 1.0)
         for sensor, kept in zip(self.sensors, state["sensors"], strict=True):
             sensor.resume(kept)
         for setpoint, (value, ramp) in zip(self.setpoints, state["setpoints"], strict=True):

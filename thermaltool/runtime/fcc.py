@@ -21,6 +21,7 @@ from thermaltool.runtime.compensator import Policy, SetpointProcess
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.sensing.sensors import SensorChannel
 from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
+from thermaltool.runtime.stepper import Steps
 from thermaltool.timeseries.recursive.arma import RecursiveArma
 from thermaltool.timeseries.recursive.direct import DirectForecast
 
@@ -74,7 +75,7 @@ class ErrorModel:
 
 
 @dataclass
-class Controller:
+class Controller(Steps):
     """A forecasting control that answers each sample of a `SetpointProcess`.
 
     The error is the first reading and the speed, where there is one, the second; a reading that
@@ -115,6 +116,7 @@ class Controller:
     _wanted: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
+        super().__init__()
         self._ticks = max(round(self.control.period / CLOCK_STEP), 1)
 
     def rest(self) -> list[float]:

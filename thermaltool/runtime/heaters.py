@@ -10,12 +10,13 @@ from thermaltool.control.heaters import Stabilizer
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
 from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.runtime.stepper import Steps
 
 # Without a lead of the user's the output is foretold for so many sample periods.
 LEAD_PERIODS = 2
 
 
-class HeaterStepper:
+class HeaterStepper(Steps):
     """A `Stabilizer` as the stream's estimator: estimates are the power wanted, and the output.
 
     Parameters
@@ -24,10 +25,16 @@ class HeaterStepper:
     given : callable
         The power that the heater was given last: limits, steps and the safe state have changed it.
         Over a silence it counts as what it was at the end.
+    settling_time : float [s]
+        Of the output.
     """
 
-    def __init__(self, stabilizer: Stabilizer, given: Callable[[], float]) -> None:
+    def __init__(
+        self, stabilizer: Stabilizer, given: Callable[[], float], settling_time: float
+    ) -> None:
+        super().__init__()
         self._stabilizer, self._given = stabilizer, given
+        self.settling_time = settling_time
 
     def rest(self) -> list[float]:
         """Estimates before anything is known."""

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 
 from thermaltool.estimation.estimator import Estimator
+from thermaltool.estimation.settling_time import settling_time
 from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
 from thermaltool.responses.modes import CLOCK_STEP, Float
 
@@ -14,26 +18,58 @@ from thermaltool.responses.modes import CLOCK_STEP, Float
 MAX_CACHED_MATRICES = 32
 
 
-class Steps(Protocol):
-    """What answers each sample with estimates: a `Stepper`, or something of its kind."""
+class Steps(ABC):
+    """What answers each sample with estimates: a `Stepper`, or something of its kind.
 
+    Attributes
+    ----------
+    settling_time : float [s]
+        Until a wrong start is forgotten.
+    out : set of int
+        Sensors whose readings do not count.
+    left_out : int or None
+        The sensor that the estimates do not use.
+    residuals : list of float
+        What each sensor reads, less what the others predict; empty where nothing predicts them.
+    """
+
+    settling_time = 0.0
+    left_out: int | None = None
+
+    def __init__(self) -> None:
+        self.out: set[int] = set()
+        self.residuals: list[float] = []
+
+    def can_do_without(self, lost: Collection[int]) -> bool:
+        """Whether there are estimates that use none of these sensors."""
+        return not lost
+
+    def can_start(self, readings: list[float]) -> bool:
+        """Whether the first readings suffice."""
+        return all(map(math.isfinite, readings))
+
+    @abstractmethod
     def rest(self) -> list[float]:
         """Estimates before anything is known."""
 
+    @abstractmethod
     def start(self, readings: list[float], settled: bool = False) -> list[float]:
         """Estimates at the first readings."""
 
+    @abstractmethod
     def step(self, ticks: int, readings: list[float]) -> list[float]:
         """Estimates after a sample of `ticks` clock steps."""
 
-    def state(self) -> list[float]:
+    @abstractmethod
+    def state(self) -> list[Any]:
         """For `resume`, as JSON."""
 
+    @abstractmethod
     def resume(self, values: list[Any]) -> None:
         """Go on from a state."""
 
 
-class Stepper:
+class Stepper(Steps):
     """The state of an estimator, advanced sample by sample.
 
     x ← F x + G0 u_before + G1 u_now and y = C x are one product of a stacked matrix with
@@ -47,10 +83,14 @@ class Stepper:
     """
 
     def __init__(self, estimator: Estimator, sample_period: float) -> None:
+        super().__init__()
         self._estimator = estimator
         self._period = sample_period
         self._sensors = len(estimator.sensors)
-        self._states = len(estimator.recursion(sample_period).F)
+        recursion = estimator.recursion(sample_period)
+        self._states = len(recursion.F)
+        deflections = slice(len(estimator.estimates) - len(estimator.outputs), None)
+        self.settling_time = settling_time(recursion, sample_period, deflections)
         self._z = np.zeros(self._states + 2 * self._sensors)
         self._next = np.empty(self._states + len(estimator.estimates))
         self._matrices: dict[int, Float] = {}

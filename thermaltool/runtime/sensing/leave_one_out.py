@@ -16,7 +16,7 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.responses.modes import CLOCK_STEP
-from thermaltool.runtime.stepper import Stepper
+from thermaltool.runtime.stepper import Stepper, Steps
 
 # Sample lengths of the filters beside the full one are multiples of this part of the period.
 GRID_STEPS = 64
@@ -44,7 +44,7 @@ def without(estimator: KalmanEstimator, k: int) -> KalmanEstimator:
     )
 
 
-class LeaveOneOut:
+class LeaveOneOut(Steps):
     """The filter of all sensors, and one without each.
 
     Parameters
@@ -56,17 +56,16 @@ class LeaveOneOut:
 
     Attributes
     ----------
-    out : set of int
-        Sensors whose readings do not count. With one of them, the estimates are those without it.
     residuals : list of float
-        What each sensor reads, less what the others predict; NaN where nothing does.
+        NaN where nothing predicts a sensor.
     """
 
     def __init__(
         self, estimator: KalmanEstimator, sample_period: float, tolerance: Sequence[float]
     ) -> None:
-        self.out: set[int] = set()
+        super().__init__()
         self._full = Stepper(estimator, sample_period)
+        self.settling_time = self._full.settling_time
         self._others: list[Stepper | None] = []
         for k in range(len(estimator.sensors)):
             try:
@@ -78,7 +77,7 @@ class LeaveOneOut:
         # Filters that have agreed with the full one since a reading was last held.
         self._agreed = [False] * len(self._others)
         self.residuals = [math.nan] * len(self._others)
-        self._without: int | None = None
+        self.left_out: int | None = None
         self._grid, self._carried = max(round(sample_period / CLOCK_STEP / GRID_STEPS), 1), 0
 
     def can_do_without(self, lost: Collection[int]) -> bool:
@@ -86,7 +85,7 @@ class LeaveOneOut:
         if len(lost) != 1:
             return not lost
         (k,) = lost
-        return self._others[k] is not None and (self._agreed[k] or self._without == k)
+        return self._others[k] is not None and (self._agreed[k] or self.left_out == k)
 
     def rest(self) -> list[float]:
         """Estimates before anything is known."""
@@ -107,7 +106,7 @@ class LeaveOneOut:
                 first = other.start(_but(readings, k), settled)
                 estimates = first[:-1] if k == missing else estimates
                 self._agreed[k] = missing in (None, k)
-        self._without = missing
+        self.left_out = missing
         return estimates
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
@@ -118,25 +117,25 @@ class LeaveOneOut:
         ticks = self._coarse(ticks)
         out = next(iter(self.out)) if len(self.out) == 1 else None
         if out is not None and self.can_do_without([out]):
-            self._without = out
+            self.left_out = out
         for k, other in enumerate(self._others):
             if other is None:
                 continue
             *estimates, predicted = other.step(ticks, _but(readings, k))
             self.residuals[k] = readings[k] - predicted
             agrees = self._agree(full, estimates)
-            if self._without == k:
+            if self.left_out == k:
                 if out is None and agrees:
                     # The full filter has forgotten what the sensor was held at while it was out.
-                    self._without = None
+                    self.left_out = None
                 else:
                     chosen = estimates
             elif self.out:
                 # It takes what the sensor that is out was held at.
                 self._agreed[k] = k in self.out and self._agreed[k]
-            elif self._without is None:
+            elif self.left_out is None:
                 self._agreed[k] = self._agreed[k] or agrees
-            if not self._agreed[k] and self._without != k:
+            if not self._agreed[k] and self.left_out != k:
                 self.residuals[k] = math.nan
         return chosen
 
@@ -150,11 +149,6 @@ class LeaveOneOut:
         self._carried = exact - coarse
         return coarse
 
-    @property
-    def left_out(self) -> int | None:
-        """The sensor that the estimates do not use."""
-        return self._without
-
     def _agree(self, one: Sequence[float], other: Sequence[float]) -> bool:
         first = self._drives
         pairs = zip(one[first:], other[first:], self._tolerance, strict=True)
@@ -163,7 +157,7 @@ class LeaveOneOut:
     def state(self) -> list[Any]:
         """For `resume`: each filter, which agree with the full one, and what is left out."""
         filters = [self._full.state(), *(each.state() if each else [] for each in self._others)]
-        return [*filters, [self._agreed, self._without]]
+        return [*filters, [self._agreed, self.left_out]]
 
     def resume(self, values: list[Any]) -> None:
         """Raises ValueError where `values` are no state of these filters.
@@ -180,7 +174,7 @@ class LeaveOneOut:
                 each.resume(kept)
         if len(agreed) != len(self._others) or left_out not in (None, *range(len(agreed))):
             raise ValueError("not a state of these filters")
-        self._agreed, self._without = [bool(each) for each in agreed], left_out
+        self._agreed, self.left_out = [bool(each) for each in agreed], left_out
 
 
 def _numbers(readings: list[float]) -> list[float]:
