@@ -303,6 +303,14 @@ def pair(values: Any) -> tuple[float, float]:
     return low, high
 
 
+def rising(values: Any) -> tuple[float, ...]:
+    """Numbers from 0 on, none below the one before."""
+    numbers = tuple(map(finite, items(values)))
+    if any(b < a for a, b in zip((0.0, *numbers), numbers, strict=False)):
+        raise ModelError("not numbers that rise from 0")
+    return numbers
+
+
 @contextlib.contextmanager
 def atomic_output(target: str) -> Iterator[BinaryIO]:
     """Open `target` for bytes; it appears whole when the block ends, or not at all.

@@ -55,8 +55,10 @@ class Identification(Result):
             A response has no form in continuous time.
         """
         from thermaltool.fitting.document import model_document
+        from thermaltool.fitting.seen_changes import with_seen_changes
 
-        return model_document(self.fits, self.reference, {"logs": [x.source for x in self.logs]})
+        provenance = {"logs": [x.source for x in self.logs]}
+        return with_seen_changes(model_document(self.fits, self.reference, provenance), self.logs)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -31,8 +31,9 @@ if TYPE_CHECKING:
               help="Time from the input, or of its arrival (to 1 ms).")  # fmt: skip
 @streaming.heater_options
 @click.option("--also", type=click.Choice(["estimates", "status"]), multiple=True,
-              help="Add columns: heat and deflections (the power wanted and the output); what each "
-              "line rests on: ok, settles, held, reduced, safe, extrapolates, resumed.")  # fmt: skip
+              help="Add columns: heat and deflections (the power wanted and the output); what "
+              "lines rest on: ok, settles, held, reduced, safe, extrapolates, "
+              "resumed.")  # fmt: skip
 @click.option("--sign", type=click.Choice(["-1", "1"]), default="-1",
               help="Setpoint over deflection: -1 for an offset that cancels it.")  # fmt: skip
 @click.option("--hold", type=POSITIVE, metavar="S",

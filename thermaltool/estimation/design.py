@@ -112,7 +112,12 @@ def design_estimator(
                 f"--form {plan.form}: every drive is measured, nothing is to be estimated"
             )
         estimator = problem.finished(Feedforward(problem.outputs))
-        model = model.with_design({**estimator.document(), "sample_period_s": problem.dt})
+        document = {
+            **estimator.document(),
+            "plausible_change": plausible_changes(model, {}, (), problem.dt),
+            "sample_period_s": problem.dt,
+        }
+        model = model.with_design(document)
         return EstimatorDesign(model, problem, "feedforward", {})
     choices: dict[str, list[DesignChoice]] = {}
     refused = None

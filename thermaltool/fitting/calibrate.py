@@ -19,6 +19,7 @@ from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, choose_response
+from thermaltool.fitting.seen_changes import with_seen_changes
 from thermaltool.fitting.start_choice import begins_away_from_rest, rests
 from thermaltool.fitting.start_state import Initial
 from thermaltool.model import (
@@ -203,6 +204,7 @@ def calibrate(
         effects=effects,
         provenance={"logs": [record.source for record in measured if record.digest]},
     )
+    model = with_seen_changes(model, measured)
     model = _as_simulated(_with_rests(model, measured), measured)
     if plan.choose and plan.initial == "auto":
         progress("trying whether the machine begins at rest")

@@ -22,6 +22,7 @@ from thermaltool.effects.effect import Float, needed
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.output_noise import OutputNoise, measured, widest_range
 from thermaltool.fitting.projection import linear_least_squares
+from thermaltool.fitting.seen_changes import with_seen_changes
 from thermaltool.model import (
     Drive,
     Model,
@@ -364,8 +365,9 @@ def _with_ranges(model: Model, problem: _CurveProblem, after: Mapping[str, Agree
         outputs.append(output)
     sources = [record.source for record in problem.records if record.digest]
     logs = [*model.provenance.get("logs", []), *sources]
-    return replace(model, drives=tuple(drives), outputs=tuple(outputs), design=None,
-                   provenance={"logs": logs})  # fmt: skip
+    widened = replace(model, drives=tuple(drives), outputs=tuple(outputs), design=None,
+                      provenance={"logs": logs})  # fmt: skip
+    return with_seen_changes(widened, problem.records)
 
 
 def _widened(span: tuple[float, float], seen: Sequence[Float]) -> tuple[float, float]:

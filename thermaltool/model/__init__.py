@@ -7,10 +7,8 @@ from thermaltool.model.document import (
     Output,
     Role,
     Term,
-    dumps,
-    loads,
-    to_document,
 )
+from thermaltool.model.model_file import dumps, loads, to_document
 from thermaltool.model.rest import (
     Zero,
     agreements,

@@ -12,6 +12,7 @@ from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 from thermaltool.model import Drive, Model, Output
 from thermaltool.record import MAX_UNEVENNESS
+from thermaltool.signals.changes import larger_changes
 from thermaltool.units import Reference
 
 CORRECT_LATER = "superpose first, correct then (calibrate --linear looks for no curve)"
@@ -163,7 +164,11 @@ def _joined(models: Sequence[Model], **parts: object) -> Model:
     for model in models:
         for drive in model.drives:
             known = drives.get(drive.channel, drive)
-            drives[drive.channel] = replace(drive, range=_wider(known.range, drive.range))
+            drives[drive.channel] = replace(
+                drive,
+                range=_wider(known.range, drive.range),
+                changes=larger_changes(known.changes, drive.changes),
+            )
         for output in model.outputs:
             seen = outputs.get(output.channel, output)
             outputs[output.channel] = replace(
@@ -171,6 +176,7 @@ def _joined(models: Sequence[Model], **parts: object) -> Model:
                 offset=_zero(models, output.channel),
                 range=_wider(seen.range, output.range),
                 fit={},
+                changes=larger_changes(seen.changes, output.changes),
             )
     logs = [log for model in models for log in model.provenance.get("logs", ())]
     joined = Model(tuple(drives.values()), tuple(outputs.values()), (), models[0].sample_period,

@@ -13,20 +13,17 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 
-from thermaltool import documents
-from thermaltool.documents import MODEL, Part
-from thermaltool.effects import load_effect
-from thermaltool.effects.band import ScheduleBand, load_band
+from thermaltool.effects.band import ScheduleBand
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 from thermaltool.model.simulate import simulate
 from thermaltool.model.step import ModelRecursion
 from thermaltool.record import Record
-from thermaltool.responses import Response, parameter_names, response_class
+from thermaltool.responses import Response, parameter_names
 from thermaltool.responses.modes import Float, Hold
 from thermaltool.units import Reference
 
@@ -49,6 +46,8 @@ class Drive:
         Values, relative to the reference, that the calibration has seen.
     rest : float, optional
         Where the calibration began: at another level rest has other temperatures (`rest_shifts`).
+    changes : tuple of float
+        The largest change that the calibration has seen within 1, 2, 4 ... sample periods.
     """
 
     channel: str
@@ -56,6 +55,7 @@ class Drive:
     reference: Reference
     range: tuple[float, float]
     rest: float | None = None
+    changes: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,8 @@ class Output:
         Values, relative to rest, that the calibration has seen.
     fit : mapping
         Statistics of the calibration.
+    changes : tuple of float
+        As of a `Drive`.
     """
 
     channel: str
@@ -80,6 +82,7 @@ class Output:
     offset: Reference
     range: tuple[float, float]
     fit: Mapping[str, Any] = field(default_factory=dict)
+    changes: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,21 @@ class Term:
     covariance: Float | None = None
     covariance_names: tuple[str, ...] = ()
     band: ScheduleBand | None = None
+
+    def document(self) -> dict[str, Any]:
+        """As JSON."""
+        response = self.response
+        names = parameter_names(response.kind)
+        band = {} if self.band is None else {"band": self.band.document()}
+        return {
+            "drive": self.drive,
+            "output": self.output,
+            "kind": response.kind,
+            "parameters": {name: getattr(response, name) for name in names},
+            "covariance": None if self.covariance is None else np.asarray(self.covariance).tolist(),
+            "covariance_names": list(self.covariance_names),
+            **band,
+        }
 
 
 @dataclass(frozen=True)
@@ -162,7 +180,7 @@ class Model:
 
     def parameters_digest(self) -> str:
         """Identifies terms and effects: a design belongs to one set of parameters."""
-        parts = [_term_document(t) for t in self.terms]
+        parts = [t.document() for t in self.terms]
         parts += [effect.document() for effect in self.effects]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
@@ -224,177 +242,3 @@ class Model:
         own = [*(d.channel for d in self.drives), *(c for e in self.effects for c in e.needs())]
         own += [term.band.channel for term in self.terms if term.band is not None]
         return tuple(dict.fromkeys(own))
-
-
-# ---------------------------------------------------------------- the file
-
-
-def to_document(model: Model) -> dict[str, Any]:
-    """The model as JSON-ready dict.
-
-    Parameters
-    ----------
-    model : Model
-    """
-    document: dict[str, Any] = {
-        "sample_period_s": model.sample_period,
-        "drives": [
-            {
-                "channel": d.channel,
-                "hold": d.hold,
-                "reference": d.reference,
-                "range": list(d.range),
-                **({} if d.rest is None else {"rest": d.rest}),
-            }
-            for d in model.drives
-        ],
-        "outputs": [
-            {
-                "channel": o.channel,
-                "role": o.role,
-                "offset": o.offset,
-                "range": list(o.range),
-                "fit": dict(o.fit),
-            }
-            for o in model.outputs
-        ],
-        "terms": [_term_document(t) for t in model.terms],
-        "provenance": dict(model.provenance),
-    }
-    if model.effects:
-        document["effects"] = [effect.document() for effect in model.effects]
-    if model.design is not None:
-        document["design"] = dict(model.design)
-    return MODEL.wrap(document)
-
-
-def _term_document(term: Term) -> dict[str, Any]:
-    response = term.response
-    band = {} if term.band is None else {"band": term.band.document()}
-    return {
-        "drive": term.drive,
-        "output": term.output,
-        "kind": response.kind,
-        "parameters": {name: getattr(response, name) for name in parameter_names(response.kind)},
-        "covariance": None if term.covariance is None else np.asarray(term.covariance).tolist(),
-        "covariance_names": list(term.covariance_names),
-        **band,
-    }
-
-
-def dumps(model: Model) -> str:
-    """The file's text: sorted keys, no clock time, no NaN.
-
-    Parameters
-    ----------
-    model : Model
-    """
-    return MODEL.dumps(to_document(model))
-
-
-def loads(text: str, name: str = "<model>") -> Model:
-    """Read a model document.
-
-    Parameters
-    ----------
-    text : str
-    name : str
-        What messages call the file.
-
-    Raises
-    ------
-    ModelError
-        No JSON, another format, a newer version, a part missing or out of range; each names the
-        file.
-    """
-    document = MODEL.loads(text, name)
-    try:
-        return _load(Part(document))
-    except ModelError as error:
-        raise ModelError(f"{name}: {error}") from error
-
-
-def _load(whole: Part) -> Model:
-    model = Model(
-        drives=tuple(_load_drive(part) for part in whole.parts("drives")),
-        outputs=tuple(_load_output(part) for part in whole.parts("outputs")),
-        terms=tuple(_load_term(part) for part in whole.parts("terms")),
-        sample_period=whole.read("sample_period_s", documents.above_zero),
-        provenance=whole.read("provenance", documents.mapping, {}),
-        design=whole.read("design", documents.bounded, None),
-        effects=tuple(_load_effect(part) for part in whole.parts("effects", ())),
-    )
-    _check_ends(model)
-    return model
-
-
-def _load_drive(part: Part) -> Drive:
-    return Drive(
-        part.read("channel", documents.text),
-        part.read("hold", documents.one_of(get_args(Hold))),
-        part.read("reference", documents.rest),
-        part.read("range", documents.pair),
-        part.read("rest", documents.finite, None),
-    )
-
-
-def _load_output(part: Part) -> Output:
-    return Output(
-        part.read("channel", documents.text),
-        part.read("role", documents.one_of(get_args(Role))),
-        part.read("offset", documents.rest),
-        part.read("range", documents.pair),
-        part.read("fit", documents.mapping, {}),
-    )
-
-
-def _load_term(part: Part) -> Term:
-    return Term(
-        part.read("drive", documents.text),
-        part.read("output", documents.text),
-        _load_response(part),
-        part.read("covariance", _covariance, None),
-        part.read("covariance_names", documents.names, ()),
-        part.read("band", _band, None),
-    )
-
-
-def _load_effect(part: Part) -> Effect:
-    # A source that nobody logged has no channel.
-    part.read("channel", lambda value: value if value == "" else documents.text(value))
-    part.read("covariance", _covariance, None)
-    effect: Effect = part.as_whole(load_effect)
-    return effect
-
-
-def _band(value: Any) -> ScheduleBand | None:
-    Part(documents.mapping(value)).read("channel", documents.text)
-    return load_band(value)
-
-
-def _covariance(rows: Any) -> Float:
-    values = np.array(rows, float)
-    if values.ndim != 2 or len(set(values.shape)) > 1 or not np.isfinite(values).all():
-        raise ModelError("not a square of finite numbers")
-    return values
-
-
-def _load_response(part: Part) -> Response:
-    kind, known = part.read("kind", documents.text), part.read("kind", parameter_names)
-    given = part.part("parameters")
-    values = {name: given.read(name, documents.finite) for name in known}
-    response: Response = part.as_whole(lambda _: response_class(kind)(**values))
-    return response
-
-
-def _check_ends(model: Model) -> None:
-    """Terms go from a drive of the model to an output of the model, each of which is there once."""
-    drives, outputs = ([each.channel for each in ends] for ends in (model.drives, model.outputs))
-    for channel in (*drives, *outputs):
-        if drives.count(channel) > 1 or outputs.count(channel) > 1:
-            raise ModelError(f"{channel} is there twice")
-    if not model.terms:
-        raise ModelError("terms: there is none")
-    for term in model.terms:
-        if term.drive not in drives or term.output not in outputs:
-            raise ModelError(f"a term from {term.drive!r} to {term.output!r}, which are not there")

@@ -12,7 +12,7 @@ from thermaltool.documents import content_digest
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
-from thermaltool.estimation.plausible_change import reach_of, white_noise_of
+from thermaltool.estimation.plausible_change import plausible_changes, reach_of, white_noise_of
 from thermaltool.estimation.settling_time import REMAINDER
 from thermaltool.model import Model, Term
 from thermaltool.responses.modes import CLOCK_STEP
@@ -179,11 +179,12 @@ def heater_power(
         for d in stabilizer.read
     )
     setpoint = settings.setpoint(limits)
+    known = {"plausible_change": plausible_changes(model, {}, (), period)}
     digest = {"heater": heater, "lead": lead, "parameters": model.parameters_digest(),
               "target": target}  # fmt: skip
     return SetpointProcess(
         HeaterStepper(stabilizer, lambda: setpoint.value, _settling_time(terms)),
-        _sensors(inputs, period, settings, messages),
+        _sensors(inputs, period, settings, messages, known),
         [0],
         [setpoint],
         _policy(settings, period, 1.0, settled),
@@ -251,7 +252,7 @@ def _sensors(
             report=report,
             back=each.to_true,
             at_rest=each.sensor,
-            reach=reach_of(known if each.sensor else {}, each.column),
+            reach=reach_of({} if each.commanded else known, each.column),
             frozen=_frozen_check(each, settings, design or {}),
             consequence="lost" if several else "safe setpoint",
         )

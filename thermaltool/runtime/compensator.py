@@ -16,8 +16,8 @@ from thermaltool.runtime.process import STATUS, Process, Reply
 from thermaltool.runtime.rows.row import Row
 from thermaltool.runtime.sensing.sensors import SensorChannel
 from thermaltool.runtime.sensing.vote import Vote
-from thermaltool.runtime.settling import Settling
 from thermaltool.runtime.stepper import Steps
+from thermaltool.runtime.unknown_state import UnknownState
 
 Pass = Callable[[list[float]], list[float]]
 
@@ -124,7 +124,7 @@ class SetpointProcess(Process):
         self._inputs, self._outputs = inputs, outputs
         self._vote, self._reduced = vote, reduced
         self._without: int | None = None
-        self._settling, self._settles = Settling(stepper.settling_time), False
+        self._unsure, self._settles = UnknownState(stepper.settling_time), False
         self._targets = list(zip(followed, setpoints, strict=True))
         self.estimates: list[float] = stepper.rest()
         self._started = False
@@ -165,8 +165,8 @@ class SetpointProcess(Process):
         self._move(time, safe)
         self.status = self._state_of(safe)
         if self.status == "settles" and not self._settles:
-            self.report("", f"the estimate settles: about {self._settling.left:.3g} s of readings")
-        self._settles = self._settling.lasts
+            self.report("", f"the estimate settles: about {self._unsure.left:.3g} s of readings")
+        self._settles = self._unsure.lasts
         return time, self._written()
 
     def _leave_out(self) -> bool:
@@ -193,8 +193,8 @@ class SetpointProcess(Process):
         # A pause that readings are held over is none.
         blind = seconds if lost else max(seconds - self.patience, 0.0)
         if self._started:
-            self._settling.reads(seconds - blind)
-            self._settling.blind(blind)
+            self._unsure.reads(seconds - blind)
+            self._unsure.blind(blind)
 
     def _state_of(self, safe: bool) -> str:
         """What a row's reply rests on."""
@@ -204,7 +204,7 @@ class SetpointProcess(Process):
             return "reduced"
         if any(sensor.held for sensor in self.sensors):
             return "held"
-        if self._settling.lasts:
+        if self._unsure.lasts:
             return "settles"
         if self.accepted == 1 and self.status == "resumed":
             return "resumed"
@@ -240,7 +240,7 @@ class SetpointProcess(Process):
     def _forget(self) -> None:
         """Nothing is known of the machine; the actuators stand where they stand."""
         self._started, self.estimates = False, self.stepper.rest()
-        self._settling.unknown = 1.0
+        self._unsure.unknown = 1.0
         self._without = None
         if self._vote is not None:
             self._vote.forget()
@@ -258,7 +258,7 @@ class SetpointProcess(Process):
             if math.isfinite(sum(self.estimates)):
                 return
             self.report("", "the estimates are not finite: started again from rest")
-            self._settling.unknown = 1.0
+            self._unsure.unknown = 1.0
         self._started = self.stepper.can_start(inputs)
         if not self._started:
             self.estimates = self.stepper.rest()
@@ -269,7 +269,7 @@ class SetpointProcess(Process):
         for sensor, reading in zip(self.sensors, readings, strict=True):
             if not settled and sensor.at_rest and away_from_rest(reading, sensor.calibrated):
                 self.report(sensor.channel, f"{sensor.value:g} at the start {NOT_AT_REST}")
-                self._settling.unknown = 1.0
+                self._unsure.unknown = 1.0
 
     def _shift(self, seconds: float) -> None:
         """The clock was set: past times move along."""
@@ -354,7 +354,7 @@ class SetpointProcess(Process):
             "sensors": [sensor.state() for sensor in self.sensors],
             "setpoints": [[s.value, s.ramp] for s in self.setpoints],
             "vote": None if self._vote is None else self._vote.state(),
-            "unknown": self._settling.unknown,
+            "unknown": self._unsure.unknown,
         }
 
     def resume(self, state: dict[str, Any], age: float = 0.0) -> None:
@@ -376,7 +376,7 @@ class SetpointProcess(Process):
             self._vote.resume(state["vote"])
         self.estimates = [float(value) for value in state["estimates"]]
         self._started = bool(state["started"])
-        self._settling.unknown = min(max(float(state.get("unknown", 0.0)), 0.0), 1.0)
+        self._unsure.unknown = min(max(float(state.get("unknown", 0.0)), 0.0), 1.0)
         for sensor, kept in zip(self.sensors, state["sensors"], strict=True):
             sensor.resume(kept)
         for setpoint, (value, ramp) in zip(self.setpoints, state["setpoints"], strict=True):

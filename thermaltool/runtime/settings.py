@@ -57,7 +57,8 @@ class Settings:
     estimates : bool
         Whether more is written than the setpoints: what they were made of.
     status : bool
-        Whether each line says what it rests on: ok, settles, held, reduced, safe, extrapolates, resumed.
+        Whether each line says what it rests on: ok, settles, held, reduced, safe, extrapolates,
+        resumed.
     trust : bool
         Whether every reading in range is taken: no test of its rate, its noise, or against others.
     at : mapping of set point to float, float, or None

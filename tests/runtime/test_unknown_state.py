@@ -9,8 +9,8 @@ from thermaltool.estimation.estimator import load_estimator
 from thermaltool.estimation.settling_time import settling_time
 from thermaltool.responses.modes import Recursion
 from thermaltool.runtime.rows.row import Row
-from thermaltool.runtime.settling import Settling
 from thermaltool.runtime.stepper import Stepper
+from thermaltool.runtime.unknown_state import UnknownState
 
 
 def lags(*taus, dt=1.0, weights=None):
@@ -54,14 +54,14 @@ def test_the_estimate_of_a_warm_machine_is_right_when_its_time_is_over(model):
 
 
 def test_a_pause_costs_as_much_as_the_machine_can_do_in_it():
-    settling = Settling(math.log(20) * 100.0)
-    settling.blind(10.0)
-    assert settling.unknown == pytest.approx(1 - math.exp(-0.1))
-    assert settling.lasts
-    settling.reads(settling.left)
-    assert settling.unknown == pytest.approx(0.05)
-    settling.reads(0.01)
-    assert not settling.lasts
+    state = UnknownState(math.log(20) * 100.0)
+    state.blind(10.0)
+    assert state.unknown == pytest.approx(1 - math.exp(-0.1))
+    assert state.lasts
+    state.reads(state.left)
+    assert state.unknown == pytest.approx(0.05)
+    state.reads(0.01)
+    assert not state.lasts
 
 
 def states(compensator, times, readings):

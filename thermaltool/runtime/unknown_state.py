@@ -7,7 +7,7 @@ import math
 from thermaltool.estimation.settling_time import REMAINDER
 
 
-class Settling:
+class UnknownState:
     """The share of the state that the estimate may not know, as of a first-order lag.
 
     It grows while nothing is read and falls while readings come.

@@ -1,0 +1,56 @@
+"""How fast the channels of a model have changed in the logs that it was fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from thermaltool.model import Model
+from thermaltool.record import MAX_UNEVENNESS, Record
+from thermaltool.signals.changes import Float, larger_changes, largest_changes
+
+
+def with_seen_changes(model: Model, records: Sequence[Record]) -> Model:
+    """The model with the largest changes of its outputs, and of drives that run on.
+
+    What it knows of other logs stays. A held drive switches as it likes: nothing is kept of it.
+
+    Parameters
+    ----------
+    model : Model
+    records : sequence of Record
+    """
+
+    def seen(channel: str, known: tuple[float, ...]) -> tuple[float, ...]:
+        own = [
+            piece
+            for record in records
+            if channel in record.columns
+            for piece in _even(record, channel, model.sample_period)
+        ]
+        return larger_changes(known, largest_changes(own))
+
+    return replace(
+        model,
+        drives=tuple(
+            d if d.hold == "zero" else replace(d, changes=seen(d.channel, d.changes))
+            for d in model.drives
+        ),
+        outputs=tuple(replace(o, changes=seen(o.channel, o.changes)) for o in model.outputs),
+    )
+
+
+def _even(record: Record, channel: str, period: float) -> Iterator[Float]:
+    """A channel on an even clock; straight lines where it is not, and over readings that lack."""
+    values = record.column(channel)
+    for part in record.segments:
+        rows = part.start + np.flatnonzero(np.isfinite(values[part]))
+        if len(rows) < 2:
+            continue
+        time, piece = record.time[rows], values[rows]
+        if np.max(np.abs(np.diff(time) - period)) > MAX_UNEVENNESS * period:
+            clock = np.arange(time[0], time[-1] + period / 2, period)
+            piece = np.interp(clock, time, piece)
+        yield piece
