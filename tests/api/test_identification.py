@@ -63,7 +63,7 @@ def test_a_network_shares_its_time_constants() -> None:
 
 def test_validation_on_another_record_and_a_clock_that_differs() -> None:
     found = call(record(), validate=record(2))
-    assert found.document()["models"][0]["fit_validation_percent"] > 95
+    assert found.document()["models"][0]["validation"]["fit_percent"] > 95
     with pytest.raises(LogError, match="sampled every 20 s, the first log every 10 s"):
         call([record(), record(period=20.0)])
 

@@ -51,7 +51,7 @@ def test_json_says_what_was_identified(thermaltool, log):
     assert model["structure"] == "oe"
     assert model["delay_s"] == 25.0
     assert model["fit_training_percent"] > 98
-    assert model["fit_validation_percent"] > 98
+    assert model["validation"]["fit_percent"] > 98
     assert model["method"] == "refined instrumental variables"
     slow, fast = model["time_constants_s"][:2]
     assert slow == pytest.approx(400, rel=0.05)
@@ -117,7 +117,9 @@ def test_validation_on_another_log_and_two_outputs(thermaltool, log, columns, tm
                        "d_x_um", "--orders", "2,2,5", "--validate", other, "--json")  # fmt: skip
     assert done.code == 0, done.err
     first, second = done.json["models"]
-    assert first["fit_validation_percent"] == pytest.approx(first["fit_training_percent"], abs=0.5)
+    assert first["validation"]["fit_percent"] == pytest.approx(
+        first["fit_training_percent"], abs=0.5
+    )
     gains = [m["terms"][0]["gain"]["value"] for m in (first, second)]
     assert gains[1] == pytest.approx(2 * gains[0], rel=1e-3)
 
@@ -193,7 +195,7 @@ def test_hairdryer_delay_and_free_run(thermaltool, structure):
                        "--structure", structure, "--split", "0.5", "--json")  # fmt: skip
     (model,) = done.json["models"]
     assert round(model["delay_s"] / 0.08) == 3
-    assert model["fit_validation_percent"] >= 85
+    assert model["validation"]["fit_percent"] >= 85
 
 
 def test_heating_system_held_out_half(thermaltool):
@@ -201,7 +203,7 @@ def test_heating_system_held_out_half(thermaltool):
                        MAPS / "heating_system.toml", "--input", "U_lamp_V", "--output",
                        "T_plate_degC", "--split", "0.5", "--real-poles", "--json")  # fmt: skip
     (model,) = done.json["models"]
-    assert model["fit_validation_percent"] > 86
+    assert model["validation"]["fit_state_estimated_percent"] > 86
     assert all(t > 0 for t in model["time_constants_s"])
 
 
@@ -260,7 +262,7 @@ def test_a_network_shares_its_time_constants(thermaltool, pair, tmp_path):
     for each in (first, second):
         assert each["structure"] == "network"
         assert (each["delay_s"], each["dead_time_s"]) == (5.0, 0.0)
-        assert each["fit_validation_percent"] > 98
+        assert each["validation"]["fit_percent"] > 98
         assert each["candidates"][0]["modes"] == 2
         for estimate in each["parameters"].values():
             assert estimate["interval"][0] < estimate["value"] < estimate["interval"][1]

@@ -87,6 +87,11 @@ class Identification(Result):
         columns = ["output", "parameter", "value", "low", "high"]
         return pandas.DataFrame(rows, columns=columns).set_index(columns[:2])
 
+    @property
+    def predicts(self) -> bool:
+        """Whether every model predicts its validation data better than their mean does."""
+        return all(fit.validation is None or fit.validation.predicts for fit in self.fits)
+
     def document(self) -> dict[str, Any]:
         """The models as ``identify --json`` writes them."""
         from thermaltool.report.identification import identification_document
@@ -216,7 +221,9 @@ def identify(
             _check_clock(log, (logs or [log])[0].period, warn)
         logs.append(log)
     fresh = [] if validate is None else [logs.pop()]
-    return Identification(fit(logs, inputs, outputs, plan, fresh), tuple(logs), reference)
+    return Identification(
+        fit(logs, inputs, outputs, plan, fresh, reference), tuple(logs), reference
+    )
 
 
 def _check_clock(log: Record, period: float, warn: Notice) -> None:

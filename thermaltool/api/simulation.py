@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from thermaltool.api.inputs import Reading, as_model, reads, warn_pauses
 from thermaltool.api.result import Notice, Result, notice, to_frame
@@ -95,6 +95,7 @@ def simulate(
     model: ModelLike,
     data: Data,
     *,
+    initial: Literal["rest", "free"] = "rest",
     start: float | None = None,
     stop: float | None = None,
     warn: Notice = notice,
@@ -102,12 +103,15 @@ def simulate(
 ) -> Simulation:
     """Outputs of a model for the drives in a log.
 
-    The machine is taken to be at rest at the first row; all rows drive the model.
+    All rows drive the model.
 
     Parameters
     ----------
     model : Model, a result that holds one, str or path
     data : str, path, pandas.DataFrame or Record
+    initial : {"rest", "free"}
+        The machine is at rest at the first row; or in a state that is estimated, for each output
+        that was measured, from the rows before `start` (without one, from all).
     start, stop : float, optional [s]
         The rows that are judged where outputs were measured.
     warn : callable
@@ -139,7 +143,8 @@ def simulate(
     """
     import numpy as np
 
-    from thermaltool.model import excursions, zero_of
+    from thermaltool.model import excursions
+    from thermaltool.model.initial_state import with_initial_state
     from thermaltool.record import Record
     from thermaltool.report.text import excursion_message
     from thermaltool.signals.agreement import agreement
@@ -154,14 +159,17 @@ def simulate(
     simulated = model.simulate(drives)
     columns: dict[str, Any] = {"time_s": log.time}
     agreements, zeros = {}, {}
+    # Where no row is kept apart, all say how the log begins.
+    before = log.time < (np.inf if start is None else start)
     judged = (log.time >= (-np.inf if start is None else start)) & (
         log.time <= (np.inf if stop is None else stop)
     )
     for output in model.outputs:
         name, level = output.channel, simulated[output.channel]
+        if name in log.columns:
+            level, zeros[name] = with_initial_state(model, output, log, level, initial, before)
         columns[name] = level if output.offset == "first" else level + output.offset
         if name in log.columns:
-            zeros[name] = zero_of(log.time, log.columns[name], level, output.offset)
             measured = log.columns[name] - zeros[name].value
             columns[f"residual_{name}"] = measured - level
             agreements[name] = agreement(measured[judged], level[judged])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import click
 
 from thermaltool.cli import shared
-from thermaltool.cli.messages import command_line, warn
+from thermaltool.cli.messages import DID_NOT_PASS, command_line, warn
 from thermaltool.cli.types import (
     MAX_TRANSFER_ORDER,
     PROPER_SHARE,
@@ -78,8 +79,10 @@ def command(
 
     Each output gets one model with all inputs; in a network they share their time constants. The
     offset is estimated, and the state at the start where it is not at rest; gaps part the record.
-    Fits are those of free runs; validation data are not used in the fit. Where refined instrumental
-    variables do not converge, Gauss-Newton goes on, and the output says so.
+    Fits are those of free runs; validation data are not used in the fit, and are run as simulate
+    runs them: the state goes on from the rows before. Where a model predicts them worse than their
+    mean does, the exit code is 3. Where refined instrumental variables do not converge,
+    Gauss-Newton goes on, and the output says so.
     """
     shared.one_thread()
     from thermaltool import api
@@ -100,3 +103,5 @@ def command(
         api.write_model(found, model_file, command_line())
     for message in notes if not quiet else ():
         warn(message)
+    if not found.predicts:
+        sys.exit(DID_NOT_PASS)

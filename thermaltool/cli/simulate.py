@@ -17,6 +17,9 @@ from thermaltool.documents import write_json
 )
 @shared.model_argument
 @shared.log_argument
+@click.option("--initial", type=click.Choice(["rest", "free"]), default="rest",
+              help="State at the first row: at rest, or what fits the rows before --start best, "
+              "for each measured output.")  # fmt: skip
 @shared.span_options("Judge from", "Judge up to")
 @shared.rmse_option
 @shared.log_options
@@ -38,9 +41,10 @@ def command(
 
     Where the log holds the measured output too, a column residual_... (measured minus simulated)
     is written beside it, and RMSE and fit go to stderr. The machine is taken to be at rest at the
-    first row. A displacement has no zero of its own: it counts from the median of measured minus
-    simulated over the first rows, and "zero free" is the RMSE about the mean error. --start and
-    --stop choose the rows that are judged, all rows drive the model.
+    first row, with --initial free in a state that fits the rows before --start. A displacement has
+    no zero of its own: it counts from the median of measured minus simulated over the first rows,
+    and "zero free" is the RMSE about the mean error. --start and --stop choose the rows that are
+    judged, all rows drive the model.
     """
     from thermaltool import api
     from thermaltool.errors import LogError

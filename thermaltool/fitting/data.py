@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import repeat
+from itertools import pairwise, repeat
 from typing import Literal
 
 import numpy as np
@@ -139,8 +139,8 @@ class TrainingData:
             replace(r, at_rest=begins[r.origin] == k) for k, r in enumerate(self.records)
         ))  # fmt: skip
 
-    def split(self, share: float) -> tuple[TrainingData, TrainingData]:
-        """The first `share` of the rows of each experiment, and the rest.
+    def split(self, share: float) -> Split:
+        """The first `share` of the rows of each experiment to be fitted, and the rest held out.
 
         Raises
         ------
@@ -153,15 +153,25 @@ class TrainingData:
         wanted = {origin: round(share * count) for origin, count in rows.items()}
         if any(not 0 < n < rows[origin] for origin, n in wanted.items()):
             raise FitError("the split leaves nothing on one side")
-        first, rest = [], []
+        starts = []
         for record in self.records:
-            n = min(max(wanted[record.origin], 0), len(record))
-            wanted[record.origin] -= n
-            if n:
-                first.append(record.rows(slice(0, n)))
-            if n < len(record):
-                rest.append(record.rows(slice(n, len(record))))
-        return replace(self, records=tuple(first)), replace(self, records=tuple(rest))
+            starts.append(min(max(wanted[record.origin], 0), len(record)))
+            wanted[record.origin] -= starts[-1]
+        return Split(self, tuple(starts), tuple(map(len, self.records)))
+
+    def folds(self, blocks: int) -> list[Split]:
+        """Each of so many blocks of every experiment but the first held out in turn.
+
+        The first has no rows before it that say in which state it begins.
+
+        Raises
+        ------
+        FitError
+            Fewer rows than blocks.
+        """
+        borders = [self.split(k / blocks).starts for k in range(1, blocks)]
+        borders.append(tuple(map(len, self.records)))
+        return [Split(self, *pair) for pair in pairwise(borders)]
 
     def excerpt(self, max_rows: int) -> TrainingData:
         """At most so many samples of the longest record, from where the inputs first excite.
@@ -238,6 +248,56 @@ class TrainingData:
             named = [name for name, weight in zip(self.inputs, weights, strict=True)
                      if weight > MIN_NAMED_WEIGHT]  # fmt: skip
             raise FitError(f"collinear inputs: {', '.join(named)} are combinations of each other")
+
+
+@dataclass(frozen=True)
+class Split:
+    """Data of which a block of each experiment is held out and the rest fitted.
+
+    Attributes
+    ----------
+    data : TrainingData
+        All of it.
+    starts, stops : tuple of int
+        First row of each record that is held out, and the first behind it.
+    """
+
+    data: TrainingData
+    starts: tuple[int, ...]
+    stops: tuple[int, ...]
+
+    @property
+    def parts(self) -> Iterator[tuple[Record, int, int]]:
+        """Every record, and which of its rows are held out."""
+        return zip(self.data.records, self.starts, self.stops, strict=True)
+
+    @cached_property
+    def fitted(self) -> TrainingData:
+        """What is fitted."""
+        rows = [(r, each) for r, a, b in self.parts for each in (slice(0, a), slice(b, len(r)))]
+        return replace(
+            self.data, records=tuple(r.rows(each) for r, each in rows if each.stop > each.start)
+        )
+
+    @cached_property
+    def held(self) -> TrainingData:
+        """What is held out."""
+        return replace(
+            self.data, records=tuple(r.rows(slice(a, b)) for r, a, b in self.parts if b > a)
+        )
+
+    def with_start(self, fitted: TrainingData) -> Split:
+        """The same with what is known of the start of what is fitted."""
+        at_rest = iter([record.at_rest for record in fitted.records])
+        records = tuple(
+            replace(record, at_rest=next(at_rest)) if n else record
+            for record, n in zip(self.data.records, self.starts, strict=True)
+        )
+        return replace(self, data=replace(self.data, records=records))
+
+    def only(self, k: int) -> Split:
+        """The same of output k alone."""
+        return replace(self, data=self.data.only(k))
 
 
 def check_period(log: Record, period: float) -> None:

@@ -9,6 +9,7 @@ from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.residuals import ResidualTests
 from thermaltool.fitting.selection import Candidate
+from thermaltool.fitting.validation import Validation
 from thermaltool.signals.agreement import Agreement
 from thermaltool.signals.criteria import Criteria
 from thermaltool.signals.intervals import Estimate
@@ -30,11 +31,8 @@ class Fit:
         What it was fitted to, with this output alone.
     tests : ResidualTests or None
         Are the residuals white, and independent of the inputs.
-    validation : Agreement or None
-        Of a free run over data that were kept for it.
-    improvement : float or None
-        Share by which the model would have reduced the mean deviation of the validation data [%]
-        (Mareš et al.: imp).
+    validation : Validation or None
+        On data that were kept for it.
     candidates : tuple of Candidate
         Where the orders were chosen, the best first.
     """
@@ -44,8 +42,7 @@ class Fit:
     training: Agreement
     data: TrainingData
     tests: ResidualTests | None = None
-    validation: Agreement | None = None
-    improvement: float | None = None
+    validation: Validation | None = None
     candidates: tuple[Candidate[Any], ...] = ()
 
     @property

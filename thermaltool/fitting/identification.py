@@ -8,18 +8,21 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from thermaltool.errors import FitError, ModelError
-from thermaltool.fitting.data import TrainingData, even_training_data, training_data
+from thermaltool.fitting.data import Split, TrainingData, even_training_data, training_data
+from thermaltool.fitting.document import model_document
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.residuals import residual_tests
 from thermaltool.fitting.selection import Candidate
 from thermaltool.fitting.start_state import Initial
-from thermaltool.fitting.validation import validate
+from thermaltool.fitting.validation import validate, validate_on
+from thermaltool.model import Model
 from thermaltool.record import Record
+from thermaltool.units import Reference
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +67,7 @@ def identify(
     outputs: Sequence[str],
     plan: Plan,
     fresh: Sequence[Record] = (),
+    reference: Reference | None = None,
 ) -> tuple[Fit, ...]:
     """A fitted and judged model for each output.
 
@@ -76,6 +80,8 @@ def identify(
     plan : Plan
     fresh : sequence of Record
         Validation data; without them those of the plan's split, if any.
+    reference : "first", float or None
+        What counts as no input in the model document, as which the models are validated.
 
     Raises
     ------
@@ -85,17 +91,30 @@ def identify(
     sets = plan.data_sets(logs, inputs, outputs)
     held = plan.data_sets(fresh, inputs, outputs) if fresh else [None] * len(sets)
     return tuple(
-        fit for data, own in zip(sets, held, strict=True) for fit in _judged(data, plan, own)
+        fit
+        for data, own in zip(sets, held, strict=True)
+        for fit in _judged(data, plan, own, reference, logs, fresh)
     )
 
 
-def _judged(data: TrainingData, plan: Plan, fresh: TrainingData | None) -> list[Fit]:
+def _judged(
+    data: TrainingData,
+    plan: Plan,
+    fresh: TrainingData | None,
+    reference: Reference | None,
+    logs: Sequence[Record],
+    fresh_logs: Sequence[Record],
+) -> list[Fit]:
     """Fits of one data set."""
-    held = fresh
+    split: Split | None = None
     try:
-        if plan.split is not None:
-            data, held = data.split(plan.split)
-        data = plan.start(data)
+        if plan.split is None:
+            data = plan.start(data)
+        else:
+            # What is known of the start is known of all rows that go on from it.
+            split = data.split(plan.split)
+            split = split.with_start(plan.start(split.fitted))
+            data = split.fitted
         models, candidates = plan.fit(data)
     except FitError as error:
         if plan.joint:
@@ -103,14 +122,35 @@ def _judged(data: TrainingData, plan: Plan, fresh: TrainingData | None) -> list[
         raise FitError(f"{data.outputs[0]}: {error}") from error
     fits = []
     for k, model in enumerate(models):
-        own, validation, improvement = data.only(k), None, None
-        if held is not None:
-            validation, improvement = validate(model, held.only(k), fresh is not None)
-        fits.append(Fit(
+        own = data.only(k)
+        fit = Fit(
             model, tuple(_term(model, i) for i in range(len(model.names))), model.fit(own), own,
-            residual_tests(model, own), validation, improvement, candidates,
-        ))  # fmt: skip
+            residual_tests(model, own), None, candidates,
+        )  # fmt: skip
+        whole = _document(fit, reference)
+        if split is not None:
+            fit = replace(
+                fit, validation=validate(model, split.only(k), whole, _read(split.data, logs))
+            )
+        elif fresh is not None:
+            held = fresh.only(k)
+            fit = replace(fit, validation=validate_on(model, held, whole, _read(held, fresh_logs)))
+        fits.append(fit)
     return fits
+
+
+def _document(fit: Fit, reference: Reference | None) -> Model | None:
+    """The document of one fit; None where a term has no form in continuous time."""
+    try:
+        return model_document([fit], reference, {})
+    except ModelError:
+        return None
+
+
+def _read(data: TrainingData, logs: Sequence[Record]) -> list[Record]:
+    """The logs that have a piece in the data: each an experiment."""
+    names = {record.name for record in data.records}
+    return [log for log in logs if log.name in names]
 
 
 def _term(model: OutputModel, k: int) -> ContinuousTerm | str:

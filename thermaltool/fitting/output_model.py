@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.fitting.data import Array, TrainingData, Zero
+from thermaltool.fitting.data import Array, Split, TrainingData, Zero
 from thermaltool.record import Record
 from thermaltool.responses import Response
 from thermaltool.signals.agreement import Agreement, agreement
@@ -137,7 +137,7 @@ class OutputModel(ABC):
     def _known(self, record: Record) -> NDArray[np.bool_]:
         """Rows whose delayed inputs are known, shape (n,); none where the start takes them all."""
 
-    def simulate(self, record: Record, zero: Zero = "fitted") -> Array:
+    def simulate(self, record: Record, zero: Zero = "fitted", stop: int | None = None) -> Array:
         """Free run over a record; the state at its start is estimated from it.
 
         Parameters
@@ -145,6 +145,9 @@ class OutputModel(ABC):
         record : Record
             With the inputs and the output.
         zero : Zero
+        stop : int, optional
+            Row from which on the output counts for nothing: the state is estimated from those
+            before it. Default: all count.
 
         Returns
         -------
@@ -161,6 +164,7 @@ class OutputModel(ABC):
         if not record.at_rest:
             columns = np.vstack([self._free_responses(record), columns])
         counted = known & np.isfinite(left)
+        counted[stop:] &= stop is None
         if len(columns) and int(counted.sum()) > len(columns):
             own = columns[:, counted]
             y = y + solve(own @ own.T, own @ left[counted]) @ columns
@@ -169,6 +173,19 @@ class OutputModel(ABC):
     def run(self, data: TrainingData, zero: Zero = "fitted") -> Array:
         """Free runs over all records in a row."""
         return np.concatenate([self.simulate(record, zero) for record in data.records])
+
+    def carried_on(self, split: Split) -> Array:
+        """Free runs over what is held out, its state carried on from what is fitted, in a row.
+
+        Behind a pause, where nothing carries it on, it is estimated from the held rows themselves.
+        """
+        return np.concatenate(
+            [
+                self.simulate(record.rows(slice(0, stop)), stop=start or None)[start:]
+                for record, start, stop in split.parts
+                if stop > start
+            ]
+        )
 
     def fit(self, data: TrainingData) -> Agreement:
         """Agreement of the free run with the one output of the data, over all records."""

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.data import Array, Split, TrainingData
 from thermaltool.fitting.error_model import effective_share, runs_of
 from thermaltool.signals.agreement import Agreement, agreement
 
-# Share of each experiment on which candidates are fitted; the rest validates them.
+# Share of each experiment on which all candidates are fitted; the rest judges them.
 FITTED_SHARE = 0.6
+# Blocks of each experiment, of which all but the first are held out in turn, and the candidates
+# for which that is done: it takes four fits for each.
+BLOCKS, FINALISTS = 5, 8
 # Longest dead time that is tried, in sample periods.
 MAX_DELAY = 60
 
@@ -24,7 +27,7 @@ class Ranked(Protocol):
 
     @property
     def parameters(self) -> int: ...
-    def run(self, data: TrainingData) -> Array: ...
+    def carried_on(self, split: Split) -> Array: ...
 
 
 C = TypeVar("C")
@@ -39,7 +42,7 @@ class Candidate(Generic[R]):
     Attributes
     ----------
     model : TransferModel or Network
-        Fitted to the first part of the data.
+        Fitted to a part of the data.
     fit_percent : tuple of float, one for each output
         Free run over the part that was not fitted.
     score : float
@@ -52,17 +55,24 @@ class Candidate(Generic[R]):
 
 
 def rank(
-    candidates: Iterable[C], fit: Callable[[C], R | None], held: TrainingData, none: str
+    candidates: Iterable[C],
+    fit: Callable[[C, TrainingData], R | None],
+    data: TrainingData,
+    none: str,
 ) -> tuple[Candidate[R], ...]:
     """Candidates by what they predict of data that they were not fitted to, the best first.
+
+    What is held out is run into with the state that the rows before it leave. All candidates are
+    fitted to the first part of the data and judged by the rest; the best of them then with blocks
+    of the data held out in turn (`TrainingData.folds`), where the inputs excite without them.
 
     Parameters
     ----------
     candidates : iterable
     fit : callable
-        Model of a candidate; FitError where the data do not carry it, None where it is not wanted.
-    held : TrainingData
-        That the models were not fitted to.
+        Model of a candidate for given data; FitError where they do not carry it, None where it is
+        not wanted.
+    data : TrainingData
     none : str
         What is wrong where no candidate has a model, and none says why.
 
@@ -71,29 +81,59 @@ def rank(
     FitError
         There is none; the message is that of the first that failed.
     """
+    first, problem = _judged(candidates, fit, [data.split(FITTED_SHARE)])
+    if not first:
+        raise problem or FitError(none)
+    folds = [split for split in data.folds(BLOCKS) if _excites(split.fitted)]
+    last = _judged((each for each, _ in first[:FINALISTS]), fit, folds)[0] if folds else []
+    done = {id(each) for each, _ in last}
+    return tuple(found for _, found in (*last, *(p for p in first if id(p[0]) not in done)))
+
+
+def _judged(
+    candidates: Iterable[C], fit: Callable[[C, TrainingData], R | None], splits: Sequence[Split]
+) -> tuple[list[tuple[C, Candidate[R]]], FitError | None]:
+    """Candidates that all splits carry, the best first; and why the first did not fit."""
+    data = splits[0].data
+    held = replace(data, records=tuple(r for split in splits for r in split.held.records))
+    tried: list[C] = []
     found: list[tuple[R, Array, list[Agreement]]] = []
     problem: FitError | None = None
     for each in candidates:
+        runs, model = [], None
         try:
-            model = fit(each)
+            for split in splits:
+                model = fit(each, split.fitted)
+                if model is None:
+                    break
+                runs.append(np.atleast_2d(model.carried_on(split)))
         except FitError as error:
             problem = problem or error
             continue
         if model is None:
             continue
-        run = np.atleast_2d(model.run(held))
+        run = np.hstack(runs)
         fits = [agreement(held.output(k), own) for k, own in enumerate(run)]
-        if all(np.isfinite(each.rmse) for each in fits):
+        if all(np.isfinite(own.rmse) for own in fits):
+            tried.append(each)
             found.append((model, run, fits))
     if not found:
-        raise problem or FitError(none)
+        return [], problem
     counts = [model.parameters / len(held.outputs) for model, _, _ in found]
     scores = held_out_scores(held, [run for _, run, _ in found], counts)
     ranked = [
-        Candidate(model, tuple(each.fit_percent for each in fits), score)
-        for (model, _, fits), score in zip(found, scores, strict=True)
+        (each, Candidate(model, tuple(own.fit_percent for own in fits), score))
+        for each, (model, _, fits), score in zip(tried, found, scores, strict=True)
     ]
-    return tuple(sorted(ranked, key=lambda candidate: candidate.score))
+    return sorted(ranked, key=lambda pair: pair[1].score), problem
+
+
+def _excites(data: TrainingData) -> bool:
+    try:
+        data.check()
+    except FitError:
+        return False
+    return True
 
 
 def first_that_fits(candidates: Iterable[C], fit: Callable[[C], M]) -> M:

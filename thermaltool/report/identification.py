@@ -38,10 +38,7 @@ def _document(fit: Fit) -> dict[str, Any]:
         "output": m.target,
         "sample_period_s": m.dt,
         "fit_training_percent": jsonable(fit.training.fit_percent),
-        "fit_validation_percent": None if held is None else jsonable(held.fit_percent),
-        "improvement_validation_percent": None
-        if fit.improvement is None
-        else jsonable(fit.improvement),
+        "validation": None if held is None else held.document(),
         "parameters": {name: estimate_document(e) for name, e in fit.parameters.items()},
         "offsets": list(m.offsets),
         "method": m.method,
@@ -64,8 +61,18 @@ def identification_table(fits: Sequence[Fit]) -> str:
 def identification_warnings(fits: Sequence[Fit]) -> list[str]:
     """What a user should know before using the models, each a sentence."""
     if is_network(fits):
-        return network_warnings(fits)
-    return [message for fit in fits for message in transfer_warnings(fit)]
+        return [*network_warnings(fits), *_failed(fits)]
+    return [*(message for fit in fits for message in transfer_warnings(fit)), *_failed(fits)]
+
+
+def _failed(fits: Sequence[Fit]) -> list[str]:
+    """Sentences on models that predict nothing of the validation data."""
+    return [
+        f"{fit.model.target}: the model predicts nothing: the mean of the validation data is "
+        f"nearer to them than its run ({fit.validation.carried_on.fit_percent:.3g} %)"
+        for fit in fits
+        if fit.validation is not None and not fit.validation.predicts
+    ]
 
 
 def document_warnings(fits: Sequence[Fit], model: Model) -> list[str]:

@@ -108,7 +108,7 @@ def network_table(fits: Sequence[Fit]) -> str:
         for name, e in zip(names, first.time_constant_estimates(), strict=True)
     ]
     weights = [["output", "input", "dead time s", "gain", "unit", *(f"weight {t}" for t in names)]]
-    held = ["validation %", "improvement %"] if fits[0].validation else []
+    held = ["validation %", "state estimated %", "improvement %"] if fits[0].validation else []
     agreements = [["output", "fit %", *held, "residuals"]]
     for fit, output in zip(fits, outputs, strict=True):
         for i, name in enumerate(output.names):
@@ -118,8 +118,12 @@ def network_table(fits: Sequence[Fit]) -> str:
                 *(with_interval(e) for e in output.weight_estimates(i)),
             ])  # fmt: skip
         held = []
-        if fit.validation is not None and fit.improvement is not None:
-            held = [f"{fit.validation.fit_percent:.2f}", f"{fit.improvement:.1f}"]
+        if (v := fit.validation) is not None:
+            held = [
+                f"{v.carried_on.fit_percent:.2f}",
+                f"{v.estimated_state.fit_percent:.2f}",
+                f"{v.improvement:.1f}",
+            ]
         agreements.append([output.target, f"{fit.training.fit_percent:.2f}", *held,
                            residuals_line(fit.tests)])  # fmt: skip
     parts = [head, aligned(modes), aligned(weights), aligned(agreements)]

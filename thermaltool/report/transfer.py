@@ -209,10 +209,12 @@ def transfer_table(fit: Fit) -> str:
     assert isinstance(m, TransferModel)
     head = f"{m.target}: {m.structure.name.upper()} by {m.method}, {m.rows} rows at {m.dt:g} s"
     fits = f"fit {fit.training.fit_percent:.2f} % in training"
-    if fit.validation is not None:
-        fits += f", {fit.validation.fit_percent:.2f} % in validation"
-    if fit.improvement is not None:
-        fits += f" (improvement {fit.improvement:.1f} %)"
+    if (held := fit.validation) is not None:
+        fits += (
+            f", {held.carried_on.fit_percent:.2f} % in validation "
+            f"({held.estimated_state.fit_percent:.2f} % with the state estimated there; "
+            f"improvement {held.improvement:.1f} %)"
+        )
     rows = [["input", "nb,nf,nk", "dead time s", "gain", "unit", "time constant s", "weight"]]
     for k, name in enumerate(m.names):
         n = len(m.denominator(k)) - 1

@@ -184,9 +184,15 @@ def test_an_idle_start_that_still_cools_down_is_not_rest():
 
 
 def test_parts_of_a_record():
-    first, rest = data(np.arange(10.0), np.arange(10.0) ** 2).split(0.3)
-    assert (first.rows, rest.rows) == (3, 7)
-    assert rest.y[0][0, 0] == 9.0
+    whole = data(np.arange(10.0), np.arange(10.0) ** 2)
+    split = whole.split(0.3)
+    assert (split.fitted.rows, split.held.rows) == (3, 7)
+    assert split.held.y[0][0, 0] == 9.0
+    blocks = whole.folds(5)
+    assert [fold.held.y[0][0].tolist() for fold in blocks] == [
+        [4.0, 9.0], [16.0, 25.0], [36.0, 49.0], [64.0, 81.0]
+    ]  # fmt: skip
+    assert [len(r) for r in blocks[1].fitted.records] == [4, 4]
     with pytest.raises(FitError, match="split"):
         data(np.arange(3.0), np.arange(3.0)).split(0.01)
 

@@ -60,8 +60,8 @@ def test_a_delay_does_not_stand_for_a_third_pole(seed):
         free = rng.uniform(-3, 3) * np.exp(-np.arange(n) / tau)
         y += lags(u, [(gain, tau)]) + gain * free
     data = training((u, y))
-    first, held = data.split(0.6)
-    wanted = fitted(first, "oe", (3,), 3, (1,)).fit(held).fit_percent
+    split = data.split(0.6)
+    wanted = fitted(split.fitted, "oe", (3,), 3, (1,)).fit(split.held).fit_percent
     assert choose(data, OeStructure())[0].fit_percent[0] > wanted - 3
 
 

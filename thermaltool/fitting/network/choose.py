@@ -13,7 +13,7 @@ from thermaltool.fitting.network.identify import MAX_MODES, identify_network
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.problem import Delays, NetworkProblem
 from thermaltool.fitting.network.search import MAX_START_ROWS, NetworkSearchResult, search
-from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, Candidate, rank
+from thermaltool.fitting.selection import MAX_DELAY, Candidate, rank
 from thermaltool.fitting.start_state import StartErrors
 
 # Delays and time constants are found in turn at most so often.
@@ -36,9 +36,8 @@ def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate[Network]
         No candidate fits.
     """
     data.check()
-    fitted, held = data.split(FITTED_SHARE)
     return rank(
-        range(1, MAX_MODES + 1), lambda modes: identify_network(fitted, modes, delays), held,
+        range(1, MAX_MODES + 1), lambda modes, part: identify_network(part, modes, delays), data,
         "no number of modes fits these data",
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.data import Array, Split, TrainingData
 from thermaltool.fitting.error_model import runs_of
 from thermaltool.fitting.network.problem import known_rows, mode_responses
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
@@ -182,3 +182,7 @@ class Network:
     def run(self, data: TrainingData) -> Array:
         """Free runs over all records in a row, shape (p, n)."""
         return np.array([output.run(data) for output in self.outputs])
+
+    def carried_on(self, split: Split) -> Array:
+        """Free runs over what is held out, shape (p, n); see `OutputModel.carried_on`."""
+        return np.array([output.carried_on(split) for output in self.outputs])

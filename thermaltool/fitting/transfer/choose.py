@@ -15,7 +15,7 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData
-from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, Candidate, rank
+from thermaltool.fitting.selection import MAX_DELAY, Candidate, rank
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.fitting.transfer.output_error import Problem
@@ -43,19 +43,18 @@ def choose(data: TrainingData, structure: Structure) -> tuple[Candidate[Transfer
     """
     data.check()
     short = data if data.rows <= MAX_COMPARED_ROWS else data.excerpt(MAX_COMPARED_ROWS)
-    fitted, held = short.split(FITTED_SHARE)
 
-    def fit(tried: tuple[int, int, tuple[int, ...]]) -> TransferModel | None:
+    def fit(tried: tuple[int, int, tuple[int, ...]], part: TrainingData) -> TransferModel | None:
         nb, nf, delays = tried
         orders = structure.orders((nb,) * len(delays), nf, delays)
         # A structure that has fewer orders to give is not listed with those it was asked for.
         if {*orders.nb} != {nb} or {*orders.nf} != {nf} or orders.nk != delays:
             return None
-        model = structure.fit(fitted, orders)
+        model = structure.fit(part, orders)
         return model if structure.admits(model) else None
 
     none = f"no order up to {MAX_ORDER} has real poles on these data: give --orders, or more data"
-    return rank(_grid(_delays(fitted), data.least_delays), fit, held, none)
+    return rank(_grid(_delays(short), data.least_delays), fit, short, none)
 
 
 def _grid(
