@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array
 from thermaltool.fitting.subspace.problem import SubspacePoint, SubspaceProblem
 from thermaltool.fitting.subspace.realization import Complex, Realization
@@ -110,7 +111,7 @@ def refine(
 
 def search(
     problem: SubspaceProblem, found: Sequence[Realization], order: int,
-    beside: tuple[PoleSection, ...] = (),
+    beside: Sequence[tuple[PoleSection, ...]] = (),
 ) -> SubspaceSearchResult:  # fmt: skip
     """The poles of largest likelihood.
 
@@ -120,13 +121,23 @@ def search(
     found : sequence of Realization
     order : int
         Number of poles.
-    beside : tuple of PoleSection
-        Of an order less by one, whose poles with another one are a start, too.
+    beside : sequence of tuple of PoleSection
+        Further starts: of this order, or of one less, to whose poles another one is added.
+
+    Raises
+    ------
+    FitError
+        There is no start.
     """
     thin = replace(problem, stride=max(1, problem.data.rows // MAX_START_ROWS))
     starts = [poles for each in found if (poles := each.poles(order)) is not None]
-    if beside or order == 1:
-        starts += _with_one_more(all_poles(beside) if beside else np.zeros(0, complex), problem)
+    for known in [*map(all_poles, beside), *([np.zeros(0, complex)] if order == 1 else [])]:
+        starts += [known] if len(known) == order else _with_one_more(known, problem)
+    if not starts:
+        raise FitError(
+            f"no run of readings without a gap is long enough for {order} modes: take fewer; "
+            "--structure network takes holes"
+        )
     ranked = _ranked(thin, starts)
     ends = [refine(thin, sections) for sections in ranked[:FOLLOWED_STARTS]]
     best = min(ends, key=lambda end: end.point.criterion)

@@ -41,6 +41,11 @@ class PoleSection:
         """Number of poles."""
         return len(self.theta)
 
+    @property
+    def is_pair(self) -> bool:
+        """Whether the poles are complex."""
+        return bool(self.poles[0].imag)
+
     @cached_property
     def poles(self) -> Complex:
         """Poles in s, the slowest first [1/sample period]."""

@@ -1,0 +1,93 @@
+"""How many poles, with direct feedthrough or without, and whether a record begins at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.selection import FITTED_SHARE, Candidate, rank
+from thermaltool.fitting.start_state import StartErrors
+from thermaltool.fitting.subspace.identify import identify_subspace, problem_of
+from thermaltool.fitting.subspace.model import Subspace
+from thermaltool.fitting.subspace.realization import realizations
+from thermaltool.fitting.subspace.search import search
+from thermaltool.fitting.subspace.sections import PoleSection
+from thermaltool.responses.rational import MAX_POLES
+from thermaltool.signals.agreement import agreement
+
+# The choice ends where so many orders in a row have not lowered the error of the rows held out, in
+# the mean of its logarithm, by this much.
+PATIENCE, MIN_GAIN = 3, 1e-3
+# Poles beside which the start is judged, at most.
+MAX_START_ORDER = 3
+
+
+def choose_order(
+    data: TrainingData, orders: Sequence[int] = range(1, MAX_POLES + 1)
+) -> tuple[Candidate[Subspace], ...]:
+    """Numbers of poles, with feedthrough and without, by what they predict of rows held out.
+
+    Parameters
+    ----------
+    data : TrainingData
+    orders : sequence of int
+        That are tried, rising.
+
+    Raises
+    ------
+    FitError
+        No candidate fits.
+    """
+    data.check()
+    fitted, held = data.split(FITTED_SHARE)
+    found = realizations(fitted, max(orders))
+    models: list[Subspace] = []
+    problem: FitError | None = None
+    for direct in (False, True):
+        best, since = np.inf, 0
+        beside: list[tuple[PoleSection, ...]] = []
+        for order in orders:
+            try:
+                model = identify_subspace(fitted, order, direct, beside, found, judged=False)
+            except FitError as error:
+                problem = problem or error
+                since += 1
+            else:
+                models.append(model)
+                beside, level = [model.sections], _held_out_level(model, held)
+                best, since = (level, 0) if level < best - MIN_GAIN else (best, since + 1)
+            if since >= PATIENCE:
+                break
+    if not models and problem is not None:
+        raise problem
+    return rank(models, lambda model: model, held, "no number of modes fits these data")
+
+
+def _held_out_level(model: Subspace, held: TrainingData) -> float:
+    """Mean over the outputs of the logarithm of the error variance, half of it."""
+    errors = [agreement(held.output(k), run).rmse for k, run in enumerate(model.run(held))]
+    return float(np.mean(np.log(np.maximum(errors, 1e-300))))
+
+
+def start_errors(data: TrainingData) -> StartErrors | None:
+    """Errors of one to three poles, those of least BIC; None where there are too few rows."""
+    found, known = [], realizations(data, MAX_START_ORDER)
+    for order in range(1, MAX_START_ORDER + 1):
+        try:
+            problem = problem_of(data, order, False)
+        except FitError:
+            break
+        point = search(problem, known, order).point
+        size = (problem.linear_count(order) + order) * len(data.outputs)
+        found.append((2 * point.criterion + size * np.log(data.rows), point))
+    if not found:
+        return None
+    point = min(found, key=lambda pair: pair[0])[1]
+
+    def runs() -> list[list[Array]]:
+        return [[each[k] for each in point.errors] for k in range(len(data.outputs))]
+
+    return StartErrors((point.losses / point.rows).tolist(), runs)
