@@ -12,6 +12,7 @@ from thermaltool.fitting.selection import FITTED_SHARE, Candidate, rank
 from thermaltool.fitting.start_state import StartErrors
 from thermaltool.fitting.subspace.identify import identify_subspace, problem_of
 from thermaltool.fitting.subspace.model import Subspace
+from thermaltool.fitting.subspace.problem import SubspacePoint
 from thermaltool.fitting.subspace.realization import realizations
 from thermaltool.fitting.subspace.search import search
 from thermaltool.fitting.subspace.sections import PoleSection
@@ -22,7 +23,7 @@ from thermaltool.signals.agreement import agreement
 # the mean of its logarithm, by this much.
 PATIENCE, MIN_GAIN = 3, 1e-3
 # Poles beside which the start is judged, at most.
-MAX_START_ORDER = 3
+MAX_START_ORDER = 6
 
 
 def choose_order(
@@ -73,8 +74,9 @@ def _held_out_level(model: Subspace, held: TrainingData) -> float:
 
 
 def start_errors(data: TrainingData) -> StartErrors | None:
-    """Errors of one to three poles, those of least BIC; None where there are too few rows."""
-    found, known = [], realizations(data, MAX_START_ORDER)
+    """Errors of so many poles as lower BIC; None where there are too few rows."""
+    best: tuple[float, SubspacePoint] | None = None
+    known = realizations(data, MAX_START_ORDER)
     for order in range(1, MAX_START_ORDER + 1):
         try:
             problem = problem_of(data, order, False)
@@ -82,10 +84,13 @@ def start_errors(data: TrainingData) -> StartErrors | None:
             break
         point = search(problem, known, order).point
         size = (problem.linear_count(order) + order) * len(data.outputs)
-        found.append((2 * point.criterion + size * np.log(data.rows), point))
-    if not found:
+        bic = 2 * point.criterion + size * float(np.log(data.rows))
+        if best is not None and not bic < best[0]:
+            break
+        best = bic, point
+    if best is None:
         return None
-    point = min(found, key=lambda pair: pair[0])[1]
+    point = best[1]
 
     def runs() -> list[list[Array]]:
         return [[each[k] for each in point.errors] for k in range(len(data.outputs))]
