@@ -4,16 +4,17 @@ sure it is.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+from scipy.linalg import solve_toeplitz
+from scipy.signal import freqz, lfilter
 
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.error_model import ar_error_model, runs_of
+from thermaltool.fitting.error_model import FREQUENCIES, ar_error_model, runs_of
 from thermaltool.fitting.output_model import OutputModel
 from thermaltool.signals.agreement import Agreement
 from thermaltool.signals.criteria import Criteria
@@ -23,6 +24,8 @@ Index = NDArray[np.intp]
 M = TypeVar("M", bound=OutputModel)
 # A loss below this share of the signal is rounding.
 MIN_LOSS = 1e-13
+# Times that the noise which a fit has absorbed is found anew.
+ABSORBED_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ def criterion(found: Iterable[tuple[float, int]]) -> float:
 def joint_covariances(
     projected: Sequence[ProjectedOutput],
     errors: Sequence[Sequence[Array]],
-    records: Iterable[Sensitivities],
+    records: Callable[[], Iterable[Sensitivities]],
     own: int,
     taken: int = 0,
 ) -> tuple[list[Array], list[float]]:
@@ -125,7 +128,8 @@ def joint_covariances(
     projected : sequence of ProjectedOutput
     errors : sequence of sequence of ndarray
         Of every output in each record; NaN where no row counts.
-    records : iterable of Sensitivities
+    records : callable
+        Gives the sensitivities of every record.
     own : int
         Linear parameters, the first of them, that are wanted.
     taken : int
@@ -142,7 +146,8 @@ def joint_covariances(
     The estimates are linear in the errors near the optimum. The colour of the errors is an AR model
     for each output; rows that are filtered backwards by it have the products with white noise that
     the rows have with the errors. What drives the outputs' errors may be correlated (Ljung 1999,
-    9.4).
+    9.4). The errors of a fit lack what its parameters took of the noise, of slow noise most: its
+    expectation is added to their autocovariance before the colour is taken.
     """
     n, outputs = len(projected[0].pull), range(len(projected))
     freedom = [max(f.rows - len(f.linear) - taken - n / len(outputs), 1.0) for f in projected]
@@ -150,11 +155,16 @@ def joint_covariances(
     information = sum((f.reduced / v for f, v in zip(projected, variances, strict=True)),
                       np.zeros((n, n)))  # fmt: skip
     bread = inverse_of(information)
-    inverses = [inverse_of(f.gram)[:own] for f in projected]
-    filters, noise = _colours(errors)
+    inverses = [inverse_of(f.gram) for f in projected]
+    linears = [(record.place, record.linear) for record in records()]
+    colours = [
+        _with_absorbed(colour, inverses[k], [(place, own[k]) for place, own in linears])
+        for k, colour in enumerate(map(_colour, errors))
+    ]
+    filters, noise = [ar for ar, _ in colours], _driving_covariance(colours, errors)
     of_searched, of_linear = np.zeros((n, n)), np.zeros((len(outputs), own, own))
     mixed = np.zeros((len(outputs), own, n))
-    for record in records:
+    for record in records():
         slopes, linear = (
             [np.asarray(lfilter([1.0], filters[k], part[k][:, ::-1])) for k in outputs]
             for part in (record.slopes, record.linear)
@@ -164,7 +174,7 @@ def joint_covariances(
         effects = np.array([bread @ slopes[k] / variances[k] for k in outputs])
         joint = np.tensordot(noise, effects, 1)
         for k in outputs:
-            direct = inverses[k][:, record.place] @ linear[k]
+            direct = inverses[k][:own, record.place] @ linear[k]
             of_searched += effects[k] @ joint[k].T
             mixed[k] += direct @ joint[k].T
             of_linear[k] += noise[k, k] * direct @ direct.T
@@ -174,24 +184,73 @@ def joint_covariances(
         turn = np.eye(n + own)
         turn[n:, :n] = -f.by_searched[:own]
         parts = np.block([[of_searched, mixed[k].T], [mixed[k], of_linear[k]]])
-        # Errors of the fit are smaller than the noise by the parameters that they were taken for.
-        covariances.append(turn @ parts @ turn.T * (f.rows / freedom[k]))
+        # Errors of the fit are smaller than the noise by the parameters that they were taken for;
+        # with a colour the linear ones are counted in it.
+        left = f.rows - freedom[k] - (len(f.linear) if len(filters[k]) > 1 else 0)
+        covariances.append(turn @ parts @ turn.T * (f.rows / (f.rows - left)))
     return covariances, variances
 
 
-def _colours(errors: Sequence[Sequence[Array]]) -> tuple[list[Array], Array]:
-    """AR polynomials of the errors of every output, and the covariance of what drives them."""
-    filters, deviations = [], []
-    for own in errors:
-        runs = [run for error in own for run in runs_of(error)]
-        colour = ar_error_model(runs)
-        if colour is None:
-            colour = np.ones(1), float(np.mean(np.concatenate(runs) ** 2))
-        filters.append(colour[0])
-        deviations.append(colour[1] ** 0.5)
+def _colour(errors: Sequence[Array]) -> tuple[Array, float]:
+    """AR polynomial of the errors of one output, and the variance of what drives them."""
+    runs = [run for error in errors for run in runs_of(error)]
+    found = ar_error_model(runs)
+    return found or (np.ones(1), float(np.mean(np.concatenate(runs) ** 2)))
+
+
+def _with_absorbed(
+    given: tuple[Array, float], inverse: Array, records: Sequence[tuple[Index, Array]]
+) -> tuple[Array, float]:
+    """The colour of the noise from that of the errors e = (I − P) v that a fit leaves of it.
+
+    The covariance of e is R − PR − RP + PRP, with that of the noise R and the projection P on the
+    linear columns: what it lacks is found with the R at hand, and added.
+    """
+    order, rows = len(given[0]) - 1, sum(linear.shape[1] for _, linear in records)
+    if not order:
+        return given
+    colour, lags = given, range(order + 1)
+    left = _autocovariance(*given, order)
+    for _ in range(ABSORBED_ROUNDS):
+        ar, variance = colour
+        once = [np.asarray(lfilter([1.0], ar, linear[:, ::-1])) for _, linear in records]
+        score = np.zeros_like(inverse)
+        for (place, _), white in zip(records, once, strict=True):
+            score[np.ix_(place, place)] += variance * white @ white.T
+        both, lacking = inverse @ score @ inverse, np.zeros(order + 1)
+        for (place, linear), white in zip(records, once, strict=True):
+            covered = variance * np.asarray(lfilter([1.0], ar, white[:, ::-1]))
+            weights = inverse[np.ix_(place, place)] @ linear
+            twice, n = both[np.ix_(place, place)] @ linear, linear.shape[1]
+            for k in lags:
+                ahead, behind = slice(k, None), slice(0, max(n - k, 0))
+                lacking[k] += np.sum(weights[:, behind] * covered[:, ahead])
+                lacking[k] += np.sum(covered[:, behind] * weights[:, ahead])
+                lacking[k] -= np.sum(twice[:, behind] * linear[:, ahead])
+        if not abs(lacking[0]) < left[0] * rows:
+            return given  # a fit without noise: what is left is rounding
+        whole = left + lacking / rows
+        ahead_of = solve_toeplitz(whole[:-1], whole[1:])
+        colour = np.append(1.0, -ahead_of), float(whole[0] - ahead_of @ whole[1:])
+        if not (colour[1] > 0 and np.all(np.abs(np.roots(colour[0])) < 1)):
+            return given
+    return colour
+
+
+def _autocovariance(ar: Array, variance: float, lags: int) -> Array:
+    """Autocovariance of an AR process at lags from zero on, shape (lags + 1,)."""
+    _, density = freqz([1.0], ar, FREQUENCIES, whole=True)
+    return np.asarray(variance * np.fft.ifft(np.abs(density) ** 2).real[: lags + 1])
+
+
+def _driving_covariance(
+    colours: Sequence[tuple[Array, float]], errors: Sequence[Sequence[Array]]
+) -> Array:
+    """Covariance of what drives the errors of all outputs."""
     white = np.array([
         np.concatenate([lfilter(ar, [1.0], np.nan_to_num(error)) for error in own])
-        for ar, own in zip(filters, errors, strict=True)
+        for (ar, _), own in zip(colours, errors, strict=True)
     ])  # fmt: skip
     white /= np.sqrt(np.maximum(np.sum(white**2, axis=1), 1e-300))[:, None]
-    return filters, white @ white.T * np.outer(deviations, deviations)
+    deviations = np.sqrt([variance for _, variance in colours])
+    return np.asarray(white @ white.T * np.outer(deviations, deviations))

@@ -37,4 +37,4 @@ def network_covariances(
     for k, _, error in problem.errors(taus, found.projected):
         errors[k].append(error)
     own = len(taus) * len(problem.data.inputs)
-    return joint_covariances(found.projected, errors, records(), own)
+    return joint_covariances(found.projected, errors, records, own)

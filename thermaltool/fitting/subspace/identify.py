@@ -157,4 +157,4 @@ def subspace_covariances(
 
     errors = [[each[k] for each in point.errors] for k in range(len(projected))]
     taken = sum(starts.shape[1] for starts in point.starts)
-    return joint_covariances(projected, errors, records(), own, taken)
+    return joint_covariances(projected, errors, records, own, taken)
