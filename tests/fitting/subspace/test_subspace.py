@@ -209,12 +209,12 @@ def test_the_choice_finds_order_and_feedthrough(seed):
 
 
 def test_intervals_hold_the_truth_in_coloured_errors_that_outputs_share():
-    """At least 87 % of 60 · 3: the probability of less is 10⁻⁵ at 95 %, the errors independent."""
+    """At least 75 of 90: at 95 % less happens once in 10⁵, at 93 % once in 2000."""
     rng = np.random.default_rng(59)
     poles = [-0.1, -0.01 + 0.06j]
     system = plant(poles, 1, 2, rng)
-    truth, held = np.array([100.0, 100.0, 10.0]), 0
-    for _ in range(60):
+    truth, held = np.array([100.0, 10.0]), 0
+    for _ in range(45):
         record = log(system, steps(1, 800, rng), rng)
         white = rng.standard_normal((2, 900))
         white[1] = 0.6 * white[0] + 0.8 * white[1]
@@ -226,9 +226,10 @@ def test_intervals_hold_the_truth_in_coloured_errors_that_outputs_share():
             y = columns[f"dT_{k}_K"]
             columns[f"dT_{k}_K"] = y + 0.05 * y.std() * coloured[k, 100:]
         model = identify_subspace(training([replace(record, columns=columns)], 1, 2), 3)
-        each = model.outputs[0].time_constant_estimates()
+        # Of the pair one: both have the same.
+        each = model.outputs[0].time_constant_estimates()[::2]
         held += sum(e.low < t < e.high for e, t in zip(each, truth, strict=True))
-    assert held >= 0.87 * 180
+    assert held >= 75
 
 
 def test_covariance_of_white_errors_is_the_inverse_information():

@@ -14,14 +14,14 @@ from thermaltool.fitting.subspace.identify import identify_subspace, problem_of
 from thermaltool.fitting.subspace.model import Subspace
 from thermaltool.fitting.subspace.problem import SubspacePoint
 from thermaltool.fitting.subspace.realization import realizations
-from thermaltool.fitting.subspace.search import search
+from thermaltool.fitting.subspace.search import ROUGH_TOLERANCE, search
 from thermaltool.fitting.subspace.sections import PoleSection
 from thermaltool.responses.rational import MAX_POLES
 from thermaltool.signals.agreement import agreement
 
-# The choice ends where so many orders in a row have not lowered the error of the rows held out, in
-# the mean of its logarithm, by this much.
-PATIENCE, MIN_GAIN = 3, 1e-3
+# The choice ends where so many orders in a row have not lowered the error of the rows held out by
+# what their parameters cost in white errors.
+PATIENCE = 3
 # Poles beside which the start is judged, at most.
 MAX_START_ORDER = 6
 
@@ -59,7 +59,7 @@ def choose_order(
             else:
                 models.append(model)
                 beside, level = [model.sections], _held_out_level(model, held)
-                best, since = (level, 0) if level < best - MIN_GAIN else (best, since + 1)
+                best, since = (level, 0) if level < best else (best, since + 1)
             if since >= PATIENCE:
                 break
     if not models and problem is not None:
@@ -68,9 +68,10 @@ def choose_order(
 
 
 def _held_out_level(model: Subspace, held: TrainingData) -> float:
-    """Mean over the outputs of the logarithm of the error variance, half of it."""
+    """Score of rows held out as if their errors were white (`held_out_scores`)."""
     errors = [agreement(held.output(k), run).rmse for k, run in enumerate(model.run(held))]
-    return float(np.mean(np.log(np.maximum(errors, 1e-300))))
+    cost = model.parameters / len(errors) * np.log(held.rows) / held.rows
+    return float(2 * np.mean(np.log(np.maximum(errors, 1e-300))) + cost)
 
 
 def start_errors(data: TrainingData) -> StartErrors | None:
@@ -80,9 +81,9 @@ def start_errors(data: TrainingData) -> StartErrors | None:
     for order in range(1, MAX_START_ORDER + 1):
         try:
             problem = problem_of(data, order, False)
+            point = search(problem, known, order, tolerance=ROUGH_TOLERANCE).point
         except FitError:
             break
-        point = search(problem, known, order).point
         size = (problem.linear_count(order) + order) * len(data.outputs)
         bic = 2 * point.criterion + size * float(np.log(data.rows))
         if best is not None and not bic < best[0]:

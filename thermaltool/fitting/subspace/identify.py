@@ -12,7 +12,13 @@ from thermaltool.fitting.joint import Sensitivities, joint_covariances
 from thermaltool.fitting.subspace.model import Subspace, SubspaceOutput
 from thermaltool.fitting.subspace.problem import SubspacePoint, SubspaceProblem
 from thermaltool.fitting.subspace.realization import Realization, realizations
-from thermaltool.fitting.subspace.search import METHOD, SubspaceSearchResult, search
+from thermaltool.fitting.subspace.search import (
+    LIKELIHOOD_TOLERANCE,
+    METHOD,
+    ROUGH_TOLERANCE,
+    SubspaceSearchResult,
+    search,
+)
 from thermaltool.fitting.subspace.sections import PoleSection, all_poles
 from thermaltool.responses.rational import MAX_POLES
 from thermaltool.signals.criteria import Criteria
@@ -46,7 +52,7 @@ def identify_subspace(
     found : sequence of Realization, optional
         Of these data, where they are there already.
     judged : bool
-        Whether covariances are wanted; else they are zero.
+        Whether covariances are wanted; else they are zero, and the search ends sooner.
 
     Raises
     ------
@@ -58,7 +64,8 @@ def identify_subspace(
         raise FitError(f"{order} modes: it takes 1 to {MAX_POLES}")
     problem = problem_of(data, order, direct)
     known = realizations(data, order) if found is None else found
-    return _model(problem, search(problem, known, order, beside), judged)
+    tolerance = LIKELIHOOD_TOLERANCE if judged else ROUGH_TOLERANCE
+    return _model(problem, search(problem, known, order, beside, tolerance), judged)
 
 
 def problem_of(data: TrainingData, order: int, direct: bool) -> SubspaceProblem:

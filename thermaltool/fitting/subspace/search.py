@@ -21,9 +21,9 @@ FASTEST_PERIODS, LONGEST_IN_RECORDS = 0.1, 10.0
 # Largest natural frequency of a pair [rad/sample period], what is faster is an alias; and its least
 # damping.
 MAX_FREQUENCY, MIN_DAMPING_RATIO = 3.0, 1e-4
-# A step that raises the logarithm of the likelihood by no more is the last one; the largest step of
-# a logarithm; linearizations.
-LIKELIHOOD_TOLERANCE, MAX_STEP, MAX_ITERATIONS = 1e-4, 1.0, 40
+# A step that raises the logarithm of the likelihood by no more is the last one, of a candidate or a
+# start the second; the largest step of a logarithm; linearizations.
+LIKELIHOOD_TOLERANCE, ROUGH_TOLERANCE, MAX_STEP, MAX_ITERATIONS = 1e-4, 0.05, 1.0, 40
 # Starts that are followed.
 FOLLOWED_STARTS = 2
 # Time constants that a pole more is chosen from.
@@ -110,9 +110,12 @@ def refine(
 
 
 def search(
-    problem: SubspaceProblem, found: Sequence[Realization], order: int,
+    problem: SubspaceProblem,
+    found: Sequence[Realization],
+    order: int,
     beside: Sequence[tuple[PoleSection, ...]] = (),
-) -> SubspaceSearchResult:  # fmt: skip
+    tolerance: float = LIKELIHOOD_TOLERANCE,
+) -> SubspaceSearchResult:
     """The poles of largest likelihood.
 
     Parameters
@@ -123,6 +126,8 @@ def search(
         Number of poles.
     beside : sequence of tuple of PoleSection
         Further starts: of this order, or of one less, to whose poles another one is added.
+    tolerance : float
+        As `refine`.
 
     Raises
     ------
@@ -139,9 +144,11 @@ def search(
             "--structure network takes holes"
         )
     ranked = _ranked(thin, starts)
-    ends = [refine(thin, sections) for sections in ranked[:FOLLOWED_STARTS]]
+    ends = [refine(thin, sections, ROUGH_TOLERANCE) for sections in ranked[:FOLLOWED_STARTS]]
     best = min(ends, key=lambda end: end.point.criterion)
-    return refine(problem, best.point.sections) if thin.stride > problem.stride else best
+    if thin.stride == problem.stride and tolerance >= ROUGH_TOLERANCE:
+        return best
+    return refine(problem, best.point.sections, tolerance)
 
 
 def _with_one_more(poles: Complex, problem: SubspaceProblem) -> list[Complex]:
