@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -64,7 +65,27 @@ def choose_order(
                 break
     if not models and problem is not None:
         raise problem
-    return rank(models, lambda model: model, held, "no number of modes fits these data")
+    ranked = rank(map(_ByPoles, models), lambda each: each, held, "no number of modes fits")
+    return tuple(Candidate(c.model.model, c.fit_percent, c.score) for c in ranked)
+
+
+@dataclass(frozen=True)
+class _ByPoles:
+    """A model whose poles count, for each output, and feedthrough as another one.
+
+    Not its weights, of which sixteen inputs have sixteen for each pole: slow errors are worth so
+    few rows that no second pole would be taken. What weights too many do, rows held out show.
+    """
+
+    model: Subspace
+
+    @property
+    def parameters(self) -> int:
+        return len(self.model.outputs) * (self.model.order + self.model.has_direct)
+
+    def run(self, data: TrainingData) -> Array:
+        """As that of the model."""
+        return self.model.run(data)
 
 
 def _held_out_level(model: Subspace, held: TrainingData) -> float:
