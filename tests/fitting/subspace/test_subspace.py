@@ -195,6 +195,12 @@ def test_the_model_document_runs_as_the_fit_does(direct):
         wanted = fit.model.gain(1)
         error = np.sqrt(slope @ covariance @ slope)
         assert 1.96 * error == pytest.approx((wanted.high - wanted.low) / 2, rel=1e-3)
+        # And the same intervals to the time constants of the lags, the slowest of all and the last.
+        each, own_named = fit.model.time_constant_estimates(), dict(fit.model.named())
+        for e, name in ((each[0], "tau1"), (each[-1], "tau2")):
+            assert (e.low, e.high) == pytest.approx(
+                (own_named[name].low, own_named[name].high), rel=1e-4
+            )
 
 
 @pytest.mark.parametrize("seed", range(4))
