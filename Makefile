@@ -66,6 +66,7 @@ bench: $(READY) $(BENCH_READY) $(BENCH_IDENTIFY_READY)
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/orders.py speed
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/streaming.py
 	@PYTHONPATH=$(CURDIR) $(BENCH_IDENTIFY)/python benchmarks/identify.py speed
+	@PYTHONPATH=$(CURDIR) $(BENCH_IDENTIFY)/python benchmarks/identify_process.py
 
 DESIGNS := demo/far_kalman.json demo/far_kernel.json demo/all_kalman.json
 
@@ -75,6 +76,7 @@ study: $(READY)
 	@$(BIN)/python benchmarks/boring_bar.py
 	@$(BIN)/python benchmarks/orders.py study
 	@$(BIN)/python benchmarks/identify.py coverage
+	@$(BIN)/python benchmarks/identify_process.py coverage
 	@$(BIN)/python benchmarks/identify.py measured
 	@$(BIN)/python benchmarks/heaters.py
 	@$(BIN)/python benchmarks/stream_faults.py

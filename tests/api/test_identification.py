@@ -32,7 +32,7 @@ def record(seed: int = 1, rows: int = 900, period: float = 10.0) -> tt.Record:
 
 
 def call(data: Any, **options: Any) -> Any:
-    return tt.identify(data, ["Q_motor_W"], ["d_z_um"], orders=[(1, 1, 1)], **options)
+    return tt.identify(data, ["Q_motor_W"], ["d_z_um"], **{"orders": [(1, 1, 1)], **options})
 
 
 @pytest.mark.parametrize("structure", registry.STRUCTURES)
@@ -61,6 +61,22 @@ def test_a_network_shares_its_time_constants() -> None:
     )
 
 
+def test_a_subspace_model_finds_how_many_poles_its_outputs_share() -> None:
+    found = tt.identify(record(), ["Q_motor_W"], ["d_z_um", "d_x_um"], structure="subspace",
+                        validate=record(2))  # fmt: skip
+    assert all(fit.model.order == 1 for fit in found.fits)
+    assert found.frame["value"].xs("tau1", level="parameter")["d_x_um"] == pytest.approx(300, 0.02)
+    gains = [term.response.dc_gain() for term in found.model.terms]
+    assert gains == pytest.approx([0.2, 0.1], rel=0.02)
+    first = found.document()["models"][0]
+    assert first["structure"] == "subspace"
+    assert first["orders"] == {"modes": 1, "feedthrough": False}
+    assert first["fit_validation_percent"] > 95
+    assert first["candidates"][0]["modes"] == 1
+    assert first["units"] == {"tau1": "s", "K1": "um/W"}
+    assert "1 shared mode by subspace identification" in found.table()
+
+
 def test_validation_on_another_record_and_a_clock_that_differs() -> None:
     found = call(record(), validate=record(2))
     assert found.document()["models"][0]["validation"]["fit_percent"] > 95
@@ -75,7 +91,14 @@ def test_validation_on_another_record_and_a_clock_that_differs() -> None:
         ({"structure": "arx", "initial": "rest"}, "arx takes its first rows as they are"),
         ({"noise_orders": (1, 1)}, "go with --structure armax and bj"),
         ({"continuous": True, "structure": "bj"}, "--continuous goes with --structure oe"),
-        ({"modes": 2}, "go with --structure network"),
+        ({"modes": 2}, "--modes goes with --structure network and subspace"),
+        (
+            {"delay": 5.0, "structure": "subspace", "orders": ()},
+            "--delay goes with --structure network",
+        ),
+        ({"modes": 7, "structure": "network", "orders": ()}, "a network has up to 6"),
+        ({"modes": 13, "structure": "subspace", "orders": ()}, "a subspace model has up to 12"),
+        ({"structure": "subspace", "real_poles": True, "orders": ()}, "of a subspace any"),
         ({"split": 0.5, "validate": "other.csv"}, "both name the validation data"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 from functools import cache
@@ -19,7 +20,7 @@ from thermaltool.errors import ModelError
 from thermaltool.model import Drive, Model, ModelRecursion, Output, Term, drive_rests
 from thermaltool.model.combine import scheduled
 from thermaltool.record import Record
-from thermaltool.responses import KINDS, response_class
+from thermaltool.responses import KINDS, MORE_RATIONAL, response_class
 from thermaltool.responses.deflection import Deflection
 from thermaltool.responses.rational import Rational1, Rational2
 
@@ -84,7 +85,7 @@ def one_term(response, hold, reference=0.0):
 def responses(kind):
     cls = response_class(kind)
     starts = cls.starts(PERIOD, 8000.0, **cls.fixed)
-    gains = dict(zip(cls.gains, (3.5, -1.2, 0.4, -0.2, 0.7, 0.3), strict=False))
+    gains = dict(zip(cls.gains, itertools.cycle((3.5, -1.2, 0.4, -0.2, 0.7, 0.3))))
     plain = [
         cls(**dict(zip(cls.searched, starts[k], strict=True)), **gains, **cls.fixed)
         for k in (0, len(starts) // 2, -1)
@@ -93,7 +94,7 @@ def responses(kind):
     return [*plain, *(replace(plain[1], delay=delay) for delay in delays)]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, *MORE_RATIONAL])
 @pytest.mark.parametrize("hold", ["zero", "first"])
 @pytest.mark.parametrize("time", [EVEN, UNEVEN], ids=["even", "uneven"])
 def test_every_kind(kind, hold, time):

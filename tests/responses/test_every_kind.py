@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 from functools import cache
 
 import numpy as np
@@ -13,14 +14,14 @@ from reference.ring import panels
 
 from thermaltool.errors import ModelError
 from thermaltool.model import Drive, Model, Output, Term, dumps, loads, simulate_response
-from thermaltool.responses import KINDS, parameter_names, response_class
+from thermaltool.responses import KINDS, MORE_RATIONAL, parameter_names, response_class
 from thermaltool.responses.modes import Modes
 
 PERIOD, DURATION = 5.0, 8000.0
 # What `fit_relaxation` promises, as a share of the largest value of the step response.
 TOLERANCE = 3e-5
 
-kinds = pytest.mark.parametrize("kind", KINDS)
+kinds = pytest.mark.parametrize("kind", [*KINDS, *MORE_RATIONAL])
 
 
 @cache
@@ -28,11 +29,15 @@ def examples(kind):
     """Responses at seven of the places where a fit starts, with gains of both signs."""
     cls = response_class(kind)
     starts = cls.starts(PERIOD, DURATION, **cls.fixed)
-    gains = dict(zip(cls.gains, (3.5, -1.2, 0.004, -0.002, 0.7, 0.3), strict=False))
+    gains = dict(zip(cls.gains, itertools.cycle((3.5, -1.2, 0.004, -0.002, 0.7, 0.3))))
     chosen = [starts[k] for k in np.linspace(0, len(starts) - 1, 5).astype(int)]
     return [
         cls(**dict(zip(cls.searched, place, strict=True)), **gains, **cls.fixed) for place in chosen
     ]
+
+
+def feedthrough(response):
+    return getattr(response, "direct", 0.0)
 
 
 def size(response):
@@ -65,8 +70,10 @@ def test_transfer_at_the_conjugate_is_the_conjugate_and_shapes_are_kept(kind):
 @kinds
 def test_starts_at_zero_and_ends_at_the_gain(kind):
     for response in examples(kind):
-        np.testing.assert_array_equal(response.step(np.array([-5.0, 0.0])), 0.0)
-        assert abs(response.step(np.array([1e-9 * response.slowest()]))[0]) < 1e-4 * size(response)
+        direct = feedthrough(response)
+        np.testing.assert_array_equal(response.step(np.array([-5.0, 0.0])), [0.0, direct])
+        soon = response.step(np.array([1e-9 * response.slowest()]))[0]
+        assert abs(soon - direct) < 1e-4 * size(response)
         end = response.step(np.array([60 * response.slowest()]))[0]
         assert end == pytest.approx(response.dc_gain(), rel=1e-8)
         at_zero = response.transfer(np.zeros(1, complex))[0]
@@ -96,7 +103,9 @@ def test_recursions_follow_step_and_ramp(kind, dt):
         modes = response.modes(dt)
         t = dt * np.arange(n + 1)
         held, _ = modes.discretize(dt, "zero").run(np.ones((n + 1, 1)))
-        np.testing.assert_allclose(held[:, 0], modes.step(t), atol=1e-10 * size(response))
+        # At the first row all is at rest, in a recursion whatever the input is.
+        wanted = modes.step(t) - np.append(feedthrough(response), np.zeros(n))
+        np.testing.assert_allclose(held[:, 0], wanted, atol=1e-10 * size(response))
         # The response to a ramp is the integral of the response to a step.
         later = (w * modes.step(inside)).reshape(n - 1, -1).sum(1)
         area = np.cumsum([np.sum(w_first * modes.step(first)), *later])
@@ -213,6 +222,18 @@ def test_starts_lie_in_the_search_box(kind, period, duration):
         for name, value in zip(cls.searched, place, strict=True):
             low, high = box[name]
             assert low <= value <= high * (1 + 1e-12), (name, value, box[name])
+
+
+@pytest.mark.parametrize("kind", ["rational0", "rational13", "rational03", "oscillation11",
+                                  "oscillations1_2", "oscillations7_0", "direct"])  # fmt: skip
+def test_a_family_has_one_name_for_each_and_an_end(kind):
+    with pytest.raises(ModelError, match="unknown response"):
+        response_class(kind)
+
+
+def test_a_generated_kind_can_be_pickled():
+    response = examples("oscillations3_2_direct")[0]
+    assert pickle.loads(pickle.dumps(response)) == response
 
 
 def test_an_unknown_kind_lists_the_known_ones():

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from thermaltool.api.inputs import Reading, all_of, read_for_fit, reads
 from thermaltool.api.result import Notice, Result, notice
-from thermaltool.fitting.transfer.registry import CONTINUOUS, STRUCTURES
+from thermaltool.fitting.transfer.registry import CONTINUOUS, MAX_MODES, STRUCTURES
 from thermaltool.units import names
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from thermaltool.record import Record
     from thermaltool.units import Reference
 
-NETWORK = "network"
+NETWORK, SUBSPACE = "network", "subspace"
 Orders = tuple[int, int, int]
 
 
@@ -142,13 +142,14 @@ def identify(
         What drives: power, speed, temperature.
     outputs : str or sequence of str
         What follows: displacement, angle, temperature.
-    structure : {"oe", "bj", "arx", "armax", "network"}
-        Where the noise enters; or first-order modes that all outputs share (network).
+    structure : {"oe", "bj", "arx", "armax", "network", "subspace"}
+        Where the noise enters; or first-order modes that all outputs share (network), or poles,
+        real or complex (subspace).
     orders : sequence of (nb, nf, nk) or None
         Numerator coefficients, order of the denominator, samples of delay: once for all inputs or
         once for each. None, or nothing: chosen by held-out data.
     modes : int, optional
-        Shared modes of a network. Default: chosen by held-out data.
+        Shared modes of a network, or poles of a subspace model. Default: chosen by held-out data.
     delay : float [s] or "auto", optional
         Dead time of a network; "auto" finds it for each input and output. Default: 0.
     noise_orders : (int, int), optional
@@ -200,6 +201,7 @@ def identify(
     """
     from thermaltool.fitting.identification import identify as fit
     from thermaltool.fitting.network.plan import NetworkPlan
+    from thermaltool.fitting.subspace.plan import SubspacePlan
     from thermaltool.fitting.transfer.plan import TransferPlan
     from thermaltool.fitting.transfer.registry import structure_of
 
@@ -210,6 +212,8 @@ def identify(
     plan: Plan
     if structure == NETWORK:
         plan = NetworkPlan(modes=modes, delay=delay or 0.0, initial=initial, split=split)
+    elif structure == SUBSPACE:
+        plan = SubspacePlan(modes=modes, initial=initial, split=split)
     else:
         form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
         plan = TransferPlan(structure=form, orders=tuple(orders), initial=initial, split=split)
@@ -261,7 +265,7 @@ def check_arguments(
     ------
     ValueError
     """
-    network = structure == NETWORK
+    network, shared = structure == NETWORK, structure in MAX_MODES
     if split is not None and validate is not None:
         raise ValueError("--split and --validate both name the validation data: take one")
     for name in (*inputs, *outputs):
@@ -271,14 +275,19 @@ def check_arguments(
         raise ValueError("--orders: once for all inputs, or once for each")
     if continuous and structure not in CONTINUOUS:
         raise ValueError(f"--continuous goes with --structure {' and '.join(CONTINUOUS)}")
-    if network and orders:
-        raise ValueError("--orders: a network takes --modes and --delay")
-    if not network and (modes, delay) != (None, None):
-        raise ValueError("--modes and --delay go with --structure network")
-    if noise_orders is not None and (network or not STRUCTURES[structure].load().noise_orders):
+    form = "a network" if network else "a subspace model"
+    if shared and orders:
+        raise ValueError(f"--orders: {form} takes --modes{' and --delay' * network}")
+    if not shared and modes is not None:
+        raise ValueError("--modes goes with --structure network and subspace")
+    if modes is not None and modes > MAX_MODES[structure]:
+        raise ValueError(f"--modes: {form} has up to {MAX_MODES[structure]}")
+    if not network and delay is not None:
+        raise ValueError("--delay goes with --structure network")
+    if noise_orders is not None and (shared or not STRUCTURES[structure].load().noise_orders):
         having = sorted(n for n, entry in STRUCTURES.items() if entry.load().noise_orders)
         raise ValueError(f"--noise-orders go with --structure {' and '.join(having)}")
-    if real_poles and network:
-        raise ValueError("--real-poles: those of a network are always real")
-    if initial != "auto" and not network and not STRUCTURES[structure].load().estimates_start:
+    if real_poles and shared:
+        raise ValueError("--real-poles: those of a network are always real, of a subspace any")
+    if initial != "auto" and not shared and not STRUCTURES[structure].load().estimates_start:
         raise ValueError(f"--initial: {structure} takes its first rows as they are, from any state")

@@ -18,7 +18,7 @@ from thermaltool.cli.types import (
     TransferOrder,
 )
 from thermaltool.documents import write_json
-from thermaltool.fitting.transfer.registry import STRUCTURES, described
+from thermaltool.fitting.transfer.registry import MAX_MODES, STRUCTURES, described
 
 
 @click.command(
@@ -30,15 +30,16 @@ from thermaltool.fitting.transfer.registry import STRUCTURES, described
               help="What drives: power, speed, temperature; repeatable.")  # fmt: skip
 @click.option("--output", "outputs", multiple=True, required=True, metavar="CHANNEL",
               help="What follows: displacement, angle, temperature; repeatable.")  # fmt: skip
-@click.option("--structure", type=click.Choice([*STRUCTURES, "network"]), default="oe",
+@click.option("--structure", type=click.Choice([*STRUCTURES, *MAX_MODES]), default="oe",
               help=f"Where the noise enters: {described()}; or first-order modes that all outputs "
-              "share (network).")  # fmt: skip
+              "share (network), or poles, real or complex (subspace).")  # fmt: skip
 @click.option("--orders", type=TransferOrder(), multiple=True, metavar="nb,nf,nk|auto",
               help="Numerator coefficients and order of the denominator, up to "
               f"{MAX_TRANSFER_ORDER} each, and samples of delay; once for all inputs or once for "
               "each. auto chooses by held-out data.  [default: auto]")  # fmt: skip
-@click.option("--modes", type=click.IntRange(1, 6), metavar="N",
-              help="Shared modes of a network.  [default: chosen by held-out data]")  # fmt: skip
+@click.option("--modes", type=click.IntRange(1, max(MAX_MODES.values())), metavar="N",
+              help="Shared modes of a network (up to 6) or poles of a subspace model (up to "
+              "12).  [default: chosen by held-out data]")  # fmt: skip
 @click.option("--delay", type=DeadTime(), metavar="SECONDS|auto",
               help="Dead time of a network; auto finds it for each input and output.  "
               "[default: 0]")  # fmt: skip
@@ -77,12 +78,12 @@ def command(
 ) -> None:
     """Transfer functions from measured logs: power, speed or temperature in, displacement out.
 
-    Each output gets one model with all inputs; in a network they share their time constants. The
-    offset is estimated, and the state at the start where it is not at rest; gaps part the record.
-    Fits are those of free runs; validation data are not used in the fit, and are run as simulate
-    runs them: the state goes on from the rows before. Where a model predicts them worse than their
-    mean does, the exit code is 3. Where refined instrumental variables do not converge,
-    Gauss-Newton goes on, and the output says so.
+    Each output gets one model with all inputs; in a network and by subspace identification they
+    share their time constants. The offset is estimated, and the state at the start where it is not
+    at rest; gaps part the record. Fits are those of free runs; validation data are not used in the
+    fit, and are run as simulate runs them: the state goes on from the rows before. Where a model
+    predicts them worse than their mean does, the exit code is 3. Where refined instrumental
+    variables do not converge, Gauss-Newton goes on, and the output says so.
     """
     shared.one_thread()
     from thermaltool import api

@@ -42,7 +42,7 @@ def _lagged(modes: Modes, time_constant: float) -> Modes:
     for p in modes.poles[modes.double != 0].real:
         if abs(p + a) < DOUBLE_POLE_TOLERANCE * a:
             a = -p * (1 + DOUBLE_POLE_TOLERANCE)
-    own = 0.0
+    own = modes.direct * a
     for k, (p, w, v) in enumerate(zip(modes.poles, modes.weights, modes.double, strict=True)):
         if v == 0 and p.imag == 0 and abs(p.real + a) < DOUBLE_POLE_TOLERANCE * a:
             poles[k], weights[k], double[k] = (p.real - a) / 2, 0.0, w.real * a

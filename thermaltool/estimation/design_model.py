@@ -164,9 +164,11 @@ class DesignModel:
         def terms(targets: tuple[str, ...]) -> tuple[tuple[int, int, Modes], ...]:
             own = [t for t in model.terms if t.output in targets and t.drive in drives]
             for t in own:
-                if isinstance(paths.response(t), DelayedModes):
+                response = paths.response(t)
+                if isinstance(response, DelayedModes) or response.direct:
+                    what = "direct feedthrough" if response.direct else "a delay"
                     raise ModelError(
-                        f"{t.drive} → {t.output} has a delay: such a drive cannot be estimated; "
+                        f"{t.drive} → {t.output} has {what}: such a drive cannot be estimated; "
                         f"where it is measured: --measured {t.drive}"
                     )
             return tuple(

@@ -58,14 +58,16 @@ def inverted(response: Rational, filter_time: float) -> RationalInverse:
     Raises
     ------
     ModelError
-        A delay, zeros that are not in the left half-plane (named), a response of zero, more poles
-        than a kind holds.
+        A delay, direct feedthrough, zeros that are not in the left half-plane (named), a response
+        of zero, more poles than a kind holds.
     """
     if response.delay:
         raise ModelError(
             f"a response with a delay has no causal inverse: {response.delay:g} s of what is to be "
             "followed would have to be known ahead"
         )
+    if response.direct:
+        raise ModelError("a response with direct feedthrough has no inverse of this kind")
     poles, residues = response.partial_fractions()
     # In units of the middle pole: powers of seconds would leave no digits.
     scale = float(np.exp(np.mean(np.log(np.abs(poles)))))

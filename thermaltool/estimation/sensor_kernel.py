@@ -107,6 +107,8 @@ def sensor_kernel(
     modes = response.modes(period)
     if isinstance(modes, DelayedModes):
         raise ModelError(f"{chosen}: a response with a delay has no causal inverse")
+    if modes.direct:
+        raise ModelError(f"{chosen}: a response with direct feedthrough has no kernel")
     invert_modes(lagged_modes(modes, *lags), shape)  # raises where the inverse is unstable
 
     def transfer(s: Complex) -> Complex:

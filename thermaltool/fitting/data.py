@@ -320,14 +320,15 @@ def uneven_steps(log: Record, period: float) -> tuple[int, int]:
     return int(np.sum(np.abs(steps - period) > MAX_UNEVENNESS * period)), len(steps)
 
 
-def even_training_data(logs: Sequence[Record], inputs: Sequence[str], output: str) -> TrainingData:
-    """One output of several logs, each an experiment, on the even clock of the first.
+def even_training_data(
+    logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
+) -> TrainingData:
+    """Outputs of several logs, each an experiment, on the even clock of the first.
 
     Parameters
     ----------
     logs : sequence of Record
-    inputs : sequence of str
-    output : str
+    inputs, outputs : sequence of str
 
     Raises
     ------
@@ -335,10 +336,12 @@ def even_training_data(logs: Sequence[Record], inputs: Sequence[str], output: st
         No row has them all.
     """
     period = logs[0].period
-    records = _numbered(even_records(log, inputs, output, period) for log in logs)
+    channels = (*inputs, *outputs)
+    records = _numbered(even_records(log, channels, period) for log in logs)
     if not records:
-        raise FitError(f"{', '.join((*inputs, output))}: no row has a reading of them all")
-    return TrainingData(records, tuple(inputs), (output,), period, tuple(map(hold_of, inputs)))
+        raise FitError(f"{', '.join(channels)}: no row has a reading of them all")
+    holds = tuple(map(hold_of, inputs))
+    return TrainingData(records, tuple(inputs), tuple(outputs), period, holds)
 
 
 def training_data(
@@ -372,10 +375,8 @@ def _numbered(logs: Iterable[Iterable[Record]]) -> tuple[Record, ...]:
     return tuple(replace(piece, origin=k) for k, pieces in experiments for piece in pieces)
 
 
-def even_records(
-    record: Record, inputs: Sequence[str], output: str, period: float
-) -> Iterator[Record]:
-    """A log as records of one output on an even clock: cut at pauses and at missing readings.
+def even_records(record: Record, channels: Sequence[str], period: float) -> Iterator[Record]:
+    """A log as records of these channels on an even clock: cut at pauses and at missing readings.
 
     Where the steps are not all `period` a straight line between the readings is taken on the even
     clock; a step above 1.5 periods parts the record.
@@ -383,11 +384,9 @@ def even_records(
     Parameters
     ----------
     record : Record
-    inputs : sequence of str
-    output : str
+    channels : sequence of str
     period : float [s]
     """
-    channels = [*inputs, output]
     columns, known = record.matrix(channels), record.known(channels)
     for part in record.segments:
         rows = part.start + np.flatnonzero(known[part])

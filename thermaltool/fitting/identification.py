@@ -58,7 +58,7 @@ class Plan(ABC):
         """What is fitted together: all outputs on their own clocks, or each on an even one."""
         if self.joint:
             return [training_data(logs, inputs, outputs)]
-        return [even_training_data(logs, inputs, output) for output in outputs]
+        return [even_training_data(logs, inputs, (output,)) for output in outputs]
 
 
 def identify(

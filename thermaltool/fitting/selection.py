@@ -57,7 +57,7 @@ class Candidate(Generic[R]):
 def rank(
     candidates: Iterable[C],
     fit: Callable[[C, TrainingData], R | None],
-    data: TrainingData,
+    split: Split,
     none: str,
 ) -> tuple[Candidate[R], ...]:
     """Candidates by what they predict of data that they were not fitted to, the best first.
@@ -72,7 +72,8 @@ def rank(
     fit : callable
         Model of a candidate for given data; FitError where they do not carry it, None where it is
         not wanted.
-    data : TrainingData
+    split : Split
+        The data, and what is fitted and held out at first.
     none : str
         What is wrong where no candidate has a model, and none says why.
 
@@ -81,10 +82,10 @@ def rank(
     FitError
         There is none; the message is that of the first that failed.
     """
-    first, problem = _judged(candidates, fit, [data.split(FITTED_SHARE)])
+    first, problem = _judged(candidates, fit, [split])
     if not first:
         raise problem or FitError(none)
-    folds = [split for split in data.folds(BLOCKS) if _excites(split.fitted)]
+    folds = [fold for fold in split.data.folds(BLOCKS) if _excites(fold.fitted)]
     last = _judged((each for each, _ in first[:FINALISTS]), fit, folds)[0] if folds else []
     done = {id(each) for each, _ in last}
     return tuple(found for _, found in (*last, *(p for p in first if id(p[0]) not in done)))

@@ -313,8 +313,9 @@ def simulate_response(
     along, own = np.interp(moments, time, centred), np.interp(moments, time, course.clock)
     # A held drive acts, on the mean, half a sample later than its first moment.
     inside = np.append((along[1:] + along[:-1]) / 2, along[-1])
-    y = modes.run(own, u * np.exp(inside if hold == "zero" else along), hold)
-    return y[np.searchsorted(moments, time)] * np.exp(-centred)
+    y = modes.proper.run(own, u * np.exp(inside if hold == "zero" else along), hold)
+    rows = np.searchsorted(moments, time)
+    return y[rows] * np.exp(-centred) + modes.direct * u[rows]
 
 
 def _acting_clock(time: Float, u: Float, hold: Hold, dead_time: float) -> tuple[Float, Float]:

@@ -142,7 +142,7 @@ class ModelRecursion:
         record = self._record_of(time, row)
         self._inputs = [float(u) for u in self._acting(row, record)]
         for k, (response, u) in enumerate(zip(self.responses, self._inputs, strict=True)):
-            response.start(u if settled else 0.0)
+            response.start(u if settled else 0.0, u)
             self._dead_times[k].start(u if settled else 0.0)
             if (early := -self._dead_times[k].ticks) > 0:
                 response.advance(early, u, u)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from thermaltool.documents import jsonable
 from thermaltool.fitting.document import agreement_from_rest
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.network.model import NetworkOutput
+from thermaltool.fitting.subspace.model import SubspaceOutput
+from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.model import Model
 from thermaltool.report.network import network_fields, network_table, network_warnings
+from thermaltool.report.subspace import subspace_fields, subspace_table, subspace_warnings
 from thermaltool.report.transfer import (
     estimate_document,
     lost_from_rest,
@@ -20,14 +24,45 @@ from thermaltool.report.transfer import (
 )
 
 
-def is_network(fits: Sequence[Fit]) -> bool:
-    """Whether the outputs share their modes."""
-    return isinstance(fits[0].model, NetworkOutput)
+@dataclass(frozen=True)
+class FormReport:
+    """What the models of one form have of their own.
+
+    Attributes
+    ----------
+    fields : callable
+        Of the fits and the place of one of them.
+    table, warnings : callable
+        Of all fits.
+    """
+
+    fields: Callable[[Sequence[Fit], int], dict[str, Any]]
+    table: Callable[[Sequence[Fit]], str]
+    warnings: Callable[[Sequence[Fit]], list[str]]
+
+
+def _each_transfer_table(fits: Sequence[Fit]) -> str:
+    return "\n\n".join(map(transfer_table, fits))
+
+
+def _each_transfer_warnings(fits: Sequence[Fit]) -> list[str]:
+    return [message for fit in fits for message in transfer_warnings(fit)]
+
+
+FORMS = {
+    NetworkOutput: FormReport(network_fields, network_table, network_warnings),
+    SubspaceOutput: FormReport(subspace_fields, subspace_table, subspace_warnings),
+    TransferModel: FormReport(transfer_fields, _each_transfer_table, _each_transfer_warnings),
+}
+
+
+def _form(fits: Sequence[Fit]) -> FormReport:
+    return next(form for kind, form in FORMS.items() if isinstance(fits[0].model, kind))
 
 
 def identification_document(fits: Sequence[Fit]) -> dict[str, Any]:
     """All models as plain data, each with what its form has of its own."""
-    fields = network_fields if is_network(fits) else transfer_fields
+    fields = _form(fits).fields
     return {"models": [{**_document(fit), **fields(fits, k)} for k, fit in enumerate(fits)]}
 
 
@@ -55,14 +90,12 @@ def _document(fit: Fit) -> dict[str, Any]:
 
 def identification_table(fits: Sequence[Fit]) -> str:
     """Fits, gains and time constants with their intervals, what is left."""
-    return network_table(fits) if is_network(fits) else "\n\n".join(map(transfer_table, fits))
+    return _form(fits).table(fits)
 
 
 def identification_warnings(fits: Sequence[Fit]) -> list[str]:
     """What a user should know before using the models, each a sentence."""
-    if is_network(fits):
-        return [*network_warnings(fits), *_failed(fits)]
-    return [*(message for fit in fits for message in transfer_warnings(fit)), *_failed(fits)]
+    return [*_form(fits).warnings(fits), *_failed(fits)]
 
 
 def _failed(fits: Sequence[Fit]) -> list[str]:

@@ -108,15 +108,24 @@ def network_table(fits: Sequence[Fit]) -> str:
         for name, e in zip(names, first.time_constant_estimates(), strict=True)
     ]
     weights = [["output", "input", "dead time s", "gain", "unit", *(f"weight {t}" for t in names)]]
-    held = ["validation %", "state estimated %", "improvement %"] if fits[0].validation else []
-    agreements = [["output", "fit %", *held, "residuals"]]
-    for fit, output in zip(fits, outputs, strict=True):
+    for output in outputs:
         for i, name in enumerate(output.names):
             weights.append([
                 output.target, name, f"{output.delays[i]:g}", with_interval(output.gain(i)),
                 printed(gain_unit(output.target, name)),
                 *(with_interval(e) for e in output.weight_estimates(i)),
             ])  # fmt: skip
+    parts = [head, aligned(modes), aligned(weights), aligned(agreement_rows(fits))]
+    if fits[0].candidates:
+        parts.append(_candidates(fits[0].candidates))
+    return "\n\n".join(parts)
+
+
+def agreement_rows(fits: Sequence[Fit]) -> list[list[str]]:
+    """Fits of every output and what is left, as rows of a table."""
+    held = ["validation %", "state estimated %", "improvement %"] if fits[0].validation else []
+    rows = [["output", "fit %", *held, "residuals"]]
+    for fit in fits:
         held = []
         if (v := fit.validation) is not None:
             held = [
@@ -124,12 +133,9 @@ def network_table(fits: Sequence[Fit]) -> str:
                 f"{v.estimated_state.fit_percent:.2f}",
                 f"{v.improvement:.1f}",
             ]
-        agreements.append([output.target, f"{fit.training.fit_percent:.2f}", *held,
-                           residuals_line(fit.tests)])  # fmt: skip
-    parts = [head, aligned(modes), aligned(weights), aligned(agreements)]
-    if fits[0].candidates:
-        parts.append(_candidates(fits[0].candidates))
-    return "\n\n".join(parts)
+        rows.append([fit.model.target, f"{fit.training.fit_percent:.2f}", *held,
+                     residuals_line(fit.tests)])  # fmt: skip
+    return rows
 
 
 def _candidates(candidates: Sequence[Candidate[Network]]) -> str:

@@ -29,6 +29,10 @@ KINDS: dict[str, str] = {
     "oscillation1": "thermaltool.responses.rational:Oscillation1",
     "oscillation2": "thermaltool.responses.rational:Oscillation2",
 }
+# Of the family of rational kinds with more poles, or with feedthrough, those that the shared checks
+# run on: `response_class` knows all.
+MORE_RATIONAL = ("rational9", "rational1_direct", "rational4_direct", "oscillation_direct",
+                 "oscillations2_0", "oscillations3_2_direct")  # fmt: skip
 
 
 class Response(Protocol):
@@ -80,6 +84,11 @@ def response_class(kind: str) -> Any:
         Unknown kind; the message lists the known ones.
     """
     if kind not in KINDS:
+        from thermaltool.responses.rational import rational_by_name
+
+        found = rational_by_name(kind)
+        if found is not None:
+            return found
         raise ModelError(f"unknown response {kind!r}; known: {', '.join(KINDS)}")
     module, _, name = KINDS[kind].partition(":")
     return getattr(importlib.import_module(module), name)

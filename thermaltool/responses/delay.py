@@ -30,6 +30,8 @@ class DelayedModes(Modes):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.direct:
+            raise ModelError("a response with a delay has no direct feedthrough")
         if not 0 < self.delay < np.inf:
             raise ModelError(f"a delay must be a finite time above zero (delay={self.delay:g})")
 

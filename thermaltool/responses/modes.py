@@ -1,16 +1,16 @@
 """Relaxation modes: the common form of every linear response in this package.
 
-A response is a sum of exponential modes, H(s) = Σ w_j/(s − p_j) + Σ v_j/(s − p_j)², with poles
-in the left half-plane. Rational responses have this form exactly; diffusive ones reach it to a
-stated tolerance (`relaxation.fit_relaxation`). The recursion over a sample of any length follows in
-closed form, with work that does not depend on the past.
+A response is a sum of exponential modes, H(s) = Σ w_j/(s − p_j) + Σ v_j/(s − p_j)² + d, with
+poles in the left half-plane. Rational responses have this form exactly; diffusive ones reach it to
+a stated tolerance (`relaxation.fit_relaxation`). The recursion over a sample of any length follows
+in closed form, with work that does not depend on the past.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -136,7 +136,7 @@ class Recursion:
 
 @dataclass(frozen=True)
 class Modes:
-    """H(s) = Σ w/(s − p) + Σ v/(s − p)².
+    """H(s) = Σ w/(s − p) + Σ v/(s − p)² + d.
 
     Attributes
     ----------
@@ -146,11 +146,14 @@ class Modes:
         Residues w [unit of the response per s]; the conjugate pole's residue is implied.
     double : ndarray, shape (n,), float
         v, the weight of the double pole [unit/s²]; real poles only.
+    direct : float
+        d, direct feedthrough: the output follows the input of the same row [unit of the response].
     """
 
     poles: Complex
     weights: Complex
     double: Float = field(default_factory=lambda: np.zeros(0))
+    direct: float = field(default=0.0, kw_only=True)
     # The recursion of the last even clock that was run: many records have the same one.
     _last: dict[tuple[float, Hold], Recursion] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -161,7 +164,7 @@ class Modes:
             object.__setattr__(self, "double", np.zeros(len(self.poles)))
         shapes = {self.poles.shape, self.weights.shape, self.double.shape}
         if len(shapes) > 1 or not all(
-            np.isfinite(part).all() for part in (self.poles, self.weights, self.double)
+            np.isfinite(part).all() for part in (self.poles, self.weights, self.double, self.direct)
         ):
             raise ModelError("modes need as many weights as poles, all of them finite")
         if np.any(self.poles.real > 0):
@@ -170,7 +173,13 @@ class Modes:
     @property
     def states(self) -> int:
         """Number of states of the recursion."""
-        return int(len(self.poles) + np.sum(self.poles.imag != 0) + np.sum(self.double != 0))
+        pairs, twice = np.sum(self.poles.imag != 0), np.sum(self.double != 0)
+        return int(len(self.poles) + pairs + twice) + (self.direct != 0)
+
+    @cached_property
+    def proper(self) -> Modes:
+        """The same modes without direct feedthrough."""
+        return replace(self, direct=0.0) if self.direct else self
 
     def transfer(self, s: Complex) -> Complex:
         """H at complex frequencies.
@@ -184,7 +193,7 @@ class Modes:
         pair = np.where(
             self.poles.imag != 0, np.conj(self.weights) / (s - np.conj(self.poles)), 0.0
         )
-        return np.asarray((simple + pair).sum(-1))
+        return np.asarray((simple + pair).sum(-1) + self.direct)
 
     def step(self, t: Float) -> Float:
         """Response to a unit step at t = 0.
@@ -194,6 +203,7 @@ class Modes:
         t : ndarray, any shape [s]
             Zero before t = 0.
         """
+        begun = np.asarray(t) >= 0
         t = np.maximum(np.asarray(t, float), 0.0)[..., None]
         p = self.poles
         decay = np.exp(p * t)
@@ -202,14 +212,14 @@ class Modes:
             p != 0, (t * decay - grown) / np.where(p != 0, p, 1), t**2 / 2
         )  # ∫ τ e^(pτ) dτ
         value = (self.weights * grown).real * np.where(p.imag != 0, 2, 1) + self.double * ramp.real
-        return np.asarray(value.sum(-1))
+        return np.asarray(value.sum(-1) + self.direct * begun)
 
     def dc_gain(self) -> float:
         """H(0)."""
         return float(self.transfer(np.zeros(1, complex))[0].real)
 
     def discretize(self, dt: float, hold: Hold = "zero") -> Recursion:
-        """The exact recursion over one sample of length `dt`.
+        """The exact recursion over one sample of length `dt`; the last state is the feedthrough's.
 
         Parameters
         ----------
@@ -236,6 +246,8 @@ class Modes:
                 G0[to], G1[to] = (g0[k].real, d0[k]), (g1[k].real, d1[k])
                 C[to] = self.weights[k].real, self.double[k]
             at += 2
+        if self.direct:
+            G1[-1], C[-1] = 1.0, self.direct
         return Recursion(F, G0[:, None], G1[:, None], C[None, :])
 
     def run(self, time: Float, u: Float, hold: Hold) -> Float:
@@ -249,6 +261,8 @@ class Modes:
         -------
         y : ndarray, shape (n,)
         """
+        if self.direct:
+            return self.proper.run(time, u, hold) + self.direct * u
         steps = np.diff(time)
         if len(steps) and np.ptp(steps) < CLOCK_STEP and (hold == "zero" or not u[0]):
             clock = float(np.mean(steps)), hold
@@ -279,7 +293,7 @@ class Modes:
         ahead = np.maximum(moments - time[row], 0.0)
         before, now = u[row], u[row] if hold == "zero" else np.interp(moments, time, u)
         phi, g0, g1, d0, d1 = self._coefficients(ahead, hold)
-        y = np.zeros(len(moments))
+        y = self.direct * now
         for some, first, second in self._states(np.diff(time), u, hold):
             first, second = first[:, row], second[:, row]
             passed = phi[some] * first + g0[some] * before + g1[some] * now
@@ -329,20 +343,26 @@ class Modes:
             found += [np.zeros((len(ticks), 0))] * 2
         return [c[which].T for c in found]
 
-    def document(self) -> dict[str, list[float]]:
-        """As JSON: parallel lists, the imaginary and double parts only where there are any."""
-        lists = {"pole": self.poles.real.tolist(), "weight": self.weights.real.tolist()}
+    def document(self) -> dict[str, Any]:
+        """As JSON: parallel lists, imaginary, double and direct parts only where there are any."""
+        lists: dict[str, Any] = {
+            "pole": self.poles.real.tolist(),
+            "weight": self.weights.real.tolist(),
+        }
         if np.any(self.poles.imag):
             lists["pole_imag"] = self.poles.imag.tolist()
             lists["weight_imag"] = self.weights.imag.tolist()
         if np.any(self.double):
             lists["double"] = self.double.tolist()
+        if self.direct:
+            lists["direct"] = self.direct
         return lists
 
     @staticmethod
     def from_document(lists: dict[str, Any]) -> Modes:
         """What `document` has written."""
-        zero = [0.0] * len(lists["pole"])
+        lists = {**lists}
+        zero, direct = [0.0] * len(lists["pole"]), float(lists.pop("direct", 0.0))
         imag, weight = lists.get("pole_imag", zero), lists.get("weight_imag", zero)
         if any(len(each) != len(zero) for each in lists.values()):
             raise ModelError("modes need lists of one length")
@@ -350,6 +370,7 @@ class Modes:
             np.array(lists["pole"]) + 1j * np.array(imag),
             np.array(lists["weight"]) + 1j * np.array(weight),
             np.array(lists.get("double", zero), float),
+            direct=direct,
         )
 
 

@@ -240,6 +240,9 @@ class ResponseRecursion:
     def __init__(self, modes: Modes, hold: Hold, horizon: float = 0.0) -> None:
         prompt, dead_time = split_delay(modes)
         self._hold: Hold = hold
+        # The input of the row itself, which a direct feedthrough takes at once.
+        self._direct, self._input = prompt.direct, 0.0
+        prompt = prompt.proper
         recursions = RecursionCache(prompt, hold)
         delay, far = round(dead_time / CLOCK_STEP), round(horizon / CLOCK_STEP)
         self._lines = [DelayLine(recursions, max(delay - far, 0))]
@@ -250,13 +253,16 @@ class ResponseRecursion:
         self._C, self._C_ahead = r.C[0], r.C[0] @ r.F
         self._gain_ahead = float(r.C[0] @ (r.G0 + r.G1)[:, 0])
 
-    def start(self, u: float = 0.0) -> None:
+    def start(self, u: float = 0.0, acting: float | None = None) -> None:
         """At rest, or in the steady state under a constant input `u`.
 
         Parameters
         ----------
         u : float
+        acting : float, optional
+            The input of the first row itself; `u` where it is not given.
         """
+        self._input = u if acting is None else acting
         for line in self._lines:
             line.start(u)
 
@@ -270,12 +276,13 @@ class ResponseRecursion:
             The input at both ends.
         """
         parts = [(ticks, start, end if self._hold == "first" else start)]
+        self._input = end
         for line in self._lines:
             parts = line.advance(parts)
 
     def now(self) -> float:
         """The output."""
-        return float(self._C.dot(self._lines[-1].x))
+        return float(self._C.dot(self._lines[-1].x)) + self._direct * self._input
 
     def ahead(self, u: Float) -> Float:
         """The output at the horizon for every input that is held from now on, shape of `u`.
@@ -284,18 +291,27 @@ class ResponseRecursion:
         ----------
         u : ndarray, any shape
         """
-        return np.asarray(self._C_ahead.dot(self._lines[0].x) + self._gain_ahead * u)
+        return np.asarray(
+            self._C_ahead.dot(self._lines[0].x) + (self._gain_ahead + self._direct) * u
+        )
 
     def scale(self, factor: float) -> None:
         """Multiply all that is stored by `factor`."""
+        self._input *= factor
         for line in self._lines:
             line.scale(factor)
 
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
-        return [line.state() for line in self._lines]
+        lines = [line.state() for line in self._lines]
+        return [*lines, self._input] if self._direct else lines
 
     def resume(self, state: list[Any]) -> None:
         """Go on from `state`; raises TypeError or ValueError where it is none."""
+        if self._direct:
+            *state, last = state
+            if not np.isfinite(float(last)):
+                raise ValueError("not a state of this model")
+            self._input = float(last)
         for line, kept in zip(self._lines, state, strict=True):
             line.resume(kept)

@@ -200,7 +200,7 @@ def test_parts_of_a_record():
 def test_an_uneven_clock_is_drawn_and_a_hole_parts():
     time = np.array([0.0, 1.0, 2.0, 3.3, 4.0, 9.0, 10.0])
     y = np.array([0.0, 1.0, 2.0, 3.3, 4.0, np.nan, 7.0])
-    parts = list(even_records(Record(time, {"u": time, "y": y}), ("u",), "y", 1.0))
+    parts = list(even_records(Record(time, {"u": time, "y": y}), ("u", "y"), 1.0))
     assert [len(p) for p in parts] == [5, 1]
     np.testing.assert_allclose(parts[0].column("y"), [0, 1, 2, 3, 4])
 

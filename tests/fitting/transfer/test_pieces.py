@@ -144,11 +144,11 @@ def test_logs_without_a_reading_are_no_experiments():
     u, y = plant(10, 1200)
     lost = Record(np.arange(1200.0), {"Q_a_W": u, "d_z_um": np.full(1200, np.nan)})
     logs = [lost, *(lost.with_columns({"d_z_um": y + zero}) for zero in (5.0, 50.0)), lost]
-    data = even_training_data(logs, ["Q_a_W"], "d_z_um")
+    data = even_training_data(logs, ["Q_a_W"], ["d_z_um"])
     assert [record.origin for record in data.records] == [0, 1]
     assert fitted(data, "oe", *ORDERS).offsets == pytest.approx((5.0, 50.0), abs=0.05)
     with pytest.raises(FitError, match="Q_a_W, d_z_um: no row has a reading of them all"):
-        even_training_data([lost], ["Q_a_W"], "d_z_um")
+        even_training_data([lost], ["Q_a_W"], ["d_z_um"])
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from thermaltool.fitting.network.identify import MAX_MODES, identify_network
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.problem import Delays, NetworkProblem
 from thermaltool.fitting.network.search import MAX_START_ROWS, NetworkSearchResult, search
-from thermaltool.fitting.selection import MAX_DELAY, Candidate, rank
+from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, Candidate, rank
 from thermaltool.fitting.start_state import StartErrors
 
 # Delays and time constants are found in turn at most so often.
@@ -37,7 +37,8 @@ def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate[Network]
     """
     data.check()
     return rank(
-        range(1, MAX_MODES + 1), lambda modes, part: identify_network(part, modes, delays), data,
+        range(1, MAX_MODES + 1), lambda modes, part: identify_network(part, modes, delays),
+        data.split(FITTED_SHARE),
         "no number of modes fits these data",
     )  # fmt: skip
 

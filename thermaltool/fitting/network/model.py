@@ -9,16 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.fitting.data import Array, Split, TrainingData
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.error_model import runs_of
+from thermaltool.fitting.joint import JointModel
 from thermaltool.fitting.network.problem import known_rows, mode_responses
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.record import Record
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Hold
 from thermaltool.responses.rational import KINDS
-from thermaltool.signals.agreement import Agreement
-from thermaltool.signals.criteria import Criteria
 from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
 
 # Upper over lower end of an interval from which the data do not determine a time constant.
@@ -147,18 +146,8 @@ class NetworkOutput(OutputModel):
 
 
 @dataclass(frozen=True)
-class Network:
-    """Network of modes behind all outputs.
-
-    Attributes
-    ----------
-    outputs : tuple of NetworkOutput, one for each output
-    criteria : Criteria
-        Of all outputs together.
-    """
-
-    outputs: tuple[NetworkOutput, ...]
-    criteria: Criteria
+class Network(JointModel[NetworkOutput]):
+    """Network of modes behind all outputs."""
 
     @property
     def time_constants(self) -> Array:
@@ -169,20 +158,3 @@ class Network:
     def modes(self) -> int:
         """Number of time constants."""
         return len(self.time_constants)
-
-    @property
-    def parameters(self) -> int:
-        """Everything that was fitted: time constants once, weights and offsets of each output."""
-        return self.criteria.parameters
-
-    def fit(self, data: TrainingData) -> list[Agreement]:
-        """Agreement of the free run of every output with it, over all records."""
-        return [output.fit(data.only(k)) for k, output in enumerate(self.outputs)]
-
-    def run(self, data: TrainingData) -> Array:
-        """Free runs over all records in a row, shape (p, n)."""
-        return np.array([output.run(data) for output in self.outputs])
-
-    def carried_on(self, split: Split) -> Array:
-        """Free runs over what is held out, shape (p, n); see `OutputModel.carried_on`."""
-        return np.array([output.carried_on(split) for output in self.outputs])

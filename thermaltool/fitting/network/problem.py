@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.joint import MIN_LOSS, ProjectedOutput
 from thermaltool.record import Record
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Hold, Modes
@@ -22,8 +23,6 @@ from thermaltool.signals.gauss_newton import solve
 
 Index = NDArray[np.intp]
 Delays = tuple[tuple[float, ...], ...]
-# A loss below this share of the signal is rounding.
-MIN_LOSS = 1e-13
 
 
 def mode_responses(
@@ -95,34 +94,6 @@ class Sums:
     cross: Array
     power: float
     rows: int
-
-
-@dataclass(frozen=True)
-class ProjectedOutput:
-    """One output with its linear parameters projected out.
-
-    Attributes
-    ----------
-    linear : ndarray, shape (L,)
-        Gains (input by input), offsets, decays.
-    loss : float
-        Sum of its squared errors.
-    rows : int
-    by_taus : ndarray, shape (L, N)
-        How `linear` follows the logarithms of the time constants, with opposite sign.
-    gram, reduced : ndarray, shape (L, L), (N, N)
-        Of the linear columns; of what they leave of the slopes by ln τ.
-    pull : ndarray, shape (N,)
-        Of those slopes with the error.
-    """
-
-    linear: Array
-    loss: float
-    rows: int
-    by_taus: Array
-    gram: Array
-    reduced: Array
-    pull: Array
 
 
 @dataclass(frozen=True)
@@ -307,7 +278,7 @@ class NetworkProblem:
         linear, slopes = rows[: len(place)], rows[len(place) :]
         sizes = np.delete(found.linear[place], n * len(self.data.inputs))
         whole = np.array([sizes[i::n] @ slopes[i::n] for i in range(n)])
-        return whole - found.by_taus[place].T @ linear, linear
+        return whole - found.by_searched[place].T @ linear, linear
 
     def errors(
         self, taus: Array, found: Sequence[ProjectedOutput]
@@ -330,14 +301,3 @@ class NetworkProblem:
                 y = self.data.y[j][k, :: self.stride]
                 error = y - centres[k, record.origin] - computed
                 yield k, j, np.where(used[k], error, np.nan)
-
-
-def criterion(found: Sequence[ProjectedOutput] | Sequence[tuple[float, int]]) -> float:
-    """Negative logarithm of the likelihood of outputs whose noise is not known: ½ Σ n ln(loss/n).
-
-    Parameters
-    ----------
-    found : sequence of ProjectedOutput, or of (loss, rows)
-    """
-    pairs = [(f.loss, f.rows) if isinstance(f, ProjectedOutput) else f for f in found]
-    return float(sum(0.5 * n * np.log(loss / n) for loss, n in pairs if n))

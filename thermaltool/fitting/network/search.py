@@ -10,7 +10,8 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array
-from thermaltool.fitting.network.problem import NetworkProblem, ProjectedOutput, Sums, criterion
+from thermaltool.fitting.joint import ProjectedOutput, criterion
+from thermaltool.fitting.network.problem import NetworkProblem, Sums
 from thermaltool.signals.gauss_newton import minimize, solve
 
 # Starts are found on so many rows; the modes are followed over all. Of many records, each with
@@ -49,7 +50,7 @@ class NetworkSearchResult:
     @property
     def criterion(self) -> float:
         """½ Σ n ln(loss/n) over the outputs."""
-        return criterion(self.projected)
+        return criterion((f.loss, f.rows) for f in self.projected)
 
 
 def search(problem: NetworkProblem, modes: int) -> NetworkSearchResult:

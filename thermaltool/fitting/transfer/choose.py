@@ -15,7 +15,7 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData
-from thermaltool.fitting.selection import MAX_DELAY, Candidate, rank
+from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, Candidate, rank
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.fitting.transfer.output_error import Problem
@@ -54,7 +54,7 @@ def choose(data: TrainingData, structure: Structure) -> tuple[Candidate[Transfer
         return model if structure.admits(model) else None
 
     none = f"no order up to {MAX_ORDER} has real poles on these data: give --orders, or more data"
-    return rank(_grid(_delays(short), data.least_delays), fit, short, none)
+    return rank(_grid(_delays(short), data.least_delays), fit, short.split(FITTED_SHARE), none)
 
 
 def _grid(

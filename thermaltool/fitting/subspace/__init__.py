@@ -1,0 +1,1 @@
+"""Subspace identification: poles that all outputs share, real or complex, and feedthrough."""

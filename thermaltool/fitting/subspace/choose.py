@@ -1,0 +1,130 @@
+"""How many poles, with direct feedthrough or without, and whether a record begins at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.data import Array, Split, TrainingData
+from thermaltool.fitting.selection import FITTED_SHARE, Candidate, rank
+from thermaltool.fitting.start_state import StartErrors
+from thermaltool.fitting.subspace.identify import identify_subspace, problem_of
+from thermaltool.fitting.subspace.model import Subspace
+from thermaltool.fitting.subspace.problem import SubspacePoint
+from thermaltool.fitting.subspace.realization import realizations
+from thermaltool.fitting.subspace.search import ROUGH_TOLERANCE, search
+from thermaltool.fitting.subspace.sections import PoleSection
+from thermaltool.responses.rational import MAX_POLES
+from thermaltool.signals.agreement import agreement
+
+# The choice ends where so many orders in a row have not lowered the error of the rows held out by
+# what their parameters cost in white errors.
+PATIENCE = 3
+# Poles beside which the start is judged, at most.
+MAX_START_ORDER = 6
+
+
+def choose_order(
+    data: TrainingData, orders: Sequence[int] = range(1, MAX_POLES + 1)
+) -> tuple[Candidate[Subspace], ...]:
+    """Numbers of poles, with feedthrough and without, by what they predict of rows held out.
+
+    Parameters
+    ----------
+    data : TrainingData
+    orders : sequence of int
+        That are tried, rising.
+
+    Raises
+    ------
+    FitError
+        No candidate fits.
+    """
+    data.check()
+    split = data.split(FITTED_SHARE)
+    found = realizations(split.fitted, max(orders))
+    models: list[Subspace] = []
+    problem: FitError | None = None
+    for direct in (False, True):
+        best, since = np.inf, 0
+        beside: list[tuple[PoleSection, ...]] = []
+        for order in orders:
+            try:
+                model = identify_subspace(split.fitted, order, direct, beside, found, judged=False)
+            except FitError as error:
+                problem = problem or error
+                since += 1
+            else:
+                models.append(model)
+                beside, level = [model.sections], _held_out_level(model, split)
+                best, since = (level, 0) if level < best else (best, since + 1)
+            if since >= PATIENCE:
+                break
+    if not models and problem is not None:
+        raise problem
+
+    def fit(each: Subspace, part: TrainingData) -> _ByPoles:
+        if part is not split.fitted:
+            known = realizations(part, each.order)
+            each = identify_subspace(
+                part, each.order, each.has_direct, [each.sections], known, judged=False
+            )
+        return _ByPoles(each)
+
+    ranked = rank(models, fit, split, "no number of modes fits")
+    return tuple(Candidate(c.model.model, c.fit_percent, c.score) for c in ranked)
+
+
+@dataclass(frozen=True)
+class _ByPoles:
+    """A model whose poles count, for each output, and feedthrough as another one.
+
+    Not its weights, of which sixteen inputs have sixteen for each pole: slow errors are worth so
+    few rows that no second pole would be taken. What weights too many do, rows held out show.
+    """
+
+    model: Subspace
+
+    @property
+    def parameters(self) -> int:
+        return len(self.model.outputs) * (self.model.order + self.model.has_direct)
+
+    def carried_on(self, split: Split) -> Array:
+        """As that of the model."""
+        return self.model.carried_on(split)
+
+
+def _held_out_level(model: Subspace, split: Split) -> float:
+    """Score of rows held out as if their errors were white (`held_out_scores`)."""
+    held, runs = split.held, model.carried_on(split)
+    errors = [agreement(held.output(k), run).rmse for k, run in enumerate(runs)]
+    cost = model.parameters / len(errors) * np.log(held.rows) / held.rows
+    return float(2 * np.mean(np.log(np.maximum(errors, 1e-300))) + cost)
+
+
+def start_errors(data: TrainingData) -> StartErrors | None:
+    """Errors of so many poles as lower BIC; None where there are too few rows."""
+    best: tuple[float, SubspacePoint] | None = None
+    known = realizations(data, MAX_START_ORDER)
+    for order in range(1, MAX_START_ORDER + 1):
+        try:
+            problem = problem_of(data, order, False)
+            point = search(problem, known, order, tolerance=ROUGH_TOLERANCE).point
+        except FitError:
+            break
+        size = (problem.linear_count(order) + order) * len(data.outputs)
+        bic = 2 * point.criterion + size * float(np.log(data.rows))
+        if best is not None and not bic < best[0]:
+            break
+        best = bic, point
+    if best is None:
+        return None
+    point = best[1]
+
+    def runs() -> list[list[Array]]:
+        return [[each[k] for each in point.errors] for k in range(len(data.outputs))]
+
+    return StartErrors((point.losses / point.rows).tolist(), runs)
