@@ -46,7 +46,7 @@ class HeaterStepper:
         return self._estimates()
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
-        """Estimates after a sample of `ticks` clock steps (1 µs), which ends with `readings`.
+        """Estimates after a sample of `ticks` clock steps (1 ns), which ends with `readings`.
 
         Parameters
         ----------

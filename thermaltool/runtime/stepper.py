@@ -77,7 +77,7 @@ class Stepper:
         return estimates
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
-        """Estimates after a sample of `ticks` clock steps (1 µs), which ends with `readings`.
+        """Estimates after a sample of `ticks` clock steps (1 ns), which ends with `readings`.
 
         Parameters
         ----------
