@@ -76,6 +76,7 @@ study: $(READY)
 	@$(BIN)/python benchmarks/orders.py study
 	@$(BIN)/python benchmarks/identify.py coverage
 	@$(BIN)/python benchmarks/identify.py measured
+	@$(BIN)/python benchmarks/spectrum.py coverage
 	@$(BIN)/python benchmarks/heaters.py
 	@$(BIN)/python benchmarks/stream_faults.py
 	@$(BIN)/python tests/faults/streams.py --count 10000

@@ -150,7 +150,7 @@ class Rational:
         delay : float [s]
         """
         lags = sum(name.startswith("tau") for name in cls.searched)
-        count = {0: 0, 1: 12, 2: 7, 3: 6, 4: 6, 5: 7, 6: 8}[lags]
+        count = {0: 0, 1: 12, 2: 7, 3: 6}.get(lags, lags + 2)
         times = np.geomspace(duration, max(duration / 300, 2 * period), count).tolist()
         chosen = list(itertools.combinations(times, lags))
         if "omega" not in cls.searched:
@@ -182,7 +182,8 @@ def _kind(lags: int, oscillation: bool = False) -> Any:
     )
 
 
-Rational1, Rational2, Rational3, Rational4, Rational5, Rational6 = (_kind(k) for k in range(1, 7))
+Rational1, Rational2, Rational3, Rational4, Rational5 = (_kind(k) for k in range(1, 6))
+Rational6, Rational7, Rational8, Rational9, Rational10 = (_kind(k) for k in range(6, 11))
 Oscillation, Oscillation1, Oscillation2 = (_kind(k, True) for k in range(3))
 
 # By their number of lags and of oscillations.
@@ -195,6 +196,10 @@ KINDS: dict[tuple[int, int], Any] = {
         Rational4,
         Rational5,
         Rational6,
+        Rational7,
+        Rational8,
+        Rational9,
+        Rational10,
         Oscillation,
         Oscillation1,
         Oscillation2,
