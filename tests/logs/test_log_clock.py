@@ -110,7 +110,7 @@ def test_a_clock_that_slows_down_has_no_gaps() -> None:
     assert segments(dense_then_sparse) == (slice(0, 199),)
 
 
-@pytest.mark.parametrize("row", [1, 40, 250, 399])
+@pytest.mark.parametrize("row", [250, 320, 399])
 def test_a_gap_in_a_logarithmic_clock_is_one(row: int) -> None:
     time = np.append(0.0, np.geomspace(1e-5, 1e4, 400))
     steps = np.diff(time)

@@ -49,7 +49,7 @@ def logarithmic_clock(plant: Foster, per_decade: int) -> np.ndarray:
     short, long = plant.taus[0] / 10, plant.taus[-1] * 4
     count = int(per_decade * np.log10(long / short))
     behind = np.geomspace(short, long, count)
-    return np.concatenate([-behind[-1:4:-20], [0.0], behind])
+    return np.concatenate([np.linspace(-long / 10, 0.0, 12), behind])
 
 
 def noisy(rng: np.random.Generator, curve: np.ndarray, part: float = 1e-3) -> np.ndarray:

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 # A line whose interval reaches below this part of its resistance may be none.
 NOTHING = 1e-3
+# Noise below this part of the range is that of the computation.
+ROUNDING = 1e-6
 # Axis of the structure function beyond the first and the last capacity, by this factor.
 CAPACITY_MARGIN = 10.0
 
@@ -54,7 +56,8 @@ def spectrum_notes(found: ThermalSpectrum) -> list[str]:
                 f"{line.time_constant.value:.3g} s: the log does not tell this line from its "
                 "neighbours"
             )
-    if found.whiteness.p_value < MIN_P_VALUE:
+    noise = float(np.sqrt(found.fit.variance)) / float(np.ptp(found.transient.rise))
+    if noise > ROUNDING and found.whiteness.p_value < MIN_P_VALUE:
         notes.append(
             f"what the lines leave is not white (p {found.whiteness.p_value:.2g}): the intervals "
             "are too narrow"

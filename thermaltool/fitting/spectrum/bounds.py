@@ -12,10 +12,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import brentq, nnls
+from scipy.optimize import brentq
 
 from thermaltool.fitting.data import Array
-from thermaltool.fitting.spectrum.compressed import MAX_ROUNDS
+from thermaltool.fitting.spectrum.compressed import non_negative
 from thermaltool.fitting.spectrum.lines import LineFit
 from thermaltool.signals.intervals import NORMAL_95
 
@@ -58,19 +58,14 @@ class SpectrumBounds:
         scale = max(float(np.sum(fit.resistances)), np.finfo(float).tiny)
         kept = directions[:, sizes * scale > MIN_DIRECTION * self._sigma].T
         self._columns, self._y = kept @ columns, kept @ problem.y
-        self.best, self._least = self._nearest(self._columns, self._y)
+        self.best, self._least = non_negative(self._columns, self._y)
         self._weight = CONDITION_WEIGHT * float(np.max(np.linalg.norm(self._columns, axis=0)))
         self.total = float(np.sum(self.best[: len(self.logs)]))
-
-    @staticmethod
-    def _nearest(columns: Array, y: Array) -> tuple[Array, float]:
-        found, left = nnls(columns, y, maxiter=MAX_ROUNDS * columns.shape[1])
-        return found, float(left) ** 2
 
     def _excess(self, weights: Array, value: float) -> float:
         """Standard errors beyond 1.96 at which a functional of the spectrum has a value."""
         scale = self._weight / float(np.max(np.abs(weights)))
-        found, _ = self._nearest(
+        found, _ = non_negative(
             np.vstack([self._columns, scale * weights]), np.append(self._y, scale * value)
         )
         error = self._columns @ found - self._y

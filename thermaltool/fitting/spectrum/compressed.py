@@ -13,14 +13,16 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import nnls
 
+from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array
 from thermaltool.fitting.spectrum.transient import Transient
 
 # Time constants of the grid in a decade; the degree of the spline between them: the error of the
 # interpolation is below 1e-7 of a response.
 GRID_PER_DECADE, SPLINE_DEGREE = 24, 5
-# The grid goes beyond the shortest and the longest time behind a step by this factor.
-BEYOND = 3.0
+# The grid goes beyond the shortest and the longest time behind a step by these factors: a slower
+# lag than the log is a straight line in the end.
+BEYOND_SHORT, BEYOND_LONG = 3.0, 30.0
 # Directions of the responses below this part of the largest are rounding.
 MIN_DIRECTION = 1e-13
 # Rounds of the active set in unknowns.
@@ -92,9 +94,31 @@ class CompressedTransient:
         logs : ndarray, shape (N,) [ln s]
         """
         columns = self.bounded(self.columns(logs))
-        found, left = nnls(columns, self.y, maxiter=MAX_ROUNDS * columns.shape[1])
+        if not columns.size:
+            return np.zeros(0), 0.0, float(self.y @ self.y) + self.rest
+        found, loss = non_negative(columns, self.y)
         offset = float(found[-2] - found[-1]) if self.linear else 0.0
-        return found[: len(logs)], offset, float(left) ** 2 + self.rest
+        return found[: len(logs)], offset, loss + self.rest
+
+
+def non_negative(columns: Array, y: Array) -> tuple[Array, float]:
+    """Non-negative least squares: the unknowns, shape (N,), and the squared error.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n, N)
+    y : ndarray, shape (n,)
+
+    Raises
+    ------
+    FitError
+        It does not end.
+    """
+    try:
+        found, left = nnls(columns, y, maxiter=MAX_ROUNDS * columns.shape[1])
+    except RuntimeError as error:
+        raise FitError("non-negative least squares do not converge on this log") from error
+    return found, float(left) ** 2
 
 
 def compress(transient: Transient) -> CompressedTransient:
@@ -105,7 +129,7 @@ def compress(transient: Transient) -> CompressedTransient:
     transient : Transient
     """
     short, long = transient.reach
-    low, high = np.log(short / BEYOND), np.log(long * BEYOND)
+    low, high = np.log(short / BEYOND_SHORT), np.log(long * BEYOND_LONG)
     count = int(np.ceil(GRID_PER_DECADE * (high - low) / np.log(10.0))) + 1
     grid = np.linspace(low, high, count)
     rows: Array = np.zeros((0, count + 2))

@@ -7,10 +7,10 @@ likelihood (D. J. C. MacKay, Neural Comput. 4 (1992) 415), before non-negativity
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import minimize_scalar, nnls
+from scipy.optimize import minimize_scalar
 
 from thermaltool.fitting.data import Array
-from thermaltool.fitting.spectrum.compressed import MAX_ROUNDS, CompressedTransient
+from thermaltool.fitting.spectrum.compressed import CompressedTransient, non_negative
 
 # Second differences of the spectrum in the total resistance: from nearly none to any.
 SIZES = np.log(1e-8), np.log(1e2)
@@ -48,10 +48,8 @@ def smooth_spectrum(
     width = float(trials[1] - trials[0])
     found = minimize_scalar(unlikelihood, bounds=(best - width, best + width), method="bounded")
     weight = float(np.sqrt(variance)) / (total * float(np.exp(found.x)))
-    whole = (
-        problem.bounded(np.vstack([columns, weight * rough]))
-        if not problem.linear
-        else (np.vstack([problem.bounded(columns), weight * np.pad(rough, ((0, 0), (0, 2)))]))
-    )
-    spectrum, _ = nnls(whole, np.append(problem.y, np.zeros(m)), maxiter=MAX_ROUNDS * m)
+    # An offset has no roughness.
+    rough = np.pad(rough, ((0, 0), (0, 2 * problem.linear)))
+    whole = np.vstack([problem.bounded(columns), weight * rough])
+    spectrum, _ = non_negative(whole, np.append(problem.y, np.zeros(m)))
     return spectrum[:m], weight

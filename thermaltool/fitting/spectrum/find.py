@@ -20,6 +20,8 @@ from thermaltool.signals.whiteness import PortmanteauTest, ljung_box
 
 # Times in a decade at which the cumulative resistance has its interval.
 CUTS_PER_DECADE = 3
+# They end at so many times the record.
+BEYOND = 3.0
 # Places of the smooth spectrum below this part of its total are empty: no part of a ladder.
 MIN_PART = 1e-9
 # Lags of the test of the residuals, and no more than this part of the rows.
@@ -117,9 +119,9 @@ class ThermalSpectrum:
     @cached_property
     def cumulative(self) -> CumulativeResistance:
         """Cumulative resistance at some places of each decade."""
-        grid = np.log(self.grid)
-        decades = (grid[-1] - grid[0]) / np.log(10.0)
-        cuts = np.linspace(grid[0], grid[-1], int(np.ceil(CUTS_PER_DECADE * decades)) + 1)[1:]
+        grid, last = np.log(self.grid), np.log(BEYOND * self.transient.reach[1])
+        decades = (last - grid[0]) / np.log(10.0)
+        cuts = np.linspace(grid[0], last, int(np.ceil(CUTS_PER_DECADE * decades)) + 1)[1:]
         ends = [self.bounds.resistance(-np.inf, cut) for cut in cuts.tolist()]
         sums = np.cumsum(self.density) * float(np.log10(self.grid[1] / self.grid[0]))
         low, high = np.array(ends).T

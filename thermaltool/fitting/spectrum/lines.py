@@ -130,8 +130,10 @@ def candidates(problem: CompressedTransient) -> list[LineFit]:
     Raises
     ------
     FitError
-        No resistance above zero lowers the error: the output falls where the input rises.
+        No resistance above zero has evidence: the output does not follow, or falls where the input
+        rises.
     """
+    none = LineFit(np.zeros(0), *problem.resistances(np.zeros(0)), problem)
     spectrum, _, _ = problem.resistances(problem.grid)
     places = np.flatnonzero(spectrum > 0)
     if not len(places):
@@ -149,6 +151,8 @@ def candidates(problem: CompressedTransient) -> list[LineFit]:
         trials = [fit_lines(problem, _merged(here, k), TRIAL_ITERATIONS) for k in range(n - 1)]
         best = min((t for t in trials if len(t.logs)), key=lambda t: t.loss)
         here = fit_lines(problem, best.logs, MAX_ITERATIONS)
+    if min(fit.criteria.bic for fit in found.values()) > none.criteria.bic:
+        raise FitError("the output does not follow the power: noise would do as well")
     return [found[n] for n in sorted(found)]
 
 

@@ -131,6 +131,8 @@ def transient_of(
         short a time, behind the step.
     """
     _check_channels(drive, output, record.name)
+    if len(record) < MIN_ROWS:
+        raise LogError(f"{len(record)} rows say nothing of a spectrum", record.name)
     scale = UNITS[parse_channel(drive).unit][1]
     u, time = record.column(drive) * scale, record.time
     rise = record.column(output) * UNITS[parse_channel(output).unit][1]
