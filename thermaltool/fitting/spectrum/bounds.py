@@ -46,7 +46,7 @@ class SpectrumBounds:
         errors = np.sqrt(np.maximum(np.diag(fit.covariance())[:n], 0.0))
         around = NEAR_STEP * np.arange(-NEAR, NEAR + 1)
         near = fit.logs[:, None] + np.minimum(errors, MAX_NEAR_ERROR)[:, None] * around
-        low, high = float(problem.grid[0]), float(problem.grid[-1])
+        low, high = float(problem.grid[0]), problem.usual_end(fit.logs)
         count = int(np.ceil(PER_DECADE * (high - low) / np.log(10.0))) + 1
         self.logs = np.unique(
             np.concatenate([np.linspace(low, high, count), np.clip(near.ravel(), low, high)])

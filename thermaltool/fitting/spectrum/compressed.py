@@ -20,9 +20,9 @@ from thermaltool.fitting.spectrum.transient import Transient
 # Time constants of the grid in a decade; the degree of the spline between them: the error of the
 # interpolation is below 1e-7 of a response.
 GRID_PER_DECADE, SPLINE_DEGREE = 24, 5
-# The grid goes beyond the shortest and the longest time behind a step by these factors: a slower
-# lag than the log is a straight line in the end.
-BEYOND_SHORT, BEYOND_LONG = 3.0, 30.0
+# The grid goes beyond the shortest and the longest time behind a step by the first two factors.
+# Spectra end at the third: what is slower still is a straight line, which no log excludes.
+BEYOND_SHORT, BEYOND_LONG, BEYOND_USUAL = 3.0, 30.0, 3.0
 # Directions of the responses below this part of the largest are rounding.
 MIN_DIRECTION = 1e-13
 # Rounds of the active set in unknowns.
@@ -61,6 +61,18 @@ class CompressedTransient:
     def linear(self) -> int:
         """Parameters beside the lines."""
         return int(len(self.offset) > 0)
+
+    def usual_end(self, logs: Array) -> float:
+        """Where spectra end that have such lines [ln s].
+
+        Parameters
+        ----------
+        logs : ndarray, shape (N,) [ln s]
+            Ascending.
+        """
+        usual = float(self.grid[-1]) - np.log(BEYOND_LONG / BEYOND_USUAL)
+        slowest = float(logs[-1]) + np.log(BEYOND_USUAL)
+        return float(min(self.grid[-1], max(usual, slowest)))
 
     def columns(self, logs: Array) -> Array:
         """Responses of lags, shape (k, N).

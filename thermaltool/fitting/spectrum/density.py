@@ -17,19 +17,21 @@ SIZES = np.log(1e-8), np.log(1e2)
 
 
 def smooth_spectrum(
-    problem: CompressedTransient, variance: float, total: float
-) -> tuple[Array, float]:
-    """Resistance at each place of the grid, shape (M,) [K/W], and the weight of the roughness.
+    problem: CompressedTransient, grid: Array, variance: float, total: float
+) -> Array:
+    """Resistance at each place of a grid, shape (M,) [K/W].
 
     Parameters
     ----------
     problem : CompressedTransient
+    grid : ndarray, shape (M,) [ln s]
+        Even.
     variance : float [K²]
         Of the noise of a row.
     total : float [K/W]
         Resistance of all lines, for the scale.
     """
-    columns, m = problem.columns(problem.grid), len(problem.grid)
+    columns, m = problem.columns(grid), len(grid)
     y, free = problem.y, columns
     if problem.linear:
         unit = problem.offset / np.linalg.norm(problem.offset)
@@ -52,4 +54,4 @@ def smooth_spectrum(
     rough = np.pad(rough, ((0, 0), (0, 2 * problem.linear)))
     whole = np.vstack([problem.bounded(columns), weight * rough])
     spectrum, _ = non_negative(whole, np.append(problem.y, np.zeros(m)))
-    return spectrum[:m], weight
+    return np.asarray(spectrum[:m])

@@ -20,8 +20,8 @@ from thermaltool.signals.whiteness import PortmanteauTest, ljung_box
 
 # Times in a decade at which the cumulative resistance has its interval.
 CUTS_PER_DECADE = 3
-# They end at so many times the record.
-BEYOND = 3.0
+# Of the end of a grid [ln s].
+ROUNDING = 1e-9
 # Places of the smooth spectrum below this part of its total are empty: no part of a ladder.
 MIN_PART = 1e-9
 # Lags of the test of the residuals, and no more than this part of the rows.
@@ -119,9 +119,9 @@ class ThermalSpectrum:
     @cached_property
     def cumulative(self) -> CumulativeResistance:
         """Cumulative resistance at some places of each decade."""
-        grid, last = np.log(self.grid), np.log(BEYOND * self.transient.reach[1])
-        decades = (last - grid[0]) / np.log(10.0)
-        cuts = np.linspace(grid[0], last, int(np.ceil(CUTS_PER_DECADE * decades)) + 1)[1:]
+        grid = np.log(self.grid)
+        decades = (grid[-1] - grid[0]) / np.log(10.0)
+        cuts = np.linspace(grid[0], grid[-1], int(np.ceil(CUTS_PER_DECADE * decades)) + 1)[1:]
         ends = [self.bounds.resistance(-np.inf, cut) for cut in cuts.tolist()]
         sums = np.cumsum(self.density) * float(np.log10(self.grid[1] / self.grid[0]))
         low, high = np.array(ends).T
@@ -161,7 +161,8 @@ def thermal_spectrum(
     fit = choose(fits, lines)
     bounds = SpectrumBounds(fit)
     total = float(np.sum(fit.resistances))
-    smooth, _ = smooth_spectrum(problem, fit.variance, total)
+    grid = problem.grid[problem.grid <= problem.usual_end(fit.logs) + ROUNDING]
+    smooth = smooth_spectrum(problem, grid, fit.variance, total)
     found = np.flatnonzero(smooth > MIN_PART * total)
     taus = np.exp(fit.logs)
     fitted = np.full(len(transient.time), fit.offset)
@@ -169,7 +170,7 @@ def thermal_spectrum(
         fitted[rows] += responses @ fit.resistances
     residual = transient.rise - fitted
     lags = min(TEST_LAGS, len(residual) // TEST_PART)
-    decade = float(problem.grid[1] - problem.grid[0]) / np.log(10.0)
+    decade = float(grid[1] - grid[0]) / np.log(10.0)
     return ThermalSpectrum(
         transient,
         fit,
@@ -177,10 +178,10 @@ def thermal_spectrum(
         _lines(fit, bounds),
         fitted,
         ljung_box([residual - residual.mean()], lags, 0),
-        np.exp(problem.grid),
+        np.exp(grid),
         smooth / decade,
         cauer_ladder(taus, fit.resistances),
-        cauer_ladder(np.exp(problem.grid[found]), smooth[found]),
+        cauer_ladder(np.exp(grid[found]), smooth[found]),
         bounds,
     )
 
