@@ -129,7 +129,7 @@ SPARSE = np.concatenate([np.linspace(-1, 0, 5), [1e-4, 2e-4, 3e-4], np.linspace(
         (changed(time_s=HALF), "time"),
         (changed(T_die_degC=np.where(T[9] == T, np.nan, 20.0)), "T_die_degC"),
         ({k: v[(T <= 0) | (T > 1)] for k, v in columns().items()}, "two decades"),
-        ({k: v[T < T[27]] for k, v in columns().items()}, "rows behind the step"),
+        ({k: v[T[27] > T] for k, v in columns().items()}, "rows behind the step"),
         ({"time_s": SPARSE, "P_die_W": power_of(SPARSE, STEP),
           "T_die_degC": PLANT.rise(SPARSE, STEP)}, "each decade takes 3 rows"),
     ],

@@ -84,7 +84,8 @@ def one_term(response, hold, reference=0.0):
 def responses(kind):
     cls = response_class(kind)
     starts = cls.starts(PERIOD, 8000.0, **cls.fixed)
-    gains = dict(zip(cls.gains, (3.5, -1.2, 0.4, -0.2, 0.7, 0.3), strict=False))
+    sizes = (3.5, -1.2, 0.4, -0.2, 0.7, 0.3, -0.5, 0.2, 1.1, -0.8)
+    gains = dict(zip(cls.gains, sizes, strict=False))
     plain = [
         cls(**dict(zip(cls.searched, starts[k], strict=True)), **gains, **cls.fixed)
         for k in (0, len(starts) // 2, -1)

@@ -28,7 +28,8 @@ def examples(kind):
     """Responses at seven of the places where a fit starts, with gains of both signs."""
     cls = response_class(kind)
     starts = cls.starts(PERIOD, DURATION, **cls.fixed)
-    gains = dict(zip(cls.gains, (3.5, -1.2, 0.004, -0.002, 0.7, 0.3), strict=False))
+    sizes = (3.5, -1.2, 0.004, -0.002, 0.7, 0.3, -0.5, 0.02, 1.1, -0.08)
+    gains = dict(zip(cls.gains, sizes, strict=False))
     chosen = [starts[k] for k in np.linspace(0, len(starts) - 1, 5).astype(int)]
     return [
         cls(**dict(zip(cls.searched, place, strict=True)), **gains, **cls.fixed) for place in chosen
