@@ -28,7 +28,8 @@ from thermaltool.logs import Log, read_log
 from thermaltool.model import loads, relative
 from thermaltool.plants import build
 from thermaltool.plants.noise import Sensor, read_sensors
-from thermaltool.responses.modes import Modes, uniform_spans
+from thermaltool.responses.modes import Modes
+from thermaltool.responses.sample_clock import uniform_spans
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 

@@ -6,11 +6,12 @@ SHELL := bash
 
 THERMALTOOL ?= thermaltool
 OUT ?= data_samples
+PYTHON ?= python
 export OMP_NUM_THREADS ?= 1
 
 LOGS := idle step100 step050 step025 triangle duty
-.PHONY: all $(LOGS) first
-all: $(LOGS) first
+.PHONY: all $(LOGS) first junction
+all: $(LOGS) first junction
 
 idle: OPTIONS := --input idle --duration 7200 --seed 10
 step100: OPTIONS := --input step --duration 9060 --seed 11
@@ -25,3 +26,6 @@ $(LOGS):
 first:
 	$(THERMALTOOL) plant frame --input step --duration 600 --seed 11 \
 	    -o $(OUT)/frame_step100_first10min.csv
+
+junction:
+	$(PYTHON) benchmarks/spectrum.py log $(OUT)/junction_heating.csv

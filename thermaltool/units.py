@@ -2,8 +2,8 @@
 
 ``T_spindle_degC`` is an absolute temperature, ``dT_pair1_K`` a difference of two, ``Q_main_W`` a
 heat, ``Q_main_1`` a heat relative to full scale, ``d_z_um`` a displacement, ``n_spindle_rpm`` a
-speed, ``U_heater_V`` a voltage; ``time_s`` (or ISO 8601 ``time``) is the clock. The place may be
-absent (``T_degC``) and may contain underscores.
+speed, ``U_heater_V`` a voltage, ``V_coolant_l/min`` a flow; ``time_s`` (or ISO 8601 ``time``) is
+the clock. The place may be absent (``T_degC``) and may contain underscores.
 """
 
 from __future__ import annotations
@@ -24,19 +24,41 @@ Reference = float | Literal["first"]
 # Quantities that run on between samples; heat, voltage, speed are commanded.
 _CONTINUOUS = ("temperature", "temperature difference", "length", "angle")
 _DISPLACEMENTS = ("length", "angle")
-_SYMBOLS = {"degC": "°C", "um": "µm", "urad": "µrad", "pct": "%"}
+_SYMBOLS = {
+    "degC": "°C",
+    "um": "µm",
+    "urad": "µrad",
+    "pct": "%",
+    "us": "µs",
+    "W/m2": "W/m²",
+    "W/m^2": "W/m²",
+    "kW/m2": "kW/m²",
+    "W/cm2": "W/cm²",
+    "m3/h": "m³/h",
+    "m3/s": "m³/s",
+}
 
 # unit -> (dimension, factor to the dimension's base unit)
 UNITS: dict[str, tuple[str, float]] = {
     "s": ("time", 1.0),
     "ms": ("time", 1e-3),
+    "us": ("time", 1e-6),
+    "ns": ("time", 1e-9),
     "min": ("time", 60.0),
     "h": ("time", 3600.0),
+    "d": ("time", 86400.0),
     "degC": ("temperature", 1.0),
     "K": ("temperature difference", 1.0),
     "mK": ("temperature difference", 1e-3),
     "W": ("power", 1.0),
+    "mW": ("power", 1e-3),
     "kW": ("power", 1e3),
+    "W/m2": ("heat flux", 1.0),
+    "W/m^2": ("heat flux", 1.0),
+    "kW/m2": ("heat flux", 1e3),
+    "W/cm2": ("heat flux", 1e4),
+    "K/W": ("thermal resistance", 1.0),
+    "J/K": ("heat capacity", 1.0),
     "um": ("length", 1.0),
     "nm": ("length", 1e-3),
     "mm": ("length", 1e3),
@@ -50,6 +72,17 @@ UNITS: dict[str, tuple[str, float]] = {
     "N": ("force", 1.0),
     "Hz": ("frequency", 1.0),
     "bar": ("pressure", 1.0),
+    "mbar": ("pressure", 1e-3),
+    "Pa": ("pressure", 1e-5),
+    "kPa": ("pressure", 1e-2),
+    "MPa": ("pressure", 10.0),
+    "l/min": ("flow", 1.0),
+    "l/h": ("flow", 1.0 / 60.0),
+    "ml/min": ("flow", 1e-3),
+    "m3/h": ("flow", 1000.0 / 60.0),
+    "m3/s": ("flow", 6e4),
+    "kg/s": ("mass flow", 1.0),
+    "kg/h": ("mass flow", 1.0 / 3600.0),
     "pct": ("ratio", 0.01),
     "1": ("ratio", 1.0),
 }
@@ -187,8 +220,19 @@ def symbol(unit: str) -> str:
     return _SYMBOLS.get(unit, unit)
 
 
+def per(unit: str, by: str) -> str:
+    """The unit of a gain: of one unit by another, either composed or not."""
+    return f"{unit}/({by})" if "/" in by else f"{unit}/{by}"
+
+
 def printed(unit: str) -> str:
     """A unit, composed or not, as it is printed: ``um/degC`` is µm/°C, ``um/1`` is µm."""
-    first, *rest = [symbol(part) for part in unit.split("/")]
-    text = "/".join([first, *(part for part in rest if part != "1")])
-    return "" if text == "1" else text
+    if unit in UNITS or "/" not in unit:
+        return "" if unit == "1" else symbol(unit)
+    whole, _, by = (
+        unit.removesuffix(")").partition("/(") if unit[-1] == ")" else (unit.rpartition("/"))
+    )
+    first, second = symbol(whole) if whole == "1" else printed(whole), printed(by)
+    if not second:
+        return printed(whole)
+    return f"{first}/({second})" if "/" in second else f"{first}/{second}"

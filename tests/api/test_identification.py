@@ -71,7 +71,7 @@ def test_a_subspace_model_finds_how_many_poles_its_outputs_share() -> None:
     first = found.document()["models"][0]
     assert first["structure"] == "subspace"
     assert first["orders"] == {"modes": 1, "feedthrough": False}
-    assert first["fit_validation_percent"] > 95
+    assert first["validation"]["fit_percent"] > 95
     assert first["candidates"][0]["modes"] == 1
     assert first["units"] == {"tau1": "s", "K1": "um/W"}
     assert "1 shared mode by subspace identification" in found.table()

@@ -53,7 +53,7 @@ def test_json_and_model_file(thermaltool, log, tmp_path):
     assert first["delay_s"] == [0.0, 0.0]
     for each in (first, second):
         # Noise of 0.02 leaves so much of a free run.
-        assert each["fit_validation_percent"] > 80
+        assert each["validation"]["fit_percent"] > 80
         assert set(each["units"]) == set(each["parameters"])
     assert first["parameters"]["K0[Q_a_W]"]["value"] == pytest.approx(0.8, abs=0.02)
     assert second["parameters"]["K0[Q_b_W]"]["value"] == pytest.approx(0.0, abs=0.02)

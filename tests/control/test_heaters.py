@@ -24,8 +24,8 @@ from thermaltool.model.curves import Form
 from thermaltool.plants import build
 from thermaltool.plants.duties import HOUR, air, settings
 from thermaltool.record import Record
-from thermaltool.responses.modes import CLOCK_STEP
 from thermaltool.responses.rational import Oscillation1, Rational1, Rational2
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.responses.streaming import ResponseRecursion
 from thermaltool.runtime.compensation import heater_power
 from thermaltool.runtime.messages import Messages

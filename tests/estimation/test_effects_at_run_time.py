@@ -36,6 +36,7 @@ from thermaltool.estimation.regularization import design_kalman, design_kernel
 from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
 from thermaltool.model import dumps, loads, only_sensors
 from thermaltool.record import Record
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.compensation import offsets
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.rows.row import Row
@@ -576,7 +577,7 @@ def test_a_loss_acts_as_in_a_simulation():
     x = np.zeros(len(estimator.recursion(period).F))
     x[estimator.kalman.modal] = 1.0
     for before, now in pairwise(readings):
-        x = estimator.advance(round(period * 1e6), x, readings[0], before, now)
+        x = estimator.advance(round(period / CLOCK_STEP), x, readings[0], before, now)
         assert x[estimator.kalman.modal] == pytest.approx(1.0, abs=1e-9)
 
 
@@ -616,4 +617,4 @@ def test_a_loss_that_explodes_is_told():
     nothing = np.zeros(len(estimator.recursion(PERIOD).F))
     readings = np.array([0.0, 0.0, 0.0, 1.0])
     with pytest.raises(FitError, match="cannot be followed"):
-        estimator.advance(10**12, nothing, readings, readings, readings)
+        estimator.advance(round(1e6 / CLOCK_STEP), nothing, readings, readings, readings)

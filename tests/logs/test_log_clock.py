@@ -101,3 +101,19 @@ def test_resampling_needs_an_increasing_clock_and_a_period() -> None:
         resample(log_of(np.array([0.0, 2, 1]), np.zeros(3)), 1.0)
     with pytest.raises(ValueError, match="above 0 s"):
         resample(log_of(np.arange(3.0), np.zeros(3)), 0.0)
+
+
+def test_a_clock_that_slows_down_has_no_gaps() -> None:
+    logarithmic = np.append(0.0, np.geomspace(1e-5, 1e4, 400))
+    assert segments(logarithmic) == (slice(0, 401),)
+    dense_then_sparse = np.concatenate([np.arange(0, 1, 0.01), np.arange(1, 100, 1.0)])
+    assert segments(dense_then_sparse) == (slice(0, 199),)
+
+
+@pytest.mark.parametrize("row", [250, 320, 399])
+def test_a_gap_in_a_logarithmic_clock_is_one(row: int) -> None:
+    time = np.append(0.0, np.geomspace(1e-5, 1e4, 400))
+    steps = np.diff(time)
+    # The longest step so far, and then a hundred of its neighbours at once.
+    steps[row] = 100 * steps[max(row - 4, 0) : row + 5].max()
+    assert segments(np.append(0.0, np.cumsum(steps)))[0] == slice(0, row + 1)

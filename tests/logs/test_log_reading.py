@@ -172,6 +172,18 @@ def test_an_iso_clock_counts_from_its_first_row(log_of) -> None:
     assert log.epoch == "2021-06-13T05:42:16"
 
 
+def test_an_iso_clock_is_read_to_its_last_digit(log_of) -> None:
+    stamps = ("05:42:16.000000250", "05:42:16.000001500", "05:42:17.123456789")
+    log = log_of("time,T_a_degC\n" + "".join(f"2021-06-13T{s},1\n" for s in stamps))
+    np.testing.assert_allclose(log.time, [0.0, 1.25e-6, 1.123456539], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(("unit", "seconds"), [("ns", 1e-9), ("us", 1e-6), ("d", 86400.0)])
+def test_clocks_from_nanoseconds_to_days(log_of, unit: str, seconds: float) -> None:
+    log = log_of(f"time_{unit},T_a_degC\n0,1\n1.5,2\n")
+    assert log.time.tolist() == [0, 1.5 * seconds]
+
+
 def test_a_clock_in_minutes(log_of) -> None:
     assert log_of("time_min,T_a_degC\n0,1\n1.5,2\n").time.tolist() == [0, 90]
 

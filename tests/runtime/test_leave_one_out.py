@@ -6,6 +6,7 @@ from faults.streams import PERIOD, machine, pipeline, warming
 
 from thermaltool.control.setpoint import Limits
 from thermaltool.estimation.estimator import load_estimator
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.compensation import offsets
 from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.rows.row import Row
@@ -13,7 +14,7 @@ from thermaltool.runtime.sensing.leave_one_out import LeaveOneOut
 from thermaltool.runtime.sensing.vote import Vote
 from thermaltool.runtime.settings import Settings
 
-TICKS = round(PERIOD * 1e6)
+TICKS, JITTER = round(PERIOD / CLOCK_STEP), round(0.012 / CLOCK_STEP)
 
 
 @pytest.fixture
@@ -35,7 +36,7 @@ def test_all_sensors_give_the_estimates_of_the_filter_alone(watched):
 
 def test_a_clock_that_jitters_takes_few_sample_lengths_and_the_same_time(watched):
     rng = np.random.default_rng(5)
-    lengths = (TICKS + rng.integers(-12_000, 12_000, 500)).tolist()
+    lengths = (TICKS + rng.integers(-JITTER, JITTER, 500)).tolist()
     coarse = [watched._coarse(ticks) for ticks in lengths]
     assert len(set(coarse)) <= 8
     assert abs(sum(coarse) - sum(lengths)) <= watched._grid

@@ -3,12 +3,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.stepper import MAX_CACHED_MATRICES, Stepper
 
-# Sample lengths in clock steps (µs): even stretches, jitter, pauses.
+# Sample lengths in clock steps (ns): even stretches, jitter, pauses.
 PERIODS = st.lists(
-    st.sampled_from([1, 500_000, 500_001, 1_000_000, 3_600_000_000]) | st.integers(1, 10**8),
+    st.sampled_from([1, 5 * 10**8, 5 * 10**8 + 1, 10**9, 36 * 10**11]) | st.integers(1, 10**11),
     min_size=1,
     max_size=12,
 )

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from thermaltool.api.orders import *  # noqa: F403
     from thermaltool.api.result import *  # noqa: F403
     from thermaltool.api.simulation import *  # noqa: F403
+    from thermaltool.api.transient import *  # noqa: F403
     from thermaltool.logs.reader import read_log as read_log
     from thermaltool.record import Record as Record
 
@@ -40,6 +41,7 @@ PUBLIC = {
     "api.orders": ("OrderReport", "order"),
     "api.result": ("to_frame",),
     "api.simulation": ("Simulation", "simulate"),
+    "api.transient": ("SpectrumReport", "spectrum"),
     "logs.reader": ("read_log",),
     "record": ("Record",),
 }

@@ -232,7 +232,7 @@ def identify(
 
 def _check_clock(log: Record, period: float, warn: Notice) -> None:
     """Refuse another period than that of the first log; say where steps are uneven."""
-    from thermaltool.fitting.data import check_period, uneven_steps
+    from thermaltool.fitting.even_clock import check_period, uneven_steps
 
     check_period(log, period)
     uneven, steps = uneven_steps(log, period)

@@ -26,7 +26,7 @@ from thermaltool.documents import write_json
               help="Output that will be computed; repeatable.")  # fmt: skip
 @click.option("--response", "responses", multiple=True, metavar="CHANNEL=KIND",
               help="Kind of response: conduction, slab, deflection, joint_deflection, "
-              "rational1 (a lag) to rational6.  "
+              "rational1 (a lag) to rational12.  "
               "[default: chosen by evidence and held-out rows]")  # fmt: skip
 @click.option("--fix", "fixed", multiple=True, metavar="NAME=VALUE",
               help="A parameter that is not fitted, e.g. r0=0.12 "

@@ -8,7 +8,7 @@ import numpy as np
 
 from thermaltool.effects.effect import Float, Memory, Scene, needed
 from thermaltool.record import Record
-from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.responses.sample_clock import clock_step
 from thermaltool.units import Hold, hold_of
 
 HOUR = 3600.0
@@ -55,7 +55,7 @@ def lagged(
     before = whole - now
     y = np.empty(len(time))
     y[:1] = start
-    if len(steps) and np.ptp(steps) < CLOCK_STEP:
+    if len(steps) and np.ptp(steps) < clock_step(time):
         # Imported on use: the stream reads effects and needs no filter.
         from scipy.signal import lfilter
 

@@ -24,7 +24,8 @@ from thermaltool.estimation.permanent_effects import (
 )
 from thermaltool.model import Model, state_rates
 from thermaltool.record import Record
-from thermaltool.responses.modes import CLOCK_STEP, Float, Recursion
+from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.sample_clock import CLOCK_STEP
 
 # The steady state of a loss that depends on it is repeated until it changes by less than this share
 # of itself, and at most so often.

@@ -12,8 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.errors import FitError, LogError
-from thermaltool.record import MAX_UNEVENNESS, Record
+from thermaltool.errors import FitError
+from thermaltool.fitting.even_clock import even_records
+from thermaltool.record import Record
 from thermaltool.units import Hold, hold_of
 
 Array = NDArray[np.float64]
@@ -22,8 +23,6 @@ Array = NDArray[np.float64]
 # them, as a model document has it; or one that is estimated from the run.
 Zero = Literal["fitted", "mean", "free"]
 
-# A step longer than so many periods parts a record on an even clock.
-MAX_STEP_PERIODS = 1.5
 # Inputs whose normalized Gram matrix has an eigenvalue below this are the same to rounding.
 MIN_INDEPENDENCE = 1e-9
 # Weight in such a combination above which an input is named.
@@ -300,26 +299,6 @@ class Split:
         return replace(self, data=self.data.only(k))
 
 
-def check_period(log: Record, period: float) -> None:
-    """Refuse a log of another period than the first (LogError).
-
-    Parameters
-    ----------
-    log : Record
-    period : float [s]
-    """
-    if abs(log.period - period) > MAX_UNEVENNESS * period:
-        raise LogError(
-            f"sampled every {log.period:g} s, the first log every {period:g} s", log.name
-        )
-
-
-def uneven_steps(log: Record, period: float) -> tuple[int, int]:
-    """How many of a log's steps are not a `period` [s] long, and how many there are."""
-    steps = np.concatenate([np.diff(log.time[part]) for part in log.segments])
-    return int(np.sum(np.abs(steps - period) > MAX_UNEVENNESS * period)), len(steps)
-
-
 def even_training_data(
     logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
 ) -> TrainingData:
@@ -373,33 +352,3 @@ def _numbered(logs: Iterable[Iterable[Record]]) -> tuple[Record, ...]:
     """
     experiments = enumerate(filter(None, map(list, logs)))
     return tuple(replace(piece, origin=k) for k, pieces in experiments for piece in pieces)
-
-
-def even_records(record: Record, channels: Sequence[str], period: float) -> Iterator[Record]:
-    """A log as records of these channels on an even clock: cut at pauses and at missing readings.
-
-    Where the steps are not all `period` a straight line between the readings is taken on the even
-    clock; a step above 1.5 periods parts the record.
-
-    Parameters
-    ----------
-    record : Record
-    channels : sequence of str
-    period : float [s]
-    """
-    columns, known = record.matrix(channels), record.known(channels)
-    for part in record.segments:
-        rows = part.start + np.flatnonzero(known[part])
-        if not len(rows):
-            continue
-        breaks = np.flatnonzero(np.diff(record.time[rows]) > MAX_STEP_PERIODS * period) + 1
-        for piece in np.split(rows, breaks):
-            time: Array = record.time[piece]
-            values = columns[:, piece]
-            if len(piece) > 1 and np.max(np.abs(np.diff(time) - period)) > MAX_UNEVENNESS * period:
-                count = int((time[-1] - time[0]) / period + 1e-9) + 1
-                clock = time[0] + period * np.arange(count, dtype=np.float64)
-                values = np.array([np.interp(clock, time, row) for row in values])
-                time = clock
-            yield Record(time, dict(zip(channels, values, strict=True)), name=record.name,
-                         origin=record.origin)  # fmt: skip

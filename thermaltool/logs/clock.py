@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.errors import LogError
 from thermaltool.logs.log import Log
@@ -17,6 +18,8 @@ GAP_PERIODS = 10.0
 # Bursts are a way of sampling, not an accident, once they recur and resemble each other.
 MIN_BURSTS = 5
 MIN_ALIKE_SHARE = 0.8
+# Steps on either side of one that say how quick the clock is there.
+NEIGHBOURS = 4
 # Steps that differ by less than this share of the time itself differ by rounding.
 ROUNDING_SHARE = 1e-12
 
@@ -81,15 +84,40 @@ def _bursts(
 def segments(time: Array, max_gap: float | None = None) -> tuple[slice, ...]:
     """Cut a clock [s], shape (n,), at steps above `max_gap` [s] and at backward steps.
 
-    Without `max_gap`: ten median periods, or ten pauses where the log is sampled in bursts.
+    Without `max_gap`: ten median periods, or ten pauses where the log is sampled in bursts; and
+    ten of the steps around it, for a clock that slows down has no gaps (`far_from_neighbours`).
     """
     if not len(time):
         return ()
     limit = sampling(time).max_gap if max_gap is None else max_gap
     steps = np.diff(time)
-    cuts = np.flatnonzero((steps > limit) | (steps < 0)) + 1
+    long = np.flatnonzero(steps > limit)
+    if max_gap is None:
+        long = far_from_neighbours(steps, long, GAP_PERIODS)
+    cuts = np.union1d(long, np.flatnonzero(steps < 0)) + 1
     edges = [0, *cuts.tolist(), len(time)]
     return tuple(slice(a, b) for a, b in pairwise(edges))
+
+
+def far_from_neighbours(steps: Array, long: NDArray[np.intp], factor: float) -> NDArray[np.intp]:
+    """Those of some steps that are longer by a factor than the median of the steps around them.
+
+    On a logarithmic clock, and where a clock changes from dense to sparse, all steps from some
+    time on are long.
+
+    Parameters
+    ----------
+    steps : ndarray, shape (n,) [s]
+    long : ndarray of int
+        Places of the steps in question.
+    factor : float
+    """
+    if not len(long):
+        return long
+    around = long[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1)
+    inside = (around >= 0) & (around < len(steps))
+    near = np.where(inside, steps[np.clip(around, 0, len(steps) - 1)], np.nan)
+    return np.asarray(long[steps[long] > factor * np.nanmedian(near, axis=1)])
 
 
 def resample(log: Log, period: float) -> Log:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermaltool.errors import LogError
-from thermaltool.logs.clock import BURST_PERIODS, Sampling, sampling
+from thermaltool.logs.clock import BURST_PERIODS, Sampling, far_from_neighbours, sampling
 from thermaltool.logs.log import Log
 from thermaltool.logs.table import MAX_LISTED
 from thermaltool.record import Array, ChannelSummary
@@ -98,8 +98,10 @@ def _gaps(log: Log, clock: Sampling) -> Iterator[Finding]:
     """Pauses between segments and, where the sampling is even, places where rows were lost."""
     steps = np.diff(log.time)
     cuts = {part.start for part in log.segments[1:] if steps[part.start - 1] > 0}
-    long = set((np.flatnonzero(steps > BURST_PERIODS * clock.period) + 1).tolist())
-    for k in sorted(cuts | long):
+    long = np.flatnonzero(steps > BURST_PERIODS * clock.period)
+    if clock.burst_rows is None:
+        long = far_from_neighbours(steps, long, BURST_PERIODS)
+    for k in sorted(cuts | set((long + 1).tolist())):
         if k in cuts:
             message = f"a gap of {steps[k - 1]:g} s: a new segment"
         elif clock.burst_rows is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     TableSource: TypeAlias = str | os.PathLike[str] | pandas.DataFrame
     Data: TypeAlias = TableSource | Record
 
+# Decimals of a second from the seventh on.
+BEYOND_MICROSECONDS = re.compile(r":\d\d[.,]\d{6}(\d+)")
 # What a missing value in a needed channel does.
 NAN_POLICIES = ("raise", "omit", "hold")
 
@@ -281,7 +284,15 @@ def iso_clock(
     except TypeError:
         message = "time stamps with and without a time zone"
         return np.full(len(stamps), np.nan), None, [LogError(message, file, None, clock.column)]
-    return np.array(time), first.isoformat(), faults
+    beyond = np.array([_beyond_microseconds(stamp or "") for stamp in stamps])
+    start = next(k for k, moment in enumerate(moments) if moment is not None)
+    return np.array(time) + (beyond - beyond[start]), first.isoformat(), faults
+
+
+def _beyond_microseconds(stamp: str) -> float:
+    """What a stamp says beyond the sixth decimal of its seconds, which `datetime` drops [s]."""
+    found = BEYOND_MICROSECONDS.search(stamp)
+    return 0.0 if found is None else float(f"0.000000{found[1]}")
 
 
 def _scaled(values: Array, rename: Rename) -> Array:

@@ -18,7 +18,7 @@ from thermaltool.signals.intervals import (
     normal_estimate,
     standard_error,
 )
-from thermaltool.units import parse_channel, printed
+from thermaltool.units import parse_channel, per, printed
 
 # Step of a derivative, as a share of the parameter.
 STEP = 1e-4
@@ -71,7 +71,7 @@ def characteristics(term: Term) -> Characteristics:
     term : Term
         Without a covariance the intervals have no width.
     """
-    unit = printed(f"{parse_channel(term.output).unit}/{parse_channel(term.drive).unit}")
+    unit = printed(per(parse_channel(term.output).unit, parse_channel(term.drive).unit))
     gain = term.response.dc_gain()
     constants = [
         log_normal_estimate(of(term.response), _error(term, of) / of(term.response), "s")

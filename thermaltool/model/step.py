@@ -17,7 +17,8 @@ from thermaltool.errors import ModelError
 from thermaltool.model.rest import rest_shifts
 from thermaltool.model.simulate import acting_effects, dead_times, state_rates
 from thermaltool.record import Record
-from thermaltool.responses.modes import CLOCK_STEP, Float
+from thermaltool.responses.modes import Float
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.responses.streaming import ResponseRecursion, Span, SpanDelay
 
 if TYPE_CHECKING:

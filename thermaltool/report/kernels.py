@@ -15,12 +15,12 @@ from thermaltool.report.style import (
     ERROR,
     MARK,
     Array,
-    channel_unit,
     choose,
     panels,
     time_unit,
     trace,
 )
+from thermaltool.units import parse_channel, per, printed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +52,7 @@ def draw_kernel(
     else:
         term = _inverted_term(model, name, channels)
         target = 1 / term.response.dc_gain()
-        unit = f"{channel_unit(term.drive)}/{channel_unit(term.output)}"
+        unit = printed(per(parse_channel(term.drive).unit, parse_channel(term.output).unit))
     title = f"Kernel of the inverse model, {Path(name).name}"
     figure, (top, bottom) = panels(title, (1.0, 1.0), 6.0)
     top.set(

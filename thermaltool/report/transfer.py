@@ -20,7 +20,7 @@ from thermaltool.report.orders import aligned
 from thermaltool.responses import parameter_names
 from thermaltool.signals.agreement import Agreement
 from thermaltool.signals.intervals import Estimate
-from thermaltool.units import hold_of, parse_channel, printed
+from thermaltool.units import hold_of, parse_channel, per, printed
 
 # Residual tests speak against a model below this p-value.
 MIN_P_VALUE = 0.01
@@ -184,7 +184,7 @@ def held_samples(name: str) -> int:
 
 def gain_unit(target: str, name: str) -> str:
     """Of the output per unit of an input, as in channel names."""
-    return f"{parse_channel(target).unit}/{parse_channel(name).unit}"
+    return per(parse_channel(target).unit, parse_channel(name).unit)
 
 
 def one_or_all(values: Sequence[float]) -> float | list[float]:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from thermaltool.errors import ModelError
-from thermaltool.responses.modes import CLOCK_STEP, Complex, Float, Hold, Modes, Recursion
+from thermaltool.responses.modes import Complex, Float, Hold, Modes, Recursion
+from thermaltool.responses.sample_clock import EQUAL_LENGTHS
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def load_modes(document: dict[str, Any]) -> Modes:
 
 def _parts(delay: float, dt: float) -> tuple[int, float]:
     """L = m·dt − h: (m, h); a rest below the resolution of a clock is none."""
-    samples = max(1, math.ceil(delay / dt - CLOCK_STEP / dt))
+    samples = max(1, math.ceil(delay / dt - EQUAL_LENGTHS))
     return samples, max(0.0, samples * dt - delay)
 
 

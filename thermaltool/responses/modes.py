@@ -8,7 +8,6 @@ in closed form, with work that does not depend on the past.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,14 +18,13 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import ModelError
 from thermaltool.responses.propagation import propagate, propagate_double, recursion_of
+from thermaltool.responses.sample_clock import clock_step
 from thermaltool.units import Hold
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Range = tuple[float, float]
 
-# Two samples whose lengths differ by less than this count as equal [s].
-CLOCK_STEP = 1e-6
 # Samples of a block of `Recursion.run`: longer ones make its matrices larger than they save.
 BLOCK = 64
 # States of several modes that are kept at once on an uneven clock (8 MB).
@@ -263,14 +261,14 @@ class Modes:
         """
         if self.direct:
             return self.proper.run(time, u, hold) + self.direct * u
-        steps = np.diff(time)
-        if len(steps) and np.ptp(steps) < CLOCK_STEP and (hold == "zero" or not u[0]):
+        steps, step = np.diff(time), clock_step(time)
+        if len(steps) and np.ptp(steps) < step and (hold == "zero" or not u[0]):
             clock = float(np.mean(steps)), hold
             if clock not in self._last:
                 self._last.clear()
                 self._last[clock] = self.discretize(*clock)
             return self._last[clock].run(u[:, None])[0][:, 0]
-        return self._stepped(steps, u, hold)
+        return self._stepped(steps, step, u, hold)
 
     def at(self, time: Float, u: Float, hold: Hold, moments: Float) -> Float:
         """Response at any moments to any input at increasing times, from rest at the first.
@@ -292,9 +290,10 @@ class Modes:
         row = np.clip(np.searchsorted(time, moments, side="right") - 1, 0, len(time) - 1)
         ahead = np.maximum(moments - time[row], 0.0)
         before, now = u[row], u[row] if hold == "zero" else np.interp(moments, time, u)
-        phi, g0, g1, d0, d1 = self._coefficients(ahead, hold)
+        step = clock_step(time)
+        phi, g0, g1, d0, d1 = self._coefficients(ahead, step, hold)
         y = self.direct * now
-        for some, first, second in self._states(np.diff(time), u, hold):
+        for some, first, second in self._states(np.diff(time), step, u, hold):
             first, second = first[:, row], second[:, row]
             passed = phi[some] * first + g0[some] * before + g1[some] * now
             weights = self.weights[some] * np.where(self.poles[some].imag == 0, 1, 2)
@@ -304,19 +303,21 @@ class Modes:
                 y += self.double[some] @ (second + d0[some] * before + d1[some] * now)
         return np.where(moments < time[0], 0.0, y)
 
-    def _stepped(self, steps: Float, u: Float, hold: Hold) -> Float:
+    def _stepped(self, steps: Float, step: float, u: Float, hold: Hold) -> Float:
         """One recursion for each mode, its coefficients anew at every row: any clock."""
         y = np.zeros(len(u))
-        for some, first, second in self._states(steps, u, hold):
+        for some, first, second in self._states(steps, step, u, hold):
             weights = self.weights[some] * np.where(self.poles[some].imag == 0, 1, 2)
             real = not np.iscomplexobj(first)
             y += weights.real @ first if real else (weights @ first).real
             y += self.double[some] @ second
         return y
 
-    def _states(self, steps: Float, u: Float, hold: Hold) -> Iterator[tuple[slice, Any, Float]]:
+    def _states(
+        self, steps: Float, step: float, u: Float, hold: Hold
+    ) -> Iterator[tuple[slice, Any, Float]]:
         """State of some modes at every row, and that of their double poles, each (modes, n)."""
-        phi, g0, g1, d0, d1 = self._coefficients(steps, hold)
+        phi, g0, g1, d0, d1 = self._coefficients(steps, step, hold)
         count = max(1, MAX_STATES // max(len(u), 1))
         for start in range(0, len(self.poles), count):
             some = slice(start, start + count)
@@ -328,19 +329,22 @@ class Modes:
                 second = recursion_of(rows, passed)
             yield some, first, second
 
-    def _coefficients(self, lengths: Float, hold: Hold) -> list[Any]:
+    def _coefficients(self, lengths: Float, step: float, hold: Hold) -> list[Any]:
         """Decay of each mode over stretches of any length, weights of the inputs at their ends.
 
-        Those of the second state of a double pole follow; each of shape (modes, n).
+        Lengths that are equal to within `step` are computed once. Those of the second state of a
+        double pole follow; each of shape (modes, n).
         """
-        ticks, which = np.unique(np.round(lengths / CLOCK_STEP), return_inverse=True)
-        dt = (ticks * CLOCK_STEP)[:, None]
+        _, first, which = np.unique(
+            np.round(lengths / step), return_index=True, return_inverse=True
+        )
+        dt = lengths[first][:, None]
         poles: Any = self.poles if np.any(self.poles.imag) else self.poles.real
         found: list[Any] = [*propagate(poles[None, :], dt, hold)]
         if np.any(self.double):
             found += propagate_double(self.poles.real[None, :], dt, hold)
         else:
-            found += [np.zeros((len(ticks), 0))] * 2
+            found += [np.zeros((len(dt), 0))] * 2
         return [c[which].T for c in found]
 
     def document(self) -> dict[str, Any]:
@@ -372,20 +376,3 @@ class Modes:
             np.array(lists.get("double", zero), float),
             direct=direct,
         )
-
-
-def uniform_spans(time: Float) -> Iterator[tuple[slice, float]]:
-    """Stretches of a clock with one sample length: (rows, first included, and dt [s]).
-
-    Neighbouring stretches share a row: the last of one is the first of the next. Lengths are
-    compared in steps of `CLOCK_STEP`, as printed clocks round.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,) [s]
-    """
-    ticks = np.round(np.diff(time) / CLOCK_STEP).astype(np.int64)
-    edges = [0, *(np.flatnonzero(np.diff(ticks)) + 1).tolist(), len(ticks)]
-    for start, stop in itertools.pairwise(edges):
-        if stop > start:
-            yield slice(start, stop + 1), float(ticks[start] * CLOCK_STEP)

@@ -173,7 +173,7 @@ class Rational:
         delay : float [s]
         """
         lags, pairs = (sum(n.startswith(part) for n in cls.searched) for part in ("tau", "omega"))
-        count = {0: 0, 1: 12, 2: 7, 3: 6, 4: 6, 5: 7}.get(lags, lags + 2)
+        count = {0: 0, 1: 12, 2: 7, 3: 6}.get(lags, lags + 2)
         times = np.geomspace(duration, max(duration / 300, 2 * period), count).tolist()
         chosen = list(itertools.combinations(times, lags))
         if not pairs:

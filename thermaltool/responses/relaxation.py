@@ -12,7 +12,8 @@ import numpy as np
 from thermaltool.errors import ThermalToolWarning
 from thermaltool.laplace.contours import hyperbola_rule, windows
 from thermaltool.responses import Response
-from thermaltool.responses.modes import Complex, Float, Hold, Modes, uniform_spans
+from thermaltool.responses.modes import Complex, Float, Hold, Modes
+from thermaltool.responses.sample_clock import uniform_spans
 
 # Rates a decade: eight follow a step response to a part in 10⁶; a response that starts with zero
 # slope and curvature needs ten, and one that loses most of its heat on the way (√a·r of 7 and more)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from time import monotonic
 
 from thermaltool.errors import LogError
-from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.messages import Report
 
 # A step of more than so many periods is doubted until the next line confirms it.

@@ -15,7 +15,7 @@ from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
 from thermaltool.estimation.plausible_change import plausible_changes, reach_of, white_noise_of
 from thermaltool.estimation.settling_time import REMAINDER
 from thermaltool.model import Model, Term
-from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import LONGEST_PAUSE, ClockCheck
 from thermaltool.runtime.compensator import Policy, SetpointProcess
 from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers

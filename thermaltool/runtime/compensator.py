@@ -9,7 +9,7 @@ from typing import Any
 
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.model import NOT_AT_REST, away_from_rest
-from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.messages import Report
 from thermaltool.runtime.process import STATUS, Process, Reply

@@ -15,7 +15,7 @@ from thermaltool.control.fcc import (
 )
 from thermaltool.control.setpoint import Setpoint
 from thermaltool.errors import LogError
-from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck, PeriodCheck
 from thermaltool.runtime.compensator import Policy, SetpointProcess
 from thermaltool.runtime.messages import Messages

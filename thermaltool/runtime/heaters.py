@@ -9,7 +9,7 @@ from typing import Any
 from thermaltool.control.heaters import Stabilizer
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
-from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.stepper import Steps
 
 # Without a lead of the user's the output is foretold for so many sample periods.
@@ -53,7 +53,7 @@ class HeaterStepper(Steps):
         return self._estimates()
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
-        """Estimates after a sample of `ticks` clock steps (1 µs), which ends with `readings`.
+        """Estimates after a sample of `ticks` clock steps (1 ns), which ends with `readings`.
 
         Parameters
         ----------

@@ -12,7 +12,8 @@ import numpy as np
 from thermaltool.estimation.estimator import Estimator
 from thermaltool.estimation.settling_time import settling_time
 from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
-from thermaltool.responses.modes import CLOCK_STEP, Float
+from thermaltool.responses.modes import Float
+from thermaltool.responses.sample_clock import CLOCK_STEP
 
 # Sample lengths whose matrix is kept ready: an even clock has one, a printed jittering one a few.
 MAX_CACHED_MATRICES = 32
@@ -117,7 +118,7 @@ class Stepper(Steps):
         return estimates
 
     def step(self, ticks: int, readings: list[float]) -> list[float]:
-        """Estimates after a sample of `ticks` clock steps (1 µs), which ends with `readings`.
+        """Estimates after a sample of `ticks` clock steps (1 ns), which ends with `readings`.
 
         Parameters
         ----------

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 import thermaltool as tt
 from thermaltool.errors import FitError, LogError, ModelError
-from thermaltool.fitting.data import even_records
+from thermaltool.fitting.even_clock import even_records
 from thermaltool.fitting.transfer import registry
 from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.continuous import ContinuousOeStructure

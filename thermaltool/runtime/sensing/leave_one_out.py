@@ -15,7 +15,7 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.estimation.estimator import KalmanEstimator
-from thermaltool.responses.modes import CLOCK_STEP
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.stepper import Stepper, Steps
 
 # Sample lengths of the filters beside the full one are multiples of this part of the period.
