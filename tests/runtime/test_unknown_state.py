@@ -8,6 +8,7 @@ import pytest
 from thermaltool.estimation.estimator import load_estimator
 from thermaltool.estimation.settling_time import settling_time
 from thermaltool.responses.modes import Recursion
+from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.rows.row import Row
 from thermaltool.runtime.stepper import Stepper
 from thermaltool.runtime.unknown_state import UnknownState
@@ -45,7 +46,7 @@ def test_the_estimate_of_a_warm_machine_is_right_when_its_time_is_over(model):
     cold.start(reading)
     right = np.array(warm.start(reading, settled=True))[1:]
     wrong = [
-        np.max(np.abs((np.array(cold.step(500_000, reading))[1:] - right) / right))
+        np.max(np.abs((np.array(cold.step(round(0.5 / CLOCK_STEP), reading))[1:] - right) / right))
         for _ in range(2 * math.ceil(cold.settling_time / 0.5))
     ]
     over = math.ceil(cold.settling_time / 0.5)
