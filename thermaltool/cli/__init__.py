@@ -20,6 +20,7 @@ COMMANDS: dict[str, str] = {
     "noise": "Noise of every channel: resolution, white, drift, lines, outliers.",
     "calibrate": "Fit temperature and deflection models to measured logs.",
     "identify": "Transfer functions from measured logs: ARX, ARMAX, OE, BJ.",
+    "rc": "Networks of heat capacities and conductances from logs: grey box, stochastic.",
     "correct": "A static curve in front of a linear model or behind it, from logs.",
     "schedule": "Several models by level, switched without a bump.",
     "superpose": "The sum of several models.",
