@@ -229,9 +229,9 @@ def _agreements(
 
     found: list[RcAgreement] = []
     name, outputs, model = fit.network.name, fit.network.outputs, _model(fit, logs)
-    for log in (*logs, *fresh):
-        kind: Literal["fitted", "held out"] = "held out" if log in fresh else "fitted"
-        if split is None or log in fresh:
+    for number, log in enumerate((*logs, *fresh)):
+        kind: Literal["fitted", "held out"] = "fitted" if number < len(logs) else "held out"
+        if split is None or kind == "held out":
             steps, whole = one_step(fit, [log]), simulate(model, log, warn=silent).agreements
             found += [RcAgreement(name, log.name, c, kind, whole[c], steps[c]) for c in outputs]
             continue

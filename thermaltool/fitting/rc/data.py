@@ -18,8 +18,8 @@ Rows = NDArray[np.bool_]
 
 # Rows that a fit takes; more would run for minutes.
 MAX_ROWS = 100_000
-# Steps that agree to so many digits of the longest count as one.
-_STEP_DIGITS = 9
+# Steps that agree to this part of the longest count as one.
+_STEP_GRAIN = 1e-10
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,10 @@ class FilterPiece:
     def steps(self) -> tuple[Array, NDArray[np.int64]]:
         """Lengths of steps [s], and which of them follows each row; the last row has any."""
         lengths = np.diff(self.time, append=2 * self.time[-1] - self.time[-2])
-        digits = _STEP_DIGITS - int(np.floor(np.log10(np.max(lengths)))) - 1
-        found, which = np.unique(np.round(lengths, digits), return_inverse=True)
-        return found, which.astype(np.int64)
+        # As fine as the clock's own digits.
+        grain = max(_STEP_GRAIN * float(np.max(lengths)), 8 * float(np.spacing(self.time[-1])))
+        found, which = np.unique(np.round(lengths / grain), return_inverse=True)
+        return found * grain, which.astype(np.int64)
 
     def without_readings(self, rows: Rows) -> FilterPiece:
         """The same, the readings of some rows, shape (n,), taken away."""

@@ -39,6 +39,8 @@ _SAME = 0.2
 _BEHIND = 10.0
 # By how much less process noise there is at first, in logarithms.
 _QUIET = 4.0
+# Logarithms of the process noise that is tried in addition, relative to its scale.
+_ADDED = tuple(np.arange(-4.0, 2.1, 0.5).tolist())
 # What the data say nothing of has a larger standard error of its logarithm.
 _UNKNOWN = 5.0
 
@@ -52,9 +54,9 @@ class RcFit:
     likelihood : RcLikelihood
         Of the fitted rows.
     vector : ndarray, shape (p,)
-        What was searched.
+        What was searched: the maximum of the likelihood, its process noise freed from bias.
     deviance : float
-        −2 log L.
+        −2 log L at its minimum.
     covariance : ndarray, shape (p, p)
         Of what was searched, from the second derivatives of log L.
     converged : bool
@@ -100,7 +102,7 @@ class RcFit:
 
     @property
     def vanished(self) -> tuple[str, ...]:
-        """Process noise and other parameters that went to zero as far as the search goes."""
+        """Process noise and noise of readings that went to zero, by name."""
         zero = self.likelihood.space.at_zero(self.vector)
         return tuple(p.name for p, at in zip(self.network.free, zero, strict=True) if at)
 
@@ -158,6 +160,7 @@ def fit_pieces(
 ) -> RcFit:
     """As `fit_network`, of pieces."""
     begin = starts(network, data_scale(network, pieces), known or {})
+    begin = begin[np.sort(np.unique(begin, axis=0, return_index=True)[1])]
     space = SearchSpace.around(network, begin[0])
     whole = RcLikelihood(network, space, tuple(pieces), from_rest)
     few = replace(whole, pieces=thinned(pieces, _FIRST_ROWS))
@@ -191,7 +194,30 @@ def fit_pieces(
         raise FitError(f"{network.name}: the likelihood cannot be computed: give start values")
     expected, score = _held(whole, vector, whole.evaluated(vector)[1:])
     converged = float(score @ solve(expected, score)) < _CONVERGED
-    return RcFit(whole, vector, deviance, _covariance(whole, vector, expected), converged)
+    unbiased = _unbiased(whole, vector, begin[0], noise)
+    covariance = _covariance(whole, unbiased, whole.evaluated(unbiased)[1])
+    return RcFit(whole, unbiased, deviance, covariance, converged)
+
+
+def _unbiased(likelihood: RcLikelihood, vector: Array, scale: Array, noise: Flags) -> Array:
+    """The same parameters with the process noise that does not suffer from their number.
+
+    Maximum likelihood takes for signal what the parameters follow of the noise, and intervals
+    beside too small a process noise are too narrow. The likelihood adjusted for the parameters
+    that are no noise, −2 log L + log det I (D. R. Cox, N. Reid, J. R. Stat. Soc. B 49 (1987) 1),
+    is compared at the process noise of the fit and at larger ones.
+    """
+    process = np.array([p.name.endswith(".diffusion") for p in likelihood.network.free], dtype=bool)
+    others = np.ix_(~noise, ~noise)
+    best, lowest = vector, np.inf
+    for added in [-np.inf, *_ADDED] if process.any() else ():
+        powers = np.exp(2 * vector) + np.exp(2 * (scale + added))
+        moved = np.where(process, 0.5 * np.log(powers), vector)
+        deviance, information, _ = likelihood.evaluated(moved)
+        sign, volume = np.linalg.slogdet(information[others])
+        if sign > 0 and deviance + volume < lowest:
+            best, lowest = moved, deviance + float(volume)
+    return best
 
 
 def _add(ends: list[tuple[Array, float]], end: tuple[Array, float]) -> None:

@@ -83,14 +83,18 @@ class RcLikelihood:
         except np.linalg.LinAlgError:
             return np.inf, information, score
         for each in found:
-            deviance = each.deviance()
-            value += float(deviance[0])
-            score -= (deviance[1:] - deviance[0]) / (2 * _STEP)
+            value += float(each.deviance()[0])
             inverse = each.inverses[:, 0]
             moved = (each.errors[:, 1:] - each.errors[:, :1]) / _STEP
+            weighted = (inverse[each.entry] @ each.errors[:, 0, :, None])[..., 0]
+            changes = (each.covariances[:, 1:] - each.covariances[:, :1]) / _STEP
+            slopes = changes @ inverse[:, None]
+            squares = np.zeros(inverse.shape)
+            np.add.at(squares, each.entry, weighted[:, :, None] * weighted[:, None, :])
+            score -= np.einsum("ka,kia->i", weighted, moved)
+            score -= 0.5 * np.einsum("t,tiaa->i", each.counts, slopes)
+            score += 0.5 * np.einsum("tab,tiab->i", squares, changes)
             information += np.einsum("kim,kjm->ij", moved @ inverse[each.entry], moved)
-            slopes = (each.covariances[:, 1:] - each.covariances[:, :1]) / _STEP
-            slopes = slopes @ inverse[:, None]
             information += 0.5 * np.einsum("t,tiab,tjba->ij", each.counts, slopes, slopes,
                                            optimize=True)  # fmt: skip
         if not (np.isfinite(value) and np.isfinite(information).all()):

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 MAX_INTERVAL_FACTOR = 100.0
 # How far a search goes from its start, in logarithms and logits.
 SEARCH_WIDTH = 14.0
+# Noise that is smaller than its start by this, in logarithms, is none.
+VANISHED = 4.0
 
 
 @dataclass(frozen=True)
@@ -45,8 +47,9 @@ class SearchSpace:
         return np.clip(vectors, self.low, self.high)
 
     def at_zero(self, vector: Array) -> NDArray[np.bool_]:
-        """Which parameters have gone to their lower bound, shape (p,)."""
-        return np.asarray(vector < self.low + 1.0)
+        """Which noise has vanished beside the scale of the data, shape (p,)."""
+        noise = [p.name.endswith((".diffusion", ".noise")) for p in self.network.free]
+        return np.asarray(noise & (vector < (self.low + self.high) / 2 - VANISHED))
 
     def values(self, vectors: Array) -> Array:
         """Values of all parameters, fixed ones among them, shape (..., P).
