@@ -76,7 +76,8 @@ def choice(repeat: int, rng: np.random.Generator, rows: int = 600) -> None:
             fits = []
             for n in (1, 2, 3):
                 known = fits[-1].values if fits else {}
-                fits.append(fit_network(network(n), [record], known=known))
+                at_most = min((f.deviance for f in fits), default=np.inf)
+                fits.append(fit_network(network(n), [record], known=known, at_most=at_most))
             found = compare(fits)
             chosen.append(len(found.sufficient.network.nodes))
             rejected += any(

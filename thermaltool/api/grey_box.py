@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -163,7 +164,7 @@ def rc(
     >>> round(found.fit.estimates["links.room.conductance"].value, 1)
     2.0
     """
-    from thermaltool.fitting.rc.compare import compare
+    from thermaltool.fitting.rc.compare import compare, is_nested
     from thermaltool.fitting.rc.data import filter_pieces, held_out
     from thermaltool.fitting.rc.fit import fit_network
     from thermaltool.fitting.rc.validation import innovation_tests
@@ -186,7 +187,9 @@ def rc(
     for each in networks:
         rows = None if split is None else held_out(filter_pieces(each, logs), split)
         known = fits[-1].values if fits else {}
-        fits.append(fit_network(each, logs, from_rest=initial == "rest", known=known, rows=rows))
+        at_most = min((f.deviance for f in fits if is_nested(f.network, each)), default=math.inf)
+        fits.append(fit_network(each, logs, from_rest=initial == "rest", known=known, rows=rows,
+                                at_most=at_most))  # fmt: skip
     fresh = () if validate is None else (read(validate),)
     agreements = tuple(a for fit in fits for a in _agreements(fit, logs, fresh, split))
     tests = {fit.network.name: innovation_tests(fit) for fit in fits}

@@ -26,7 +26,9 @@ def fits(chain, sizes, rng):
     found = []
     for n in sizes:
         known = found[-1].values if found else {}
-        found.append(fit_network(network(declaration(n)), [log], known=known))
+        at_most = min((f.deviance for f in found), default=np.inf)
+        declared = network(declaration(n))
+        found.append(fit_network(declared, [log], known=known, at_most=at_most))
     return found
 
 

@@ -25,6 +25,8 @@ Flags = NDArray[np.bool_]
 
 # Rows of the first search, starts that it goes on from, and how many of its ends are followed.
 _FIRST_ROWS, _FIRST_STARTS, _ENDS = 800, 4, 3
+# Starts where a nested network has been found more likely.
+_MORE_STARTS = 16
 # Steps of a search over few rows, and over all.
 _FIRST_ITERATIONS, _ITERATIONS = 40, 20
 # A step that gains no more of −2 log L is not taken: a thirtieth of a standard error. Along a
@@ -125,6 +127,7 @@ def fit_network(
     from_rest: bool = False,
     known: Mapping[str, float] | None = None,
     rows: Sequence[int] | None = None,
+    at_most: float = np.inf,
 ) -> RcFit:
     """The most likely parameters of a network.
 
@@ -138,6 +141,9 @@ def fit_network(
         Estimates of a smaller network, to begin at.
     rows : sequence of int, optional
         How many rows of each piece are fitted. Default: all.
+    at_most : float
+        −2 log L of a network that is nested in this one: a search that ends above it is repeated
+        from more starts.
 
     Raises
     ------
@@ -148,7 +154,7 @@ def fit_network(
     if rows is not None:
         pairs = zip(pieces, rows, strict=True)
         pieces = tuple(piece.until(count) for piece, count in pairs if count > 1)
-    return fit_pieces(network, pieces, from_rest=from_rest, known=known)
+    return fit_pieces(network, pieces, from_rest=from_rest, known=known, at_most=at_most)
 
 
 def fit_pieces(
@@ -157,14 +163,35 @@ def fit_pieces(
     *,
     from_rest: bool = False,
     known: Mapping[str, float] | None = None,
+    at_most: float = np.inf,
 ) -> RcFit:
     """As `fit_network`, of pieces."""
     begin = starts(network, data_scale(network, pieces), known or {})
     begin = begin[np.sort(np.unique(begin, axis=0, return_index=True)[1])]
     space = SearchSpace.around(network, begin[0])
     whole = RcLikelihood(network, space, tuple(pieces), from_rest)
-    few = replace(whole, pieces=thinned(pieces, _FIRST_ROWS))
-    quiet = np.array([p.name.endswith(".diffusion") for p in network.free], dtype=bool)
+    noise = _named(network, ".diffusion", ".noise")
+    vector, deviance = _best_end(whole, begin, noise, _FIRST_STARTS)
+    if deviance > at_most + _COARSE:
+        vector, deviance = min((vector, deviance), _best_end(whole, begin, noise, _MORE_STARTS),
+                               key=lambda end: end[1])  # fmt: skip
+    expected, score = _held(whole, vector, whole.evaluated(vector)[1:])
+    converged = float(score @ solve(expected, score)) < _CONVERGED
+    unbiased = _unbiased(whole, vector, begin[0])
+    covariance = _covariance(whole, unbiased, whole.evaluated(unbiased)[1])
+    return RcFit(whole, unbiased, deviance, covariance, converged)
+
+
+def _named(network: RcNetwork, *ends: str) -> Flags:
+    """Which free parameters have such names, shape (p,)."""
+    return np.array([p.name.endswith(ends) for p in network.free], dtype=bool)
+
+
+def _best_end(whole: RcLikelihood, begin: Array, noise: Flags, count: int) -> tuple[Array, float]:
+    """The most likely end of searches from `count` starts: the vector, and −2 log L there."""
+    network = whole.network
+    few = replace(whole, pieces=thinned(whole.pieces, _FIRST_ROWS))
+    quiet = _named(network, ".diffusion")
     # Free from the first step, process noise would explain what wrong parameters leave.
     first = np.where(quiet, begin - _QUIET, begin)
     levels = few.deviances(first)
@@ -172,11 +199,9 @@ def fit_pieces(
     if not order:
         raise FitError(f"{network.name}: the likelihood cannot be computed at any start: give "
                        "other start values")  # fmt: skip
-    noise = quiet | np.array([p.name.endswith(".noise") for p in network.free], dtype=bool)
     near: list[tuple[Array, float]] = []
     # What is known or declared is always among the starts.
-    chosen = np.unique(first[[*order[:_FIRST_STARTS], 0]], axis=0)
-    for vector in chosen:
+    for vector in np.unique(first[[*order[:count], 0]], axis=0):
         _add(near, _search(few, vector, _FIRST_ITERATIONS, _COARSE, quiet))
     near = sorted(near, key=lambda end: end[1])[:_ENDS]
     ends = [_search(few, np.where(noise, begin[0], vector), _FIRST_ITERATIONS, _TOLERANCE)
@@ -187,19 +212,14 @@ def fit_pieces(
         if end[1] < ends[0][1] + _BEHIND:
             _add(kept, end)
     if few.readings < whole.readings:
-        kept = sorted((_search(whole, end[0], _ITERATIONS, _TOLERANCE) for end in kept),
-                      key=lambda end: end[1])  # fmt: skip
-    vector, deviance = kept[0]
-    if not np.isfinite(deviance):
+        kept = [_search(whole, end[0], _ITERATIONS, _TOLERANCE) for end in kept]
+    best = min(kept, key=lambda end: end[1])
+    if not np.isfinite(best[1]):
         raise FitError(f"{network.name}: the likelihood cannot be computed: give start values")
-    expected, score = _held(whole, vector, whole.evaluated(vector)[1:])
-    converged = float(score @ solve(expected, score)) < _CONVERGED
-    unbiased = _unbiased(whole, vector, begin[0], noise)
-    covariance = _covariance(whole, unbiased, whole.evaluated(unbiased)[1])
-    return RcFit(whole, unbiased, deviance, covariance, converged)
+    return best
 
 
-def _unbiased(likelihood: RcLikelihood, vector: Array, scale: Array, noise: Flags) -> Array:
+def _unbiased(likelihood: RcLikelihood, vector: Array, scale: Array) -> Array:
     """The same parameters with the process noise that does not suffer from their number.
 
     Maximum likelihood takes for signal what the parameters follow of the noise, and intervals
@@ -207,12 +227,14 @@ def _unbiased(likelihood: RcLikelihood, vector: Array, scale: Array, noise: Flag
     that are no noise, −2 log L + log det I (D. R. Cox, N. Reid, J. R. Stat. Soc. B 49 (1987) 1),
     is compared at the process noise of the fit and at larger ones.
     """
-    process = np.array([p.name.endswith(".diffusion") for p in likelihood.network.free], dtype=bool)
-    others = np.ix_(~noise, ~noise)
+    process = _named(likelihood.network, ".diffusion")
+    physical = ~_named(likelihood.network, ".diffusion", ".noise")
+    others = np.ix_(physical, physical)
     best, lowest = vector, np.inf
     for added in [-np.inf, *_ADDED] if process.any() else ():
-        powers = np.exp(2 * vector) + np.exp(2 * (scale + added))
-        moved = np.where(process, 0.5 * np.log(powers), vector)
+        moved = vector.copy()
+        powers = np.exp(2 * vector[process]) + np.exp(2 * (scale[process] + added))
+        moved[process] = 0.5 * np.log(powers)
         deviance, information, _ = likelihood.evaluated(moved)
         sign, volume = np.linalg.slogdet(information[others])
         if sign > 0 and deviance + volume < lowest:
