@@ -63,6 +63,7 @@ def test_printed_fit_is_that_of_simulate(run, thermaltool):
     for name, rows in (("run.csv", "fitted"), ("other.csv", "held out")):
         told = agreements[str(folder / name)]
         assert told["rows"] == rows
+        assert told["simulated"]["fit_percent"] > 90
         again = thermaltool("simulate", folder / "model.json", folder / name, "--json", "-o",
                             folder / "out.csv")  # fmt: skip
         assert told["simulated"]["fit_percent"] == again.json["T_motor_degC"]["fit_percent"]

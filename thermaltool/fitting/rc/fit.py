@@ -200,8 +200,8 @@ def _best_end(whole: RcLikelihood, begin: Array, noise: Flags, count: int) -> tu
         raise FitError(f"{network.name}: the likelihood cannot be computed at any start: give "
                        "other start values")  # fmt: skip
     near: list[tuple[Array, float]] = []
-    # What is known or declared is always among the starts.
-    for vector in np.unique(first[[*order[:count], 0]], axis=0):
+    # What is known or declared is always among the starts, as is the limit of a smaller network.
+    for vector in np.unique(first[[*order[:count], *range(min(2, len(first)))]], axis=0):
         _add(near, _search(few, vector, _FIRST_ITERATIONS, _COARSE, quiet))
     near = sorted(near, key=lambda end: end[1])[:_ENDS]
     ends = [_search(few, np.where(noise, begin[0], vector), _FIRST_ITERATIONS, _TOLERANCE)

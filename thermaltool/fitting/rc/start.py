@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 _TIMES, _STARTS = 24, 64
 # Log-widths over which what nobody has declared is spread, about its scale.
 _SPREAD = 2.0
+# How far off a network is nearly the smaller one that it has as a limit.
+_FAR = 5.0
 
 
 @dataclass(frozen=True)
@@ -98,8 +100,9 @@ def starts(network: RcNetwork, scale: DataScale, known: Mapping[str, float]) -> 
     network : RcNetwork
     scale : DataScale
     known : mapping of name to value
-        Estimates of a smaller network; some starts are near them, others ignore them. Its noise
-        says nothing: there it explains what the smaller network cannot.
+        Estimates of a smaller network; some starts are near them, the second one where the
+        network is nearly the smaller one, others ignore them. Its noise says nothing: there it
+        explains what the smaller network cannot.
     """
     noise = (".diffusion", ".noise")
     known = {name: value for name, value in known.items() if not name.endswith(noise)}
@@ -116,7 +119,17 @@ def _spread(network: RcNetwork, scale: DataScale, known: Mapping[str, float]) ->
                       else _SPREAD for p in network.free])  # fmt: skip
     points = qmc.Halton(len(middle), scramble=False).random(_STARTS)
     points[0] = 0.5
-    return np.asarray(middle + 2 * width * (points - 0.5))
+    found = np.asarray(middle + 2 * width * (points - 0.5))
+    found[1] = np.where(width > 0, middle + _limit(network), middle)
+    return found
+
+
+def _limit(network: RcNetwork) -> Array:
+    """By how much logarithms move until nodes without a sensor nearly follow their neighbours."""
+    hidden = {f"nodes.{node.name}.capacity" for node in network.nodes if node.measured is None}
+    inner = {e.conductance.name for e in network.links if None not in map(network.index, e.ends)}
+    return np.array([-_FAR if p.name in hidden else _FAR if p.name in inner else 0.0
+                     for p in network.free])  # fmt: skip
 
 
 def _middle(network: RcNetwork, scale: DataScale, known: Mapping[str, float], k: int) -> float:
