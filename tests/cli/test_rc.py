@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -134,6 +135,19 @@ def test_a_bad_field_is_one_line_with_its_name(run, old, new, message):
     assert message in done.err
     assert len(done.err.splitlines()) == 1
     assert "unexpected" not in done.err
+
+
+def test_sample_networks_run_as_the_page_says(thermaltool, tmp_path):
+    samples = Path(__file__).parents[2] / "data_samples"
+    log = tmp_path / "duty.csv"
+    frame = samples / "frame_duty.parquet"
+    assert thermaltool("check", frame, "--resample", "30", "-o", log).code == 0
+    one, two = (samples / "networks" / name for name in ("column.toml", "column_frame.toml"))
+    done = thermaltool("rc", log, "--network", one, "--network", two, "--json")
+    assert done.json["sufficient"] == "column_frame"
+    for network in samples.glob("networks/heating_*.toml"):
+        done = thermaltool("rc", log, "--network", network)
+        assert "no column U_lamp_V" in done.err
 
 
 def test_the_network_is_not_replaced_by_the_model(run):
