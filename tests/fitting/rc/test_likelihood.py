@@ -122,6 +122,7 @@ def test_process_noise_that_is_not_there_vanishes_and_the_rest_is_found():
     assert fit.estimates["nodes.motor.noise"].value == pytest.approx(0.05, rel=0.15)
 
 
+@pytest.mark.slow
 def test_intervals_of_one_node_hold_the_truth():
     """Four parameters in 60 logs: 240 intervals, 90 to 98 % of which hold the truth."""
     chain, held = Chain((800.0,), (3.0,)), []
