@@ -107,6 +107,7 @@ MODEL = DocumentFormat("thermaltool-model", 1, "a thermaltool model", sealed=Tru
 NOISE = DocumentFormat("thermaltool-noise", 1, "what thermaltool noise -o writes", False)
 ARMA = DocumentFormat("thermaltool-arma", 1, "what thermaltool fit -o writes")
 DIAGNOSIS = DocumentFormat("thermaltool-diagnosis", 1, "a diagnosis")
+RC = DocumentFormat("thermaltool-rc", 1, "a network of thermaltool rc")
 CHECKPOINT = DocumentFormat("thermaltool-checkpoint", 2, "a checkpoint", sealed=True)
 
 

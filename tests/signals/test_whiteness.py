@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import kstest
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from thermaltool.signals.whiteness import cross_correlation, ljung_box
+from thermaltool.signals.whiteness import cross_correlation, cumulated_periodogram, ljung_box
 
 
 @pytest.mark.parametrize("fitted", [0, 3])
@@ -65,3 +66,21 @@ def test_pieces_shorter_than_a_lag_count_for_the_lags_that_they_have() -> None:
     power, rows, lag = x @ x + 2.25, 103, np.arange(1, 11)
     r = np.array([x[k:] @ x[:-k] - (k == 1) for k in lag]) / power
     assert found.statistic == pytest.approx(rows * (rows + 2) * np.sum(r**2 / (rows - lag)))
+
+
+def test_cumulated_periodogram_is_true_to_its_size_and_sees_colour():
+    """2000 white series at 5 %: 3.5 to 6.5 % is three standard deviations."""
+    rng = np.random.default_rng(8)
+    white = [cumulated_periodogram(rng.standard_normal(101)).p_value for _ in range(2000)]
+    assert 0.035 < np.mean(np.array(white) < 0.05) < 0.065
+    coloured = lfilter([1.0], [1.0, -0.5], rng.standard_normal(200))
+    assert cumulated_periodogram(coloured).p_value < 1e-3
+
+
+def test_cumulated_periodogram_by_hand():
+    """Powers 1, 0, 0 at three frequencies: the sums stand at 1 where a line is at 1/2."""
+    wave = np.cos(2 * np.pi * np.arange(7) / 7)
+    found = cumulated_periodogram(wave)
+    assert found.frequencies == 2
+    assert found.distance == pytest.approx(1.0 * (1 + 0.12 / 2**0.5 + 0.11 / 2))
+    assert np.isnan(cumulated_periodogram(np.zeros(9)).distance)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from thermaltool.api.compensator import *  # noqa: F403
     from thermaltool.api.diagnosis import *  # noqa: F403
     from thermaltool.api.estimation import *  # noqa: F403
+    from thermaltool.api.grey_box import *  # noqa: F403
     from thermaltool.api.identification import *  # noqa: F403
     from thermaltool.api.inputs import *  # noqa: F403
     from thermaltool.api.laplace_inversion import *  # noqa: F403
@@ -33,6 +34,7 @@ PUBLIC = {
     "api.compensator": ("Compensator",),
     "api.diagnosis": ("DiagnosisReport", "diagnose"),
     "api.estimation": ("DesignReport", "LogEstimate", "estimate", "regularize"),
+    "api.grey_box": ("GreyBox", "rc"),
     "api.identification": ("Identification", "identify"),
     "api.inputs": ("read_model", "write_model"),
     "api.laplace_inversion": ("LaplaceInversion", "invert_laplace"),

@@ -21,6 +21,7 @@ COMMANDS: dict[str, str] = {
     "calibrate": "Fit temperature and deflection models to measured logs.",
     "identify": "Transfer functions from measured logs: ARX, ARMAX, OE, BJ.",
     "spectrum": "Time constants, Foster and Cauer networks of a thermal transient.",
+    "rc": "Networks of heat capacities and conductances from logs: grey box, stochastic.",
     "correct": "A static curve in front of a linear model or behind it, from logs.",
     "schedule": "Several models by level, switched without a bump.",
     "superpose": "The sum of several models.",

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, kolmogorov
 
 Array = NDArray[np.float64]
 
@@ -64,6 +64,49 @@ def ljung_box(pieces: Sequence[Array], lags: int, fitted: int = 0) -> Portmantea
     correlation = np.array(products) / (power or 1.0)
     statistic = rows * (rows + 2) * float(np.sum(correlation**2 / (rows - lag)))
     return PortmanteauTest(statistic, lags, max(lags - fitted, 1))
+
+
+@dataclass(frozen=True)
+class PeriodogramTest:
+    """The largest distance of a cumulated periodogram from that of white noise.
+
+    Attributes
+    ----------
+    distance : float
+        Between 0 and 1; NaN below six samples.
+    frequencies : int
+        Ordinates that were summed.
+    """
+
+    distance: float
+    frequencies: int
+
+    @property
+    def p_value(self) -> float:
+        """Probability of so large a distance of white noise (Kolmogorov)."""
+        return float(kolmogorov(np.sqrt(self.frequencies) * self.distance))
+
+
+def cumulated_periodogram(residuals: Array) -> PeriodogramTest:
+    """Whiteness of residuals: their spectrum's sums against a straight line.
+
+    M. S. Bartlett, J. R. Stat. Soc. B 16 (1954) 296, with Stephens' correction for few ordinates
+    (J. Am. Stat. Assoc. 69 (1974) 730).
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (n,)
+        One stretch, on a clock that is nearly even.
+    """
+    power = np.abs(np.fft.rfft(residuals - np.mean(residuals)))[1 : (len(residuals) + 1) // 2] ** 2
+    count = len(power) - 1
+    if count < 1 or not power.sum() > 0:
+        return PeriodogramTest(float("nan"), max(count, 0))
+    sums = np.cumsum(power)[:-1] / power.sum()
+    steps = np.arange(1, count + 1) / count
+    distance = float(np.max(np.maximum(steps - sums, sums - steps + 1 / count)))
+    root = np.sqrt(count)
+    return PeriodogramTest(distance * (root + 0.12 + 0.11 / root) / root, count)
 
 
 def _lagged(e: Array, lag: int) -> float:

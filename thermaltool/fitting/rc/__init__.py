@@ -1,0 +1,1 @@
+"""Grey box: networks of heat capacities and conductances, stochastic, by Kalman likelihood."""
