@@ -11,8 +11,10 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from functools import partial
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 # One core; before numpy loads.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -20,17 +22,22 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import network
 import numpy as np
 from identify_cases import NOISE, driven, response, sampled, system
-from identify_peers import Array
 from identify_speed import speed
 from scipy.signal import lfilter
 
+import thermaltool as tt
 from thermaltool.fitting.data import TrainingData
-from thermaltool.fitting.selection import first_that_fits
-from thermaltool.fitting.transfer.choose import choose
+from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.transfer.oe import OeStructure
-from thermaltool.units import Hold
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
+MAPS = Path(__file__).parents[1] / "data_samples" / "maps"
+STRUCTURES: dict[str, dict[str, Any]] = {
+    "oe": {},
+    "oe, real poles": {"real_poles": True},
+    "network": {"structure": "network"},
+    "subspace": {"structure": "subspace"},
+}
 
 
 def coverage(seed: int, repeats: int) -> None:
@@ -64,49 +71,60 @@ def coverage(seed: int, repeats: int) -> None:
 
 
 def measured() -> None:
-    """Free-run fits on the part of each measured log that was not fitted."""
+    """Measured logs: fitted to the first part, run on over the rest, and the same by `simulate`."""
     if not DATA.exists():
         print(f"left out, there is no {DATA} here (measured logs are not copied into the project)")
         return
-    print("| log | output | inputs | poles | orders nb,nf,nk | training % | held out % |")
-    print("|---|---|---|---|---|---|---|")
-    hair = np.genfromtxt(DATA / "daisy/hairdryer_ljung.csv", delimiter=",", skip_header=1)
-    heat = np.genfromtxt(DATA / "daisy/heating_system.csv", delimiter=",", skip_header=1)
-    _measured("hairdryer", "y", ("u",), hair[:, 0], hair[:, 1], 0.08, True, 0.5)
-    _measured("heating_system", "T", ("u",), heat[:, 1], heat[:, 2], 2.0, True, 0.5)
-    power = heat[:, 1] ** 1.85
-    _measured("heating_system", "T", ("u^1.85",), power, heat[:, 2], 2.0, True, 0.5)
-    lines = (DATA / "cnc_spindle/spindle_first_28h.csv").read_text().splitlines()
-    names = lines[0].split(",")
-    table = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
-    column = dict(zip(names, table.T, strict=True))
-    for target in ("ch1_um", "ch3_um", "ch5_um"):
-        for inputs in (("t1_C",), ("t5_C",), ("t9_C",), ("t1_C", "t9_C"), ("spindle_rpm",)):
-            u = np.array([column[name] - column[name][0] for name in inputs])
-            held = inputs == ("spindle_rpm",)
-            _measured("cnc_spindle", target, inputs, u, column[target], 15.0, held, 0.6)
-    network.spindle(column, 15.0)
+    print("| log | structure | inputs | output | orders | training % | validation % "
+          "| by simulate % | state estimated % |\n|---|---|---|---|---|---|---|---|---|")  # fmt: skip
+    probes = ["d_ch1_um", "d_ch3_um", "d_ch5_um"]
+    _measured("daisy/hairdryer_ljung.csv", "hairdryer", [["U_heater_V"]], ["U_air_V"], 0.5)
+    _measured("daisy/heating_system.csv", "heating_system", [["U_lamp_V"]], ["T_plate_degC"], 0.5)
+    chosen = [["T_t1_degC"], ["T_t5_degC"], ["T_t9_degC"], ["T_t1_degC", "T_t9_degC"],
+              ["n_spindle_rpm"]]  # fmt: skip
+    _measured("cnc_spindle/spindle_first_28h.csv", "cnc_spindle", chosen, probes, 0.6)
     network.heating(DATA / "daisy/heating_system.csv")
 
 
 def _measured(
-    log: str, target: str, inputs: tuple[str, ...], u: Array, y: Array, dt: float, held: bool,
-    share: float,
-) -> None:  # fmt: skip
-    hold: Hold = "zero" if held else "first"
-    record = sampled(inputs, u, (target,), y, dt)
-    data = TrainingData((record,), inputs, (target,), dt, (hold,) * len(inputs))
-    training, rest = data.split(share)
-    training = OeStructure().start(training)
-    for real in (False, True):
-        structure = OeStructure(real_poles=real)
-        orders = (c.model.orders for c in choose(training, structure))
-        model = first_that_fits(orders, partial(structure.fit, training))
-        o, poles = model.orders, "real" if real else "any"
-        orders_text = f"{o.nb[0]},{o.nf[0]},{'/'.join(map(str, o.nk))}"
-        fits = model.fit(training).fit_percent, model.fit(rest).fit_percent
-        print(f"| {log} | {target} | {', '.join(inputs)} | {poles} | {orders_text} | "
-              f"{fits[0]:.1f} | {fits[1]:.1f} |", flush=True)  # fmt: skip
+    log: str, names: str, inputs: Sequence[list[str]], outputs: list[str], share: float
+) -> None:
+    path, columns = DATA / log, MAPS / f"{names}.toml"
+    for some in inputs:
+        for title, options in STRUCTURES.items():
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                try:
+                    found = tt.identify(
+                        path, some, outputs, split=share, columns=columns, **options
+                    )
+                except ValueError as error:
+                    print(f"| {names} | {title} | {', '.join(some)} | | {error} | | | | |")
+                    continue
+                for fit in found.fits:
+                    print(_row(names, title, some, fit, found, path, columns), flush=True)
+
+
+def _row(
+    log: str, title: str, inputs: list[str], fit: Fit, found: tt.Identification, path: Path,
+    columns: Path,
+) -> str:  # fmt: skip
+    held = fit.validation
+    assert held is not None
+    try:
+        run = tt.simulate(
+            found.model, path, columns=columns, initial=held.initial, start=held.start
+        )
+        simulated = f"{run.agreements[fit.model.target].fit_percent:.1f}"
+    except ValueError:
+        simulated = "no model file"
+    orders = getattr(fit.model, "orders", None)
+    text = fit.model.order if orders is None else f"{orders.nb[0]},{orders.nf[0]},{orders.nk[0]}"
+    return (
+        f"| {log} | {title} | {', '.join(inputs)} | {fit.model.target} | {text} | "
+        f"{fit.training.fit_percent:.1f} | {held.carried_on.fit_percent:.1f} | {simulated} | "
+        f"{held.estimated_state.fit_percent:.1f} |"
+    )
 
 
 def main() -> None:

@@ -7,9 +7,8 @@ cross-validation.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,16 +19,12 @@ from scipy.signal import lfilter
 
 from thermaltool.effects.curve import DriveCurve
 from thermaltool.fitting.data import TrainingData
-from thermaltool.fitting.network.choose import choose_modes
 from thermaltool.fitting.network.identify import identify_network
 from thermaltool.fitting.network.model import Network
-from thermaltool.fitting.network.plan import NetworkPlan
 from thermaltool.fitting.network.problem import NetworkProblem
 from thermaltool.fitting.network.search import refine, search
-from thermaltool.fitting.selection import first_that_fits
 from thermaltool.model.curves import Form, SearchedCurve
 from thermaltool.record import Record
-from thermaltool.responses.modes import Hold
 from thermaltool.signals.agreement import agreement
 
 Array = NDArray[np.float64]
@@ -117,32 +112,6 @@ def _narrower(seed: int, repeat: int, u: Array, clean: Array) -> Array:
         share = identify_network(each, 3, NO_DELAY[: len(each.outputs)]).outputs[0]
         widths.append([np.log(e.high / e.low) for e in share.time_constant_estimates()])
     return np.asarray(widths[0] / np.min(widths[1:], axis=0))
-
-
-def spindle(column: Mapping[str, Array], period: float) -> None:
-    """Three probes of a spindle with shared modes: trained on the first 60 %, the rest free run."""
-    targets = ("ch1_um", "ch3_um", "ch5_um")
-    print("\n| cnc_spindle, inputs | modes | start | training % of " + ", ".join(targets)
-          + " | held out % |")  # fmt: skip
-    print("|---|---|---|---|---|")
-    for names in (("t1_C",), ("t5_C",), ("t9_C",), ("t1_C", "t9_C"), ("spindle_rpm",)):
-        u = np.array([column[name] - column[name][0] for name in names])
-        y = np.array([column[name] for name in targets])
-        held: Hold = "zero" if names == ("spindle_rpm",) else "first"
-        record = sampled(names, u, targets, y, period)
-        data = TrainingData((record,), names, targets, period, (held,) * len(names))
-        training, rest = data.split(0.6)
-        training = NetworkPlan().start(training)
-        delays = tuple((0.0,) * len(names) for _ in targets)
-        fit = partial(identify_network, training, delays=delays)
-        network = first_that_fits((c.model.modes for c in choose_modes(training, delays)), fit)
-        begins = "rest" if training.records[0].at_rest else "unknown"
-        fits = [
-            " / ".join(f"{a.fit_percent:.1f}" for a in network.fit(d)) for d in (training, rest)
-        ]
-        modes = len(network.time_constants)
-        print(f"| {', '.join(names)} | {modes} | {begins} | {fits[0]} | {fits[1]} |",
-              flush=True)  # fmt: skip
 
 
 def heating(path: Path) -> None:
