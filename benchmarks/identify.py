@@ -75,8 +75,10 @@ def measured() -> None:
     if not DATA.exists():
         print(f"left out, there is no {DATA} here (measured logs are not copied into the project)")
         return
-    print("| log | structure | inputs | output | orders | training % | validation % "
-          "| by simulate % | state estimated % |\n|---|---|---|---|---|---|---|---|---|")  # fmt: skip
+    print(
+        "| log | structure | inputs | output | orders | training % | validation % "
+        "| by simulate % | state estimated % |\n|---|---|---|---|---|---|---|---|---|"
+    )
     probes = ["d_ch1_um", "d_ch3_um", "d_ch5_um"]
     _measured("daisy/hairdryer_ljung.csv", "hairdryer", [["U_heater_V"]], ["U_air_V"], 0.5)
     _measured("daisy/heating_system.csv", "heating_system", [["U_lamp_V"]], ["T_plate_degC"], 0.5)
