@@ -15,6 +15,8 @@ MAX_WAITING = 1000
 class LineWriter:
     """Writes lines in the background, in order; who calls never waits.
 
+    How many lines were dropped is said as soon as one leaves again.
+
     Parameters
     ----------
     descriptor : int
@@ -32,7 +34,7 @@ class LineWriter:
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
         self._closed = self._failed = False
-        self.dropped = 0
+        self.dropped = self._said = 0
 
     def write(self, line: str) -> None:
         """Put a line, without its end, in the queue; it is dropped where the queue is full."""
@@ -40,6 +42,9 @@ class LineWriter:
             if self._closed or self._failed or len(self._waiting) >= MAX_WAITING:
                 self.dropped += 1
                 return
+            if self.dropped > self._said:
+                lost, self._said = self.dropped - self._said, self.dropped
+                self._waiting.append(b"%d messages dropped: nobody took them\n" % lost)
             self._waiting.append(line.encode(errors="replace") + b"\n")
             self._changed.notify_all()
             if self._thread is None:
