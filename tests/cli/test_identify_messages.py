@@ -107,16 +107,18 @@ def test_a_slow_lag_is_no_integrator(thermaltool, tmp_path):
     assert "integrating" not in done.err
 
 
-@pytest.mark.parametrize(("low", "high", "told"), [
+@pytest.mark.parametrize(("low", "high", "identified"), [
     (9.86e-298, np.inf, False),
     (1.0, 1.1e6, False),
     (1.0, 0.9e6, True),
     (-3.0, 9.0, True),
+    (-1.8e12, 1.8e12, False),
+    (-6e6, 6e6, True),
 ])  # fmt: skip
-def test_an_interval_without_bounds_is_not_told(low, high, told):
+def test_an_interval_without_bounds_is_not_identified(low, high, identified):
     e = Estimate(7.0, low, high)
-    assert estimate_document(e) == {"value": 7.0, "interval": [low, high] if told else None}
-    assert ("not told" in with_interval(e)) != told
+    assert estimate_document(e) == {"value": 7.0, "interval": [low, high] if identified else None}
+    assert ("not identified" in with_interval(e)) != identified
 
 
 def test_a_pair_is_told_as_one(thermaltool, tmp_path):

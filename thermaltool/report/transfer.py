@@ -199,8 +199,12 @@ def estimate_document(e: Estimate) -> dict[str, Any]:
 
 def is_bounded(e: Estimate) -> bool:
     """Whether an interval says anything."""
-    bounded = bool(np.isfinite([e.low, e.high]).all())
-    return bounded and not (e.low > 0 and e.high > MAX_INTERVAL_RATIO * e.low)
+    if not np.isfinite([e.low, e.high]).all():
+        return False
+    # Of a ratio what counts is the ratio of its ends, of what may have either sign its width.
+    if e.low > 0:
+        return e.high <= MAX_INTERVAL_RATIO * e.low
+    return e.high - e.low <= 2 * MAX_INTERVAL_RATIO * abs(e.value)
 
 
 def transfer_table(fit: Fit) -> str:
@@ -265,7 +269,7 @@ def with_interval(e: Estimate) -> str:
 
 def interval_text(e: Estimate) -> str:
     """An interval, where it says anything."""
-    return f"{e.low:.4g} to {e.high:.4g}" if is_bounded(e) else "not told"
+    return f"{e.low:.4g} to {e.high:.4g}" if is_bounded(e) else "not identified"
 
 
 def residuals_line(tests: ResidualTests | None) -> str:
