@@ -67,7 +67,9 @@ def command(
 
     kind = None if plot is None else figure_format(plot)
     rest = shared.reference_of(reference)
-    for each in (table_file, model_file, plot):
+    for k, each in enumerate(files := [table_file, model_file, plot]):
+        if each is not None and each in files[:k]:
+            raise click.UsageError(f"{each}: two results cannot go to one file")
         shared.check_files(each, log)
     found = api.spectrum(log, input, channel, reference=rest, **options)
     whole = table_file is not None and table_file.endswith(".json")

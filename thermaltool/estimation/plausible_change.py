@@ -80,7 +80,8 @@ def _of_steps(model: Model, channel: str, seconds: Float) -> Float:
 
 def _seen(changes: Sequence[float], period: float, seconds: Float, least: float = 0.0) -> Float:
     """The bound by what the calibration saw over 1, 2, 4 ... periods [s]; empty where nothing."""
-    if not changes:
+    # What never moved says nothing of how fast it can.
+    if not changes or not changes[0] > 0:
         return np.zeros(0)
     spans = np.ceil(np.log2(np.maximum(seconds / period, 1.0)) - 1e-9).astype(int)
     seen = np.array(changes)[np.minimum(spans, len(changes) - 1)]

@@ -48,6 +48,8 @@ class TrainingData:
         Usual sample period.
     holds : tuple of "zero" or "first"
         Of each input between its samples; held where none is given.
+    logs : tuple of int
+        Which of the logs each experiment is: one without a piece is none.
     """
 
     records: tuple[Record, ...]
@@ -55,6 +57,7 @@ class TrainingData:
     outputs: tuple[str, ...]
     period: float
     holds: tuple[Hold, ...] = ()
+    logs: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.holds:
@@ -111,6 +114,22 @@ class TrainingData:
     def output(self, k: int = 0) -> Array:
         """All samples of output k in a row."""
         return np.concatenate([y[k] for y in self.y])
+
+    def about_means(self, measured: Array, computed: Array) -> tuple[Array, Array]:
+        """One output as measured and computed, each experiment about the mean of its readings.
+
+        Arbitrary zeros of the logs would else pass for something that a model explains.
+
+        Parameters
+        ----------
+        measured, computed : ndarray, shape (rows,)
+        """
+        origins = np.concatenate([np.full(len(r), r.origin) for r in self.records])
+        means = np.zeros(self.rows)
+        for k in range(self.experiments):
+            own = (origins == k) & np.isfinite(measured)
+            means[origins == k] = np.mean(measured[own]) if own.any() else 0.0
+        return measured - means, computed - means
 
     def only(self, k: int) -> TrainingData:
         """The data with output k alone."""
@@ -316,11 +335,11 @@ def even_training_data(
     """
     period = logs[0].period
     channels = (*inputs, *outputs)
-    records = _numbered(even_records(log, channels, period) for log in logs)
+    records, used = _numbered(even_records(log, channels, period) for log in logs)
     if not records:
         raise FitError(f"{', '.join(channels)}: no row has a reading of them all")
     holds = tuple(map(hold_of, inputs))
-    return TrainingData(records, tuple(inputs), tuple(outputs), period, holds)
+    return TrainingData(records, tuple(inputs), tuple(outputs), period, holds, used)
 
 
 def training_data(
@@ -338,17 +357,20 @@ def training_data(
     FitError
         An input is never there.
     """
-    records = _numbered(log.pieces(inputs) for log in logs)
+    records, used = _numbered(log.pieces(inputs) for log in logs)
     if not records:
         raise FitError(f"{', '.join(inputs)}: no two rows in a row have a reading")
     holds = tuple(map(hold_of, inputs))
-    return TrainingData(records, tuple(inputs), tuple(outputs), logs[0].period, holds)
+    return TrainingData(records, tuple(inputs), tuple(outputs), logs[0].period, holds, used)
 
 
-def _numbered(logs: Iterable[Iterable[Record]]) -> tuple[Record, ...]:
-    """All pieces of each log, which is an experiment.
+def _numbered(logs: Iterable[Iterable[Record]]) -> tuple[tuple[Record, ...], tuple[int, ...]]:
+    """All pieces of each log, which is an experiment, and which of the logs these are.
 
     Experiments count from 0 without a hole: a log without a piece is none.
     """
-    experiments = enumerate(filter(None, map(list, logs)))
-    return tuple(replace(piece, origin=k) for k, pieces in experiments for piece in pieces)
+    found = [(index, pieces) for index, each in enumerate(logs) if (pieces := list(each))]
+    records = tuple(
+        replace(piece, origin=k) for k, (_, pieces) in enumerate(found) for piece in pieces
+    )
+    return records, tuple(index for index, _ in found)

@@ -130,11 +130,16 @@ def _judged(
         whole = _document(fit, reference)
         if split is not None:
             fit = replace(
-                fit, validation=validate(model, split.only(k), whole, _read(split.data, logs))
+                fit,
+                validation=validate(
+                    model, split.only(k), whole, [logs[n] for n in split.data.logs]
+                ),
             )
         elif fresh is not None:
             held = fresh.only(k)
-            fit = replace(fit, validation=validate_on(model, held, whole, _read(held, fresh_logs)))
+            fit = replace(
+                fit, validation=validate_on(model, held, whole, [fresh_logs[n] for n in held.logs])
+            )
         fits.append(fit)
     return fits
 
@@ -145,12 +150,6 @@ def _document(fit: Fit, reference: Reference | None) -> Model | None:
         return model_document([fit], reference, {})
     except ModelError:
         return None
-
-
-def _read(data: TrainingData, logs: Sequence[Record]) -> list[Record]:
-    """The logs that have a piece in the data: each an experiment."""
-    names = {record.name for record in data.records}
-    return [log for log in logs if log.name in names]
 
 
 def _term(model: OutputModel, k: int) -> ContinuousTerm | str:

@@ -189,4 +189,4 @@ class OutputModel(ABC):
 
     def fit(self, data: TrainingData) -> Agreement:
         """Agreement of the free run with the one output of the data, over all records."""
-        return agreement(data.output(), self.run(data))
+        return agreement(*data.about_means(data.output(), self.run(data)))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from thermaltool.fitting.even_clock import MAX_STEP_PERIODS
 from thermaltool.model import Model
 from thermaltool.record import MAX_UNEVENNESS, Record
 from thermaltool.signals.changes import Float, larger_changes, largest_changes
@@ -43,14 +44,15 @@ def with_seen_changes(model: Model, records: Sequence[Record]) -> Model:
 
 
 def _even(record: Record, channel: str, period: float) -> Iterator[Float]:
-    """A channel on an even clock; straight lines where it is not, and over readings that lack."""
+    """A channel on an even clock; straight lines where it is not, and cut at longer steps."""
     values = record.column(channel)
     for part in record.segments:
         rows = part.start + np.flatnonzero(np.isfinite(values[part]))
-        if len(rows) < 2:
-            continue
-        time, piece = record.time[rows], values[rows]
-        if np.max(np.abs(np.diff(time) - period)) > MAX_UNEVENNESS * period:
-            clock = np.arange(time[0], time[-1] + period / 2, period)
-            piece = np.interp(clock, time, piece)
-        yield piece
+        breaks = np.flatnonzero(np.diff(record.time[rows]) > MAX_STEP_PERIODS * period) + 1
+        for piece in np.split(rows, breaks):
+            if len(piece) < 2:
+                continue
+            time, seen = record.time[piece], values[piece]
+            if np.max(np.abs(np.diff(time) - period)) > MAX_UNEVENNESS * period:
+                seen = np.interp(np.arange(time[0], time[-1] + period / 2, period), time, seen)
+            yield seen

@@ -43,20 +43,23 @@ class Validation:
         (Mareš et al.: imp).
     initial : {"rest", "free"}
         How the logs begin.
+    least_fit : float [%]
+        Of the log that it predicts least.
     start : float or None [s]
-        The first of these rows; None where they are another log.
+        The first of these rows, in the first log; None where they are another log.
     """
 
     carried_on: Agreement
     estimated_state: Agreement
     improvement: float
     initial: Start
+    least_fit: float
     start: float | None = None
 
     @property
     def predicts(self) -> bool:
-        """Whether the model is nearer to the rows than their mean is."""
-        return self.carried_on.fit_percent > 0
+        """Whether the model is nearer to the rows of each log than their mean is."""
+        return self.least_fit > 0
 
     def document(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -176,7 +179,13 @@ def _judged(
             f"{model.target}: {sum(rows)} validation rows{apart} are too few for the delays, a "
             f"state of order {model.order} at their start and a judgement"
         )
-    measured, computed, level = map(np.concatenate, zip(*runs, strict=True))
+    fits = [agreement(measured, computed).fit_percent for measured, computed, _ in runs]
+    # Each log about its own mean: arbitrary zeros would pass for something to explain.
+    means = [np.mean(y[np.isfinite(y)]) if np.isfinite(y).any() else 0.0 for y, _, _ in runs]
+    measured, computed, level = (
+        np.concatenate([run[k] - mean for run, mean in zip(runs, means, strict=True)])
+        for k in range(3)
+    )
     carried = agreement(measured, computed)
     if not np.isfinite(carried.fit_percent):
         raise FitError(
@@ -184,4 +193,6 @@ def _judged(
             "of the model"
         )
     gained = improvement(measured - level, computed - level)
-    return Validation(carried, agreement(y, own), gained, initial)
+    return Validation(
+        carried, agreement(*held.about_means(y, own)), gained, initial, float(np.nanmin(fits))
+    )

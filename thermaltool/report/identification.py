@@ -100,12 +100,24 @@ def identification_warnings(fits: Sequence[Fit]) -> list[str]:
 
 def _failed(fits: Sequence[Fit]) -> list[str]:
     """Sentences on models that predict nothing of the validation data."""
-    return [
-        f"{fit.model.target}: the model predicts nothing: the mean of the validation data is "
-        f"nearer to them than its run ({fit.validation.carried_on.fit_percent:.3g} %)"
-        for fit in fits
-        if fit.validation is not None and not fit.validation.predicts
-    ]
+    sentences = []
+    for fit in fits:
+        held = fit.validation
+        if held is None or held.predicts:
+            continue
+        sentence = (
+            f"{fit.model.target}: the model predicts nothing: the mean of the validation data is "
+            f"nearer to them than its run ({held.least_fit:.3g} %)"
+        )
+        if held.start is None and held.estimated_state.fit_percent > 0:
+            sentence = (
+                f"{fit.model.target}: from rest, as simulate runs it, the model is farther from "
+                f"the validation log than the mean of that ({held.least_fit:.3g} %); with the "
+                f"state estimated there it has {held.estimated_state.fit_percent:.3g} %: the log "
+                "may not begin at rest"
+            )
+        sentences.append(sentence)
+    return sentences
 
 
 def document_warnings(fits: Sequence[Fit], model: Model) -> list[str]:

@@ -207,6 +207,13 @@ def is_bounded(e: Estimate) -> bool:
     return e.high - e.low <= 2 * MAX_INTERVAL_RATIO * abs(e.value)
 
 
+def repeated(fit: Fit) -> str:
+    """The command that gives the validation behind a split again."""
+    held = fit.validation
+    assert held is not None
+    return f"simulate MODEL LOG --initial {held.initial} --start {held.start!r}"
+
+
 def transfer_table(fit: Fit) -> str:
     """One model: what drives what, how fast, how sure; how well it runs free; what is left."""
     m = fit.model
@@ -219,6 +226,7 @@ def transfer_table(fit: Fit) -> str:
             f"({held.estimated_state.fit_percent:.2f} % with the state estimated there; "
             f"improvement {held.improvement:.1f} %)"
         )
+        fits += "" if held.start is None else f"\nvalidation: {repeated(fit)}"
     rows = [["input", "nb,nf,nk", "dead time s", "gain", "unit", "time constant s", "weight"]]
     for k, name in enumerate(m.names):
         n = len(m.denominator(k)) - 1

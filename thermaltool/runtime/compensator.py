@@ -165,7 +165,9 @@ class SetpointProcess(Process):
         self._move(time, safe)
         self.status = self._state_of(safe)
         if self.status == "settles" and not self._settles:
-            self.report("", f"the estimate settles: about {self._unsure.left:.3g} s of readings")
+            left = self._unsure.left
+            how = f": about {left:.3g} s of readings" if left < math.inf else ", and never ends"
+            self.report("", f"the estimate settles{how}")
         self._settles = self._unsure.lasts
         return time, self._written()
 
@@ -190,8 +192,14 @@ class SetpointProcess(Process):
 
     def _wait(self, seconds: float, lost: bool) -> None:
         """So long after the sample before: what the estimate may not know of it."""
-        # A pause that readings are held over is none.
-        blind = seconds if lost else max(seconds - self.patience, 0.0)
+        # A pause that readings are held over is none, but for a while only.
+        assert self.time is not None
+        stale = any(
+            sensor.held and self.time - sensor.good_at > self.patience
+            for k, sensor in enumerate(self.sensors)
+            if k not in self.stepper.out
+        )
+        blind = seconds if lost or stale else max(seconds - self.patience, 0.0)
         if self._started:
             self._unsure.reads(seconds - blind)
             self._unsure.blind(blind)

@@ -34,11 +34,17 @@ class UnknownState:
 
     @property
     def left(self) -> float:
-        """How long readings have to come until it is there [s]."""
+        """How long readings have to come until it is there [s]; inf where it never is."""
+        if math.isinf(self.settling_time):
+            return math.inf if self.lasts else 0.0
         return self.settling_time * max(1 - math.log(self.unknown) / math.log(REMAINDER), 0.0)
 
     def blind(self, seconds: float) -> None:
         """Nothing was read for so long [s]."""
+        if math.isinf(self.settling_time):
+            # What never decays stays, however short the time in which it came.
+            self.unknown = 1.0 if seconds > 0 else self.unknown
+            return
         self.unknown = 1 - (1 - self.unknown) * self._kept(seconds)
 
     def reads(self, seconds: float) -> None:

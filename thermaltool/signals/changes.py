@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import medfilt
 
 Float = NDArray[np.float64]
 
@@ -17,7 +16,7 @@ DOUBLINGS = 19
 def largest_changes(pieces: Sequence[Float]) -> tuple[float, ...]:
     """The largest change within 1, 2, 4 ... samples.
 
-    A single reading that is off does not count: of three in a row the median is taken.
+    Every reading counts, noise and spikes, so that what was seen once is never called too quick.
 
     Parameters
     ----------
@@ -32,7 +31,7 @@ def largest_changes(pieces: Sequence[Float]) -> tuple[float, ...]:
     """
     found: list[float] = []
     for piece in pieces:
-        high = low = medfilt(piece, 3)[1:-1] if len(piece) > 2 else piece
+        high = low = piece
         for k in range(DOUBLINGS):
             # Of windows of 2^(k-1) + 1 samples those of 2^k + 1, which overlap in one.
             step = 2 ** max(k - 1, 0)

@@ -11,7 +11,7 @@ from thermaltool.errors import ModelError
 from thermaltool.fitting.data import Array
 from thermaltool.fitting.output_model import ContinuousTerm
 from thermaltool.responses.modes import Hold
-from thermaltool.responses.rational import KINDS
+from thermaltool.responses.rational import oscillation_names, rational_kind
 
 if TYPE_CHECKING:
     from thermaltool.fitting.transfer.model import TransferModel
@@ -47,13 +47,14 @@ def continuous_term(model: TransferModel, k: int, hold: Hold) -> ContinuousTerm:
         _continues(z, place)
     s = _apart(np.asarray(np.log(poles) / model.dt, complex))
     real, pairs = s[s.imag == 0].real, s[s.imag > 0]
-    cls = KINDS.get((len(real), len(pairs)))
-    if cls is None:
-        raise ModelError(f"{place}: no kind of response has {len(real)} lags and {len(pairs)} "
-                         "oscillations")  # fmt: skip
+    try:
+        cls = rational_kind(len(real), len(pairs))
+    except ModelError as error:
+        raise ModelError(f"{place}: {error}") from error
     searched = {f"tau{i + 1}": float(-1 / p) for i, p in enumerate(real)}
-    for p in pairs:
-        searched |= {"omega": float(abs(p)), "zeta": float(-p.real / abs(p))}
+    for i, p in enumerate(pairs):
+        omega, zeta = oscillation_names(i + 1)[2:]
+        searched |= {omega: float(abs(p)), zeta: float(-p.real / abs(p))}
     lead = 1 if hold == "zero" else 0
     delay = max(model.orders.nk[k] - lead, 0) * model.dt
     samples = int(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.identification import Plan
 from thermaltool.fitting.selection import Candidate, first_that_fits
 from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.structure import Structure
 
 
@@ -43,10 +44,29 @@ class TransferPlan(Plan):
         else:
             candidates = choose(data, structure.candidates)
             chosen = (candidate.model.orders for candidate in candidates)
-            model = first_that_fits(
-                (structure.orders(each.nb, each.nf[0], each.nk) for each in chosen),
-                lambda orders: structure.fit(data, orders),
-            )
+            wanted = [structure.orders(each.nb, each.nf[0], each.nk) for each in chosen]
+            try:
+                model = first_that_fits(wanted, lambda orders: writable(structure, data, orders))
+            except FitError:
+                # None can be a model file: the best is shown all the same.
+                model = first_that_fits(wanted, lambda orders: structure.fit(data, orders))
         if not structure.admits(model):
             raise FitError("not all poles are real: take lower orders, or --structure oe")
         return (model,), candidates
+
+
+def writable(structure: Structure, data: TrainingData, orders: Orders) -> TransferModel:
+    """A model of these orders, each term of which has a form in continuous time.
+
+    Raises
+    ------
+    FitError
+        There is none.
+    """
+    model = structure.fit(data, orders)
+    try:
+        for k in range(len(model.names)):
+            model.term(k)
+    except ModelError as error:
+        raise FitError(str(error)) from error
+    return model

@@ -1,0 +1,86 @@
+"""What `identify` says of validation data is what `simulate` makes of the model."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import thermaltool as tt
+
+STRUCTURES = {
+    "oe": {"orders": [(2, 2, 1)]},
+    "arx": {"structure": "arx"},
+    "network": {"structure": "network", "modes": 2},
+    "subspace": {"structure": "subspace", "modes": 2},
+}
+
+
+pytestmark = pytest.mark.filterwarnings("ignore::thermaltool.errors.ThermalToolWarning")
+
+
+def machine(seed, warm=0.0, zero=0.0, moves=1.0):
+    """Two lags by Euler's rule on a fine clock, random steps of power, noise."""
+    rng = np.random.default_rng(seed)
+    power = np.repeat(rng.uniform(0, 1, 30), 40)
+    power[:20] = 0.0
+    x, y = np.array([warm, warm / 2]), []
+    for p in power:
+        y.append(x.sum())
+        for _ in range(10):
+            x = x + (np.array([30.0, 10.0]) * p * moves - x) / np.array([150.0, 40.0]) / 10 * 5
+    noise = rng.normal(0, 0.1, len(y))
+    time = 5.0 * np.arange(len(y))
+    return pd.DataFrame({"time_s": time, "Q_main_W": power, "d_z_um": np.array(y) + noise + zero})
+
+
+@pytest.mark.parametrize("warm", [0.0, 25.0])
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_validation_behind_a_split_is_what_simulate_gives(structure, warm):
+    log = machine(1, warm)
+    found = tt.identify(log, ["Q_main_W"], ["d_z_um"], split=0.6, **STRUCTURES[structure])
+    held = found.fits[0].validation
+    assert structure == "arx" or held.initial == ("free" if warm else "rest")
+    run = tt.simulate(found.model, log, initial=held.initial, start=held.start)
+    fit = run.agreements["d_z_um"].fit_percent
+    assert held.carried_on.fit_percent == pytest.approx(fit, abs=0.01)
+    assert fit > 80
+
+
+def test_validation_on_another_log_is_what_simulate_gives():
+    other = machine(3, zero=400.0)
+    found = tt.identify(machine(2), ["Q_main_W"], ["d_z_um"], orders=[(2, 2, 1)], validate=other)
+    fit = tt.simulate(found.model, other).agreements["d_z_um"].fit_percent
+    assert found.fits[0].validation.carried_on.fit_percent == pytest.approx(fit, abs=0.01)
+
+
+def test_zeros_of_several_logs_explain_nothing():
+    """The power moves nothing; the second log counts from elsewhere."""
+    rng = np.random.default_rng()
+    logs = [machine(k, zero=5000.0 * k, moves=0.0) for k in range(2)]
+    for log in logs:
+        log["d_z_um"] += np.cumsum(rng.normal(0, 1, len(log)))
+    found = tt.identify(logs, ["Q_main_W"], ["d_z_um"], orders=[(1, 1, 1)], split=0.6)
+    fit = found.fits[0]
+    assert fit.training.fit_percent < 90
+    assert fit.validation.carried_on.fit_percent < 90
+    single = []
+    for log in logs:
+        start = 0.6 * len(log) * 5.0
+        run = tt.simulate(found.model, log, initial=fit.validation.initial, start=start)
+        single.append(run.agreements["d_z_um"].fit_percent)
+    assert fit.validation.least_fit == pytest.approx(min(single), abs=0.01)
+    assert found.predicts == (min(single) > 0)
+
+
+def test_what_can_be_written_is_chosen():
+    """Two plain lags in noise: the best orders by error alone often have a pole below zero."""
+    for seed in range(3):
+        log = machine(10 + seed)
+        log["d_z_um"] += np.random.default_rng(seed).normal(0, 3, len(log))
+        assert tt.identify(log, ["Q_main_W"], ["d_z_um"]).model.terms
+
+
+def test_logs_of_one_name_one_of_which_has_no_piece():
+    sparse = machine(5).iloc[::2]
+    found = tt.identify([machine(4), sparse], ["Q_main_W"], ["d_z_um"], structure="network",
+                        modes=1, max_gap=7.0, split=0.6)  # fmt: skip
+    assert found.fits[0].validation is not None
