@@ -47,8 +47,8 @@ if TYPE_CHECKING:
               help="Readings outside are bad.  [default: calibrated range, widened by its width]"
 )  # fmt: skip
 @click.option("--max-gap", type=POSITIVE, metavar="S",
-              help="A longer pause is told, and counts as this long for --slew [s].  [default: as "
-              "--hold, and 2 sample periods for --slew]")  # fmt: skip
+              help="A longer pause is reported, and counts as this long for --slew [s].  [default: "
+              "as --hold, and 2 sample periods for --slew]")  # fmt: skip
 @click.option("--timeout", type=NOT_NEGATIVE, metavar="S",
               help="Without a usable line for this long [s] the safe setpoint is written; 0 never."
               "  [default: as --hold]")  # fmt: skip

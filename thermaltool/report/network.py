@@ -39,7 +39,7 @@ def network_warnings(fits: Sequence[Fit]) -> list[str]:
     for e in first.time_constant_estimates():
         if e in undetermined:
             sentences.append(
-                f"the data do not tell the time constant of {e.value:.3g} s "
+                f"the data do not identify the time constant of {e.value:.3g} s "
                 f"({interval_text(e)}): take fewer modes"
             )
         elif e.value > span:

@@ -42,7 +42,7 @@ def subspace_warnings(fits: Sequence[Fit]) -> list[str]:
         sentences.append("the search for the poles did not converge")
     for e in dict.fromkeys(first.undetermined()):
         sentences.append(
-            f"the data do not tell the time constant of {e.value:.3g} s ({interval_text(e)}): "
+            f"the data do not identify the time constant of {e.value:.3g} s ({interval_text(e)}): "
             "take fewer modes"
         )
     slowest = first.time_constant_estimates()[0].value
