@@ -3,7 +3,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from thermaltool.responses.sample_clock import CLOCK_STEP
+from thermaltool.responses.sample_clock import CLOCK_STEP, EQUAL_LENGTHS
 from thermaltool.runtime.stepper import MAX_CACHED_MATRICES, Stepper
 
 # Sample lengths in clock steps (ns): even stretches, jitter, pauses.
@@ -34,7 +34,9 @@ def test_stream_equals_batch_for_any_sample_periods(estimator, ticks, seed):
     readings = rng.normal(3.0, 2.0, (len(time), len(estimator.sensors)))
     batch = estimator.run(time, readings)
     scale = np.max(np.abs(batch), axis=0) + 1e-9
-    assert np.max(np.abs(stream(estimator, time, readings) - batch) / scale) < 1e-9
+    difference = np.max(np.abs(stream(estimator, time, readings) - batch) / scale)
+    # A record takes lengths for one that differ by less than EQUAL_LENGTHS of the shortest.
+    assert difference < 10 * EQUAL_LENGTHS
 
 
 def test_stream_equals_batch_over_a_long_even_record(estimator):
