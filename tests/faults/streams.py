@@ -241,11 +241,11 @@ class Killed(BaseException):
 
 
 def run_stream(
-    text: bytes, folder: Path, sensors: int, kept: bool, kill_at: int | None
+    text: bytes, folder: Path, sensors: int, kept: bool, kill_at: int | None, end: str = "safe"
 ) -> list[tuple[float, float]]:
     """Lines (time, set point) that a stream wrote; raises what it raised."""
     settings = Settings(
-        limits=(-LIMIT, LIMIT), slew=SLEW, step=STEP,
+        limits=(-LIMIT, LIMIT), slew=SLEW, step=STEP, end=end,
         checkpoint=str(folder / "state") if kept else None, checkpoint_every=20.0,
     )  # fmt: skip
     messages = Messages(lambda line: None)
@@ -257,6 +257,15 @@ def run_stream(
         contextlib.ExitStack() as killing,
     ):
         stream = open_stream(process, settings, source.fileno(), sink.fileno(), messages)
+        # The ramp at the end takes no time: its pauses move the clock.
+        passed = [0.0]
+        stream.now = lambda: time.monotonic() + passed[0]
+
+        def pause(seconds: float) -> bool:
+            passed[0] += seconds
+            return True
+
+        killing.enter_context(mock.patch.object(stream.pipe, "pause", pause))
         if kill_at is not None:
             whole, written = stream.pipe.write, 0
 
@@ -271,6 +280,7 @@ def run_stream(
 
             killing.enter_context(mock.patch.object(stream.pipe, "write", dying))
             killing.enter_context(mock.patch.object(stream, "_finish"))
+            killing.enter_context(mock.patch.object(stream, "_approach"))
         try:
             stream.run()
         except Killed:
@@ -303,6 +313,8 @@ def trial(seed: int, number: int, folder: Path) -> tuple[list[str], list[str]]:
     wrong: list[str] = []
     kept = rng.random() < 0.6
     kill_at = rng.randrange(1, rows) if kept and rng.random() < 0.6 else None
+    end = rng.choice(["safe", "ramp"])
+    t.done.append(f"end {end}")
     before = None
     parts = [(t.lines, kill_at)]
     if kill_at is not None:
@@ -313,10 +325,11 @@ def trial(seed: int, number: int, folder: Path) -> tuple[list[str], list[str]]:
         if n and rng.random() < 0.4:
             t.done.append(damage(folder / "state", rng))
         try:
-            out = run_stream(b"\n".join(lines) + b"\n", folder, t.sensors, kept, kill)
+            out = run_stream(b"\n".join(lines) + b"\n", folder, t.sensors, kept, kill, end)
         except ThermalToolError:
             out = read_out(folder)
-        wrong += check(out, before if not damaged_journal(t.done) else None, kill is None)
+        known = before if not damaged_journal(t.done) else None
+        wrong += check(out, known, kill is None, at_once=end == "safe")
         before = out[-1][1] if out else before
     return t.done, wrong
 
@@ -331,7 +344,9 @@ def read_out(folder: Path) -> list[tuple[float, float]]:
     return [(float(a or "nan"), float(b)) for a, b in (line.split(",") for line in lines)]
 
 
-def check(out: list[tuple[float, float]], before: float | None, ends: bool) -> list[str]:
+def check(
+    out: list[tuple[float, float]], before: float | None, ends: bool, at_once: bool = True
+) -> list[str]:
     """What no stream may do."""
     wrong = []
     values = [value for _, value in out]
@@ -339,8 +354,8 @@ def check(out: list[tuple[float, float]], before: float | None, ends: bool) -> l
         wrong.append("beyond the limits")
     if ends and (not values or values[-1] != 0.0):
         wrong.append("no safe line at the end")
-    # The safe line at the end is at once; where it is the only one, too.
-    moving = values[:-1] if ends else values
+    # The safe line at the end may be at once; where it is the only one, too.
+    moving = values[:-1] if ends and at_once else values
     if before is not None:
         moving = [before, *moving]
     steps = [abs(b - a) for a, b in itertools.pairwise(moving)]

@@ -204,6 +204,61 @@ def test_a_signal_ends_in_the_safe_setpoint(run, number):
     assert signal.getsignal(number) is handler
 
 
+def ramp_of(lines):
+    return [[float(cell) for cell in line.split(",")] for line in lines]
+
+
+@pytest.mark.parametrize("number", [0, signal.SIGTERM])
+def test_the_end_goes_to_the_safe_setpoint_at_the_slew_rate(run, model, number):
+    def feed(inlet, outlet):
+        os.write(inlet, HEADER + b"0,0\n60,5.0\n120,5.0\n180,5.0\n")
+        read_lines(outlet, 5)
+        if number:
+            signal.pthread_kill(threading.main_thread().ident, number)
+            # The source stays open until the ramp has begun.
+            read_lines(outlet, 1)
+        os.close(inlet)
+
+    quick = replace(model, sample_period=0.02)
+    came, out = run(b"", feed, machine=quick, slew=50.0, max_gap=100.0, end="ramp")
+    assert came == number
+    ramp = ramp_of(out)
+    assert len(ramp) > 5
+    assert ramp[0][2] < -20
+    for (t0, _, y0), (t1, _, y1) in pairwise(ramp):
+        assert t1 > t0
+        assert abs(y1 - y0) <= 50.0 * (t1 - t0) + 1e-9
+    assert ramp[-1][1:] == [0.0, 0.0]
+    assert "ends: to the safe setpoint at the slew rate" in run.said
+
+
+def test_a_second_signal_ends_at_once(run, model):
+    seen = []
+
+    def feed(inlet, outlet):
+        os.write(inlet, HEADER + b"0,0\n60,5.0\n120,5.0\n180,5.0\n")
+        read_lines(outlet, 5)
+        for _ in range(2):
+            signal.pthread_kill(threading.main_thread().ident, signal.SIGTERM)
+            seen.extend(read_lines(outlet, 1))
+        os.close(inlet)
+
+    quick = replace(model, sample_period=0.02)
+    # At this rate the ramp would take minutes.
+    _, out = run(b"", feed, machine=quick, slew=0.01, max_gap=1e5, end="ramp")
+    lines = ramp_of([*seen, *out])
+    assert lines[0][2] < -1
+    assert lines[-1][1:] == [0.0, 0.0]
+    assert len(lines) < 200
+
+
+def test_the_last_setpoint_can_stay(run):
+    number, out = run(HEADER + b"0,0\n0.5,1.25\n1.0,2.5\n", end="hold")
+    assert number == 0
+    assert out[-1].startswith("1.0,")
+    assert float(out[-1].split(",")[2]) < 0
+
+
 def test_a_signal_ends_a_stream_whose_reader_sleeps_without_tearing_a_line(run):
     def feed(inlet, outlet):
         rows = b"".join(b"%d,1.0\n" % k for k in range(20000))

@@ -172,7 +172,7 @@ class Compensator:
 
     def finish(self) -> dict[str, float]:
         """The safe setpoint, at once."""
-        values = self._process.finish()
+        values = self._process.finish() or ()
         return dict(zip(self.names, values, strict=False))
 
     def state(self) -> dict[str, Any]:

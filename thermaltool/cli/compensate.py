@@ -75,7 +75,8 @@ def command(model: str, log: str, **options: Any) -> None:
     measured drives and effects of the model need (regularize names them). Readings that are bad
     (text, NaN, out of range, frozen, faster than the machine) are held, then the safe setpoint is
     written until good ones return; one of several sensors is left out. The safe setpoint is also
-    the last line, whatever ends the stream, at once; before, it is approached at --slew.
+    the last line, whatever ends the stream, at once (see --end); before, it is approached at
+    --slew.
     Each deflection d_PLACE_um gives a column offset_PLACE_um; --limit, --slew, --step and --safe
     count in its unit.
 
@@ -90,12 +91,7 @@ def command(model: str, log: str, **options: Any) -> None:
 
     shared.check_files(None, model, log)
     heater, settled = options["heater"], options["initial"] == "settled"
-    if heater is None and (options["target"] or options["lead"]):
-        raise click.UsageError("--target and --lead go with --heater")
-    if heater is not None and options["sign"] != "-1":
-        raise click.UsageError("--sign is for offsets: it does not go with --heater")
-    if heater is not None and options["safe"] != 0:
-        raise click.UsageError("--safe is for offsets: the safe setpoint of a heater is no power")
+    streaming.check_heater(options)
     counted = options["period"] and options["clock"] == "column"
     settings = streaming.settings_of(
         options,

@@ -94,7 +94,24 @@ actuating_options = shared.together(
                  "other sensors."),
     click.option("--audit", type=click.Path(dir_okay=False), metavar="FILE",
                  help="Append every change of state to this file, as NDJSON."),
+    click.option("--end", type=click.Choice(["safe", "ramp", "hold"]), default="safe",
+                 help="The last line, whatever ends the stream: the safe setpoint at once, or at "
+                 "--slew, or none, so that the last setpoint stays."),
 )  # fmt: skip
+
+
+def check_heater(options: Mapping[str, Any]) -> None:
+    """Raise UsageError where options for a heater and for offsets are mixed."""
+    if options["heater"] is None:
+        if options["target"] or options["lead"]:
+            raise click.UsageError("--target and --lead go with --heater")
+        return
+    if options["sign"] != "-1":
+        raise click.UsageError("--sign is for offsets: it does not go with --heater")
+    if options["end"] == "hold":
+        raise click.UsageError("--end hold is for offsets: a heater that is held stays on")
+    if options["safe"] != 0:
+        raise click.UsageError("--safe is for offsets: the safe setpoint of a heater is no power")
 
 
 def settings_of(options: dict[str, Any], **changed: Any) -> Settings:

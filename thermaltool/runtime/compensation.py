@@ -215,7 +215,10 @@ def _period(settings: Settings, period: float) -> float:
 def _policy(settings: Settings, period: float, sign: float, settled: bool) -> Policy:
     slew_gap = SLEW_PERIODS * period if settings.max_gap is None else settings.max_gap
     every, max_age = settings.checkpoint_every, settings.checkpoint_max_age
-    return Policy(period, sign, settings.safe, slew_gap, settled, max_age, LATE_SAVES * every)
+    return Policy(
+        period, sign, settings.safe, slew_gap, settled, max_age, LATE_SAVES * every,
+        hold_at_end=settings.end == "hold",
+    )  # fmt: skip
 
 
 def _clock_check(settings: Settings, period: float, messages: Messages) -> ClockCheck:

@@ -42,6 +42,8 @@ class Policy:
         Time after which a state that was kept says nothing of the machine.
     kept_every : float [s]
         How old a state is at the most that was kept before a kill.
+    hold_at_end : bool
+        The setpoints stay at the end; else they become safe.
     """
 
     period: float
@@ -51,6 +53,7 @@ class Policy:
     settled: bool = False
     max_age: float = math.inf
     kept_every: float = 0.0
+    hold_at_end: bool = False
 
 
 class SetpointProcess(Process):
@@ -324,8 +327,10 @@ class SetpointProcess(Process):
         """Whether every setpoint has reached the safe one."""
         return all(s.ramp == s.limits.clip(self._safe(s)) for s in self.setpoints)
 
-    def finish(self) -> list[Any]:
-        """The safe setpoint at once: nothing comes after it."""
+    def finish(self) -> list[Any] | None:
+        """The safe setpoint at once, or none where the last one stays: nothing comes after it."""
+        if self.policy.hold_at_end:
+            return None
         self.status = "safe"
         for setpoint in self.setpoints:
             setpoint.jump(self._safe(setpoint))

@@ -56,11 +56,12 @@ class LinePipe:
         self._woken, self._wake = os.pipe()
         os.set_blocking(self._wake, False)
         self._incoming, self._outgoing, self._last_word = (select.poll() for _ in range(3))
+        self._signalled = select.poll()
         self._incoming.register(self.source, select.POLLIN)
         self._incoming.register(self.sink, 0)  # tells of a reader that has left
         self._outgoing.register(self.sink, select.POLLOUT)
         self._last_word.register(self.sink, select.POLLOUT)
-        for poll in (self._incoming, self._outgoing):
+        for poll in (self._incoming, self._outgoing, self._signalled):
             poll.register(self._woken, select.POLLIN)
         self._handlers = {
             number: signal.signal(number, note)
@@ -96,6 +97,19 @@ class LinePipe:
                 self.sink_failed = True
                 raise BrokenPipeError
         return not self.signal and any(d == self.source for d, _ in ready)
+
+    def pause(self, seconds: float) -> bool:
+        """Let time pass and read nothing; False where a signal has come since the last call.
+
+        Parameters
+        ----------
+        seconds : float
+            0 to forget the signals that have come.
+        """
+        woken = self._signalled.poll(1000 * seconds)
+        if woken:
+            os.read(self._woken, READ_SIZE)
+        return not woken
 
     def read(self) -> list[bytes] | None:
         """The lines that have arrived, without their ends; None at the end of the source.

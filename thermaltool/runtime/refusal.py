@@ -53,6 +53,6 @@ def write_safe_line(names: list[str], settings: Settings, source: int, sink: int
         out = open_sink(settings.to_format, pipe)
         out.open(("time_s", *names))
         # Where the last set point is to be held, no line holds it.
-        if settings.safe is not None:
+        if settings.safe is not None and settings.end != "hold":
             out.write([(None, [settings.safe + 0.0] * len(names))])
         out.close()

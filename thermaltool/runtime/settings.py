@@ -54,6 +54,8 @@ class Settings:
         Rate and quantizer of the setpoints; inf and 0 for none.
     safe : float or None
         The safe setpoint; None holds the last one.
+    end : "safe", "ramp" or "hold"
+        The last line: the safe setpoint at once or at the slew rate, or none.
     estimates : bool
         Whether more is written than the setpoints: what they were made of.
     status : bool
@@ -85,6 +87,7 @@ class Settings:
     slew: float = math.inf
     step: float = 0.0
     safe: float | None = 0.0
+    end: Literal["safe", "ramp", "hold"] = "safe"
     estimates: bool = False
     status: bool = False
     trust: bool = False

@@ -63,6 +63,7 @@ def open_stream(
         timeout or math.inf,
         Audit(settings.audit),
         heartbeat_of_process(time.monotonic),
+        ramps=settings.end == "ramp",
     )
 
 
@@ -82,6 +83,8 @@ class Stream:
     restart : Restart
     audit : Audit
     heartbeat : Heartbeat
+    ramps : bool
+        Whether the end goes to the safe reply line by line.
     """
 
     pipe: LinePipe
@@ -93,6 +96,7 @@ class Stream:
     timeout: float = math.inf
     audit: Audit = field(default_factory=lambda: Audit(None))
     heartbeat: Heartbeat = field(default_factory=lambda: Heartbeat({}, time.monotonic))
+    ramps: bool = False
     now: Callable[[], float] = time.monotonic
     _heard_at: float = field(default=0.0, init=False)
     _due: float = field(default=math.inf, init=False)
@@ -121,7 +125,10 @@ class Stream:
                 self.audit.add("error", message=str(error) or type(error).__name__)
                 raise
             finally:
-                self._finish()
+                try:
+                    self._approach()
+                finally:
+                    self._finish()
         return self.pipe.signal
 
     def _begin(self) -> None:
@@ -232,6 +239,15 @@ class Stream:
             self._silent = True
             usable, then = ("usable ", ": safe setpoint") if self.process.actuates else ("", "")
             self.messages("", f"no {usable}line for {self.timeout:.3g} s{then}")
+        # What actuates says at each tick that it is safe: who reads it knows that it lives.
+        ticks = self._step_to_safe(elapsed) and self.process.actuates
+        again = self.process.period or USUAL_TICK
+        if self.process.at_safe:
+            again = max(again, USUAL_TICK)
+        self._due = self.now() + again if ticks or not self.process.at_safe else math.inf
+
+    def _step_to_safe(self, elapsed: float) -> bool:
+        """The reply to nothing, `elapsed` [s] after the last line; whether there is one."""
         before = self.process.values()
         reply = self.process.silence(elapsed)
         if reply is not None:
@@ -240,12 +256,21 @@ class Stream:
         if self.process.status != self._status:
             self._changed()
             self._save()
-        # What actuates says at each tick that it is safe: who reads it knows that it lives.
-        ticks = self.process.actuates and reply is not None
-        again = self.process.period or USUAL_TICK
-        if self.process.at_safe:
-            again = max(again, USUAL_TICK)
-        self._due = self.now() + again if ticks or not self.process.at_safe else math.inf
+        return reply is not None
+
+    def _approach(self) -> None:
+        """After the last line, to what is safe at the slew rate; a further signal ends it."""
+        # Where another stream has the actuators, this one leaves them alone.
+        if not self.ramps or self.process.at_safe or self.restart.taken:
+            return
+        self.messages.emit("ends: to the safe setpoint at the slew rate")
+        self.pipe.pause(0.0)
+        tick = min(self.process.period or USUAL_TICK, USUAL_TICK)
+        while not self.pipe.sink_failed:
+            self.heartbeat.beat()
+            self._step_to_safe(self.now() - self._heard_at)
+            if self.process.at_safe or not self.pipe.pause(tick):
+                return
 
     def _end(self) -> None:
         """The source has ended."""

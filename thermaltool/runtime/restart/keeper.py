@@ -93,12 +93,15 @@ class Restart:
         if self.checkpoint is not None:
             self.checkpoint.check_folder()
         standing = self.journal.open() if self.journal is not None else None
+        where = self.start if self.start is not None else standing
+        if where is not None:
+            # Before the state, which may be refused: the way to the safe set point begins there.
+            self.process.stand_at(where)
         kept = self.checkpoint.load() if self.checkpoint is not None else None
         begin = "from rest"
         if kept is not None:
             with self._whole_checkpoint():
                 begin = self._resume(kept)
-        where = self.start if self.start is not None else standing
         if where is not None:
             self.process.stand_at(where)
         elif kept is not None and self.journal is not None:
