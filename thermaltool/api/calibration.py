@@ -183,9 +183,9 @@ def calibrate(
         choose=True,
         linear=linear,
     )
-    need = (*drives, *sensors, *deflections)
+    outputs = (*sensors, *deflections)
     logs = [
-        read_for_fit(each, need, "response", (start, stop), warn=warn, **reading)
+        read_for_fit(each, drives, "response", (start, stop), outputs=outputs, warn=warn, **reading)
         for each in all_of(data)
     ]
     for log, rows in zip(logs, averaged_rows(logs), strict=True):

@@ -219,7 +219,7 @@ def identify(
         plan = TransferPlan(structure=form, orders=tuple(orders), initial=initial, split=split)
     logs: list[Log] = []
     for each in [*all_of(data), *([] if validate is None else [validate])]:
-        log = read_for_fit(each, (*inputs, *outputs), "transfer function", (start, stop),
+        log = read_for_fit(each, inputs, "transfer function", (start, stop), outputs=outputs,
                            pauses="the record is parted there", warn=warn, **reading)  # fmt: skip
         if structure != NETWORK:
             _check_clock(log, (logs or [log])[0].period, warn)

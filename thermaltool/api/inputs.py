@@ -80,6 +80,7 @@ def read_for_fit(
     subject: str,
     span: tuple[float | None, float | None] = (None, None),
     *,
+    outputs: Sequence[str] = (),
     min_rows: int = 2,
     pauses: str = HELD_OVER_PAUSES,
     warn: Notice = notice,
@@ -87,14 +88,20 @@ def read_for_fit(
 ) -> Log:
     """A log over a `span` of time [s], with a word on what its pauses mean.
 
+    Where missing values are omitted, a row in which an output alone is missing stays: what drives
+    acts there, too.
+
     Raises
     ------
     LogError
-        As `read_log`; too few rows to say anything of the `subject`.
+        As `read_log`; no such output, too few rows to say anything of the `subject`.
     """
     from thermaltool.logs import read_log
 
-    log = read_log(data, **reading, need=need).between(*span)
+    omits = reading.get("nan_policy") == "omit"
+    log = read_log(data, **reading, need=need if omits else (*need, *outputs)).between(*span)
+    for name in outputs:
+        log.column(name)
     if len(log) < min_rows:
         raise LogError(f"{len(log)} rows say nothing of a {subject}", log.name)
     warn_pauses(log, warn, pauses)

@@ -1,0 +1,54 @@
+"""A reading that is missing from an output takes no drive with it."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import thermaltool as tt
+
+pytestmark = pytest.mark.filterwarnings("ignore::thermaltool.errors.ThermalToolWarning")
+NOISE = 0.1
+
+
+@pytest.fixture
+def log():
+    """Two lags by Euler's rule, steps of power; no reading where two of the steps fall."""
+    rng = np.random.default_rng()
+    power = np.repeat(rng.uniform(0.2, 1, 30), 40)
+    power[:20] = 0.0
+    power[700:] = power[:-700]
+    power[300:330], power[900:930] = 0.0, 0.0
+    x, y = np.zeros(2), []
+    for p in power:
+        y.append(x.sum())
+        for _ in range(50):
+            x = x + (np.array([30.0, 10.0]) * p - x) / np.array([150.0, 40.0]) / 10
+    d = np.array(y) + rng.normal(0, NOISE, len(y))
+    d[300:345] = d[900:945] = np.nan
+    return pd.DataFrame({"time_s": 5.0 * np.arange(len(y)), "Q_main_W": power, "d_z_um": d})
+
+
+@pytest.mark.parametrize("structure", ["oe", "network", "subspace"])
+def test_validation_is_what_simulate_gives(log, structure):
+    form = {"orders": [(2, 2, 1)]} if structure == "oe" else {"modes": 2}
+    found = tt.identify(log, ["Q_main_W"], ["d_z_um"], split=0.6, nan_policy="omit",
+                        structure=structure, **form)  # fmt: skip
+    held = found.fits[0].validation
+    run = tt.simulate(found.model, log, initial=held.initial, start=held.start)
+    assert held.carried_on.rmse == pytest.approx(run.agreements["d_z_um"].rmse, rel=1e-3)
+    assert held.carried_on.rmse < 1.5 * NOISE
+
+
+def test_a_calibration_reaches_the_noise(log):
+    fit = tt.calibrate(log, ["Q_main_W"], deflections=["d_z_um"], nan_policy="omit")
+    assert tt.simulate(fit, log).agreements["d_z_um"].rmse < 1.2 * NOISE
+
+
+@pytest.mark.parametrize("channel", ["Q_main_W", "d_z_um"])
+def test_without_a_policy_a_missing_value_is_refused(log, channel):
+    whole = log.interpolate()
+    whole.loc[50, channel] = np.nan
+    with pytest.raises(tt.errors.LogError, match=f"{channel}: missing value"):
+        tt.calibrate(whole, ["Q_main_W"], deflections=["d_z_um"])
+    with pytest.raises(tt.errors.LogError, match=f"{channel}: missing value"):
+        tt.identify(whole, ["Q_main_W"], ["d_z_um"])
