@@ -113,7 +113,8 @@ def load_effect(document: Mapping[str, Any]) -> Effect:
     names = document.get("covariance_names", given)
     parameters = _Loaded(cls.name, {name: finite(given[name]) for name in names})
     for name, value in parameters.items():
-        if name.partition("[")[0] not in cls.known:
+        known = cls.known.get(name.partition("[")[0])
+        if known is None or (known.low > 0 and not value > 0):
             raise ModelError(f"{cls.name}: no parameter {name} = {value:g}")
     covariance = document.get("covariance")
     return cls(

@@ -96,12 +96,20 @@ def _load(whole: Part) -> Model:
         outputs=tuple(_load_output(part) for part in whole.parts("outputs")),
         terms=tuple(_load_term(part) for part in whole.parts("terms")),
         sample_period=whole.read("sample_period_s", documents.above_zero),
-        provenance=whole.read("provenance", documents.mapping, {}),
+        provenance=whole.read("provenance", _provenance, {}),
         design=whole.read("design", documents.bounded, None),
         effects=tuple(_load_effect(part) for part in whole.parts("effects", ())),
     )
     _check_ends(model)
     return model
+
+
+def _provenance(value: Any) -> dict[str, Any]:
+    found = documents.mapping(value)
+    logs = found.get("logs", [])
+    if not isinstance(logs, list) or not all(isinstance(log, dict) for log in logs):
+        raise ModelError("logs: not a list of objects")
+    return found
 
 
 def _load_drive(part: Part) -> Drive:

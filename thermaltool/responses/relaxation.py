@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from thermaltool.errors import ThermalToolWarning
+from thermaltool.errors import ModelError, ThermalToolWarning
 from thermaltool.laplace.contours import hyperbola_rule, windows
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Complex, Float, Hold, Modes
@@ -40,6 +40,8 @@ CONTOUR_NODES = 28
 SLOWEST_SHARE = 0.9
 FASTEST_OF_SAMPLE, FASTEST_OF_SLOWEST, FASTEST_OF_DELAY = 8.0, 1000.0, 30.0
 LIMIT_OF_SAMPLE, LIMIT_OF_SLOWEST = 800.0, 30000.0
+# Rates over more decades are those of no machine, and of no matrix of a size to work with.
+MAX_DECADES = 30
 
 
 @dataclass(frozen=True)
@@ -206,12 +208,21 @@ def diffusive_modes(response: Response, slowest: float, delay: float, dt: float)
     delay : float [s]
         Distance² over diffusivity.
     dt : float [s]
+
+    Raises
+    ------
+    ModelError
+        Rates over more than `MAX_DECADES`.
     """
     slow = SLOWEST_SHARE * slowest
     # Fast enough for the sample, and for the delay of diffusion where that is shorter.
     fastest = max(LIMIT_OF_SAMPLE / dt, LIMIT_OF_SLOWEST * slow)
     of_delay = min(FASTEST_OF_DELAY / delay if delay else np.inf, fastest)
     fast = max(FASTEST_OF_SAMPLE / dt, FASTEST_OF_SLOWEST * slow, of_delay)
+    if not fast < slow * 10.0**MAX_DECADES:
+        raise ModelError(
+            f"{response.kind}: rates from {slow:.2g} to {fast:.2g} 1/s are those of no machine"
+        )
     return fit_relaxation(response, slow, fast, dt)
 
 
