@@ -114,8 +114,9 @@ def _row(
     held = fit.validation
     assert held is not None
     try:
+        first = held.logs[0]
         run = tt.simulate(
-            found.model, path, columns=columns, initial=held.initial, start=held.start
+            found.model, path, columns=columns, initial=first.initial, start=first.start
         )
         simulated = f"{run.agreements[fit.model.target].fit_percent:.1f}"
     except ValueError:

@@ -34,7 +34,8 @@ def test_validation_is_what_simulate_gives(log, structure):
     found = tt.identify(log, ["Q_main_W"], ["d_z_um"], split=0.6, nan_policy="omit",
                         structure=structure, **form)  # fmt: skip
     held = found.fits[0].validation
-    run = tt.simulate(found.model, log, initial=held.initial, start=held.start)
+    (rows,) = held.logs
+    run = tt.simulate(found.model, log, initial=rows.initial, start=rows.start)
     assert held.carried_on.rmse == pytest.approx(run.agreements["d_z_um"].rmse, rel=1e-3)
     assert held.carried_on.rmse < 1.5 * NOISE
 

@@ -38,11 +38,39 @@ def test_validation_behind_a_split_is_what_simulate_gives(structure, warm):
     log = machine(1, warm)
     found = tt.identify(log, ["Q_main_W"], ["d_z_um"], split=0.6, **STRUCTURES[structure])
     held = found.fits[0].validation
-    assert structure == "arx" or held.initial == ("free" if warm else "rest")
-    run = tt.simulate(found.model, log, initial=held.initial, start=held.start)
+    (rows,) = held.logs
+    assert structure == "arx" or rows.initial == ("free" if warm else "rest")
+    run = tt.simulate(found.model, log, initial=rows.initial, start=rows.start)
     fit = run.agreements["d_z_um"].fit_percent
     assert held.carried_on.fit_percent == pytest.approx(fit, abs=0.01)
     assert fit > 80
+
+
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_rows_beside_a_span_drive_what_is_simulated(structure):
+    log, span = machine(6, warm=25.0), {"start": 1500.0, "stop": 4500.0}
+    found = tt.identify(log, ["Q_main_W"], ["d_z_um"], split=0.6, **span, **STRUCTURES[structure])
+    (rows,) = found.fits[0].validation.logs
+    run = tt.simulate(found.model, log, initial=rows.initial, start=rows.start, stop=rows.stop)
+    agreed = run.agreements["d_z_um"]
+    assert found.fits[0].validation.carried_on.rmse == pytest.approx(agreed.rmse, rel=1e-3)
+    assert agreed.rows == 240
+
+
+def test_a_span_of_another_log_is_what_simulate_gives():
+    span, other = {"start": 2000.0, "stop": 5000.0}, machine(8)
+    found = tt.identify(machine(7), ["Q_main_W"], ["d_z_um"], orders=[(2, 2, 1)], validate=other,
+                        **span)  # fmt: skip
+    agreed = tt.simulate(found.model, other, **span).agreements["d_z_um"]
+    assert found.fits[0].validation.carried_on.rmse == pytest.approx(agreed.rmse, rel=1e-3)
+    assert found.fits[0].validation.carried_on.fit_percent > 80
+
+
+def test_each_log_begins_in_a_state_of_its_own():
+    logs = [machine(11), machine(12, warm=30.0)]
+    found = tt.identify(logs, ["Q_main_W"], ["d_z_um"], orders=[(2, 2, 1)], split=0.6)
+    held = found.fits[0].validation
+    assert [each.initial for each in held.logs] == ["rest", "free"]
 
 
 def test_validation_on_another_log_is_what_simulate_gives():
@@ -63,10 +91,10 @@ def test_zeros_of_several_logs_explain_nothing():
     assert fit.training.fit_percent < 90
     assert fit.validation.carried_on.fit_percent < 90
     single = []
-    for log in logs:
-        start = 0.6 * len(log) * 5.0
-        run = tt.simulate(found.model, log, initial=fit.validation.initial, start=start)
+    for log, rows in zip(logs, fit.validation.logs, strict=True):
+        run = tt.simulate(found.model, log, initial=rows.initial, start=rows.start)
         single.append(run.agreements["d_z_um"].fit_percent)
+        assert rows.fit_percent == pytest.approx(single[-1], abs=0.01)
     assert fit.validation.least_fit == pytest.approx(min(single), abs=0.01)
     assert found.predicts == (min(single) > 0)
 

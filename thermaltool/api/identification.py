@@ -167,7 +167,7 @@ def identify(
     reference : "first" or float, optional
         What counts as no input in the model. Default: "first" for an absolute temperature, else 0.
     start, stop : float, optional [s]
-        The stretch that is fitted.
+        The stretch that is fitted and judged; all rows drive what is simulated.
     warn : callable
         Takes a sentence where a log pauses or its clock is uneven.
     **reading
@@ -210,19 +210,22 @@ def identify(
                     noise_orders=noise_orders, continuous=continuous, real_poles=real_poles,
                     initial=initial, split=split, validate=validate)  # fmt: skip
     plan: Plan
+    common: dict[str, Any] = {"initial": initial, "split": split, "span": (start, stop)}
     if structure == NETWORK:
-        plan = NetworkPlan(modes=modes, delay=delay or 0.0, initial=initial, split=split)
+        plan = NetworkPlan(modes=modes, delay=delay or 0.0, **common)
     elif structure == SUBSPACE:
-        plan = SubspacePlan(modes=modes, initial=initial, split=split)
+        plan = SubspacePlan(modes=modes, **common)
     else:
         form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
-        plan = TransferPlan(structure=form, orders=tuple(orders), initial=initial, split=split)
+        plan = TransferPlan(structure=form, orders=tuple(orders), **common)
     logs: list[Log] = []
     for each in [*all_of(data), *([] if validate is None else [validate])]:
         log = read_for_fit(each, inputs, "transfer function", (start, stop), outputs=outputs,
-                           pauses="the record is parted there", warn=warn, **reading)  # fmt: skip
+                           whole=True, pauses="the record is parted there", warn=warn,
+                           **reading)  # fmt: skip
         if structure != NETWORK:
-            _check_clock(log, (logs or [log])[0].period, warn)
+            first = (logs or [log])[0].between(start, stop)
+            _check_clock(log.between(start, stop), first.period, warn)
         logs.append(log)
     fresh = [] if validate is None else [logs.pop()]
     return Identification(

@@ -81,6 +81,7 @@ def read_for_fit(
     span: tuple[float | None, float | None] = (None, None),
     *,
     outputs: Sequence[str] = (),
+    whole: bool = False,
     min_rows: int = 2,
     pauses: str = HELD_OVER_PAUSES,
     warn: Notice = notice,
@@ -88,7 +89,8 @@ def read_for_fit(
 ) -> Log:
     """A log over a `span` of time [s], with a word on what its pauses mean.
 
-    Where missing values are omitted, a row in which an output alone is missing stays: what drives
+    With `whole` all rows are returned, and those of the span checked. Where missing values are
+    omitted, a row in which an output alone is missing stays: what drives
     acts there, too.
 
     Raises
@@ -99,13 +101,14 @@ def read_for_fit(
     from thermaltool.logs import read_log
 
     omits = reading.get("nan_policy") == "omit"
-    log = read_log(data, **reading, need=need if omits else (*need, *outputs)).between(*span)
+    log = read_log(data, **reading, need=need if omits else (*need, *outputs))
+    part = log.between(*span)
     for name in outputs:
         log.column(name)
-    if len(log) < min_rows:
-        raise LogError(f"{len(log)} rows say nothing of a {subject}", log.name)
-    warn_pauses(log, warn, pauses)
-    return log
+    if len(part) < min_rows:
+        raise LogError(f"{len(part)} rows say nothing of a {subject}", log.name)
+    warn_pauses(part, warn, pauses)
+    return log if whole else part
 
 
 def warn_pauses(log: Log, warn: Notice, meaning: str = HELD_OVER_PAUSES) -> None:

@@ -127,7 +127,7 @@ def simulate(
     Raises
     ------
     LogError
-        A log that cannot be read, or that lacks a drive.
+        A log that cannot be read, that lacks a drive, or none of whose rows is judged.
     ModelError
         A file that is no model.
 
@@ -164,6 +164,8 @@ def simulate(
     judged = (log.time >= (-np.inf if start is None else start)) & (
         log.time <= (np.inf if stop is None else stop)
     )
+    if len(log) and not judged.any():
+        log.between(start, stop)  # says which rows there are
     for output in model.outputs:
         name, level = output.channel, simulated[output.channel]
         if name in log.columns:

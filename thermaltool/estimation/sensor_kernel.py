@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from thermaltool.documents import Part, finite
 from thermaltool.errors import ModelError
 from thermaltool.estimation.cascade import lagged_modes
 from thermaltool.estimation.kernel import Kernel, Regularization, invert_modes, kernel_table
@@ -149,12 +149,11 @@ def _term(model: Model, sensor: str, measured: set[str]) -> Term:
 
 def _designed(model: Model, sensor: str) -> Regularization:
     """The regularization of the model's design for this sensor."""
-    settings: Mapping[str, Any] = {}
-    if model.design is not None:
-        design = model.estimator_design()
-        settings = design.get("settings", {}) if design.get("sensors") == [sensor] else {}
-    if not {"A", "B", "c"} <= settings.keys():
+    design = {} if model.design is None else model.estimator_design()
+    of_sensor = design if design.get("sensors") == [sensor] else {}
+    settings = Part(of_sensor.get("settings", {}), "design.settings")
+    if not {"A", "B", "c"} <= set(settings.names()):
         raise ModelError(
             "no regularization: run thermaltool regularize --form kernel, or give --regularization"
         )
-    return Regularization(settings["A"], settings["B"], settings["c"])
+    return Regularization(*(settings.read(name, finite) for name in ("A", "B", "c")))

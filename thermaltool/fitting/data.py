@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, repeat
@@ -150,11 +150,13 @@ class TrainingData:
             raise FitError(f"{self.outputs[k]} has no reading in any log")
         return replace(self.only(k), records=tuple(parts))
 
-    def from_rest(self) -> TrainingData:
-        """The same, every experiment settled at its first inputs when it begins."""
+    def from_rest(self, experiments: Container[int] | None = None) -> TrainingData:
+        """The same, these experiments (None: all) settled at their first inputs when they begin."""
         begins = self.begins
         return replace(self, records=tuple(
-            replace(r, at_rest=begins[r.origin] == k) for k, r in enumerate(self.records)
+            replace(r, at_rest=begins[r.origin] == k
+                    and (experiments is None or r.origin in experiments))
+            for k, r in enumerate(self.records)
         ))  # fmt: skip
 
     def split(self, share: float) -> Split:

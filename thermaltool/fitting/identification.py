@@ -19,7 +19,7 @@ from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.residuals import residual_tests
 from thermaltool.fitting.selection import Candidate
 from thermaltool.fitting.start_state import Initial
-from thermaltool.fitting.validation import validate, validate_on
+from thermaltool.fitting.validation import Span, validate, validate_on
 from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.units import Reference
@@ -37,12 +37,15 @@ class Plan(ABC):
         State at the first row.
     split : float or None
         Share of the rows that are fitted; the rest validates.
+    span : (float or None, float or None) [s]
+        The stretch of every log that is fitted and judged; its other rows drive what is simulated.
     """
 
     joint: ClassVar[bool] = False
 
     initial: Initial = "auto"
     split: float | None = None
+    span: Span = (None, None)
 
     @abstractmethod
     def start(self, data: TrainingData) -> TrainingData:
@@ -88,8 +91,9 @@ def identify(
     FitError
         Data that the plan's form does not fit, or that are too few to validate.
     """
-    sets = plan.data_sets(logs, inputs, outputs)
-    held = plan.data_sets(fresh, inputs, outputs) if fresh else [None] * len(sets)
+    parts, others = ([log.between(*plan.span) for log in each] for each in (logs, fresh))
+    sets = plan.data_sets(parts, inputs, outputs)
+    held = plan.data_sets(others, inputs, outputs) if fresh else [None] * len(sets)
     return tuple(
         fit
         for data, own in zip(sets, held, strict=True)
@@ -132,14 +136,12 @@ def _judged(
             fit = replace(
                 fit,
                 validation=validate(
-                    model, split.only(k), whole, [logs[n] for n in split.data.logs]
+                    model, split.only(k), whole, [logs[n] for n in split.data.logs], plan.span
                 ),
             )
         elif fresh is not None:
-            held = fresh.only(k)
-            fit = replace(
-                fit, validation=validate_on(model, held, whole, [fresh_logs[n] for n in held.logs])
-            )
+            held, used = fresh.only(k), [fresh_logs[n] for n in fresh.logs]
+            fit = replace(fit, validation=validate_on(model, held, whole, used, plan.span))
         fits.append(fit)
     return fits
 

@@ -45,13 +45,13 @@ def with_start(
 ) -> TrainingData:
     """The data with what is known of the state at the first row of each experiment.
 
-    "auto" is rest, unless a free state at the start describes some output clearly better.
+    "auto" is rest, unless a free state at the start describes some output clearly better. An
+    experiment whose signals are all idle at first is at rest in any case.
 
     Free responses can stand for slow modes: with one step in the record gain, offset, modes and
     state are confounded, and a free state is preferred for the smallest error of the model. A
-    record that begins within a transient gains far more by it, or its errors become white. Records
-    whose signals are all idle at first are at rest whatever the losses say: a delay alone can make
-    a free state better.
+    record that begins within a transient gains far more by it, or its errors become white. Of
+    idle signals a delay alone can make a free state better.
 
     Parameters
     ----------
@@ -71,16 +71,18 @@ def with_start(
     data.check()
     if any(len(data.records[k]) < COMPARED_PARTS * MIN_PART_ROWS for k in data.begins.values()):
         return data  # too short to tell rest from a transient
-    if all(_begins_idle(data.measured(k)) for k in range(len(data.outputs))):
+    idle = {origin for origin in data.begins if _begins_idle(data, origin)}
+    if len(idle) == data.experiments:
         return data.from_rest()
+    unknown = data.from_rest(idle)
     rest = errors_of(data.from_rest())
-    free = None if rest is None else errors_of(data)
+    free = None if rest is None else errors_of(unknown)
     if rest is None or free is None:
-        return data
+        return unknown
     for at_rest, at_free, runs in zip(rest.mean_squares, free.mean_squares, free.runs(),
                                       strict=True):  # fmt: skip
         if _clearly_better(at_rest, at_free, runs):
-            return data
+            return unknown
     return data.from_rest()
 
 
@@ -91,9 +93,14 @@ def _clearly_better(rest: float, free: float, runs: Sequence[Array]) -> bool:
     return ratio > MIN_FACTOR or rows * float(np.log(max(ratio, 1.0))) > MIN_EVIDENCE
 
 
-def _begins_idle(data: TrainingData) -> bool:
-    """Whether inputs and the output stand still, within their noise, as every experiment begins."""
-    return all(stands_still(data.u[k], data.y[k][0]) for k in data.begins.values())
+def _begins_idle(data: TrainingData, origin: int) -> bool:
+    """Whether inputs and outputs stand still, within their noise, as an experiment begins."""
+    for k in range(len(data.outputs)):
+        measured = data.measured(k)
+        first = measured.begins.get(origin)
+        if first is None or not stands_still(measured.u[first], measured.y[first][0]):
+            return False
+    return True
 
 
 def stands_still(inputs: Array, output: Array) -> bool:

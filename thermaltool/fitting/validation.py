@@ -7,7 +7,7 @@ estimated from the validation data themselves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,6 +26,41 @@ from thermaltool.units import is_displacement
 
 # Readings that one record has to hold beyond the state that is estimated at its start.
 MIN_MORE_READINGS = 2
+# First and last moment of what is fitted and judged [s]; open where None.
+Span = tuple[float | None, float | None]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Rows of a log that are held out, as ``simulate`` judges them.
+
+    Attributes
+    ----------
+    log : Record
+        All of it: every row drives the model.
+    initial : {"rest", "free"}
+        How the log begins.
+    start, stop : float or None [s]
+        The rows that are judged.
+    fit_percent : float
+        NaN before they are.
+    """
+
+    log: Record
+    initial: Start
+    start: float | None
+    stop: float | None
+    fit_percent: float = float("nan")
+
+    def document(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {
+            "log": self.log.name,
+            "initial": self.initial,
+            "start_s": self.start,
+            "stop_s": self.stop,
+            "fit_percent": jsonable(self.fit_percent),
+        }
 
 
 @dataclass(frozen=True)
@@ -41,20 +76,22 @@ class Validation:
     improvement : float [%]
         Share by which the model, carried on, reduces the mean deviation from where its log begins
         (Mareš et al.: imp).
-    initial : {"rest", "free"}
-        How the logs begin.
-    least_fit : float [%]
-        Of the log that it predicts least.
-    start : float or None [s]
-        The first of these rows, in the first log; None where they are another log.
+    logs : tuple of HeldOut
+        Which rows of each log, and the fit of each.
+    is_split : bool
+        Whether they go on from rows that were fitted; else they are other logs.
     """
 
     carried_on: Agreement
     estimated_state: Agreement
     improvement: float
-    initial: Start
-    least_fit: float
-    start: float | None = None
+    logs: tuple[HeldOut, ...]
+    is_split: bool
+
+    @property
+    def least_fit(self) -> float:
+        """Fit of the log that the model predicts least [%]."""
+        return float(np.nanmin([each.fit_percent for each in self.logs]))
 
     @property
     def predicts(self) -> bool:
@@ -67,13 +104,12 @@ class Validation:
             "fit_percent": jsonable(self.carried_on.fit_percent),
             "fit_state_estimated_percent": jsonable(self.estimated_state.fit_percent),
             "improvement_percent": jsonable(self.improvement),
-            "initial": self.initial,
-            "start_s": self.start,
+            "logs": [each.document() for each in self.logs],
         }
 
 
 def validate(
-    model: OutputModel, split: Split, whole: Model | None, logs: Sequence[Record]
+    model: OutputModel, split: Split, whole: Model | None, logs: Sequence[Record], span: Span
 ) -> Validation:
     """How a model does on the held-out rows of the logs that it was fitted to.
 
@@ -85,7 +121,9 @@ def validate(
     whole : Model or None
         Its document; None where it has none: then the model itself is run.
     logs : sequence of Record
-        Each an experiment of the split.
+        Each an experiment of the split, with the rows beside the span.
+    span : (float or None, float or None) [s]
+        What was fitted and is judged.
 
     Raises
     ------
@@ -93,21 +131,24 @@ def validate(
         Too few readings in every record, or an output that does not move.
     """
     held, begins = split.held, split.data.begins
-    initial: Start = (
-        "rest" if all(split.data.records[k].at_rest for k in begins.values()) else "free"
-    )
-    since = [held.records[k].time[0] for _, k in sorted(held.begins.items())]
-    runs = None if whole is None else _runs(whole, model.target, logs, since, initial)
-    if runs is None:
-        runs = [(held.output(), model.carried_on(split), np.concatenate([
-            np.full(len(r), _level(split.data.records[begins[r.origin]], model.target))
-            for r in held.records
-        ]))]  # fmt: skip
-    return replace(_judged(model, held, "fitted", runs, initial), start=float(since[0]))
+    rows = [
+        HeldOut(
+            logs[origin],
+            "rest" if split.data.records[begins[origin]].at_rest else "free",
+            float(held.records[k].time[0]),
+            span[1],
+        )
+        for origin, k in sorted(held.begins.items())
+    ]
+    return _judged(model, held, "fitted", rows, whole, lambda: model.carried_on(split), True)
 
 
 def validate_on(
-    model: OutputModel, fresh: TrainingData, whole: Model | None, logs: Sequence[Record]
+    model: OutputModel,
+    fresh: TrainingData,
+    whole: Model | None,
+    logs: Sequence[Record],
+    span: Span,
 ) -> Validation:
     """The same on other logs, in which a displacement has a zero of its own.
 
@@ -118,73 +159,80 @@ def validate_on(
         With the output of the model alone.
     whole : Model or None
     logs : sequence of Record
+    span : (float or None, float or None) [s]
 
     Raises
     ------
     FitError
     """
     zero: Zero = "free" if is_displacement(model.target) else "mean"
-    runs = None
-    if whole is not None:
-        runs = _runs(whole, model.target, logs, [-np.inf] * len(logs), "rest")
-    if runs is None:
-        begins = fresh.begins
-        runs = [(fresh.output(), model.run(fresh.from_rest(), zero), np.concatenate([
-            np.full(len(r), _level(fresh.records[begins[r.origin]], model.target))
-            for r in fresh.records
-        ]))]  # fmt: skip
-    return _judged(model, fresh, zero, runs, "rest")
+    rows = [HeldOut(log, "rest", *span) for log in logs]
+    return _judged(
+        model, fresh, zero, rows, whole, lambda: model.run(fresh.from_rest(), zero), False
+    )
 
 
-Run = tuple[Array, Array, Array]
+Run = tuple[Array, Array]
 
 
-def _runs(
-    whole: Model, target: str, logs: Sequence[Record], since: Sequence[float], initial: Start
-) -> list[Run] | None:
-    """As measured, as simulated, and the level at which each log begins; None where one cannot."""
+def _simulated(whole: Model, target: str, rows: Sequence[HeldOut]) -> list[Run] | None:
+    """As measured and as simulated, for each log; None where one cannot be simulated."""
     output = next(o for o in whole.outputs if o.channel == target)
     found = []
-    for log, start in zip(logs, since, strict=True):
+    for each in rows:
+        log, time = each.log, each.log.time
         if not all(np.isfinite(log.column(drive.channel)).all() for drive in whole.drives):
             return None
+        start = -np.inf if each.start is None else each.start
         try:
-            simulated = whole.simulate(log)[target]
             computed, zero = with_initial_state(
-                whole, output, log, simulated, initial, log.time < start
+                whole, output, log, whole.simulate(log)[target], each.initial, time < start
             )
         except (LogError, ModelError):
             return None
-        rows = log.time >= start
-        measured = log.column(target)
-        level = np.full(int(rows.sum()), _level(log, target))
-        found.append((measured[rows], computed[rows] + zero.value, level))
+        judged = (time >= start) & (time <= (np.inf if each.stop is None else each.stop))
+        found.append((log.column(target)[judged], computed[judged] + zero.value))
     return found
 
 
-def _level(record: Record, target: str) -> float:
-    return start_level(record.column(target)).value
+def _of_experiments(held: TrainingData, computed: Array) -> list[Run]:
+    """As measured and as computed over all records, for each experiment."""
+    origins = np.concatenate([np.full(len(r), r.origin) for r in held.records])
+    y = held.output()
+    return [(y[origins == k], computed[origins == k]) for k in sorted(held.begins)]
 
 
 def _judged(
-    model: OutputModel, held: TrainingData, zero: Zero, runs: Sequence[Run], initial: Start
+    model: OutputModel,
+    held: TrainingData,
+    zero: Zero,
+    rows: Sequence[HeldOut],
+    whole: Model | None,
+    run: Callable[[], Array],
+    is_split: bool,
 ) -> Validation:
+    """The model document as ``simulate`` runs it, or the model's own `run` where it has none."""
     y, own = held.output(), model.run(held, zero)
     ends = np.cumsum([len(record) for record in held.records])[:-1]
     counted = np.split(np.isfinite(y) & np.isfinite(own), ends)
     if max(map(np.sum, counted)) < model.order + MIN_MORE_READINGS:
-        rows = [int(np.isfinite(values).sum()) for values in np.split(y, ends)]
-        apart = f" (at most {max(rows)} in one piece)" if len(rows) > 1 else ""
+        readings = [int(np.isfinite(values).sum()) for values in np.split(y, ends)]
+        apart = f" (at most {max(readings)} in one piece)" if len(readings) > 1 else ""
         raise FitError(
-            f"{model.target}: {sum(rows)} validation rows{apart} are too few for the delays, a "
+            f"{model.target}: {sum(readings)} validation rows{apart} are too few for the delays, a "
             f"state of order {model.order} at their start and a judgement"
         )
-    fits = [agreement(measured, computed).fit_percent for measured, computed, _ in runs]
+    runs = None if whole is None else _simulated(whole, model.target, rows)
+    runs = runs or _of_experiments(held, run())
+    logs = tuple(
+        replace(each, fit_percent=agreement(*run).fit_percent)
+        for each, run in zip(rows, runs, strict=True)
+    )
     # Each log about its own mean: arbitrary zeros would pass for something to explain.
-    means = [np.mean(y[np.isfinite(y)]) if np.isfinite(y).any() else 0.0 for y, _, _ in runs]
-    measured, computed, level = (
+    means = [np.mean(y[np.isfinite(y)]) if np.isfinite(y).any() else 0.0 for y, _ in runs]
+    measured, computed = (
         np.concatenate([run[k] - mean for run, mean in zip(runs, means, strict=True)])
-        for k in range(3)
+        for k in range(2)
     )
     carried = agreement(measured, computed)
     if not np.isfinite(carried.fit_percent):
@@ -192,7 +240,10 @@ def _judged(
             f"{model.target} is constant over the {carried.rows} validation rows: they say nothing "
             "of the model"
         )
+    level = np.concatenate([
+        np.full(len(run[0]), start_level(each.log.column(model.target)).value - mean)
+        for each, run, mean in zip(rows, runs, means, strict=True)
+    ])  # fmt: skip
     gained = improvement(measured - level, computed - level)
-    return Validation(
-        carried, agreement(*held.about_means(y, own)), gained, initial, float(np.nanmin(fits))
-    )
+    about = agreement(*held.about_means(y, own))
+    return Validation(carried, about, gained, logs, is_split)

@@ -109,7 +109,7 @@ def _failed(fits: Sequence[Fit]) -> list[str]:
             f"{fit.model.target}: the model predicts nothing: the mean of the validation data is "
             f"nearer to them than its run ({held.least_fit:.3g} %)"
         )
-        if held.start is None and held.estimated_state.fit_percent > 0:
+        if not held.is_split and held.estimated_state.fit_percent > 0:
             sentence = (
                 f"{fit.model.target}: from rest, as simulate runs it, the model is farther from "
                 f"the validation log than the mean of that ({held.least_fit:.3g} %); with the "

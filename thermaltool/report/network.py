@@ -117,8 +117,8 @@ def network_table(fits: Sequence[Fit]) -> str:
                 *(with_interval(e) for e in output.weight_estimates(i)),
             ])  # fmt: skip
     parts = [head, aligned(modes), aligned(weights), aligned(agreement_rows(fits))]
-    if fits[0].validation is not None and fits[0].validation.start is not None:
-        parts.append(f"validation: {repeated(fits[0])}")
+    if lines := repeated(fits[0]):
+        parts.append("\n".join(lines))
     if fits[0].candidates:
         parts.append(_candidates(fits[0].candidates))
     return "\n\n".join(parts)
