@@ -12,7 +12,7 @@ from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.output_model import ContinuousTerm
 from thermaltool.fitting.residuals import ResidualTests
 from thermaltool.fitting.selection import Candidate
-from thermaltool.fitting.transfer.continuous_term import MAX_MISMATCH, oscillates
+from thermaltool.fitting.transfer.continuous_term import MAX_MISMATCH, feedthrough, oscillates
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.polynomials import MAX_POLE_RADIUS
 from thermaltool.fitting.transfer.search import FALLBACK, SEPARATE
@@ -185,7 +185,7 @@ def _feedthrough(term: ContinuousTerm | str) -> str:
     """What the table says beside the dead time of an input that acts at once."""
     if isinstance(term, str) or not is_direct(term):
         return ""
-    return f", direct {getattr(term.response, 'K0'):.4g}"
+    return f", direct {feedthrough(term.response):.4g}"
 
 
 def held_samples(name: str) -> int:

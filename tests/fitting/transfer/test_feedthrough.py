@@ -37,7 +37,7 @@ def test_feedthrough_is_found_for_the_input_that_has_it():
     assert (direct, lagging) == (0, 1)
     terms = found.document()["models"][0]["terms"]
     assert [term["feedthrough"] for term in terms] == [True, False]
-    assert found.model.terms[0].response.K0 == pytest.approx(1.5, rel=0.05)
+    assert found.model.terms[0].response.direct == pytest.approx(1.5, rel=0.05)
 
 
 @pytest.mark.slow
@@ -45,7 +45,7 @@ def test_feedthrough_is_found_by_output_error_of_two_inputs():
     found = tt.identify(log(1, logged_late=False), NAMES, "T_a_degC")
     assert found.fits[0].model.orders.nk == (0, 1)
     assert found.fits[0].model.time_constants(1)[0].value == pytest.approx(TAU, rel=0.1)
-    assert found.model.terms[0].response.K0 == pytest.approx(1.5, rel=0.02)
+    assert found.model.terms[0].response.direct == pytest.approx(1.5, rel=0.02)
 
 
 def test_inputs_read_at_the_end_of_their_sample_act_at_once():
@@ -57,7 +57,7 @@ def test_inputs_read_at_the_end_of_their_sample_act_at_once():
     # The noise has a deviation of 0.1 K.
     assert fit.validation.carried_on.rmse < 0.12
     response = found.model.terms[0].response
-    assert response.K0 == pytest.approx(2 * (1 - np.exp(-DT / TAU)), rel=0.1)
+    assert response.direct == pytest.approx(2 * (1 - np.exp(-DT / TAU)), rel=0.1)
     assert response.dc_gain() == pytest.approx(2, rel=0.03)
     assert "0, direct 0.1" in found.table()
     simulated = found.model.simulate(record)["T_a_degC"][: fit.data.rows]

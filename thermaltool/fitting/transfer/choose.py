@@ -16,7 +16,13 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData
-from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, Candidate, rank
+from thermaltool.fitting.selection import (
+    FITTED_SHARE,
+    MAX_DELAY,
+    MIN_DIRECT_EVIDENCE,
+    Candidate,
+    rank,
+)
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.fitting.transfer.output_error import Problem
@@ -27,9 +33,6 @@ from thermaltool.fitting.transfer.structure import Structure
 MAX_ORDER = 4
 # Times that the delay of every input is found anew, the others held.
 DELAY_ROUNDS = 3
-# Direct feedthrough is tried where the input of the same row lowers the squared error by more than
-# this many times ln N error variances.
-MIN_DIRECT_EVIDENCE = 2.0
 
 # Numerator coefficients of each input, order of the denominators, delays.
 Tried = tuple[tuple[int, ...], int, tuple[int, ...]]

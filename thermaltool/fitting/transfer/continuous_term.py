@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from thermaltool.errors import ModelError
 from thermaltool.fitting.data import Array
 from thermaltool.fitting.output_model import ContinuousTerm
+from thermaltool.responses import Response
 from thermaltool.responses.modes import Hold
 from thermaltool.responses.rational import oscillation_names, rational_kind
 from thermaltool.signals.intervals import standard_error
@@ -39,8 +40,8 @@ def continuous_term(model: TransferModel, k: int, hold: Hold) -> ContinuousTerm:
     k : int
     hold : "zero" or "first"
         Of the input between samples. A held input reaches the next sample first: of nk samples
-        of delay one is the sampling's own; none is direct feedthrough. An input that runs on reaches
-    the same sample in part: feedthrough of it is what that does not explain.
+        of delay one is the sampling's own; none is direct feedthrough. An input that runs on
+        reaches the same sample in part: feedthrough of it is what that does not explain.
 
     Raises
     ------
@@ -64,7 +65,7 @@ def continuous_term(model: TransferModel, k: int, hold: Hold) -> ContinuousTerm:
             MAX_STEP_SAMPLES,
         )
     )
-    time, u = model.dt * np.arange(samples), np.ones(samples)
+    time, u = model.dt * np.arange(samples, dtype=float), np.ones(samples)
     u[0] = 0.0
     wanted = _alone(model, k, u)
     nk = model.orders.nk[k]
@@ -77,9 +78,8 @@ def continuous_term(model: TransferModel, k: int, hold: Hold) -> ContinuousTerm:
         if not direct or found.mismatch <= MAX_MISMATCH:
             return found
     exact, weights = _fitted(direct, searched, time, u, hold, model.dt, wanted)
-    if plain and abs(exact.response.direct) < MIN_DIRECT_ERRORS * _error(model, k, weights, u):
-        return found
-    return exact
+    least = MIN_DIRECT_ERRORS * _error(model, k, weights, u)
+    return found if plain and abs(feedthrough(exact.response)) < least else exact
 
 
 def _kind(lags: int, pairs: int, direct: bool, place: str) -> Any:
@@ -88,6 +88,11 @@ def _kind(lags: int, pairs: int, direct: bool, place: str) -> Any:
         return rational_kind(lags, pairs, direct)
     except ModelError as error:
         raise ModelError(f"{place}: {error}") from error
+
+
+def feedthrough(response: Response) -> float:
+    """What an output has of its input at once: the step response at its first instant."""
+    return float(response.step(np.zeros(1))[0])
 
 
 def _error(model: TransferModel, k: int, weights: Array, u: Array) -> float:
