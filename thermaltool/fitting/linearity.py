@@ -6,7 +6,9 @@ first-order lags, the model's own responses, the output a sample before and afte
 stand second- and third-order terms: powers of the simulated output (a nonlinearity behind the
 dynamics, Wiener), powers of the inputs through the model's responses (before them, Hammerstein),
 products of input and output or of two inputs through them (bilinear). All is whitened by an AR
-model of what the whole regression leaves, and both parts are compared by F.
+model of what the whole regression leaves, and both parts are compared by F. Where that looks
+significant, the p-value is found anew from noise of the colour that the linear terms leave, for
+which everything is done again: a regression flatters slow noise.
 
 Higher-order correlation: Billings and Voon, Int. J. Control 44 (1986) 235; the regression form
 with a linear part taken off first: Tsay, Biometrika 73 (1986) 461.
@@ -23,6 +25,7 @@ from scipy.special import fdtrc
 
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.error_model import MAX_AR_ORDER, ROWS_PER_COEFFICIENT, runs_of
+from thermaltool.fitting.joint import with_absorbed
 from thermaltool.fitting.output_model import OutputModel
 from thermaltool.record import Record
 from thermaltool.signals.gauss_newton import solve
@@ -31,27 +34,24 @@ from thermaltool.timeseries.runs import joined
 
 # Rows are averaged in groups to so many at most: what is slow is found as well, in less time.
 MAX_ROWS = 4000
-# Rows for each column of the regression, at least.
-ROWS_PER_COLUMN = 6
-# Lags of the bank for each input, from one row to this share of the longest record.
-MAX_BANK, SLOWEST_SHARE = 8, 0.25
-# Products of two inputs are taken of so many inputs at most.
+# Rows for each column of the regression, at least; a run of fewer says nothing of the colour.
+ROWS_PER_COLUMN, MIN_RUN = 6, 40
+# Lags of the bank for each input, and for all, from one row to this share of the longest record.
+MIN_BANK, MAX_BANK, MAX_ALL_BANKS, SLOWEST_SHARE = 2, 8, 24, 0.25
+# Of so many inputs at most the terms of third order are taken, and products of two inputs.
 MAX_CROSSED_INPUTS = 4
 # Records with a decay of their own at the start, at most.
 MAX_DECAYS = 3
-# What the linear terms leave of another one counts above this share of it.
-MIN_NEW_SHARE = 1e-3
-# Times that the colour of the errors is found anew.
-COLOUR_ROUNDS = 2
+# Other terms count where the linear ones leave more than this share of them; linear ones where
+# they are no combination of others to this share.
+MIN_NEW_SHARE, MIN_DIRECTION = 1e-3, 1e-8
+# An error below this share of the squared output is rounding; a run above so many deviations of
+# the output is one of an unstable model.
+MIN_RELATIVE_ERROR, MAX_RELATIVE_RUN = 1e-16, 1e3
 # A p-value below this by the F distribution is found anew by simulated noise: so many draws at
-# most, fewer where so many statistics are larger; rows before each in which noise settles.
-SURE_P_VALUE, MAX_DRAWS, ENOUGH_LARGER, SETTLING_ROWS = 0.1, 199, 10, 500
-# Linear terms count where they are no combination of others to this share; an error below this
-# share of the squared output is rounding.
-MIN_DIRECTION, MIN_RELATIVE_ERROR = 1e-8, 1e-16
-# Runs of fewer rows say nothing of the colour.
-MIN_RUN = 40
-# "Nonlinear" needs a smaller p-value, and this share of the squared error explained.
+# most, fewer where so many statistics are larger; rows before each in which the noise settles.
+SURE_P_VALUE, MAX_DRAWS, ENOUGH_LARGER, SETTLING_ROWS = 0.1, 99, 10, 500
+# "Nonlinear" needs a p-value of no more, and this share of the squared error explained.
 MAX_P_VALUE, MIN_EXPLAINED = 0.01, 0.1
 
 
@@ -62,7 +62,7 @@ class LinearityTest:
     Attributes
     ----------
     p_value : float
-        Of the error having none of them; NaN where there are too few rows.
+        Of the error having none of them.
     explained : float
         Share of the squared error that they explain.
     linear_fit_percent, nonlinear_fit_percent : float
@@ -79,8 +79,8 @@ class LinearityTest:
 
     @property
     def nonlinear(self) -> bool:
-        """Whether the plant is not linear, and by how much counts."""
-        return self.p_value < MAX_P_VALUE and self.explained > MIN_EXPLAINED
+        """Whether the plant is not linear, and by so much that it counts."""
+        return self.p_value <= MAX_P_VALUE and self.explained >= MIN_EXPLAINED
 
 
 @dataclass(frozen=True)
@@ -101,6 +101,10 @@ class Regression:
     other: Array
     ends: tuple[int, ...]
 
+    def runs(self, rows: Array) -> list[Array]:
+        """Rows (n,) or (p, n) run by run."""
+        return np.split(rows, self.ends[:-1], axis=-1)
+
 
 def linearity_test(model: OutputModel, data: TrainingData) -> LinearityTest | None:
     """Test of the errors of a free run; None where the data are too few.
@@ -112,17 +116,20 @@ def linearity_test(model: OutputModel, data: TrainingData) -> LinearityTest | No
         With the one output of the model.
     """
     names, found = _regression(model, data)
-    reduced = None if found is None else _reduced(found)
-    if found is None or reduced is None:
+    if found is None:
         return None
-    p_value = reduced.p_value
+    basis = _orthonormal(np.vstack([found.linear, found.other]), MIN_DIRECTION)
+    reduced = _reduced(found, basis)
+    if reduced is None:
+        return None
+    p_value = float(fdtrc(*reduced.degrees, reduced.statistic))
     if p_value < SURE_P_VALUE:
-        p_value = _simulated_p_value(found, reduced)
-    # What the terms are worth in the error as it is, by the weights of the whitened rows.
-    white, kept = reduced.white, reduced.kept
-    left = found.error - _weights(white.linear, white.error) @ found.linear
-    weights = _weights(np.vstack([white.linear, white.other[kept]]), white.error)
-    less = found.error - weights @ np.vstack([found.linear, found.other[kept]])
+        p_value = _simulated_p_value(found, basis, reduced.statistic)
+    # What the terms are worth in the error as it is.
+    kept = reduced.kept
+    left = found.error - _weights(found.linear, found.error) @ found.linear
+    both = np.vstack([found.linear, found.other[kept]])
+    less = found.error - _weights(both, found.error) @ both
     deviation, linear, whole = (np.sqrt(np.mean(x**2)) for x in (found.output, left, less))
     return LinearityTest(
         p_value,
@@ -135,7 +142,7 @@ def linearity_test(model: OutputModel, data: TrainingData) -> LinearityTest | No
 
 @dataclass(frozen=True)
 class Reduced:
-    """The regression whitened, its linear terms taken off the others.
+    """Both parts of the regression compared.
 
     Attributes
     ----------
@@ -143,99 +150,105 @@ class Reduced:
         F.
     degrees : (int, int)
         Its degrees of freedom.
-    white : Regression
     kept : ndarray of int, shape (k,)
         Other terms that are not linear ones to rounding.
     alone : ndarray, shape (k,)
         Squared error that each of them explains by itself.
-    colour : ndarray
-        AR polynomial of the noise.
     """
 
     statistic: float
     degrees: tuple[int, int]
-    white: Regression
     kept: NDArray[np.intp]
     alone: Array
-    colour: Array
-
-    @property
-    def p_value(self) -> float:
-        """By the F distribution: that of many rows."""
-        return float(fdtrc(*self.degrees, self.statistic))
 
 
-def _reduced(found: Regression) -> Reduced | None:
-    """Both parts compared; None where no other term is left, or no error."""
-    white, colour = found, np.ones(1)
-    for _ in range(COLOUR_ROUNDS):
-        # Of what the linear terms leave: with the others off, too, slow noise would look whiter.
-        colour = _colour(found, found.error - _weights(white.linear, white.error) @ found.linear)
-        white = _filtered(found, colour)
-    basis = _orthonormal(white.linear, MIN_DIRECTION)
-    rest = white.other - (white.other @ basis.T) @ basis
-    error = white.error - (white.error @ basis.T) @ basis
+def _reduced(found: Regression, basis: Array) -> Reduced | None:
+    """Both parts compared; None where no other term is left, or no error.
+
+    Parameters
+    ----------
+    found : Regression
+    basis : ndarray, shape (k, n)
+        Orthonormal, of all its terms.
+    """
+    colour, _ = _colour(found, found.error - (found.error @ basis.T) @ basis)
+    white = _filtered(found, colour)
+    linear = _orthonormal(white.linear, MIN_DIRECTION)
+    rest = white.other - (white.other @ linear.T) @ linear
+    error = white.error - (white.error @ linear.T) @ linear
     sizes, left = (np.sqrt(np.sum(rows**2, axis=1)) for rows in (white.other, rest))
     kept = np.flatnonzero(left > MIN_NEW_SHARE * np.maximum(sizes, 1e-300))
     if not len(kept):
         return None
     new = _orthonormal(rest[kept], MIN_NEW_SHARE)
     gained, power = float(np.sum((new @ error) ** 2)), float(error @ error)
-    q, free = len(new), len(error) - len(basis) - len(new)
+    q, free = len(new), len(error) - len(linear) - len(new)
     if free < 1 or not power > MIN_RELATIVE_ERROR * float(found.output @ found.output):
         return None
-    alone = (rest[kept] @ error) ** 2 / left[kept] ** 2
-    return Reduced(
-        gained / q / (max(power - gained, 1e-300) / free), (q, free), white, kept, alone, colour
-    )
+    statistic = gained / q / (max(power - gained, 1e-300) / free)
+    return Reduced(statistic, (q, free), kept, (rest[kept] @ error) ** 2 / left[kept] ** 2)
 
 
-def _simulated_p_value(found: Regression, reduced: Reduced) -> float:
-    """The p-value by noise of the same colour, of which all is estimated anew.
+def _simulated_p_value(found: Regression, basis: Array, statistic: float) -> float:
+    """Share of draws of noise that have as large a statistic (Besag and Clifford 1991).
 
-    It counts for slow noise and few rows, whose colour a regression flatters. Drawing ends early
-    where so many statistics are larger (Besag and Clifford, Biometrika 78 (1991) 301).
+    Parameters
+    ----------
+    found : Regression
+    basis : ndarray, shape (k, n)
+        As `_reduced`.
+    statistic : float
     """
-    rng, larger, lengths = np.random.default_rng(0), 0, np.diff([0, *found.ends])
+    linear = _orthonormal(found.linear, MIN_DIRECTION)
+    given = _colour(found, found.error - (found.error @ linear.T) @ linear)
+    places = [(np.arange(len(linear)), part) for part in found.runs(linear)]
+    colour, _ = with_absorbed(given, np.eye(len(linear)), places)
+    # The same draws at every call: a result must not change from run to run.
+    rng, larger = np.random.default_rng(0), 0
     for drawn in range(1, MAX_DRAWS + 1):
         noise = [
-            lfilter([1.0], reduced.colour, rng.standard_normal(n + SETTLING_ROWS))[SETTLING_ROWS:]
-            for n in lengths
+            lfilter([1.0], colour, rng.standard_normal(len(run) + SETTLING_ROWS))[SETTLING_ROWS:]
+            for run in found.runs(found.error)
         ]
-        other = _reduced(replace(found, error=np.concatenate(noise)))
-        larger += other is not None and other.statistic >= reduced.statistic
+        other = _reduced(replace(found, error=np.concatenate(noise)), basis)
+        larger += other is not None and other.statistic >= statistic
         if larger == ENOUGH_LARGER:
             return larger / drawn
     return (larger + 1) / (MAX_DRAWS + 1)
 
 
 def _weights(rows: Array, error: Array) -> Array:
+    """Least squares."""
     sizes = np.maximum(np.sqrt(np.sum(rows**2, axis=1)), 1e-300)
     unit = rows / sizes[:, None]
     return np.asarray(solve(unit @ unit.T, unit @ error) / sizes)
 
 
-def _colour(found: Regression, error: Array) -> Array:
-    """AR polynomial of errors, of least AIC: colour that it lacks would pass for a term."""
-    runs = np.split(error, found.ends[:-1])
+def _colour(found: Regression, error: Array) -> tuple[Array, float]:
+    """AR polynomial of errors and the variance of what drives them, of least AIC.
+
+    Colour that it lacks would pass for a term.
+    """
+    runs = found.runs(error)
     order = min(MAX_AR_ORDER, min(map(len, runs)) // ROWS_PER_COEFFICIENT)
     if order < 1 or not np.any(error):
-        return np.ones(1)
+        return np.ones(1), float(np.mean(error**2))
     table = burg(joined(runs), order)
-    return np.asarray(table.whitening(table.best))
+    return np.asarray(table.whitening(table.best)), float(table.variance[table.best])
 
 
 def _filtered(found: Regression, ar: Array) -> Regression:
     """All rows through the AR polynomial, run by run, without those that it needs to begin."""
 
     def through(rows: Array) -> Array:
-        parts = np.split(np.atleast_2d(rows), found.ends[:-1], axis=1)
-        return np.hstack([lfilter(ar, [1.0], part, axis=1)[:, len(ar) - 1 :] for part in parts])
+        whole = [lfilter(ar, [1.0], run)[..., len(ar) - 1 :] for run in found.runs(rows)]
+        return np.concatenate(whole, axis=-1)
 
-    lengths = np.diff([0, *found.ends]) - (len(ar) - 1)
-    ends = tuple(np.cumsum(np.maximum(lengths, 0)).tolist())
-    return Regression(through(found.error)[0], through(found.output)[0], through(found.linear),
-                      through(found.other), ends)  # fmt: skip
+    ends = tuple(np.cumsum([len(run) - (len(ar) - 1) for run in found.runs(found.error)]).tolist())
+    return Regression(
+        through(found.error), through(found.output), through(found.linear), through(found.other),
+        ends,
+    )  # fmt: skip
 
 
 def _orthonormal(rows: Array, least: float) -> Array:
@@ -243,9 +256,8 @@ def _orthonormal(rows: Array, least: float) -> Array:
     sizes = np.linalg.norm(rows, axis=1)
     rows = rows[sizes > 0] / sizes[sizes > 0][:, None]
     values, vectors = np.linalg.eigh(rows @ rows.T)
-    used = values > least * max(values[-1], 1e-300) if len(values) else np.zeros(0, bool)
-    basis = (vectors[:, used] / np.sqrt(values[used])).T @ rows
-    return np.asarray(basis)
+    used = values > least * max(values, default=1.0)
+    return np.asarray((vectors[:, used] / np.sqrt(values[used])).T @ rows)
 
 
 def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], Regression | None]:
@@ -254,9 +266,10 @@ def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], Regr
     zeros = [model.zeros[record.origin] for record in data.records]
     sizes = np.std(np.hstack(data.u), axis=1)
     size = float(np.nanstd(np.concatenate([y - z for y, z in zip(runs, zeros, strict=True)])))
-    if not (size > 0 and np.all(sizes > 0)):
+    # An unstable model, or one without a response, has no output whose powers say anything.
+    if not 0 < size < MAX_RELATIVE_RUN * float(np.nanstd(data.output())) or not np.all(sizes > 0):
         return [], None
-    group, taus = -(-data.rows // MAX_ROWS), _bank(data.longest)
+    group, taus = -(-data.rows // MAX_ROWS), _bank(data.longest, len(sizes))
     longest = np.argsort([-len(run) for run in runs], kind="stable")[:MAX_DECAYS].tolist()
     free = [k for k in longest if not data.records[k].at_rest]
     names: list[str] = []
@@ -293,10 +306,11 @@ def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], Regr
     return names, Regression(rows[0], rows[1], rows[2:edge], rows[edge:], tuple(ends))
 
 
-def _bank(longest: int) -> Array:
+def _bank(longest: int, inputs: int) -> Array:
     """Time constants of the lags of every input [rows]."""
     slowest = max(SLOWEST_SHARE * longest, 4.0)
-    return np.geomspace(1.0, slowest, int(np.clip(round(2.5 * np.log10(slowest)), 3, MAX_BANK)))
+    count = min(round(2.5 * np.log10(slowest)), MAX_BANK, MAX_ALL_BANKS // inputs)
+    return np.geomspace(1.0, slowest, max(count, MIN_BANK))
 
 
 def _columns(
@@ -315,13 +329,14 @@ def _columns(
         late = np.concatenate([np.zeros(min(delay, len(v))), u[i]])[: len(v)]
         linear += [late, through(i, u[i])]
         linear += [lfilter([1 - a], [1, -a], late) for a in np.exp(-1 / taus)]
-        own = {f"{name}^2": u[i] ** 2, f"{name}^3": u[i] ** 3, f"{name} y": u[i] * v}
+        own = {f"{name}^2": u[i] ** 2, f"{name} y": u[i] * v}
         if len(u) <= MAX_CROSSED_INPUTS:
+            other[f"{name} y at once"] = late * v
+            own[f"{name}^3"] = u[i] ** 3
             own |= {
                 f"{name} {second}": u[i] * x
                 for second, x in zip(model.names, u, strict=True)
                 if second != name
             }
         other |= {label: through(i, x) for label, x in own.items()}
-        other[f"{name} y at once"] = late * v
     return linear, list(other.values()), list(other)
