@@ -265,7 +265,11 @@ def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], Regr
     runs = [model.simulate(record) for record in data.records]
     zeros = [model.zeros[record.origin] for record in data.records]
     sizes = np.std(np.hstack(data.u), axis=1)
-    size = float(np.nanstd(np.concatenate([y - z for y, z in zip(runs, zeros, strict=True)])))
+    about = np.concatenate([y - zero for y, zero in zip(runs, zeros, strict=True)])
+    if not np.isfinite(about).any():
+        return [], None
+    # About its mean: the zero of a model that nearly integrates is far away.
+    centre, size = float(np.nanmean(about)), float(np.nanstd(about))
     # An unstable model, or one without a response, has no output whose powers say anything.
     if not 0 < size < MAX_RELATIVE_RUN * float(np.nanstd(data.output())) or not np.all(sizes > 0):
         return [], None
@@ -280,7 +284,7 @@ def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], Regr
         if not len(there):
             continue
         y, clock = record.column(model.target), np.arange(len(run))
-        v = (np.interp(clock, there, run[there]) - zeros[k]) / size
+        v = (np.interp(clock, there, run[there]) - zeros[k] - centre) / size
         # From its first value each: a level before the record is then no term of its own.
         u = (data.u[k] - data.levels[record.origin][:, None]) / sizes[:, None]
         linear, other, names = _columns(model, record, u, v, taus)
