@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.linearity import LinearityTest
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.residuals import ResidualTests
 from thermaltool.fitting.selection import Candidate
@@ -31,6 +32,8 @@ class Fit:
         What it was fitted to, with this output alone.
     tests : ResidualTests or None
         Are the residuals white, and independent of the inputs.
+    linearity : LinearityTest or None
+        Do products and powers of inputs and output explain the errors; None: too few rows.
     validation : Validation or None
         On data that were kept for it.
     candidates : tuple of Candidate
@@ -42,6 +45,7 @@ class Fit:
     training: Agreement
     data: TrainingData
     tests: ResidualTests | None = None
+    linearity: LinearityTest | None = None
     validation: Validation | None = None
     candidates: tuple[Candidate[Any], ...] = ()
 

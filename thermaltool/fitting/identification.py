@@ -15,6 +15,7 @@ from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.data import Split, TrainingData, even_training_data, training_data
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.fit import Fit
+from thermaltool.fitting.linearity import linearity_test
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.residuals import residual_tests
 from thermaltool.fitting.selection import Candidate
@@ -129,7 +130,7 @@ def _judged(
         own = data.only(k)
         fit = Fit(
             model, tuple(_term(model, i) for i in range(len(model.names))), model.fit(own), own,
-            residual_tests(model, own), None, candidates,
+            residual_tests(model, own), linearity_test(model, own), None, candidates,
         )  # fmt: skip
         whole = _document(fit, reference)
         if split is not None:

@@ -164,7 +164,7 @@ def joint_covariances(
     inverses = [inverse_of(f.gram) for f in projected]
     linears = [(record.place, record.linear) for record in records()]
     colours = [
-        _with_absorbed(colour, inverses[k], [(place, own[k]) for place, own in linears])
+        with_absorbed(colour, inverses[k], [(place, own[k]) for place, own in linears])
         for k, colour in enumerate(map(_colour, errors))
     ]
     filters, noise = [ar for ar, _ in colours], _driving_covariance(colours, errors)
@@ -204,11 +204,27 @@ def _colour(errors: Sequence[Array]) -> tuple[Array, float]:
     return found or (np.ones(1), float(np.mean(np.concatenate(runs) ** 2)))
 
 
-def _with_absorbed(
+def with_absorbed(
     given: tuple[Array, float], inverse: Array, records: Sequence[tuple[Index, Array]]
 ) -> tuple[Array, float]:
     """The colour of the noise from that of the errors e = (I − P) v that a fit leaves of it.
 
+    Parameters
+    ----------
+    given : (ndarray, float)
+        AR polynomial of the errors and the variance of what drives them.
+    inverse : ndarray, shape (L, L)
+        Of the normal equations of the linear columns.
+    records : sequence of (ndarray of int, ndarray of shape (l, rows))
+        Places of the columns of each record among all, and these columns.
+
+    Returns
+    -------
+    (ndarray, float)
+        Of the noise.
+
+    Notes
+    -----
     The covariance of e is R − PR − RP + PRP, with that of the noise R and the projection P on the
     linear columns: what it lacks is found with the R at hand, and added.
     """

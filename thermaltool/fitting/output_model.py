@@ -170,6 +170,10 @@ class OutputModel(ABC):
             y = y + solve(own @ own.T, own @ left[counted]) @ columns
         return np.where(known, y, np.nan)
 
+    def response_to(self, record: Record) -> Array:
+        """Noise-free output from rest at inputs of zero, shape (n,), about its level there."""
+        return self._from_rest(record, np.zeros(len(self.names)))
+
     def run(self, data: TrainingData, zero: Zero = "fitted") -> Array:
         """Free runs over all records in a row."""
         return np.concatenate([self.simulate(record, zero) for record in data.records])

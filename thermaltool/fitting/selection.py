@@ -20,6 +20,9 @@ FITTED_SHARE = 0.6
 BLOCKS, FINALISTS = 5, 8
 # Longest dead time that is tried, in sample periods.
 MAX_DELAY = 60
+# Direct feedthrough is tried where the input of the same row lowers the squared error by more than
+# this many times ln N error variances.
+MIN_DIRECT_EVIDENCE = 2.0
 
 
 class Ranked(Protocol):

@@ -9,6 +9,7 @@ from typing import Any
 from thermaltool.documents import jsonable
 from thermaltool.fitting.document import agreement_from_rest
 from thermaltool.fitting.fit import Fit
+from thermaltool.fitting.linearity import MAX_P_VALUE, LinearityTest
 from thermaltool.fitting.network.model import NetworkOutput
 from thermaltool.fitting.subspace.model import SubspaceOutput
 from thermaltool.fitting.transfer.model import TransferModel
@@ -85,17 +86,58 @@ def _document(fit: Fit) -> dict[str, Any]:
             "white_p": jsonable(tests.white_p),
             "independent_p": {name: jsonable(p) for name, p in tests.independent_p.items()},
         },
+        "linearity": None if fit.linearity is None else _linearity_document(fit.linearity),
+    }
+
+
+def _linearity_document(test: LinearityTest) -> dict[str, Any]:
+    return {
+        "nonlinear": test.nonlinear,
+        "p_value": jsonable(test.p_value),
+        "explained": jsonable(test.explained),
+        "linear_fit_percent": jsonable(test.linear_fit_percent),
+        "nonlinear_fit_percent": jsonable(test.nonlinear_fit_percent),
+        "term": test.term,
     }
 
 
 def identification_table(fits: Sequence[Fit]) -> str:
     """Fits, gains and time constants with their intervals, what is left."""
-    return _form(fits).table(fits)
+    return f"{_form(fits).table(fits)}\n\n" + "\n".join(map(_linearity_line, fits))
 
 
 def identification_warnings(fits: Sequence[Fit]) -> list[str]:
     """What a user should know before using the models, each a sentence."""
-    return [*_form(fits).warnings(fits), *_failed(fits)]
+    return [*_form(fits).warnings(fits), *_nonlinear(fits), *_failed(fits)]
+
+
+def _linearity_line(fit: Fit) -> str:
+    """Whether products and powers explain the errors."""
+    test, target = fit.linearity, fit.model.target
+    if test is None:
+        return f"linearity of {target}: too few rows, or too little error, to test"
+    if test.nonlinear:
+        return f"linearity of {target}: nonlinear (p {test.p_value:.2g}), {_reached(test)}"
+    verdict = "no products or powers in the errors"
+    if test.p_value <= MAX_P_VALUE:
+        verdict = "hardly anything in the errors is products or powers"
+    return f"linearity of {target}: {verdict} (p {test.p_value:.2g})"
+
+
+def _reached(test: LinearityTest) -> str:
+    return (
+        f"linear models reach {test.linear_fit_percent:.3g} %, with products and powers "
+        f"{test.nonlinear_fit_percent:.3g} % (most: {test.term})"
+    )
+
+
+def _nonlinear(fits: Sequence[Fit]) -> list[str]:
+    """Sentences on outputs that no linear model describes."""
+    return [
+        f"{fit.model.target}: nonlinear: {_reached(fit.linearity)}"
+        for fit in fits
+        if fit.linearity is not None and fit.linearity.nonlinear
+    ]
 
 
 def _failed(fits: Sequence[Fit]) -> list[str]:

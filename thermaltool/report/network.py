@@ -53,11 +53,12 @@ def network_fields(fits: Sequence[Fit], k: int) -> dict[str, Any]:
     fit, output = fits[k], fits[k].model
     assert isinstance(output, NetworkOutput)
     units = ["s"] * output.modes
-    units += [gain_unit(output.target, name) for name in output.names for _ in range(output.modes)]
+    each = output.modes + output.has_direct
+    units += [gain_unit(output.target, name) for name in output.names for _ in range(each)]
     fields: dict[str, Any] = {
         "shared_with": [other.model.target for other in fits if other is not fit],
         "structure": "network",
-        "orders": {"modes": output.modes},
+        "orders": {"modes": output.modes, "feedthrough": output.has_direct},
         "delay_s": one_or_all([_delay(output, i) for i in range(len(output.names))]),
         "dead_time_s": one_or_all(output.delays),
         "time_constants_s": output.time_constants.tolist(),
@@ -68,8 +69,8 @@ def network_fields(fits: Sequence[Fit], k: int) -> dict[str, Any]:
     }
     if fit.candidates:
         fields["candidates"] = [
-            {"modes": c.model.modes, "fit_percent": jsonable(c.fit_percent[k]),
-             "bic": c.model.criteria.bic}
+            {"modes": c.model.modes, "feedthrough": c.model.has_direct,
+             "fit_percent": jsonable(c.fit_percent[k]), "bic": c.model.criteria.bic}
             for c in fit.candidates
         ]  # fmt: skip
     return fields
@@ -85,13 +86,17 @@ def _term(output: NetworkOutput, i: int) -> dict[str, Any]:
         "time_constants_s": [estimate_document(e) for e in output.time_constant_estimates()],
         "oscillations": [],
         "weights": [{**estimate_document(e), "unit": unit} for e in output.weight_estimates(i)],
+        "direct": {**estimate_document(output.direct_estimate(i)), "unit": unit}
+        if output.has_direct
+        else None,
         "continuous": continuous_document(output.term(i)),
     }
 
 
 def _delay(output: NetworkOutput, i: int) -> float:
     """Dead time with what the sampling itself adds, as of the other structures [s]."""
-    return output.delays[i] + held_samples(output.names[i]) * output.dt
+    own = 0 if output.has_direct else held_samples(output.names[i])
+    return output.delays[i] + own * output.dt
 
 
 def network_table(fits: Sequence[Fit]) -> str:
@@ -108,13 +113,15 @@ def network_table(fits: Sequence[Fit]) -> str:
         [name, with_interval(e)]
         for name, e in zip(names, first.time_constant_estimates(), strict=True)
     ]
-    weights = [["output", "input", "dead time s", "gain", "unit", *(f"weight {t}" for t in names)]]
+    weights = [["output", "input", "dead time s", "gain", "unit",
+                *(f"weight {t}" for t in names), *(["direct"] * first.has_direct)]]  # fmt: skip
     for output in outputs:
         for i, name in enumerate(output.names):
             weights.append([
                 output.target, name, f"{output.delays[i]:g}", with_interval(output.gain(i)),
                 printed(gain_unit(output.target, name)),
                 *(with_interval(e) for e in output.weight_estimates(i)),
+                *([with_interval(output.direct_estimate(i))] if output.has_direct else []),
             ])  # fmt: skip
     parts = [head, aligned(modes), aligned(weights), aligned(agreement_rows(fits))]
     if lines := repeated(fits[0]):
@@ -145,5 +152,6 @@ def _candidates(candidates: Sequence[Candidate[Network]]) -> str:
     rows = [["modes", "held-out fit %", "BIC"]]
     for c in candidates:
         fits = " ".join(f"{fit:.2f}" for fit in c.fit_percent)
-        rows.append([str(c.model.modes), fits, f"{c.model.criteria.bic:.1f}"])
+        modes = f"{c.model.modes}{', direct' * c.model.has_direct}"
+        rows.append([modes, fits, f"{c.model.criteria.bic:.1f}"])
     return f"of {len(candidates)} candidates the best first:\n{aligned(rows)}"

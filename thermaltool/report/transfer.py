@@ -12,7 +12,7 @@ from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.output_model import ContinuousTerm
 from thermaltool.fitting.residuals import ResidualTests
 from thermaltool.fitting.selection import Candidate
-from thermaltool.fitting.transfer.continuous_term import oscillates
+from thermaltool.fitting.transfer.continuous_term import MAX_MISMATCH, feedthrough, oscillates
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.polynomials import MAX_POLE_RADIUS
 from thermaltool.fitting.transfer.search import FALLBACK, SEPARATE
@@ -24,9 +24,7 @@ from thermaltool.units import hold_of, parse_channel, per, printed
 
 # Residual tests speak against a model below this p-value.
 MIN_P_VALUE = 0.01
-# What is named: a difference of the continuous from the discrete step above this share of it,
-MAX_MISMATCH = 0.01
-# and points of fit that the model file loses from rest, above this number [%].
+# Points of fit that the model file loses from rest are named above this number [%].
 MAX_LOST_FIT = 10.0
 # An interval over more than this factor says nothing of a time constant.
 MAX_INTERVAL_RATIO = 1e6
@@ -136,7 +134,7 @@ def transfer_fields(fits: Sequence[Fit], k: int) -> dict[str, Any]:
 
 def _candidate(c: Candidate[TransferModel]) -> dict[str, Any]:
     o, criteria = c.model.orders, c.model.criteria
-    return {"nb": o.nb[0], "nf": o.nf[0], "nk": list(o.nk),
+    return {"nb": max(o.nb), "nf": o.nf[0], "nk": list(o.nk),
             "fit_percent": jsonable(c.fit_percent[0]), "aic": criteria.aic, "bic": criteria.bic,
             "yic": jsonable(c.model.yic)}  # fmt: skip
 
@@ -146,6 +144,7 @@ def _term(m: TransferModel, k: int, found: ContinuousTerm | str) -> dict[str, An
         "input": m.names[k],
         "delay_s": m.orders.nk[k] * m.dt,
         "dead_time_s": _dead_time(m, k),
+        "feedthrough": not isinstance(found, str) and is_direct(found),
         "gain": {**estimate_document(m.gain(k)), "unit": gain_unit(m.target, m.names[k])},
         "time_constants_s": [estimate_document(e) for e in m.time_constants(m.group_of(k))],
         "oscillations": [
@@ -175,6 +174,18 @@ def continuous_document(term: ContinuousTerm) -> dict[str, Any]:
 def _dead_time(m: TransferModel, k: int) -> float:
     """Between an input and the first of its effect: a held one reaches the next sample [s]."""
     return max(m.orders.nk[k] - held_samples(m.names[k]), 0) * m.dt
+
+
+def is_direct(term: ContinuousTerm) -> bool:
+    """Whether an output follows the input of the same row."""
+    return term.response.kind.endswith("_direct")
+
+
+def _feedthrough(term: ContinuousTerm | str) -> str:
+    """What the table says beside the dead time of an input that acts at once."""
+    if isinstance(term, str) or not is_direct(term):
+        return ""
+    return f", direct {feedthrough(term.response):.4g}"
 
 
 def held_samples(name: str) -> int:
@@ -235,7 +246,8 @@ def transfer_table(fit: Fit) -> str:
     rows = [["input", "nb,nf,nk", "dead time s", "gain", "unit", "time constant s", "weight"]]
     for k, name in enumerate(m.names):
         n = len(m.denominator(k)) - 1
-        first = [name, f"{m.orders.nb[k]},{n},{m.orders.nk[k]}", f"{_dead_time(m, k):g}",
+        first = [name, f"{m.orders.nb[k]},{n},{m.orders.nk[k]}",
+                 f"{_dead_time(m, k):g}{_feedthrough(fit.terms[k])}",
                  with_interval(m.gain(k)), printed(gain_unit(m.target, name))]  # fmt: skip
         constants = _constants(m, m.group_of(k))
         weights = _weights(fit.terms[k], len(constants))
@@ -305,6 +317,6 @@ def _candidates(candidates: Sequence[Candidate[TransferModel]]) -> str:
     rows = [["nb,nf,nk", "held-out fit %", "BIC", "YIC"]]
     for c in candidates[:LISTED_CANDIDATES]:
         o = c.model.orders
-        rows.append([f"{o.nb[0]},{o.nf[0]},{'/'.join(map(str, o.nk))}", f"{c.fit_percent[0]:.2f}",
+        rows.append([f"{max(o.nb)},{o.nf[0]},{'/'.join(map(str, o.nk))}", f"{c.fit_percent[0]:.2f}",
                      f"{c.model.criteria.bic:.1f}", f"{c.model.yic:.2f}"])  # fmt: skip
     return f"of {len(candidates)} candidates the best:\n{aligned(rows)}"

@@ -223,6 +223,44 @@ def test_the_response_and_its_covariance_are_those_of_the_network():
     )
 
 
+@pytest.mark.parametrize("hold", ["zero", "first"])
+def test_outputs_that_follow_the_same_row(hold):
+    """Feedthrough comes back with its interval, and the response has it."""
+    rng = np.random.default_rng(16)
+    u = power(rng, rows=800)
+    direct = np.array([[3.0], [0.5]])
+    data = records(u, noisy(rng, plant(u, hold)[:, :800] + direct * u), hold=hold)
+    network = identify_network(data, 3, NONE, True)
+    for k, (output, truth) in enumerate(zip(network.outputs, direct[:, 0], strict=True)):
+        e = output.direct_estimate(0)
+        assert abs(e.value - truth) < 4 * (e.high - e.value) / 1.96
+        assert output.gain(0).value == pytest.approx(WEIGHTS[k].sum() + truth, rel=0.02)
+        response, (covariance, names) = output.response(0), output.response_covariance(0)
+        assert response.direct == e.value
+        assert covariance.shape == (len(names), len(names))
+        assert set(names) == {*response.searched, *response.gains}
+        record = data.records[0]
+        moved = response.modes(DT).run(record.time, record.column("Q_0_W"), hold)
+        np.testing.assert_allclose(moved + output.offsets[0], output.simulate(record), atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("direct", [0.0, 2.0])
+def test_feedthrough_is_chosen_where_it_is(direct):
+    rng = np.random.default_rng(17)
+    u = power(rng, rows=800)
+    y = noisy(rng, plant(u)[:, :800] + direct * u, colour=([0.6], [1, -0.8]))
+    candidates = choose_modes(records(u, y), NONE)
+    assert candidates[0].model.has_direct == bool(direct)
+    assert bool(direct) == any(c.model.has_direct for c in candidates)
+
+
+def test_feedthrough_and_a_dead_time_exclude_each_other():
+    u, y, _, _ = bad()
+    with pytest.raises(FitError, match="exclude each other"):
+        identify_network(records(u, y), 1, ((5.0,), (0.0,)), True)
+
+
 def bad(**changes):
     rng = np.random.default_rng(15)
     u = power(rng)

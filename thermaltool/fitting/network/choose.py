@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,13 @@ from thermaltool.fitting.network.identify import MAX_MODES, identify_network
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.problem import Delays, NetworkProblem
 from thermaltool.fitting.network.search import MAX_START_ROWS, NetworkSearchResult, search
-from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, Candidate, rank
+from thermaltool.fitting.selection import (
+    FITTED_SHARE,
+    MAX_DELAY,
+    MIN_DIRECT_EVIDENCE,
+    Candidate,
+    rank,
+)
 from thermaltool.fitting.start_state import StartErrors
 
 # Delays and time constants are found in turn at most so often.
@@ -24,6 +31,9 @@ MAX_TRIED_MODES = 3
 
 def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate[Network], ...]:
     """Numbers of modes by what they predict of rows that were not fitted, the best first.
+
+    With direct feedthrough, too, where the inputs of the same row say something beside the modes
+    of the largest network.
 
     Parameters
     ----------
@@ -36,11 +46,39 @@ def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate[Network]
         No candidate fits.
     """
     data.check()
-    return rank(
-        range(1, MAX_MODES + 1), lambda modes, part: identify_network(part, modes, delays),
-        data.split(FITTED_SHARE),
-        "no number of modes fits these data",
-    )  # fmt: skip
+    split, modes = data.split(FITTED_SHARE), range(1, MAX_MODES + 1)
+    fitted: list[Network] = []
+
+    def candidates() -> Iterator[tuple[int, bool]]:
+        yield from ((n, False) for n in modes)
+        if fitted and _acts_at_once(split.fitted, fitted[-1], delays):
+            yield from ((n, True) for n in modes)
+
+    def fit(tried: tuple[int, bool], part: TrainingData) -> Network:
+        found = identify_network(part, tried[0], delays, tried[1])
+        if part is split.fitted:
+            fitted.append(found)
+        return found
+
+    return rank(candidates(), fit, split, "no number of modes fits these data")
+
+
+def _acts_at_once(data: TrainingData, network: Network, delays: Delays) -> bool:
+    """Whether feedthrough lowers the error of an output by more than its inputs do by chance."""
+    if np.any(delays):
+        return False
+    stride = max(1, data.rows // MAX_START_ROWS)
+    plain = NetworkProblem(data, delays, stride)
+    before, after = (
+        problem.mean_square(network.time_constants)
+        for problem in (plain, replace(plain, direct=True))
+    )
+    for k, (own, other) in enumerate(zip(before, after, strict=True)):
+        rows = plain.rows(k)
+        gained = rows * np.log(max(own, 1e-300) / max(other, 1e-300))
+        if gained > MIN_DIRECT_EVIDENCE * len(data.inputs) * np.log(rows):
+            return True
+    return False
 
 
 def choose_delays(data: TrainingData) -> Delays:

@@ -22,8 +22,9 @@ def network_covariances(
 
     Returns
     -------
-    covariances : list of ndarray, shape (N + m · N, N + m · N)
-        Of the logarithms of the N time constants, then of the weights input by input.
+    covariances : list of ndarray, shape (N + m · N + d, N + m · N + d)
+        Of the logarithms of the N time constants, then of the weights input by input, then of the
+        d feedthroughs.
     variances : list of float [unit²]
     """
     taus, outputs = found.time_constants, range(len(found.projected))
@@ -36,5 +37,5 @@ def network_covariances(
     errors: list[list[Array]] = [[] for _ in outputs]
     for k, _, error in problem.errors(taus, found.projected):
         errors[k].append(error)
-    own = len(taus) * len(problem.data.inputs)
+    own = len(taus) * len(problem.data.inputs) + problem.direct_count
     return joint_covariances(found.projected, errors, records, own)

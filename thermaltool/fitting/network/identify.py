@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.network.covariance import network_covariances
@@ -14,7 +16,9 @@ from thermaltool.signals.criteria import Criteria
 MAX_MODES = 6
 
 
-def identify_network(data: TrainingData, modes: int, delays: Delays) -> Network:
+def identify_network(
+    data: TrainingData, modes: int, delays: Delays, direct: bool = False
+) -> Network:
     """Time constants that all outputs share, and the weights of each.
 
     Parameters
@@ -23,6 +27,8 @@ def identify_network(data: TrainingData, modes: int, delays: Delays) -> Network:
     modes : int
         Number of time constants.
     delays : tuple of tuple of float, for each output one for each input [s]
+    direct : bool
+        Whether outputs may follow the inputs of the same row; not with a delay.
 
     Raises
     ------
@@ -33,7 +39,9 @@ def identify_network(data: TrainingData, modes: int, delays: Delays) -> Network:
     data.check()
     if not 1 <= modes <= MAX_MODES:
         raise FitError(f"{modes} modes: it takes 1 to {MAX_MODES}")
-    problem = NetworkProblem(data, delays)
+    if direct and np.any(delays):
+        raise FitError("direct feedthrough and a dead time exclude each other")
+    problem = NetworkProblem(data, delays, direct=direct)
     _refuse_overfit(problem, modes)
     found = search(problem, modes)
     return _network(problem, found)
@@ -63,13 +71,15 @@ def _network(problem: NetworkProblem, found: NetworkSearchResult) -> Network:
     outputs = []
     for k, f in enumerate(found.projected):
         weights = f.linear[: n * m].reshape(m, n)
-        settled = f.linear[n * m : n * m + data.experiments] + centres[k]
+        kept = n * m + problem.direct_count
+        settled = f.linear[kept : kept + data.experiments] + centres[k]
         outputs.append(NetworkOutput(
             names=data.inputs,
             target=data.outputs[k],
             dt=data.period,
             time_constants=found.time_constants,
             weights=weights,
+            direct=f.linear[n * m : kept],
             delays=problem.delays[k],
             holds=data.holds,
             levels=data.levels,

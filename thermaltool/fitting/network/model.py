@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.record import Record
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Hold
-from thermaltool.responses.rational import KINDS
+from thermaltool.responses.rational import rational_kind
 from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
 
 # Upper over lower end of an interval from which the data do not determine a time constant.
@@ -36,14 +36,23 @@ class NetworkOutput(OutputModel):
     delays : tuple of float, one for each input [s]
     holds : tuple of "zero" or "first"
         Of each input.
-    covariance : ndarray, shape (N + m · N, N + m · N)
-        Of the logarithms of the time constants, then of the weights input by input.
+    covariance : ndarray, shape (p, p)
+        Of the logarithms of the time constants, then of the weights input by input, then of
+        `direct`.
+    direct : ndarray, shape (m,), or (0,) without feedthrough
+        Of every input.
     """
 
     time_constants: Array
     weights: Array
     delays: tuple[float, ...]
     holds: tuple[Hold, ...]
+    direct: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def has_direct(self) -> bool:
+        """Whether the output follows the inputs of the same row."""
+        return bool(len(self.direct))
 
     @property
     def modes(self) -> int:
@@ -56,11 +65,11 @@ class NetworkOutput(OutputModel):
 
     @property
     def parameters(self) -> int:
-        return self.modes + self.weights.size + len(self.zeros)
+        return self.modes + self.weights.size + len(self.direct) + len(self.zeros)
 
     @property
     def sample_delays(self) -> tuple[int, ...]:
-        return tuple(round(delay / self.dt) + (hold == "zero")
+        return tuple(round(delay / self.dt) + (hold == "zero" and not self.has_direct)
                      for delay, hold in zip(self.delays, self.holds, strict=True))  # fmt: skip
 
     def time_constant_estimates(self) -> tuple[Estimate, ...]:
@@ -84,9 +93,22 @@ class NetworkOutput(OutputModel):
 
     def gain(self, k: int) -> Estimate:
         """Steady state of the output per unit of input k: the sum of its weights."""
-        at = slice(self.modes * (1 + k), self.modes * (2 + k))
-        error = math.sqrt(max(float(self.covariance[at, at].sum()), 0.0))
-        return normal_estimate(float(self.weights[k].sum()), error)
+        at = self._gains(k)
+        error = math.sqrt(max(float(self.covariance[np.ix_(at, at)].sum()), 0.0))
+        value = self.weights[k].sum() + self.direct[k : k + 1].sum()
+        return normal_estimate(float(value), error)
+
+    def _gains(self, k: int) -> NDArray[np.intp]:
+        """Weights of input k, and its feedthrough, among the parameters."""
+        n, m = self.modes, len(self.names)
+        own = np.arange(n * (1 + k), n * (2 + k))
+        return np.append(own, n * (1 + m) + k) if self.has_direct else own
+
+    def direct_estimate(self, k: int) -> Estimate:
+        """Feedthrough of input k [unit of the output per unit of it]; the model has it."""
+        at = self._gains(k)[-1]
+        error = math.sqrt(max(float(self.covariance[at, at]), 0.0))
+        return normal_estimate(float(self.direct[k]), error)
 
     def named(self) -> Iterator[tuple[str, Estimate]]:
         """Time constants and weights by the names of the model file, input by input."""
@@ -96,20 +118,24 @@ class NetworkOutput(OutputModel):
             own = f"[{name}]" if len(self.names) > 1 else ""
             for j, e in enumerate(self.weight_estimates(k)):
                 yield f"K{j + 1}{own}", e
+            if self.has_direct:
+                yield f"K0{own}", self.direct_estimate(k)
 
     def response(self, k: int) -> Response:
         """Response to input k, for a model document."""
         values = {f"tau{j + 1}": float(tau) for j, tau in enumerate(self.time_constants)}
         values |= {f"K{j + 1}": float(w) for j, w in enumerate(self.weights[k])}
-        response: Response = KINDS[self.modes, 0](**values, delay=self.delays[k])
+        values |= {"K0": float(self.direct[k])} if self.has_direct else {"delay": self.delays[k]}
+        response: Response = rational_kind(self.modes, 0, self.has_direct)(**values)
         return response
 
     def response_covariance(self, k: int) -> tuple[Array, tuple[str, ...]]:
-        """Covariance of the parameters of `response`, shape (2N, 2N), and their names."""
-        n = self.modes
-        place = np.r_[0:n, n * (1 + k) : n * (2 + k)]
-        scale = np.concatenate([self.time_constants, np.ones(n)])
+        """Covariance of the parameters of `response`, and their names."""
+        n, gains = self.modes, self._gains(k)
+        place = np.concatenate([np.arange(n), gains])
+        scale = np.concatenate([self.time_constants, np.ones(len(gains))])
         names = (*(f"tau{j + 1}" for j in range(n)), *(f"K{j + 1}" for j in range(n)))
+        names += ("K0",) * self.has_direct
         return self.covariance[np.ix_(place, place)] * np.outer(scale, scale), names
 
     def term(self, k: int) -> ContinuousTerm:
@@ -136,7 +162,10 @@ class NetworkOutput(OutputModel):
             record.elapsed, record.matrix(self.names), levels, self.time_constants, self.delays,
             self.holds,
         )  # fmt: skip
-        return np.asarray(self.weights.ravel() @ modes)
+        y = self.weights.ravel() @ modes
+        if self.has_direct:
+            y = y + self.direct @ (record.matrix(self.names) - levels[:, None])
+        return np.asarray(y)
 
     def _free_responses(self, record: Record) -> Array:
         return np.exp(-record.elapsed / self.time_constants[:, None])
@@ -158,3 +187,8 @@ class Network(JointModel[NetworkOutput]):
     def modes(self) -> int:
         """Number of time constants."""
         return len(self.time_constants)
+
+    @property
+    def has_direct(self) -> bool:
+        """Whether outputs follow the inputs of the same row."""
+        return self.outputs[0].has_direct

@@ -46,6 +46,7 @@ class NetworkPlan(Plan):
             return identify_network(data, self.modes, delays).outputs, ()
         candidates = choose_modes(data, delays)
         network = first_that_fits(
-            (c.model.modes for c in candidates), lambda n: identify_network(data, n, delays)
+            ((c.model.modes, c.model.has_direct) for c in candidates),
+            lambda tried: identify_network(data, tried[0], delays, tried[1]),
         )
         return network.outputs, candidates

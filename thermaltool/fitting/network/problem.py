@@ -1,9 +1,10 @@
-"""The problem y_o = Σ_ij K_oij u_i(t − L_oi)/(τ_j s + 1) + offset + Σ_j a_oj e^(−t/τ_j) + noise.
+"""The problem y_o = Σ_ij K_oij u_i(t − L_oi)/(τ_j s + 1) + Σ_i K0_oi u_i(t) + offset + Σ_j a_oj
+e^(−t/τ_j) + noise.
 
-For given time constants all else is linear and the same for every output: gains, one offset for
-each experiment, the decay of every mode from an unknown state. It is projected out (variable
-projection, Golub and Pereyra 1973); one pass over the rows leaves sums from which the loss of every
-output and its slopes by the logarithms of the time constants follow.
+For given time constants all else is linear and the same for every output: gains, feedthrough where
+it is wanted, one offset for each experiment, the decay of every mode from an unknown state. It is
+projected out (variable projection, Golub and Pereyra 1973); one pass over the rows leaves sums from
+which the loss of every output and its slopes by the logarithms of the time constants follow.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ class Sums:
     Attributes
     ----------
     gram : ndarray, shape (S, S)
-        Of the columns: gains, offsets, decays, then the slopes of gains and decays.
+        Of the columns: gains, feedthrough, offsets, decays, then the slopes of gains and decays.
     cross : ndarray, shape (S,)
         Of the columns with the output.
     power : float
@@ -106,11 +107,19 @@ class NetworkProblem:
     delays : tuple of tuple of float, for each output one for each input [s]
     stride : int
         Every so many rows count; the modes are followed over all.
+    direct : bool
+        Whether outputs may follow the inputs of the same row.
     """
 
     data: TrainingData
     delays: Delays
     stride: int = 1
+    direct: bool = False
+
+    @property
+    def direct_count(self) -> int:
+        """Number of feedthroughs of one output."""
+        return len(self.data.inputs) * self.direct
 
     def free(self) -> list[int]:
         """Place of each record among those that begin in an unknown state; −1 at rest."""
@@ -118,9 +127,10 @@ class NetworkProblem:
         return [-1 if r.at_rest else int(k) for r, k in zip(self.data.records, counts, strict=True)]
 
     def linear_count(self, modes: int) -> int:
-        """Number of linear parameters of one output, L: gains, offsets, decays."""
+        """Number of linear parameters of one output, L: gains, feedthrough, offsets, decays."""
         unknown = sum(not record.at_rest for record in self.data.records)
-        return modes * (len(self.data.inputs) + unknown) + self.data.experiments
+        own = self.direct_count + self.data.experiments
+        return modes * (len(self.data.inputs) + unknown) + own
 
     def rows(self, k: int) -> int:
         """Number of rows of output k that count."""
@@ -154,12 +164,15 @@ class NetworkProblem:
         taus : ndarray, shape (N,) [s]
         delays : sequence of float, one for each input [s]
         slopes : bool
-            Behind those of gains, offset and decays also the slopes of gains and decays by ln τ.
+            Behind all linear ones also the slopes of gains and decays by ln τ.
         """
         record, elapsed = self.data.records[j], self.data.records[j].elapsed
         levels, time = self.data.levels[record.origin], elapsed[:: self.stride]
         given = elapsed, self.data.u[j], levels, taus, delays, self.data.holds
-        parts = [mode_responses(*given, stride=self.stride), np.ones((1, len(time)))]
+        parts = [mode_responses(*given, stride=self.stride)]
+        if self.direct:
+            parts.append((self.data.u[j] - levels[:, None])[:, :: self.stride])
+        parts.append(np.ones((1, len(time))))
         passed = time / taus[:, None] if not record.at_rest else np.zeros((0, len(time)))
         parts.append(np.exp(-passed))
         if slopes:
@@ -170,11 +183,12 @@ class NetworkProblem:
     def places(self, modes: int, slopes: bool) -> list[Index]:
         """Places of the columns of each record among those of all records."""
         gains, origins = modes * len(self.data.inputs), self.data.experiments
+        kept = gains + self.direct_count
         linear, found = self.linear_count(modes), []
         for record, free in zip(self.data.records, self.free(), strict=True):
             own = np.arange(0 if free < 0 else modes) + modes * max(free, 0)
-            offset = np.array([gains + record.origin])
-            place = [np.arange(gains), offset, gains + origins + own]
+            offset = np.array([kept + record.origin])
+            place = [np.arange(kept), offset, kept + origins + own]
             if slopes:
                 place += [linear + np.arange(gains), linear + gains + own]
             found.append(np.concatenate(place).astype(np.intp))
@@ -191,7 +205,7 @@ class NetworkProblem:
         """
         n, p = len(taus), len(self.delays)
         linear = self.linear_count(n)
-        size = 2 * linear - self.data.experiments if slopes else linear
+        size = 2 * linear - self.direct_count - self.data.experiments if slopes else linear
         grams: dict[tuple[bytes, ...], Array] = {}
         keys: list[list[bytes]] = [[] for _ in range(p)]
         cross, power, rows = np.zeros((p, size)), np.zeros(p), np.zeros(p, int)
@@ -243,7 +257,8 @@ class NetworkProblem:
             G, g = s.gram[inner, inner], s.cross[inner]
             # A slope by ln τ_j: those of its gains and decays, by their sizes.
             c = solve(G, g)
-            sizes = np.concatenate([c[:gains], c[gains + self.data.experiments :]])
+            decays = gains + self.direct_count + self.data.experiments
+            sizes = np.concatenate([c[:gains], c[decays:]])
             turn = np.zeros((len(sizes), n))
             turn[np.arange(len(sizes)), np.arange(len(sizes)) % n] = sizes
             across = s.gram[inner, outer] @ turn
@@ -276,7 +291,8 @@ class NetworkProblem:
         n, place = len(taus), self.places(len(taus), False)[j]
         rows = self.columns(j, taus, self.delays[k], slopes=True) * self.used(j)[k]
         linear, slopes = rows[: len(place)], rows[len(place) :]
-        sizes = np.delete(found.linear[place], n * len(self.data.inputs))
+        gains = n * len(self.data.inputs)
+        sizes = np.delete(found.linear[place], range(gains, gains + self.direct_count + 1))
         whole = np.array([sizes[i::n] @ slopes[i::n] for i in range(n)])
         return whole - found.by_searched[place].T @ linear, linear
 

@@ -161,7 +161,8 @@ class _StartLosses:
 
     def __init__(self, problem: NetworkProblem, grid: Array) -> None:
         self.count, self.inputs = len(grid), len(problem.data.inputs)
-        self.origins = problem.data.experiments
+        # Feedthrough and offsets, which every choice has.
+        self.always = problem.direct_count + problem.data.experiments
         self.sums: list[Sums] = problem.sums(grid, slopes=False)
         self.shared: dict[int, list[int]] = {}
         for k, s in enumerate(self.sums):
@@ -169,11 +170,11 @@ class _StartLosses:
 
     def __call__(self, chosen: Sequence[int]) -> float:
         own, count, edge = np.array(chosen), self.count, self.count * self.inputs
-        decays = (len(self.sums[0].cross) - edge - self.origins) // count
+        decays = (len(self.sums[0].cross) - edge - self.always) // count
         place = np.concatenate([
             *(own + count * i for i in range(self.inputs)),
-            edge + np.arange(self.origins),
-            *(own + edge + self.origins + count * i for i in range(decays)),
+            edge + np.arange(self.always),
+            *(own + edge + self.always + count * i for i in range(decays)),
         ])  # fmt: skip
         value = 0.0
         for outputs in self.shared.values():

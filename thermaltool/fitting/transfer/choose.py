@@ -1,7 +1,8 @@
 """Orders and delays by what the model predicts of data that it has not seen.
 
 Delays first: for each, the loss of a second-order model whose denominator stands; then every order
-around them, and around other delays that are nearly as good. Each candidate is fitted on the first
+around them, around other delays that are nearly as good, and with direct feedthrough where the
+input of the same row says something. Each candidate is fitted on the first
 part of the record and judged by its free run over the rest; of nearly equal ones the criterion
 takes that with fewer parameters. Errors that drift say less than as many that are white: they
 count for fewer rows.
@@ -15,7 +16,13 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData
-from thermaltool.fitting.selection import FITTED_SHARE, MAX_DELAY, Candidate, rank
+from thermaltool.fitting.selection import (
+    FITTED_SHARE,
+    MAX_DELAY,
+    MIN_DIRECT_EVIDENCE,
+    Candidate,
+    rank,
+)
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.oe import OeStructure
 from thermaltool.fitting.transfer.output_error import Problem
@@ -26,6 +33,9 @@ from thermaltool.fitting.transfer.structure import Structure
 MAX_ORDER = 4
 # Times that the delay of every input is found anew, the others held.
 DELAY_ROUNDS = 3
+
+# Numerator coefficients of each input, order of the denominators, delays.
+Tried = tuple[tuple[int, ...], int, tuple[int, ...]]
 
 
 def choose(data: TrainingData, structure: Structure) -> tuple[Candidate[TransferModel], ...]:
@@ -44,22 +54,23 @@ def choose(data: TrainingData, structure: Structure) -> tuple[Candidate[Transfer
     data.check()
     short = data if data.rows <= MAX_COMPARED_ROWS else data.excerpt(MAX_COMPARED_ROWS)
 
-    def fit(tried: tuple[int, int, tuple[int, ...]], part: TrainingData) -> TransferModel | None:
+    def fit(tried: Tried, part: TrainingData) -> TransferModel | None:
         nb, nf, delays = tried
-        orders = structure.orders((nb,) * len(delays), nf, delays)
+        orders = structure.orders(nb, nf, delays)
         # A structure that has fewer orders to give is not listed with those it was asked for.
-        if {*orders.nb} != {nb} or {*orders.nf} != {nf} or orders.nk != delays:
+        if orders.nb != nb or {*orders.nf} != {nf} or orders.nk != delays:
             return None
         model = structure.fit(part, orders)
         return model if structure.admits(model) else None
 
     none = f"no order up to {MAX_ORDER} has real poles on these data: give --orders, or more data"
-    return rank(_grid(_delays(short), data.least_delays), fit, short.split(FITTED_SHARE), none)
+    delays = _delays(short)
+    direct = _direct_grid(_direct_delays(short, delays[0]))
+    tried = dict.fromkeys([*_grid(delays, data.least_delays), *direct])
+    return rank(tried, fit, short.split(FITTED_SHARE), none)
 
 
-def _grid(
-    found: list[tuple[int, ...]], least: tuple[int, ...]
-) -> Iterator[tuple[int, int, tuple[int, ...]]]:
+def _grid(found: list[tuple[int, ...]], least: tuple[int, ...]) -> Iterator[Tried]:
     """Orders, at the delays found and one sample beside the best of them."""
     delays = [*found]
     for shift in (-1, 1):
@@ -69,7 +80,35 @@ def _grid(
     for nk in delays:
         for nf in range(1, MAX_ORDER + 1):
             for nb in range(1, nf + 1):
-                yield nb, nf, nk
+                yield (nb,) * len(nk), nf, nk
+
+
+def _direct_grid(nk: tuple[int, ...]) -> Iterator[Tried]:
+    """Orders with direct feedthrough of the inputs whose delay is 0: of those it takes one more."""
+    for nf in range(1, MAX_ORDER + 1) if 0 in nk else ():
+        for nb in range(1, nf + 2):
+            yield tuple(min(nb, nf + (not delay)) for delay in nk), nf, nk
+
+
+def _direct_delays(data: TrainingData, nk: tuple[int, ...]) -> tuple[int, ...]:
+    """Delays with 0 for the inputs that act on the output of the same row, as far as it shows.
+
+    The loss of a second-order model that has the same row of all inputs, without it for each.
+    """
+    orders = OeStructure().orders((4,) * len(nk), 2, (0,) * len(nk))
+    problem = Problem(data.about_levels(orders.first), orders)
+    if not problem.used:
+        return nk
+    found = search(problem)
+    least = MIN_DIRECT_EVIDENCE * np.log(problem.rows) * found.loss / problem.rows
+    delays = []
+    for k, delay in enumerate(nk):
+        nb, without = ([value] * len(nk) for value in (4, 0))
+        nb[k], without[k] = 3, 1
+        other = Problem(problem.data, OeStructure().orders(tuple(nb), 2, tuple(without)))
+        seen = other.project(found.F, keep=False).loss - found.loss > least
+        delays.append(0 if seen else delay)
+    return tuple(delays)
 
 
 def _delays(data: TrainingData) -> list[tuple[int, ...]]:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from thermaltool.errors import ModelError
 from thermaltool.fitting.data import Array
 from thermaltool.fitting.output_model import ContinuousTerm
+from thermaltool.responses import Response
 from thermaltool.responses.modes import Hold
 from thermaltool.responses.rational import oscillation_names, rational_kind
+from thermaltool.signals.intervals import standard_error
 
 if TYPE_CHECKING:
     from thermaltool.fitting.transfer.model import TransferModel
@@ -19,6 +22,10 @@ if TYPE_CHECKING:
 # The steps of both forms are compared over so many slowest time constants (settled to 3·10⁻⁴), and
 # samples at most.
 STEP_TIME_CONSTANTS, MAX_STEP_SAMPLES = 8, 20000
+# Feedthrough of an input that runs on counts where it is so many standard errors from zero.
+MIN_DIRECT_ERRORS = 3.0
+# The step in continuous time differs from the discrete one by more than this share where it counts.
+MAX_MISMATCH = 0.01
 # Poles nearer to each other than this share of their size are one pole, twice; a pair with a
 # smaller imaginary part than that is two or three real poles, to rounding.
 DOUBLE_POLE_GAP, MIN_IMAGINARY_SHARE = 1e-3, 1e-2
@@ -33,7 +40,8 @@ def continuous_term(model: TransferModel, k: int, hold: Hold) -> ContinuousTerm:
     k : int
     hold : "zero" or "first"
         Of the input between samples. A held input reaches the next sample first: of nk samples
-        of delay one is the sampling's own.
+        of delay one is the sampling's own; none is direct feedthrough. An input that runs on
+        reaches the same sample in part: feedthrough of it is what that does not explain.
 
     Raises
     ------
@@ -47,34 +55,77 @@ def continuous_term(model: TransferModel, k: int, hold: Hold) -> ContinuousTerm:
         _continues(z, place)
     s = _apart(np.asarray(np.log(poles) / model.dt, complex))
     real, pairs = s[s.imag == 0].real, s[s.imag > 0]
-    try:
-        cls = rational_kind(len(real), len(pairs))
-    except ModelError as error:
-        raise ModelError(f"{place}: {error}") from error
     searched = {f"tau{i + 1}": float(-1 / p) for i, p in enumerate(real)}
     for i, p in enumerate(pairs):
         omega, zeta = oscillation_names(i + 1)[2:]
         searched |= {omega: float(abs(p)), zeta: float(-p.real / abs(p))}
-    lead = 1 if hold == "zero" else 0
-    delay = max(model.orders.nk[k] - lead, 0) * model.dt
     samples = int(
         min(
             STEP_TIME_CONSTANTS * max(-1 / s.real) / model.dt + model.orders.first + 10,
             MAX_STEP_SAMPLES,
         )
     )
-    time, u = model.dt * np.arange(samples), np.ones(samples)
+    time, u = model.dt * np.arange(samples, dtype=float), np.ones(samples)
     u[0] = 0.0
     wanted = _alone(model, k, u)
+    nk = model.orders.nk[k]
+    plain = nk > 0 or hold == "first"
+    direct = nk == 0 and _kind(len(real), len(pairs), True, place)
+    if plain:
+        cls = _kind(len(real), len(pairs), False, place)
+        known = searched | {"delay": max(nk - (hold == "zero"), 0) * model.dt}
+        found, _ = _fitted(cls, known, time, u, hold, model.dt, wanted)
+        if not direct or found.mismatch <= MAX_MISMATCH:
+            return found
+    exact, weights = _fitted(direct, searched, time, u, hold, model.dt, wanted)
+    least = MIN_DIRECT_ERRORS * _error(model, k, weights, u)
+    return found if plain and abs(feedthrough(exact.response)) < least else exact
+
+
+def _kind(lags: int, pairs: int, direct: bool, place: str) -> Any:
+    """The class of response; ModelError says where there is none."""
+    try:
+        return rational_kind(lags, pairs, direct)
+    except ModelError as error:
+        raise ModelError(f"{place}: {error}") from error
+
+
+def feedthrough(response: Response) -> float:
+    """What an output has of its input at once: the step response at its first instant."""
+    return float(response.step(np.zeros(1))[0])
+
+
+def _error(model: TransferModel, k: int, weights: Array, u: Array) -> float:
+    """Standard error of the feedthrough, which takes these weights of the step, poles as found."""
+    f, nb = model.denominator(k), model.orders.nb[k]
+    before = np.zeros(len(u))
+    slopes = []
+    for j in range(nb):
+        before[j:] = u[: len(u) - j]
+        before[:j] = 0.0
+        slopes.append(float(weights @ lfilter([1.0], f, before)))
+    at = sum(model.orders.nf) + sum(model.orders.nb[:k])
+    own = model.coefficient_covariance[at : at + nb, at : at + nb]
+    return standard_error(np.array(slopes), own)
+
+
+def _fitted(
+    cls: Any, known: dict[str, float], time: Array, u: Array, hold: Hold, dt: float, wanted: Array
+) -> tuple[ContinuousTerm, Array]:
+    """The response of a kind with these poles whose step is nearest to the one that is wanted.
+
+    And the weights with which its last gain takes the rows of that step.
+    """
     shapes = []
     for name in cls.gains:
         gains = {other: float(other == name) for other in cls.gains}
-        shapes.append(cls(**searched, **gains, delay=delay).modes(model.dt).run(time, u, hold))
+        shapes.append(cls(**known, **gains).modes(dt).run(time, u, hold))
     rows = np.array(shapes)
-    gains_found = np.linalg.lstsq(rows.T, wanted, rcond=1e-12)[0]
+    inverse = np.linalg.pinv(rows.T, rcond=1e-12)
+    gains_found = inverse @ wanted
     left = np.max(np.abs(wanted - gains_found @ rows)) / np.max(np.abs(wanted))
     named = {name: float(g) for name, g in zip(cls.gains, gains_found, strict=True)}
-    return ContinuousTerm(cls(**searched, **named, delay=delay), float(left))
+    return ContinuousTerm(cls(**known, **named), float(left)), inverse[-1]
 
 
 def _continues(z: complex, place: str) -> None:

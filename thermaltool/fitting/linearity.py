@@ -1,0 +1,346 @@
+"""Test of linearity: do products and powers of the inputs and of the output explain the error.
+
+Of a linear plant the error of the free run is noise, and what is left of the inputs through
+dynamics that the model lacks. The regression has terms for both: every input through a bank of
+first-order lags, the model's own responses, the output a sample before and after. Beside these
+stand second- and third-order terms: powers of the simulated output (a nonlinearity behind the
+dynamics, Wiener), powers of the inputs through the model's responses (before them, Hammerstein),
+products of input and output or of two inputs through them (bilinear). All is whitened by an AR
+model of what the whole regression leaves, and both parts are compared by F. Where that looks
+significant, the p-value is found anew from noise of the colour that the linear terms leave, for
+which everything is done again: a regression flatters slow noise.
+
+Higher-order correlation: Billings and Voon, Int. J. Control 44 (1986) 235; the regression form
+with a linear part taken off first: Tsay, Biometrika 73 (1986) 461.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.special import fdtrc
+
+from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.error_model import MAX_AR_ORDER, ROWS_PER_COEFFICIENT, runs_of
+from thermaltool.fitting.joint import with_absorbed
+from thermaltool.fitting.output_model import OutputModel
+from thermaltool.record import Record
+from thermaltool.signals.gauss_newton import solve
+from thermaltool.timeseries.ar import burg
+from thermaltool.timeseries.runs import joined
+
+# Rows are averaged in groups to so many at most: what is slow is found as well, in less time.
+MAX_ROWS = 4000
+# Rows for each column of the regression, at least; a run of fewer says nothing of the colour.
+ROWS_PER_COLUMN, MIN_RUN = 6, 40
+# Lags of the bank for each input, and for all, from one row to this share of the longest record.
+MIN_BANK, MAX_BANK, MAX_ALL_BANKS, SLOWEST_SHARE = 2, 8, 24, 0.25
+# Of so many inputs at most the terms of third order are taken, and products of two inputs.
+MAX_CROSSED_INPUTS = 4
+# Records with a decay of their own at the start, at most.
+MAX_DECAYS = 3
+# Other terms count where the linear ones leave more than this share of them; linear ones where
+# they are no combination of others to this share.
+MIN_NEW_SHARE, MIN_DIRECTION = 1e-3, 1e-8
+# An error below this share of the squared output is rounding; a run above so many deviations of
+# the output is one of an unstable model.
+MIN_RELATIVE_ERROR, MAX_RELATIVE_RUN = 1e-16, 1e3
+# A p-value below this by the F distribution is found anew by simulated noise: so many draws at
+# most, fewer where so many statistics are larger; rows before each in which the noise settles.
+SURE_P_VALUE, MAX_DRAWS, ENOUGH_LARGER, SETTLING_ROWS = 0.1, 99, 10, 500
+# "Nonlinear" needs a p-value of no more, and this share of the squared error explained.
+MAX_P_VALUE, MIN_EXPLAINED = 0.01, 0.1
+
+
+@dataclass(frozen=True)
+class LinearityTest:
+    """What second- and third-order terms explain of the error of a linear model.
+
+    Attributes
+    ----------
+    p_value : float
+        Of the error having none of them.
+    explained : float
+        Share of the squared error that they explain.
+    linear_fit_percent, nonlinear_fit_percent : float
+        Fit of the free run with all linear terms of the regression, and with the others, too.
+    term : str
+        Which of them explains most.
+    """
+
+    p_value: float
+    explained: float
+    linear_fit_percent: float
+    nonlinear_fit_percent: float
+    term: str = ""
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether the plant is not linear, and by so much that it counts."""
+        return self.p_value <= MAX_P_VALUE and self.explained >= MIN_EXPLAINED
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Rows of all runs without a hole.
+
+    Attributes
+    ----------
+    error, output : ndarray, shape (n,)
+    linear, other : ndarray, shape (p, n), (q, n)
+    ends : tuple of int
+        Behind each run.
+    """
+
+    error: Array
+    output: Array
+    linear: Array
+    other: Array
+    ends: tuple[int, ...]
+
+    def runs(self, rows: Array) -> list[Array]:
+        """Rows (n,) or (p, n) run by run."""
+        return np.split(rows, self.ends[:-1], axis=-1)
+
+
+def linearity_test(model: OutputModel, data: TrainingData) -> LinearityTest | None:
+    """Test of the errors of a free run; None where the data are too few.
+
+    Parameters
+    ----------
+    model : OutputModel
+    data : TrainingData
+        With the one output of the model.
+    """
+    names, found = _regression(model, data)
+    if found is None:
+        return None
+    basis = _orthonormal(np.vstack([found.linear, found.other]), MIN_DIRECTION)
+    reduced = _reduced(found, basis)
+    if reduced is None:
+        return None
+    p_value = float(fdtrc(*reduced.degrees, reduced.statistic))
+    if p_value < SURE_P_VALUE:
+        p_value = _simulated_p_value(found, basis, reduced.statistic)
+    # What the terms are worth in the error as it is.
+    kept = reduced.kept
+    left = found.error - _weights(found.linear, found.error) @ found.linear
+    both = np.vstack([found.linear, found.other[kept]])
+    less = found.error - _weights(both, found.error) @ both
+    deviation, linear, whole = (np.sqrt(np.mean(x**2)) for x in (found.output, left, less))
+    return LinearityTest(
+        p_value,
+        float(1 - (whole / linear) ** 2),
+        float(100 * (1 - linear / deviation)),
+        float(100 * (1 - whole / deviation)),
+        names[kept[int(np.argmax(reduced.alone))]],
+    )
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Both parts of the regression compared.
+
+    Attributes
+    ----------
+    statistic : float
+        F.
+    degrees : (int, int)
+        Its degrees of freedom.
+    kept : ndarray of int, shape (k,)
+        Other terms that are not linear ones to rounding.
+    alone : ndarray, shape (k,)
+        Squared error that each of them explains by itself.
+    """
+
+    statistic: float
+    degrees: tuple[int, int]
+    kept: NDArray[np.intp]
+    alone: Array
+
+
+def _reduced(found: Regression, basis: Array) -> Reduced | None:
+    """Both parts compared; None where no other term is left, or no error.
+
+    Parameters
+    ----------
+    found : Regression
+    basis : ndarray, shape (k, n)
+        Orthonormal, of all its terms.
+    """
+    colour, _ = _colour(found, found.error - (found.error @ basis.T) @ basis)
+    white = _filtered(found, colour)
+    linear = _orthonormal(white.linear, MIN_DIRECTION)
+    rest = white.other - (white.other @ linear.T) @ linear
+    error = white.error - (white.error @ linear.T) @ linear
+    sizes, left = (np.sqrt(np.sum(rows**2, axis=1)) for rows in (white.other, rest))
+    kept = np.flatnonzero(left > MIN_NEW_SHARE * np.maximum(sizes, 1e-300))
+    if not len(kept):
+        return None
+    new = _orthonormal(rest[kept], MIN_NEW_SHARE)
+    gained, power = float(np.sum((new @ error) ** 2)), float(error @ error)
+    q, free = len(new), len(error) - len(linear) - len(new)
+    if free < 1 or not power > MIN_RELATIVE_ERROR * float(found.output @ found.output):
+        return None
+    statistic = gained / q / (max(power - gained, 1e-300) / free)
+    return Reduced(statistic, (q, free), kept, (rest[kept] @ error) ** 2 / left[kept] ** 2)
+
+
+def _simulated_p_value(found: Regression, basis: Array, statistic: float) -> float:
+    """Share of draws of noise that have as large a statistic (Besag and Clifford 1991).
+
+    Parameters
+    ----------
+    found : Regression
+    basis : ndarray, shape (k, n)
+        As `_reduced`.
+    statistic : float
+    """
+    linear = _orthonormal(found.linear, MIN_DIRECTION)
+    given = _colour(found, found.error - (found.error @ linear.T) @ linear)
+    places = [(np.arange(len(linear)), part) for part in found.runs(linear)]
+    colour, _ = with_absorbed(given, np.eye(len(linear)), places)
+    # The same draws at every call: a result must not change from run to run.
+    rng, larger = np.random.default_rng(0), 0
+    for drawn in range(1, MAX_DRAWS + 1):
+        noise = [
+            lfilter([1.0], colour, rng.standard_normal(len(run) + SETTLING_ROWS))[SETTLING_ROWS:]
+            for run in found.runs(found.error)
+        ]
+        other = _reduced(replace(found, error=np.concatenate(noise)), basis)
+        larger += other is not None and other.statistic >= statistic
+        if larger == ENOUGH_LARGER:
+            return larger / drawn
+    return (larger + 1) / (MAX_DRAWS + 1)
+
+
+def _weights(rows: Array, error: Array) -> Array:
+    """Least squares."""
+    sizes = np.maximum(np.sqrt(np.sum(rows**2, axis=1)), 1e-300)
+    unit = rows / sizes[:, None]
+    return np.asarray(solve(unit @ unit.T, unit @ error) / sizes)
+
+
+def _colour(found: Regression, error: Array) -> tuple[Array, float]:
+    """AR polynomial of errors and the variance of what drives them, of least AIC.
+
+    Colour that it lacks would pass for a term.
+    """
+    runs = found.runs(error)
+    order = min(MAX_AR_ORDER, min(map(len, runs)) // ROWS_PER_COEFFICIENT)
+    if order < 1 or not np.any(error):
+        return np.ones(1), float(np.mean(error**2))
+    table = burg(joined(runs), order)
+    return np.asarray(table.whitening(table.best)), float(table.variance[table.best])
+
+
+def _filtered(found: Regression, ar: Array) -> Regression:
+    """All rows through the AR polynomial, run by run, without those that it needs to begin."""
+
+    def through(rows: Array) -> Array:
+        whole = [lfilter(ar, [1.0], run)[..., len(ar) - 1 :] for run in found.runs(rows)]
+        return np.concatenate(whole, axis=-1)
+
+    ends = tuple(np.cumsum([len(run) - (len(ar) - 1) for run in found.runs(found.error)]).tolist())
+    return Regression(
+        through(found.error), through(found.output), through(found.linear), through(found.other),
+        ends,
+    )  # fmt: skip
+
+
+def _orthonormal(rows: Array, least: float) -> Array:
+    """An orthonormal basis of rows, without directions that are nearly in the others."""
+    sizes = np.linalg.norm(rows, axis=1)
+    rows = rows[sizes > 0] / sizes[sizes > 0][:, None]
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    used = values > least * max(values, default=1.0)
+    return np.asarray((vectors[:, used] / np.sqrt(values[used])).T @ rows)
+
+
+def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], Regression | None]:
+    """Names of the other terms, and all rows, in groups where they are many; None: too few."""
+    runs = [model.simulate(record) for record in data.records]
+    zeros = [model.zeros[record.origin] for record in data.records]
+    sizes = np.std(np.hstack(data.u), axis=1)
+    about = np.concatenate([y - zero for y, zero in zip(runs, zeros, strict=True)])
+    if not np.isfinite(about).any():
+        return [], None
+    # About its mean: the zero of a model that nearly integrates is far away.
+    centre, size = float(np.nanmean(about)), float(np.nanstd(about))
+    # An unstable model, or one without a response, has no output whose powers say anything.
+    if not 0 < size < MAX_RELATIVE_RUN * float(np.nanstd(data.output())) or not np.all(sizes > 0):
+        return [], None
+    group, taus = -(-data.rows // MAX_ROWS), _bank(data.longest, len(sizes))
+    longest = np.argsort([-len(run) for run in runs], kind="stable")[:MAX_DECAYS].tolist()
+    free = [k for k in longest if not data.records[k].at_rest]
+    names: list[str] = []
+    parts: list[Array] = []
+    edge = 0
+    for k, (record, run) in enumerate(zip(data.records, runs, strict=True)):
+        there = np.flatnonzero(np.isfinite(run))
+        if not len(there):
+            continue
+        y, clock = record.column(model.target), np.arange(len(run))
+        v = (np.interp(clock, there, run[there]) - zeros[k] - centre) / size
+        # From its first value each: a level before the record is then no term of its own.
+        u = (data.u[k] - data.levels[record.origin][:, None]) / sizes[:, None]
+        linear, other, names = _columns(model, record, u, v, taus)
+        offsets = np.zeros((data.experiments, len(run)))
+        offsets[record.origin] = 1.0
+        decays = np.zeros((len(free), len(taus), len(run)))
+        if k in free:
+            decays[free.index(k)] = np.exp(-clock / taus[:, None])
+        whole = np.vstack([y - run, y, offsets, *decays, *linear, *other])
+        edge = len(whole) - len(other)
+        whole = whole[:, : len(run) // group * group].reshape(len(whole), -1, group).mean(axis=2)
+        known = np.where(np.isfinite(whole[0]), np.arange(whole.shape[1]), np.nan)
+        parts += [whole[:, rows.astype(np.intp)] for rows in runs_of(known)]
+    parts = [part for part in parts if part.shape[1] >= MIN_RUN]
+    if not parts:
+        return [], None
+    ends = np.cumsum([part.shape[1] for part in parts]).tolist()
+    for part in parts:
+        part[1] -= np.mean(part[1])
+    rows = np.hstack(parts)
+    if rows.shape[1] < ROWS_PER_COLUMN * len(rows):
+        return [], None
+    return names, Regression(rows[0], rows[1], rows[2:edge], rows[edge:], tuple(ends))
+
+
+def _bank(longest: int, inputs: int) -> Array:
+    """Time constants of the lags of every input [rows]."""
+    slowest = max(SLOWEST_SHARE * longest, 4.0)
+    count = min(round(2.5 * np.log10(slowest)), MAX_BANK, MAX_ALL_BANKS // inputs)
+    return np.geomspace(1.0, slowest, max(count, MIN_BANK))
+
+
+def _columns(
+    model: OutputModel, record: Record, u: Array, v: Array, taus: Array
+) -> tuple[list[Array], list[Array], list[str]]:
+    """Linear and other terms of one record, and the names of these."""
+
+    def through(i: int, x: Array) -> Array:
+        """What the model gives of input i alone."""
+        columns = {name: np.zeros(len(x)) for name in model.names}
+        return model.response_to(Record(record.time, {**columns, model.names[i]: x}))
+
+    linear = [v, np.append(v[:1], v[:-1]), np.append(v[1:], v[-1:])]
+    other = {"y^2": v**2, "y^3": v**3}
+    for i, (name, delay) in enumerate(zip(model.names, model.sample_delays, strict=True)):
+        late = np.concatenate([np.zeros(min(delay, len(v))), u[i]])[: len(v)]
+        linear += [late, through(i, u[i])]
+        linear += [lfilter([1 - a], [1, -a], late) for a in np.exp(-1 / taus)]
+        own = {f"{name}^2": u[i] ** 2, f"{name} y": u[i] * v}
+        if len(u) <= MAX_CROSSED_INPUTS:
+            other[f"{name} y at once"] = late * v
+            own[f"{name}^3"] = u[i] ** 3
+            own |= {
+                f"{name} {second}": u[i] * x
+                for second, x in zip(model.names, u, strict=True)
+                if second != name
+            }
+        other |= {label: through(i, x) for label, x in own.items()}
+    return linear, list(other.values()), list(other)
