@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from thermaltool.api.inputs import Reading, all_of, read_for_fit, reads
-from thermaltool.api.result import Notice, Result, notice
+from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.fitting.transfer.registry import CONTINUOUS, MAX_MODES, STRUCTURES
 from thermaltool.units import names
 
@@ -130,7 +131,9 @@ def identify(
     reference: Reference | None = None,
     start: float | None = None,
     stop: float | None = None,
+    budget: float | None = None,
     warn: Notice = notice,
+    progress: Notice = silent,
     **reading: Unpack[Reading],
 ) -> Identification:
     """Transfer functions from measured logs, one for each output with all inputs.
@@ -168,8 +171,12 @@ def identify(
         What counts as no input in the model. Default: "first" for an absolute temperature, else 0.
     start, stop : float, optional [s]
         The stretch that is fitted and judged; all rows drive what is simulated.
-    warn : callable
-        Takes a sentence where a log pauses or its clock is uneven.
+    budget : float, optional [s]
+        Time for the choice of orders and modes; then the best of those that were tried is fitted.
+        Ctrl-C ends the choice, too.
+    warn, progress : callable
+        Take a sentence where a log pauses, its clock is uneven or the choice was ended, and a word
+        now and then.
     **reading
         See `read_log`.
 
@@ -201,6 +208,7 @@ def identify(
     """
     from thermaltool.fitting.identification import identify as fit
     from thermaltool.fitting.network.plan import NetworkPlan
+    from thermaltool.fitting.search_budget import SearchBudget
     from thermaltool.fitting.subspace.plan import SubspacePlan
     from thermaltool.fitting.transfer.plan import TransferPlan
     from thermaltool.fitting.transfer.registry import structure_of
@@ -210,7 +218,10 @@ def identify(
                     noise_orders=noise_orders, continuous=continuous, real_poles=real_poles,
                     initial=initial, split=split, validate=validate)  # fmt: skip
     plan: Plan
-    common: dict[str, Any] = {"initial": initial, "split": split, "span": (start, stop)}
+    search = SearchBudget(math.inf if budget is None else budget, progress)
+    common: dict[str, Any] = {
+        "initial": initial, "split": split, "span": (start, stop), "budget": search,
+    }  # fmt: skip
     if structure == NETWORK:
         plan = NetworkPlan(modes=modes, delay=delay or 0.0, **common)
     elif structure == SUBSPACE:
@@ -228,9 +239,11 @@ def identify(
             _check_clock(log.between(start, stop), first.period, warn)
         logs.append(log)
     fresh = [] if validate is None else [logs.pop()]
-    return Identification(
-        fit(logs, inputs, outputs, plan, fresh, reference), tuple(logs), reference
-    )
+    fits = fit(logs, inputs, outputs, plan, fresh, reference)
+    progress("done\n")
+    if search.ended:
+        warn(f"the choice was ended: the best of {search.tried} candidates")
+    return Identification(fits, tuple(logs), reference)
 
 
 def _check_clock(log: Record, period: float, warn: Notice) -> None:

@@ -8,9 +8,10 @@ from typing import Any
 import click
 
 from thermaltool.cli import shared
-from thermaltool.cli.messages import DID_NOT_PASS, command_line, warn
+from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progress, warn
 from thermaltool.cli.types import (
     MAX_TRANSFER_ORDER,
+    POSITIVE,
     PROPER_SHARE,
     DeadTime,
     InputPath,
@@ -61,6 +62,9 @@ from thermaltool.fitting.transfer.registry import MAX_MODES, STRUCTURES, describ
 @click.option("--reference", metavar="first|NUMBER",
               help="What counts as no input in the model file.  [default: first for T_..._degC, "
               "else 0]")  # fmt: skip
+@click.option("--budget", type=POSITIVE, metavar="S",
+              help="Time for the choice of orders and modes; then the best so far is fitted, as at "
+              "Ctrl-C [s].  [default: none]")  # fmt: skip
 @shared.span_options("Rows from", "Rows up to")
 @shared.log_options
 @click.option("-o", "model_file", metavar="FILE", help="Model file, for simulate and others.")
@@ -93,7 +97,8 @@ def command(
         check_arguments(inputs, outputs, **options)
     rest = shared.reference_of(reference)
     shared.check_files(model_file, *logs, options["validate"])
-    found = api.identify(logs, inputs, outputs, reference=rest, warn=warn, **options)
+    found = api.identify(logs, inputs, outputs, reference=rest, warn=warn,
+                         progress=terminal_progress("identify"), **options)  # fmt: skip
     notes = (*found.notes, *(found.model_notes if model_file is not None else ()))
     # The file last: where anything before it fails, the old one stays.
     if as_json:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 from thermaltool.errors import FitError, ModelError
@@ -18,6 +18,7 @@ from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.linearity import linearity_test
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.residuals import residual_tests
+from thermaltool.fitting.search_budget import SearchBudget
 from thermaltool.fitting.selection import Candidate
 from thermaltool.fitting.start_state import Initial
 from thermaltool.fitting.validation import Span, validate, validate_on
@@ -40,6 +41,8 @@ class Plan(ABC):
         Share of the rows that are fitted; the rest validates.
     span : (float or None, float or None) [s]
         The stretch of every log that is fitted and judged; its other rows drive what is simulated.
+    budget : SearchBudget
+        How long the search for orders and modes may take.
     """
 
     joint: ClassVar[bool] = False
@@ -47,6 +50,7 @@ class Plan(ABC):
     initial: Initial = "auto"
     split: float | None = None
     span: Span = (None, None)
+    budget: SearchBudget = field(default_factory=SearchBudget)
 
     @abstractmethod
     def start(self, data: TrainingData) -> TrainingData:
@@ -95,11 +99,11 @@ def identify(
     parts, others = ([log.between(*plan.span) for log in each] for each in (logs, fresh))
     sets = plan.data_sets(parts, inputs, outputs)
     held = plan.data_sets(others, inputs, outputs) if fresh else [None] * len(sets)
-    return tuple(
-        fit
-        for data, own in zip(sets, held, strict=True)
-        for fit in _judged(data, plan, own, reference, logs, fresh)
-    )
+    fits: list[Fit] = []
+    for k, (data, own) in enumerate(zip(sets, held, strict=True)):
+        plan.budget.begin(len(sets) - k)
+        fits += _judged(data, plan, own, reference, logs, fresh)
+    return tuple(fits)
 
 
 def _judged(

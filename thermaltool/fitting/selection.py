@@ -11,6 +11,7 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, Split, TrainingData
 from thermaltool.fitting.error_model import effective_share, runs_of
+from thermaltool.fitting.search_budget import SearchBudget
 from thermaltool.signals.agreement import Agreement, agreement
 
 # Share of each experiment on which all candidates are fitted; the rest judges them.
@@ -62,6 +63,7 @@ def rank(
     fit: Callable[[C, TrainingData], R | None],
     split: Split,
     none: str,
+    budget: SearchBudget | None = None,
 ) -> tuple[Candidate[R], ...]:
     """Candidates by what they predict of data that they were not fitted to, the best first.
 
@@ -79,23 +81,32 @@ def rank(
         The data, and what is fitted and held out at first.
     none : str
         What is wrong where no candidate has a model, and none says why.
+    budget : SearchBudget, optional
+        Where it ends the search, those that were judged by the first split are ranked by it.
 
     Raises
     ------
     FitError
         There is none; the message is that of the first that failed.
     """
-    first, problem = _judged(candidates, fit, [split])
+    budget = budget or SearchBudget()
+    first, problem = _judged(candidates, fit, [split], budget)
     if not first:
         raise problem or FitError(none)
     folds = [fold for fold in split.data.folds(BLOCKS) if _excites(fold.fitted)]
-    last = _judged((each for each, _ in first[:FINALISTS]), fit, folds)[0] if folds else []
+    finalists = [each for each, _ in first[:FINALISTS]] if folds and not budget.is_over else []
+    last = _judged(finalists, fit, folds, budget)[0] if finalists else []
+    if budget.is_over:
+        last = []
     done = {id(each) for each, _ in last}
     return tuple(found for _, found in (*last, *(p for p in first if id(p[0]) not in done)))
 
 
 def _judged(
-    candidates: Iterable[C], fit: Callable[[C, TrainingData], R | None], splits: Sequence[Split]
+    candidates: Iterable[C],
+    fit: Callable[[C, TrainingData], R | None],
+    splits: Sequence[Split],
+    budget: SearchBudget,
 ) -> tuple[list[tuple[C, Candidate[R]]], FitError | None]:
     """Candidates that all splits carry, the best first; and why the first did not fit."""
     data = splits[0].data
@@ -103,9 +114,12 @@ def _judged(
     tried: list[C] = []
     found: list[tuple[R, Array, list[Agreement]]] = []
     problem: FitError | None = None
-    for each in candidates:
+    pending = iter(candidates)
+    while not (found and budget.is_over):
         runs, model = [], None
         try:
+            if (each := next(pending, None)) is None:
+                break
             for split in splits:
                 model = fit(each, split.fitted)
                 if model is None:
@@ -114,8 +128,14 @@ def _judged(
         except FitError as error:
             problem = problem or error
             continue
+        except KeyboardInterrupt:
+            if not found:
+                raise
+            budget.interrupt()
+            break
         if model is None:
             continue
+        budget.count()
         run = np.hstack(runs)
         fits = [agreement(held.output(k), own) for k, own in enumerate(run)]
         if all(np.isfinite(own.rmse) for own in fits):

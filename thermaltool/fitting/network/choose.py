@@ -14,6 +14,7 @@ from thermaltool.fitting.network.identify import MAX_MODES, identify_network
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.problem import Delays, NetworkProblem
 from thermaltool.fitting.network.search import MAX_START_ROWS, NetworkSearchResult, search
+from thermaltool.fitting.search_budget import SearchBudget
 from thermaltool.fitting.selection import (
     FITTED_SHARE,
     MAX_DELAY,
@@ -29,7 +30,9 @@ MAX_DELAY_ROUNDS = 5
 MAX_TRIED_MODES = 3
 
 
-def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate[Network], ...]:
+def choose_modes(
+    data: TrainingData, delays: Delays, budget: SearchBudget | None = None
+) -> tuple[Candidate[Network], ...]:
     """Numbers of modes by what they predict of rows that were not fitted, the best first.
 
     With direct feedthrough, too, where the inputs of the same row say something beside the modes
@@ -60,7 +63,7 @@ def choose_modes(data: TrainingData, delays: Delays) -> tuple[Candidate[Network]
             fitted.append(found)
         return found
 
-    return rank(candidates(), fit, split, "no number of modes fits these data")
+    return rank(candidates(), fit, split, "no number of modes fits these data", budget)
 
 
 def _acts_at_once(data: TrainingData, network: Network, delays: Delays) -> bool:

@@ -44,7 +44,7 @@ class NetworkPlan(Plan):
             delays = tuple((self.delay,) * len(data.inputs) for _ in data.outputs)
         if self.modes is not None:
             return identify_network(data, self.modes, delays).outputs, ()
-        candidates = choose_modes(data, delays)
+        candidates = choose_modes(data, delays, self.budget)
         network = first_that_fits(
             ((c.model.modes, c.model.has_direct) for c in candidates),
             lambda tried: identify_network(data, tried[0], delays, tried[1]),

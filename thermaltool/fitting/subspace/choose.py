@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, Split, TrainingData
+from thermaltool.fitting.search_budget import SearchBudget
 from thermaltool.fitting.selection import FITTED_SHARE, Candidate, rank
 from thermaltool.fitting.start_state import StartErrors
 from thermaltool.fitting.subspace.identify import identify_subspace, problem_of
@@ -28,7 +29,9 @@ MAX_START_ORDER = 6
 
 
 def choose_order(
-    data: TrainingData, orders: Sequence[int] = range(1, MAX_POLES + 1)
+    data: TrainingData,
+    orders: Sequence[int] = range(1, MAX_POLES + 1),
+    budget: SearchBudget | None = None,
 ) -> tuple[Candidate[Subspace], ...]:
     """Numbers of poles, with feedthrough and without, by what they predict of rows held out.
 
@@ -37,6 +40,7 @@ def choose_order(
     data : TrainingData
     orders : sequence of int
         That are tried, rising.
+    budget : SearchBudget, optional
 
     Raises
     ------
@@ -46,25 +50,30 @@ def choose_order(
     data.check()
     split = data.split(FITTED_SHARE)
     found = realizations(split.fitted, max(orders))
-    models: list[Subspace] = []
-    problem: FitError | None = None
-    for direct in (False, True):
-        best, since = np.inf, 0
-        beside: list[tuple[PoleSection, ...]] = []
-        for order in orders:
-            try:
-                model = identify_subspace(split.fitted, order, direct, beside, found, judged=False)
-            except FitError as error:
-                problem = problem or error
-                since += 1
-            else:
-                models.append(model)
-                beside, level = [model.sections], _held_out_level(model, split)
-                best, since = (level, 0) if level < best else (best, since + 1)
-            if since >= PATIENCE:
-                break
-    if not models and problem is not None:
-        raise problem
+
+    def candidates() -> Iterator[Subspace]:
+        problem: FitError | None = None
+        any_fits = False
+        for direct in (False, True):
+            best, since = np.inf, 0
+            beside: list[tuple[PoleSection, ...]] = []
+            for order in orders:
+                try:
+                    model = identify_subspace(
+                        split.fitted, order, direct, beside, found, judged=False
+                    )
+                except FitError as error:
+                    problem = problem or error
+                    since += 1
+                else:
+                    any_fits = True
+                    beside, level = [model.sections], _held_out_level(model, split)
+                    best, since = (level, 0) if level < best else (best, since + 1)
+                    yield model
+                if since >= PATIENCE:
+                    break
+        if not any_fits and problem is not None:
+            raise problem
 
     def fit(each: Subspace, part: TrainingData) -> _ByPoles:
         if part is not split.fitted:
@@ -74,7 +83,7 @@ def choose_order(
             )
         return _ByPoles(each)
 
-    ranked = rank(models, fit, split, "no number of modes fits")
+    ranked = rank(candidates(), fit, split, "no number of modes fits", budget)
     return tuple(Candidate(c.model.model, c.fit_percent, c.score) for c in ranked)
 
 

@@ -41,7 +41,8 @@ class SubspacePlan(Plan):
     def fit(
         self, data: TrainingData
     ) -> tuple[tuple[SubspaceOutput, ...], tuple[Candidate[Subspace], ...]]:
-        candidates = choose_order(data) if self.modes is None else choose_order(data, [self.modes])
+        wanted = {} if self.modes is None else {"orders": [self.modes]}
+        candidates = choose_order(data, budget=self.budget, **wanted)
         model = first_that_fits(
             (candidate.model for candidate in candidates),
             lambda m: identify_subspace(data, m.order, m.has_direct, [m.sections]),

@@ -16,6 +16,7 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData
+from thermaltool.fitting.search_budget import SearchBudget
 from thermaltool.fitting.selection import (
     FITTED_SHARE,
     MAX_DELAY,
@@ -38,7 +39,9 @@ DELAY_ROUNDS = 3
 Tried = tuple[tuple[int, ...], int, tuple[int, ...]]
 
 
-def choose(data: TrainingData, structure: Structure) -> tuple[Candidate[TransferModel], ...]:
+def choose(
+    data: TrainingData, structure: Structure, budget: SearchBudget | None = None
+) -> tuple[Candidate[TransferModel], ...]:
     """Orders nb, nf and delays nk of one structure, the best first.
 
     Parameters
@@ -67,7 +70,7 @@ def choose(data: TrainingData, structure: Structure) -> tuple[Candidate[Transfer
     delays = _delays(short)
     direct = _direct_grid(_direct_delays(short, delays[0]))
     tried = dict.fromkeys([*_grid(delays, data.least_delays), *direct])
-    return rank(tried, fit, short.split(FITTED_SHARE), none)
+    return rank(tried, fit, short.split(FITTED_SHARE), none, budget)
 
 
 def _grid(found: list[tuple[int, ...]], least: tuple[int, ...]) -> Iterator[Tried]:

@@ -42,7 +42,7 @@ class TransferPlan(Plan):
             nb, nf, nk = zip(*each, strict=True)
             model = structure.fit(data, structure.orders(nb, nf, nk))
         else:
-            candidates = choose(data, structure.candidates)
+            candidates = choose(data, structure.candidates, self.budget)
             chosen = (candidate.model.orders for candidate in candidates)
             wanted = [structure.orders(each.nb, each.nf[0], each.nk) for each in chosen]
             try:
