@@ -118,7 +118,7 @@ class OutputNuisance:
 
         Not far below that of the calibration: a sensor that stands still is no quiet sensor.
         """
-        residual = self.groups.joined(self.simulation.residual(self.output))
+        residual = self.simulation.as_readings(self.output, self.simulation.residual(self.output))
         if "tight" in self.assumptions:
             least = MIN_NOISE_RATIO * float(self._known.get("white_sigma", 0.0))
         else:
@@ -296,7 +296,7 @@ class OutputNuisance:
             q = len(covariance) - len(own)
             at = np.append(at, np.zeros(q))
             size = np.append(size, np.full(q, known["lag_sigma"]))
-        columns = self.groups.joined(self.moves)
+        columns = self.simulation.as_readings(self.output, self.moves)
         root = _root(covariance, size)
         changes = columns @ root
         changes = changes - changes.mean(axis=0)

@@ -213,7 +213,9 @@ def held_out_gains(before: Hypothesis, after: Hypothesis, seed: int = 0) -> dict
     starts = "initial" in after.assumptions or any(e.at_start for e in after.model.effects)
     for output in before.groups:
         old, new = (_held_out_errors(each, output, events, starts) for each in (before, after))
-        result[output] = compare(before.simulation.measured_rows(output), old, new, seed)
+        simulated = before.simulation
+        measured, hidden = simulated.measured_rows(output), simulated.hidden(output)
+        result[output] = compare(measured, old, new, seed, hidden)
     return result
 
 

@@ -135,7 +135,12 @@ def gains_of(
         return groups.joined(found)
 
     return {
-        output: compare(before.measured_rows(output), errors(before, output), errors(after, output))
+        output: compare(
+            before.measured_rows(output),
+            errors(before, output),
+            errors(after, output),
+            hidden=before.hidden(output),
+        )
         for output in before.groups
     }
 
@@ -234,7 +239,7 @@ def spoiled_by(
             counted.append(gains_of(halves[0], halves[1], lambda output: False))
         for output in old.groups:
             sigma = noise.get(output) or difference_sigma(
-                old.groups[output].joined(old.residual(output))
+                old.as_readings(output, old.residual(output))
             )
             if any(is_worse(each[output], sigma) for each in free) or any(
                 is_worse(each[output], sigma, MIN_LOSS_COUNTED)

@@ -1,0 +1,114 @@
+"""Logs of very many rows: causes are sought on averages, what they are worth is told of all rows.
+
+A search keeps some kilobytes a row. Where the logs have more rows than `averaging.MAX_ROWS`, it
+works on averages over consecutive rows, as a calibration does: drives along straight lines, outputs
+as means of their readings, whose noise and number are known. What is told of the written model
+comes from the readings, one run of `simulate` after another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from thermaltool.effects.effect import Float
+from thermaltool.fitting import averaging
+from thermaltool.fitting.averaging import Averages, averaged_rows, averages_of, integral_of
+from thermaltool.model import Drive, Model, drive_rests
+from thermaltool.record import Record
+from thermaltool.responses.modes import Hold
+from thermaltool.signals.resolution import resolution_step
+from thermaltool.units import hold_of
+
+Logs = tuple[Record, ...]
+
+
+def rows_of(logs: Sequence[Record]) -> list[int]:
+    """Number of consecutive rows that make one row of a search, for each log; 1 where all count.
+
+    Parameters
+    ----------
+    logs : sequence of Record
+    """
+    return averaged_rows(logs) if logs else []
+
+
+def averaged_logs(model: Model, groups: Sequence[Logs]) -> tuple[Model, list[Logs]]:
+    """Averages of logs, and the model as it runs on them: its drives go along straight lines.
+
+    Parameters
+    ----------
+    model : Model
+    groups : sequence of tuple of Record
+        Each is averaged for itself, so that it has no more than so many rows.
+
+    Returns
+    -------
+    Model
+    list of tuple of Averages
+    """
+    found = [_averages(model, logs) for logs in groups]
+    every = [log for logs in groups for log in logs]
+    return replace(model, drives=tuple(_along_lines(d, model, every) for d in model.drives)), found
+
+
+def _along_lines(drive: Drive, model: Model, logs: Sequence[Record]) -> Drive:
+    """A drive whose averages go along straight lines.
+
+    The first value of a commanded one is exact: where it is the same in all logs it stays so.
+    """
+    if drive.hold == "zero" and drive.reference == "first" and drive.rest is None:
+        levels = {drive_rests(replace(model, drives=(drive,)), log)[drive.channel] for log in logs}
+        if len(levels) == 1:
+            return replace(drive, hold="first", reference=levels.pop())
+    return replace(drive, hold="first")
+
+
+def _averages(model: Model, logs: Logs) -> Logs:
+    found = tuple(_averaged(model, *each) for each in zip(logs, rows_of(logs), strict=True))
+    # Drives that step all the time have rows of their own between the averages.
+    if sum(map(len, found)) > 2 * averaging.MAX_ROWS:
+        fewer = averaged_rows(logs, averaging.MAX_ROWS // averaging.PARTS)
+        found = tuple(_averaged(model, *each) for each in zip(logs, fewer, strict=True))
+    return found
+
+
+def _averaged(model: Model, log: Record, rows: int) -> Averages:
+    """Averages of every channel of a log, in the units of the log."""
+    outputs = [o.channel for o in model.outputs if o.channel in log.columns]
+    averages = averages_of(log, rows, model.drives, outputs)
+    columns = dict(averages.columns)
+    for channel, rest in drive_rests(model, log).items():
+        columns[channel] = columns[channel] + rest
+    for channel, values in log.columns.items():
+        if channel not in columns:
+            columns[channel] = _course(log.time, values, averages.time, hold_of(channel))
+    steps = {o: resolution_step(log.columns[o]) or 0.0 for o in outputs}
+    return replace(averages, columns={c: columns[c] for c in log.columns}, steps=steps)
+
+
+def _course(time: Float, values: Float, moments: Float, hold: Hold) -> Float:
+    """A channel beside the model at other moments, shape (m,); NaN where it has no value.
+
+    One that is held has its mean up to the next moment, any other one its mean around each.
+    """
+    there = np.isfinite(values)
+    if not there.any():
+        return np.full(len(moments), np.nan)
+    if hold == "zero":
+        edges = np.append(moments, moments[-1])
+        last = np.maximum.accumulate(np.where(there, np.arange(len(values)), there.argmax()))
+        known = values[last]
+    else:
+        edges = np.concatenate([moments[:1], (moments[1:] + moments[:-1]) / 2, moments[-1:]])
+        known = np.interp(time, time[there], values[there])
+    edges = np.clip(edges, time[0], time[-1])
+    rows = np.clip(np.searchsorted(time, moments, side="right") - 1, 0, len(time) - 1)
+    widths, found = np.diff(edges), known[rows]
+    own = widths > 0
+    sums = np.diff(np.interp(edges, time, integral_of(time, known, hold)))
+    found[own] = sums[own] / widths[own]
+    found[~there[rows]] = np.nan
+    return found
