@@ -55,7 +55,11 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     masked = last.simulation.masked if task.readings is None else search.left_out
     written = account(
         full.model, extended, effects, full.logs, full.validate, full.calibration, masked, noise,
+        starts=full is task,
     )  # fmt: skip
+    worse = search.spoiled(task, fitted) if full is not task else None
+    if worse is not None and written.spoiled is None:
+        written = replace(written, spoiled=f"{worse[1]} in {worse[0].name or 'a log'}")
     reports, budgets = weigh_residuals(first, plain, noise)
     # Where the model itself had more to say than any cause, that is what was left in the end.
     ended = last if effects else search.ended
@@ -69,7 +73,10 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     def told(cause: Cause, gain: Mapping[str, Gain] | None) -> Cause:
         if gain is None:  # no part of a model
             return replace(cause, explained=explained(noise, cause.gain))
-        share = full.explained(extended, cause.effect, masked, noise, ended.assumptions)
+        # Starts away from rest are fitted to averages.
+        warm = full is not task and ("initial" in ended.assumptions or full.validate)
+        judged = (task, fitted, last.simulation.masked) if warm else (full, extended, masked)
+        share = judged[0].explained(judged[1], cause.effect, judged[2], noise, ended.assumptions)
         return replace(cause, gain=gain, explained=share)
 
     causes = [told(*each) for each in zip(search.causes, written.gains, strict=True)]

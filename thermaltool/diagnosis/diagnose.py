@@ -28,6 +28,7 @@ from thermaltool.diagnosis.no_signature import (
     outliers_of,
     too_short,
 )
+from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.result import Cause, Diagnosis
 from thermaltool.diagnosis.select import (
     Progress,
@@ -271,7 +272,7 @@ def _misfit(hypothesis: Hypothesis) -> float:
     return max(
         (
             float(np.mean(np.square(groups.joined(hypothesis.unexplained(o)))))
-            + hypothesis.simulation.hidden(o) ** 2
+            + hidden_noise(hypothesis.simulation, o) ** 2
         )
         / hypothesis.nuisance[o].white ** 2
         - 1

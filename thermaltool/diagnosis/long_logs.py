@@ -24,6 +24,10 @@ from thermaltool.units import hold_of
 
 Logs = tuple[Record, ...]
 
+# Averages of all logs together. A likelihood weighs 3000 means of them
+# (`thermaltool.signals.row_groups`); a search of so many takes about a minute.
+MAX_AVERAGES = 40_000
+
 
 def rows_of(logs: Sequence[Record]) -> list[int]:
     """Number of consecutive rows that make one row of a search, for each log; 1 where all count.
@@ -32,7 +36,9 @@ def rows_of(logs: Sequence[Record]) -> list[int]:
     ----------
     logs : sequence of Record
     """
-    return averaged_rows(logs) if logs else []
+    if sum(map(len, logs)) <= averaging.MAX_ROWS:
+        return [1] * len(logs)
+    return averaged_rows(logs, min(MAX_AVERAGES, averaging.MAX_ROWS))
 
 
 def averaged_logs(model: Model, groups: Sequence[Logs]) -> tuple[Model, list[Logs]]:
@@ -69,8 +75,9 @@ def _along_lines(drive: Drive, model: Model, logs: Sequence[Record]) -> Drive:
 def _averages(model: Model, logs: Logs) -> Logs:
     found = tuple(_averaged(model, *each) for each in zip(logs, rows_of(logs), strict=True))
     # Drives that step all the time have rows of their own between the averages.
-    if sum(map(len, found)) > 2 * averaging.MAX_ROWS:
-        fewer = averaged_rows(logs, averaging.MAX_ROWS // averaging.PARTS)
+    most = max(MAX_AVERAGES, averaging.MAX_ROWS)
+    if sum(map(len, found)) > 2 * most:
+        fewer = averaged_rows(logs, most // averaging.PARTS)
         found = tuple(_averaged(model, *each) for each in zip(logs, fewer, strict=True))
     return found
 

@@ -13,6 +13,7 @@ from scipy.special import ndtri
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.gain import Gain, compare
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.simulation import Mask, Series, SimulatedLogs
 from thermaltool.diagnosis.validate import held_out_gains
@@ -103,10 +104,12 @@ def outliers_of(
             out = np.abs(_from_both_sides(residual[rows])) > limit * spread
             out |= _bursts_off(log.time[rows], residual[rows], white)
             out &= ~after_a_switch(model, log)[rows] | _alone(residual[rows])
+            if not out.any():
+                continue
             # A step or a ramp stands out of its neighbours too, on one side: it is left alone.
             moved = ~out & (np.abs(deviation) > limit * spread)
             found = _heavy_tails(deviation[~moved] / spread) - 2 * np.log(outputs)
-            if not out.any() or found < DECISIVE_EVIDENCE:
+            if found < DECISIVE_EVIDENCE:
                 continue
             mask = np.zeros(len(residual), bool)
             mask[rows[out]] = True
@@ -139,7 +142,7 @@ def _masked_gains(
             for log, residual in zip(simulation.logs, residuals, strict=True)
         ]
         before, after = groups.joined(residuals), groups.joined(kept)
-        hidden = simulation.hidden(output)
+        hidden = hidden_noise(simulation, output)
         result[output] = compare(simulation.measured_rows(output), before, after, 0, hidden)
     return result
 

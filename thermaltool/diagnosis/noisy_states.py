@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import after_a_switch
+from thermaltool.diagnosis.readings import reading_step
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.severity import Severity
 from thermaltool.diagnosis.simulation import Series
 from thermaltool.effects.effect import Float
 from thermaltool.effects.noise_state import NoiseState
-from thermaltool.fitting.averaging import row_step
 from thermaltool.record import Record
 from thermaltool.units import is_displacement, is_temperature
 
@@ -64,7 +64,7 @@ def noisy_states(hypothesis: Hypothesis) -> list[Cause]:
         state, best = max(known, key=lambda one: one[1].evidence)
         evidence = best.evidence - 2 * float(np.log(tests))
         # Readings on a coarse lattice scatter where they move, and not at all where they rest.
-        steps = [row_step(log, output) for log in _logs(hypothesis, output)]
+        steps = [reading_step(log, output) for log in _logs(hypothesis, output)]
         if evidence < DECISIVE_EVIDENCE or best.loud < max(steps):
             continue
         if best.loud > MIN_RATIO * best.quiet:

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.readings import hidden_in
 from thermaltool.diagnosis.residual import ResidualReport, residual_report
 from thermaltool.diagnosis.ruled_out import ruled_out
 from thermaltool.diagnosis.severity import Severity
 from thermaltool.diagnosis.written import WrittenStep
 from thermaltool.documents import DIAGNOSIS, jsonable
 from thermaltool.effects.effect import Effect
-from thermaltool.fitting.averaging import Averages, hidden_noise
+from thermaltool.fitting.averaging import Averages
 from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.units import printed
@@ -326,7 +327,7 @@ def reports_of(
             {c: v for c, v in log.columns.items() if c in hypothesis.scene.extra},
             white[output],
             floor[output],
-            hidden_noise(log, output),
+            hidden_in(log, output),
         )
     return reports
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.effects.effect import Effect, Float, Scene, reference_of
-from thermaltool.fitting.averaging import hidden_noise
 from thermaltool.model import (
     Model,
     acting_drives,
@@ -142,36 +141,6 @@ class SimulatedLogs:
         output : str
         """
         return self.groups[output].joined([m.get(output, np.zeros(0)) for m in self.measured])
-
-    def as_readings(self, output: str, series: Series) -> Float:
-        """Rows that count, scaled so that their white noise is that of a reading, shape (n, ...).
-
-        Parameters
-        ----------
-        output : str
-        series : list of ndarray, shape (n_log, ...)
-        """
-        return self.groups[output].joined(
-            [
-                each if log.row_readings == 1 else each * np.sqrt(log.row_readings)
-                for log, each in zip(self.logs, series, strict=True)
-            ]
-        )
-
-    def hidden(self, output: str) -> float:
-        """Noise of a reading that rows do not show, being averages; else 0 [unit of the output].
-
-        Parameters
-        ----------
-        output : str
-        """
-        rows = self.groups[output].rows
-        power = sum(
-            hidden_noise(log, output) ** 2 * len(own)
-            for log, own in zip(self.logs, rows, strict=True)
-            if len(own)
-        )
-        return float(np.sqrt(power / self.groups[output].count))
 
     def residual(self, output: str) -> Series:
         """Measured minus simulated in each log; NaN where not measured."""

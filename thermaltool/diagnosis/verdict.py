@@ -16,6 +16,7 @@ import numpy as np
 from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.residual import ResidualReport
 from thermaltool.diagnosis.result import Cause, Location, Verdict, reports_of
 from thermaltool.effects.effect import Float
@@ -183,7 +184,7 @@ def budget_of(
     """
     groups, start = hypothesis.groups[output], hypothesis.beginning(output)
     own = "tight" not in hypothesis.assumptions
-    hidden = hypothesis.simulation.hidden(output)
+    hidden = hidden_noise(hypothesis.simulation, output)
 
     def rms(residual: Sequence[Float], beginning: Sequence[Float] | None = None) -> float:
         left = (

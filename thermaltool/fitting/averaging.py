@@ -23,7 +23,7 @@ from thermaltool.model import Drive, Output, relative
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float, Hold
 from thermaltool.signals.detrend import difference_sigma, find_outliers
-from thermaltool.signals.resolution import reading_sigma, resolution_step
+from thermaltool.signals.resolution import reading_sigma
 
 # Rows of all records together that are fitted one by one: at about 5 kB each, half a gigabyte.
 MAX_ROWS = 100_000
@@ -87,32 +87,6 @@ def row_noise(record: Record, output: str) -> float:
     if isinstance(record, Averages):
         return record.noise[output] / math.sqrt(record.rows_each)
     return reading_sigma(record.column(output))
-
-
-def hidden_noise(record: Record, output: str) -> float:
-    """White noise of a reading that a row, being an average, does not show [unit of the output].
-
-    Parameters
-    ----------
-    record : Record
-    output : str
-    """
-    if not isinstance(record, Averages):
-        return 0.0
-    return record.noise.get(output, 0.0) * math.sqrt(1 - 1 / record.rows_each)
-
-
-def row_step(record: Record, output: str) -> float:
-    """Resolution of the readings behind the rows of a record; 0 for none [unit of the output].
-
-    Parameters
-    ----------
-    record : Record
-    output : str
-    """
-    if isinstance(record, Averages):
-        return record.steps.get(output, 0.0)
-    return resolution_step(record.column(output)) or 0.0
 
 
 def known_noise(records: Sequence[Record], output: str) -> float | None:
