@@ -27,6 +27,8 @@ Logs = tuple[Record, ...]
 # Averages of all logs together. A likelihood weighs 3000 means of them
 # (`thermaltool.signals.row_groups`); a search of so many takes about a minute.
 MAX_AVERAGES = 40_000
+# Rows of averages and of steps of the drives together, over that.
+MAX_TIMES_AVERAGES = 3
 
 
 def rows_of(logs: Sequence[Record]) -> list[int]:
@@ -74,9 +76,9 @@ def _along_lines(drive: Drive, model: Model, logs: Sequence[Record]) -> Drive:
 
 def _averages(model: Model, logs: Logs) -> Logs:
     found = tuple(_averaged(model, *each) for each in zip(logs, rows_of(logs), strict=True))
-    # Drives that step all the time have rows of their own between the averages.
-    most = max(MAX_AVERAGES, averaging.MAX_ROWS)
-    if sum(map(len, found)) > 2 * most:
+    # Drives that step all the time have so many rows of their own between the averages.
+    most = min(MAX_AVERAGES, averaging.MAX_ROWS)
+    if sum(map(len, found)) > MAX_TIMES_AVERAGES * most and max(rows_of(logs)) > 1:
         fewer = averaged_rows(logs, most // averaging.PARTS)
         found = tuple(_averaged(model, *each) for each in zip(logs, fewer, strict=True))
     return found
@@ -91,31 +93,34 @@ def _averaged(model: Model, log: Record, rows: int) -> Averages:
         columns[channel] = columns[channel] + rest
     for channel, values in log.columns.items():
         if channel not in columns:
-            columns[channel] = _course(log.time, values, averages.time, hold_of(channel))
+            columns[channel] = _course(
+                log.time, values, averages.time, hold_of(channel), averages.stretch
+            )
     steps = {o: resolution_step(log.columns[o]) or 0.0 for o in outputs}
     return replace(averages, columns={c: columns[c] for c in log.columns}, steps=steps)
 
 
-def _course(time: Float, values: Float, moments: Float, hold: Hold) -> Float:
+def _course(time: Float, values: Float, moments: Float, hold: Hold, stretch: float) -> Float:
     """A channel beside the model at other moments, shape (m,); NaN where it has no value.
 
-    One that is held has its mean up to the next moment, any other one its mean around each.
+    One that is held has its mean up to the next moment, any other one its mean over the stretch [s]
+    around each.
     """
     there = np.isfinite(values)
     if not there.any():
         return np.full(len(moments), np.nan)
+    rows = np.clip(np.searchsorted(time, moments, side="right") - 1, 0, len(time) - 1)
     if hold == "zero":
-        edges = np.append(moments, moments[-1])
+        low, high = moments, np.append(moments[1:], moments[-1])
         last = np.maximum.accumulate(np.where(there, np.arange(len(values)), there.argmax()))
         known = values[last]
     else:
-        edges = np.concatenate([moments[:1], (moments[1:] + moments[:-1]) / 2, moments[-1:]])
+        low, high = moments - stretch / 2, moments + stretch / 2
         known = np.interp(time, time[there], values[there])
-    edges = np.clip(edges, time[0], time[-1])
-    rows = np.clip(np.searchsorted(time, moments, side="right") - 1, 0, len(time) - 1)
-    widths, found = np.diff(edges), known[rows]
-    own = widths > 0
-    sums = np.diff(np.interp(edges, time, integral_of(time, known, hold)))
-    found[own] = sums[own] / widths[own]
+    low, high = (np.clip(edges, time[0], time[-1]) for edges in (low, high))
+    integral = integral_of(time, known, hold)
+    found, own = known[rows], high > low
+    sums = np.interp(high, time, integral) - np.interp(low, time, integral)
+    found[own] = sums[own] / (high - low)[own]
     found[~there[rows]] = np.nan
     return found
