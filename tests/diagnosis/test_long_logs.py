@@ -145,3 +145,13 @@ def test_a_mean_counts_as_its_readings(model: Model) -> None:
     groups = RowGroups.of([few], [np.isfinite(few.columns[BEND])])
     assert groups is not None
     assert float(np.sum(1 / groups.weight)) == pytest.approx(MANY, rel=1e-3)
+
+
+def test_a_mean_of_readings_that_jump_is_left_out(model: Model) -> None:
+    # 6002 is inside a stretch of five rows; of two such levels the mean looks like a lag.
+    wrong = log(MANY, 9)
+    wrong.columns[BEND][6002:] += 5.0
+    few, same = (averaged_logs(model, [(each,)])[1][0][0] for each in (wrong, log(MANY, 9)))
+    lost = np.isnan(few.columns[BEND]) & np.isfinite(same.columns[BEND])
+    assert lost.sum() == 1
+    assert few.time[lost] == pytest.approx(6002, abs=5)

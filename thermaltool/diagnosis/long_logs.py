@@ -12,10 +12,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from thermaltool.diagnosis.no_signature import after_a_switch
 from thermaltool.effects.effect import Float
 from thermaltool.fitting import averaging
-from thermaltool.fitting.averaging import Averages, averaged_rows, averages_of, integral_of
+from thermaltool.fitting.averaging import (
+    Averages,
+    averaged_rows,
+    averages_of,
+    integral_of,
+    row_noise,
+)
 from thermaltool.model import Drive, Model, drive_rests
 from thermaltool.record import Record
 from thermaltool.responses.modes import Hold
@@ -29,6 +37,9 @@ Logs = tuple[Record, ...]
 MAX_AVERAGES = 40_000
 # Rows of averages and of steps of the drives together, over that.
 MAX_TIMES_AVERAGES = 3
+# Readings jump within a stretch where its mean is so many times its noise from both neighbours, and
+# these are so many times as far apart as the next ones; asked of so many means at least.
+MIN_JUMP, MIN_ROWS = 5.0, 20
 
 
 def rows_of(logs: Sequence[Record]) -> list[int]:
@@ -96,8 +107,32 @@ def _averaged(model: Model, log: Record, rows: int) -> Averages:
             columns[channel] = _course(
                 log.time, values, averages.time, hold_of(channel), averages.stretch
             )
+    switched = after_a_switch(model, averages)
+    for output in outputs:
+        columns[output] = _without_jumps(columns[output], row_noise(averages, output), switched)
     steps = {o: resolution_step(log.columns[o]) or 0.0 for o in outputs}
     return replace(averages, columns={c: columns[c] for c in log.columns}, steps=steps)
+
+
+def _without_jumps(values: Float, noise: float, switched: NDArray[np.bool_]) -> Float:
+    """Means of an output, NaN where readings jump within one; shape (n,).
+
+    The mean of both levels would be taken for a lag of a part of a stretch. After a switch of a
+    drive an output may be as fast as that.
+    """
+    there = np.flatnonzero(np.isfinite(values))
+    if len(there) < MIN_ROWS:
+        return values
+    rises = np.diff(values[there])
+    first, before, after, last = rises[:-3], rises[1:-2], rises[2:-1], rises[3:]
+    between = np.minimum(after * np.sign(before), np.abs(before)) > MIN_JUMP * noise
+    # What an output does over some stretches goes on to one side.
+    around = np.maximum(np.abs(first), np.abs(last))
+    sudden = np.abs(before + after) > MIN_JUMP * around
+    at = there[2:-2]
+    kept = values.copy()
+    kept[at[between & sudden & ~switched[at]]] = np.nan
+    return kept
 
 
 def _course(time: Float, values: Float, moments: Float, hold: Hold, stretch: float) -> Float:
