@@ -24,8 +24,8 @@ from scipy.signal import lfilter
 import thermaltool as tt
 from thermaltool.documents import write_json
 
-# Rows of the two logs; `diagnose` does not take the longer ones.
-ROWS, FEW_ROWS = (300_000, 1_000_000), (30_000, 90_000)
+# Rows of the two logs.
+ROWS = (300_000, 1_000_000)
 DRIVE, SENSOR, DEFLECTION = "Q_main_1", "dT_pair1_K", "d_y_um"
 CHANNELS = f"--drive {DRIVE} --sensor {SENSOR} --deflection {DEFLECTION}"
 # A process begins with the peak of the one that started it, so that a small one has to.
@@ -51,7 +51,7 @@ class Command:
     rows : tuple of int
         Lengths of the two logs.
     averaged : int
-        Rows from which `calibrate` averages, in place of its own limit; 0 for that.
+        Rows from which `calibrate` and `diagnose` average, in place of their limit; 0 for that.
     """
 
     line: str
@@ -73,7 +73,7 @@ COMMANDS = {
     "identify": Command(
         f"identify {{log}} --input {DRIVE} --output {SENSOR} -q -o {{out}}.json", LOG + 450
     ),
-    "diagnose": Command("diagnose {model} {log} -q -o {out}.json", 8000.0, FEW_ROWS),
+    "diagnose": Command("diagnose {model} {log} -q -o {out}.json", LOG + 200),
 }
 
 

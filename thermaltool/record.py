@@ -126,6 +126,11 @@ class Record:
         return float(np.median(np.diff(self.time))) if len(self) > 1 else float("nan")
 
     @property
+    def row_readings(self) -> int:
+        """Readings that a row stands for: more than one where rows are averages."""
+        return 1
+
+    @property
     def duration(self) -> float:
         """Time from the first row to the last [s]."""
         return float(self.time[-1] - self.time[0])

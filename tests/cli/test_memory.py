@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-from memory import COMMANDS, FEW_ROWS, documents, peaks, write_log
+from memory import COMMANDS, documents, peaks, write_log
 
 # Long enough that readers keep no more of a block than they do of long logs.
 ROWS = (100_000, 300_000)
@@ -44,13 +44,13 @@ def test_a_row_takes_few_bytes(name, folder, paths):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in QUICK])
 def test_a_row_takes_no_more_bytes(name, folder, paths):
-    rows = FEW_ROWS if name == "diagnose" else ROWS
-    assert bytes_a_row(name, folder, paths, rows) < COMMANDS[name].limit
+    assert bytes_a_row(name, folder, paths) < COMMANDS[name].limit
 
 
 @pytest.mark.slow
-def test_all_rows_would_take_more(folder, paths):
+@pytest.mark.parametrize("name", ["calibrate", "diagnose"])
+def test_all_rows_would_take_more(name, folder, paths):
     # What the limit is there for, and would show.
     rows = (20_000, 40_000)
-    taken = bytes_a_row("calibrate", folder, paths, rows, averaged=100_000)
-    assert taken > 5 * COMMANDS["calibrate"].limit
+    taken = bytes_a_row(name, folder, paths, rows, averaged=100_000)
+    assert taken > 5 * COMMANDS[name].limit

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -47,3 +49,31 @@ def test_a_step_is_its_closed_form(kind: str, most: int, monkeypatch: pytest.Mon
     moments = np.array([0.0, 3.3, 500.0, time[-1] + 20.0])
     assert made.at(time, held, "zero", moments) == pytest.approx(step(kind, moments), abs=1e-9)
     assert made.at(time, held, "zero", np.array([-1.0])) == [0.0]
+
+
+@pytest.mark.parametrize("kind", ["real", "double", "complex"])
+@pytest.mark.parametrize("hold", ["zero", "first"])
+def test_stretches_go_on_from_the_state(
+    kind: str, hold: modes.Hold, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(8)
+    time, u = np.cumsum(rng.uniform(0.3, 4.0, 700)), rng.standard_normal(700)
+    made, late = response(kind), rng.uniform(time[0] - 5, time[-1] + 5, 900)
+    whole = made.run(time, u, hold), made.at(time, u, hold, late)
+    monkeypatch.setattr(modes, "MAX_STRETCH", 60)
+    parts = made.run(time, u, hold), made.at(time, u, hold, late)
+    for one, other in zip(whole, parts, strict=True):
+        assert other == pytest.approx(one, abs=1e-9 * np.max(np.abs(one)))
+
+
+def test_a_long_record_takes_no_more_for_its_modes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(modes, "MAX_STRETCH", 2000)
+    rates = np.geomspace(1e-4, 1.0, 60)
+    made = Modes(-rates.astype(complex), rates.astype(complex), np.zeros(60))
+    time = np.cumsum(np.random.default_rng(9).uniform(0.5, 1.5, 40_000))
+    tracemalloc.start()
+    made.run(time, np.ones(len(time)), "zero")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # All modes in all rows would take 480 bytes a row for each of five arrays.
+    assert peak < 400 * len(time)

@@ -46,28 +46,37 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
             replace(each, assumptions=each.assumptions | {"initial"}) for each in (first, last)
         )
     plain = first.with_model(task.model)
-    extended = search.written(task)
+    fitted = search.written(task)
     effects = [c.effect for c in search.causes]
+    # What is told of the written model comes from every reading.
+    full = task.readings or task
+    extended = replace(fitted, drives=full.model.drives)
     noise = {o: reading_noise(first, o) for o in first.groups}
+    masked = last.simulation.masked if task.readings is None else search.left_out
     written = account(
-        task.model, extended, effects, task.logs, task.validate, task.calibration,
-        last.simulation.masked, noise,
+        full.model, extended, effects, full.logs, full.validate, full.calibration, masked, noise,
+        starts=full is task,
     )  # fmt: skip
+    worse = search.spoiled(task, fitted) if full is not task else None
+    if worse is not None and written.spoiled is None:
+        written = replace(written, spoiled=f"{worse[1]} in {worse[0].name or 'a log'}")
     reports, budgets = weigh_residuals(first, plain, noise)
     # Where the model itself had more to say than any cause, that is what was left in the end.
     ended = last if effects else search.ended
     after, left = reports, budgets
     if effects or ended.assumptions != first.assumptions:
-        after, left = weigh_residuals(ended, last.with_model(extended) if effects else ended, noise)
+        after, left = weigh_residuals(ended, last.with_model(fitted) if effects else ended, noise)
     unknown = None
     if not search.undecided:
         unknown = unknown_cause(left, budgets, after, ended, bool(search.causes))
-    masked = last.simulation.masked
 
     def told(cause: Cause, gain: Mapping[str, Gain] | None) -> Cause:
         if gain is None:  # no part of a model
             return replace(cause, explained=explained(noise, cause.gain))
-        share = task.explained(extended, cause.effect, masked, noise, ended.assumptions)
+        # Starts away from rest are fitted to averages.
+        warm = full is not task and ("initial" in ended.assumptions or full.validate)
+        judged = (task, fitted, last.simulation.masked) if warm else (full, extended, masked)
+        share = judged[0].explained(judged[1], cause.effect, judged[2], noise, ended.assumptions)
         return replace(cause, gain=gain, explained=share)
 
     causes = [told(*each) for each in zip(search.causes, written.gains, strict=True)]
@@ -84,8 +93,8 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
             rms, worst = cause.location.rms, after[cause.location.output].worst
             return {cause.location.output: Severity(worst.rms if worst else rms, rms)}
         if cause.effect.name == "outliers":
-            return severity_of_outliers(extended, task.logs, masked)
-        return severity_of(extended, cause.effect, task.logs)
+            return severity_of_outliers(extended, full.logs, masked)
+        return severity_of(extended, cause.effect, full.logs)
 
     moved = [severity(cause) for cause in causes]
     causes = [
@@ -94,7 +103,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     ]
     if search.unconfirmed is not None and (search.causes or not search.suspects):
         search = search.noted(unconfirmed(search.unconfirmed.effect))
-    for note in (*_changes(task.model, effects), *written.notes):
+    for note in (*_changes(task.model, effects), *written.notes, *_averaged(task)):
         search = search.noted(note)
     alternatives: list[Alternative] = []
     if search.suspects and not search.causes:
@@ -116,12 +125,26 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         search.tried,
         tuple(dict.fromkeys(search.notes)),
         extended,
-        extended != task.model,
+        extended != full.model,
         written.steps,
         written.spoiled,
         open_questions if verdict == "cannot judge" else (),
-        curves_of(first, last, plain, last.with_model(extended) if effects else None),
+        curves_of(first, last, plain, last.with_model(fitted) if effects else None),
     )
+
+
+def _averaged(task: DiagnosisTask) -> Iterator[str]:
+    """Of logs of very many rows, a sentence that says on what they were judged."""
+    if task.readings is None:
+        return
+    for few, log in zip(
+        (*task.logs, *task.validate), (*task.readings.logs, *task.readings.validate), strict=True
+    ):
+        if few.row_readings > 1:
+            yield (
+                f"{log.name}: causes were sought on averages of {few.row_readings} rows each; "
+                "what the written model is worth is told of all rows"
+            )
 
 
 def _changes(model: Model, effects: Sequence[Effect]) -> Iterator[str]:

@@ -21,11 +21,14 @@ from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
 from thermaltool.diagnosis.no_signature import (
+    OutlierMask,
     beyond_calibration,
     find_outliers,
     is_trend,
+    outliers_of,
     too_short,
 )
+from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.result import Cause, Diagnosis
 from thermaltool.diagnosis.select import (
     Progress,
@@ -37,6 +40,7 @@ from thermaltool.diagnosis.select import (
 from thermaltool.diagnosis.simulation import SimulatedLogs, without
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.validate import judge
+from thermaltool.diagnosis.verdict import reading_noise
 from thermaltool.diagnosis.written import cannot_run, gains_of, spoiled_by
 from thermaltool.errors import FitError, ModelError
 from thermaltool.model import Model
@@ -94,7 +98,8 @@ def diagnose(
     _check(model, logs)
     if validate:
         _check(model, validate)
-    task = DiagnosisTask(model, tuple(logs), tuple(validate), tuple(calibration), progress, limits)
+    asked = DiagnosisTask(model, tuple(logs), tuple(validate), tuple(calibration), progress, limits)
+    task = asked.averaged()
     progress("noise")
     first = task.first()
     progress("what these logs cannot show")
@@ -104,7 +109,9 @@ def diagnose(
     start = first if outliers is None else first.with_masked(outliers.masked)
     search = _second_look(task, _forward(task, SearchState(start, start, unseen)))
     search = _of_no_harm(task, _of_use(task, _backward(search)))
-    if outliers is not None:
+    if task.readings is not None:
+        search = _with_outliers_of(task.readings, search, search.written(task))
+    elif outliers is not None:
         search = _with_outliers(search)
     return answer(task, first, search)
 
@@ -263,7 +270,10 @@ def _worse_unseen(task: DiagnosisTask, before: SearchState, after: SearchState) 
 def _misfit(hypothesis: Hypothesis) -> float:
     """Power of the worst output's residual over that of its noise, less one."""
     return max(
-        float(np.mean(np.square(groups.joined(hypothesis.unexplained(o)))))
+        (
+            float(np.mean(np.square(groups.joined(hypothesis.unexplained(o)))))
+            + hidden_noise(hypothesis.simulation, o) ** 2
+        )
         / hypothesis.nuisance[o].white ** 2
         - 1
         for o, groups in hypothesis.groups.items()
@@ -348,7 +358,22 @@ def _with_outliers(search: SearchState) -> SearchState:
     outliers = find_outliers(opened)
     if outliers is None:
         return search
-    search = replace(search, hypothesis=opened.with_masked(outliers.masked))
+    return _leaving_out(replace(search, hypothesis=opened.with_masked(outliers.masked)), outliers)
+
+
+def _with_outliers_of(readings: DiagnosisTask, search: SearchState, written: Model) -> SearchState:
+    """Outliers of the readings, which averages are without from the beginning."""
+    written = replace(written, drives=readings.model.drives)
+    logs = tuple(log for log in readings.logs if cannot_run(written, log) is None)
+    white = {o: reading_noise(search.hypothesis, o) for o in search.hypothesis.groups}
+    outliers = outliers_of(SimulatedLogs(written, logs, {}), white)
+    if outliers is None:
+        return search
+    return _leaving_out(replace(search, left_out=outliers.masked), outliers)
+
+
+def _leaving_out(search: SearchState, outliers: OutlierMask) -> SearchState:
+    """The search with outliers as a cause, where leaving them out is of use; else with a note."""
     if not outliers.matter:
         return search.noted("a few readings stand out of their neighbours and are left out")
     causes = search.causes

@@ -87,7 +87,9 @@ class Gain:
         return self.rms_after**2 - self.rms_before**2 > least * noise**2
 
 
-def compare(measured: Float, before: Float, after: Float, seed: int = 0) -> Gain:
+def compare(
+    measured: Float, before: Float, after: Float, seed: int = 0, hidden: float = 0.0
+) -> Gain:
     """Gain of errors over others, with its bootstrap interval.
 
     Parameters
@@ -96,15 +98,19 @@ def compare(measured: Float, before: Float, after: Float, seed: int = 0) -> Gain
         What was measured, and the errors without and with a cause.
     seed : int
         Of the bootstrap.
+    hidden : float [unit of the channel]
+        Noise of a reading that these rows do not show, being averages; RMS and fit are those of
+        readings.
     """
     blocks = min(BOOTSTRAP_BLOCKS, len(measured))
     edges = np.arange(blocks) * len(measured) // blocks
     counts = np.diff(np.append(edges, len(measured)))
     squares = np.add.reduceat(np.column_stack([before**2, after**2]), edges)
     draws = np.random.default_rng(seed).integers(0, blocks, (DRAWS, blocks))
-    means = np.sqrt(squares[draws].sum(1) / counts[draws].sum(1)[:, None])
+    means = np.sqrt(squares[draws].sum(1) / counts[draws].sum(1)[:, None] + hidden**2)
     low, high = np.quantile(means[:, 0] - means[:, 1], [0.025, 0.975])
     a, b = agreement(measured, measured - before), agreement(measured, measured - after)
+    a, b = a.with_noise(hidden), b.with_noise(hidden)
     return Gain(
         a.rmse,
         b.rmse,

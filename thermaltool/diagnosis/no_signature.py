@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +13,9 @@ from scipy.special import ndtri
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.gain import Gain, compare
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.result import Cause
-from thermaltool.diagnosis.simulation import Mask
+from thermaltool.diagnosis.simulation import Mask, Series, SimulatedLogs
 from thermaltool.diagnosis.validate import held_out_gains
 from thermaltool.effects import effect_class
 from thermaltool.effects.effect import Effect, Float
@@ -69,11 +70,31 @@ def find_outliers(hypothesis: Hypothesis) -> OutlierMask | None:
     ----------
     hypothesis : Hypothesis
     """
+    white = {o: hypothesis.nuisance[o].white for o in hypothesis.groups}
+    return outliers_of(hypothesis.simulation, white, hypothesis.unexplained)
+
+
+def outliers_of(
+    simulation: SimulatedLogs,
+    noise: Mapping[str, float],
+    left: Callable[[str], Series] | None = None,
+) -> OutlierMask | None:
+    """Readings that stand out of their neighbours beside a model; see `find_outliers`.
+
+    Parameters
+    ----------
+    simulation : SimulatedLogs
+    noise : mapping of output to float [unit of the output]
+        Of a reading.
+    left : callable, optional
+        What is left of an output in each log; by default what the model leaves.
+    """
+    left = left or simulation.residual
     masked, evidence, worst, share, amplitude = {}, 0.0, "", 0.0, 0.0
-    total = 0.0
-    for output in hypothesis.groups:
-        white = hypothesis.nuisance[output].white
-        for log, residual in zip(hypothesis.logs, hypothesis.unexplained(output), strict=True):
+    total, model, outputs = 0.0, simulation.model, len(simulation.groups)
+    for output in simulation.groups:
+        white = noise[output]
+        for log, residual in zip(simulation.logs, left(output), strict=True):
             rows = np.flatnonzero(np.isfinite(residual))
             if len(rows) < MIN_ROWS:
                 continue
@@ -82,11 +103,13 @@ def find_outliers(hypothesis: Hypothesis) -> OutlierMask | None:
             limit = -float(ndtri(FALSE_ALARMS / 2 / len(rows)))
             out = np.abs(_from_both_sides(residual[rows])) > limit * spread
             out |= _bursts_off(log.time[rows], residual[rows], white)
-            out &= ~after_a_switch(hypothesis.model, log)[rows] | _alone(residual[rows])
+            out &= ~after_a_switch(model, log)[rows] | _alone(residual[rows])
+            if not out.any():
+                continue
             # A step or a ramp stands out of its neighbours too, on one side: it is left alone.
             moved = ~out & (np.abs(deviation) > limit * spread)
-            found = _heavy_tails(deviation[~moved] / spread) - 2 * np.log(len(hypothesis.groups))
-            if not out.any() or found < DECISIVE_EVIDENCE:
+            found = _heavy_tails(deviation[~moved] / spread) - 2 * np.log(outputs)
+            if found < DECISIVE_EVIDENCE:
                 continue
             mask = np.zeros(len(residual), bool)
             mask[rows[out]] = True
@@ -99,7 +122,7 @@ def find_outliers(hypothesis: Hypothesis) -> OutlierMask | None:
     if not masked:
         return None
     effect = effect_class("outliers")(worst, {"share": share, "amplitude": amplitude})
-    gains = _masked_gains(hypothesis, masked)
+    gains = _masked_gains(simulation, left, masked)
     # Whether a bootstrap draws a few bad readings at all is a matter of chance.
     few = sum(int(mask.sum()) for mask in masked.values()) < MIN_OUTLIERS_DRAWN
     if not any(g.claimed or (few and g.useful) for g in gains.values()):
@@ -107,18 +130,20 @@ def find_outliers(hypothesis: Hypothesis) -> OutlierMask | None:
     return OutlierMask(masked, Cause(effect, total, {}, gains, 0.0))
 
 
-def _masked_gains(hypothesis: Hypothesis, masked: Mask) -> dict[str, Gain]:
+def _masked_gains(
+    simulation: SimulatedLogs, left: Callable[[str], Series], masked: Mask
+) -> dict[str, Gain]:
     """Residual, beyond what the calibration allows for, of all rows and of those that stay."""
     result = {}
     for output in dict.fromkeys(o for _, o in masked):
-        groups, left = hypothesis.groups[output], hypothesis.unexplained(output)
+        groups, residuals = simulation.groups[output], left(output)
         kept = [
             np.where(masked.get((log.digest, output), np.zeros(len(log), bool)), 0.0, residual)
-            for log, residual in zip(hypothesis.logs, left, strict=True)
+            for log, residual in zip(simulation.logs, residuals, strict=True)
         ]
-        measured = [m.get(output, np.zeros(0)) for m in hypothesis.simulation.measured]
-        before, after = groups.joined(left), groups.joined(kept)
-        result[output] = compare(groups.joined(measured), before, after, 0)
+        before, after = groups.joined(residuals), groups.joined(kept)
+        hidden = hidden_noise(simulation, output)
+        result[output] = compare(simulation.measured_rows(output), before, after, 0, hidden)
     return result
 
 

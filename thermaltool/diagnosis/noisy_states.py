@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import after_a_switch
+from thermaltool.diagnosis.readings import reading_step
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.severity import Severity
 from thermaltool.diagnosis.simulation import Series
 from thermaltool.effects.effect import Float
 from thermaltool.effects.noise_state import NoiseState
 from thermaltool.record import Record
-from thermaltool.signals.resolution import resolution_step
 from thermaltool.units import is_displacement, is_temperature
 
 # A state is off below, and on above, these shares of its range; rows between say nothing.
@@ -64,7 +64,7 @@ def noisy_states(hypothesis: Hypothesis) -> list[Cause]:
         state, best = max(known, key=lambda one: one[1].evidence)
         evidence = best.evidence - 2 * float(np.log(tests))
         # Readings on a coarse lattice scatter where they move, and not at all where they rest.
-        steps = [resolution_step(log.columns[output]) or 0.0 for log in _logs(hypothesis, output)]
+        steps = [reading_step(log, output) for log in _logs(hypothesis, output)]
         if evidence < DECISIVE_EVIDENCE or best.loud < max(steps):
             continue
         if best.loud > MIN_RATIO * best.quiet:
@@ -113,7 +113,7 @@ def _compared(
         # Pairs that share no reading are independent.
         pairs = np.arange(0, len(residual) - 1, 2)
         pairs = pairs[still[pairs] & still[pairs + 1]]
-        off = np.abs(residual[pairs + 1] - residual[pairs]) / np.sqrt(2)
+        off = np.abs(residual[pairs + 1] - residual[pairs]) / np.sqrt(2 / log.row_readings)
         for on in (False, True):
             in_state = share > ON if on else share < OFF
             apart[on].append(off[in_state[pairs] & in_state[pairs + 1]])

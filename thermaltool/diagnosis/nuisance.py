@@ -19,6 +19,7 @@ from scipy.linalg import block_diag
 from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.evidence import Assumptions
 from thermaltool.diagnosis.held_effects import accepted_effects, calibrated_effects
+from thermaltool.diagnosis.readings import as_readings
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Float
@@ -118,7 +119,7 @@ class OutputNuisance:
 
         Not far below that of the calibration: a sensor that stands still is no quiet sensor.
         """
-        residual = self.groups.joined(self.simulation.residual(self.output))
+        residual = as_readings(self.simulation, self.output, self.simulation.residual(self.output))
         if "tight" in self.assumptions:
             least = MIN_NOISE_RATIO * float(self._known.get("white_sigma", 0.0))
         else:
@@ -296,7 +297,7 @@ class OutputNuisance:
             q = len(covariance) - len(own)
             at = np.append(at, np.zeros(q))
             size = np.append(size, np.full(q, known["lag_sigma"]))
-        columns = self.groups.joined(self.moves)
+        columns = as_readings(self.simulation, self.output, self.moves)
         root = _root(covariance, size)
         changes = columns @ root
         changes = changes - changes.mean(axis=0)

@@ -167,6 +167,7 @@ def residual_report(
     others: Mapping[str, Float],
     white_sigma: float,
     floor: float,
+    hidden: float = 0.0,
 ) -> ResidualReport:
     """Describe and test the residual of one output.
 
@@ -182,6 +183,9 @@ def residual_report(
         White noise of a reading.
     floor : float
         RMS error of the model on its own calibration data, noise taken away.
+    hidden : float
+        Noise of a reading that rows do not show, being averages; `rms`, `spread` and shares of the
+        power are those of readings.
 
     Returns
     -------
@@ -201,13 +205,14 @@ def residual_report(
     records = [slice(a, b) for a, b in zip(starts, [*starts[1:].tolist(), len(time)], strict=True)]
     about = np.concatenate([residual[r] - np.mean(residual[r]) for r in records])
     zeroed = np.concatenate([residual[r] - np.median(residual[r]) for r in records])
-    power = float(np.mean(about**2))
+    power = float(np.mean(about**2)) + hidden**2
+    row_white = float(np.sqrt(max(white_sigma**2 - hidden**2, 0.0))) if hidden else white_sigma
     tests = ColouredTests(time, about, records)
     dependences = [tests.dependence(name, values) for name, values in channels.items()]
     time_constant = tests.tau if tests.discrepancy else None
     return ResidualReport(
         rows=len(time),
-        rms=float(np.sqrt(np.mean(residual**2))),
+        rms=float(np.sqrt(np.mean(residual**2) + hidden**2)),
         mean=float(np.mean(residual)),
         spread=float(np.sqrt(power)),
         above_noise=_above(power, white_sigma**2),
@@ -217,9 +222,9 @@ def residual_report(
         effective_rows=tests.effective_rows(),
         white_p=tests.white_p(),
         worst=_worst(time, zeroed, records),
-        bands=_bands(time, about, records, white_sigma),
+        bands=_bands(time, about, records, row_white),
         conditions=(
-            *_machine(time, zeroed, measured, records, white_sigma),
+            *_machine(time, zeroed, measured, records, row_white),
             *(c for name, values in channels.items() for c in _by_value(name, values, zeroed)),
         ),
         dependences=tuple(sorted((d for d in dependences if d), key=lambda d: d.p_value)),

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.readings import hidden_in
 from thermaltool.diagnosis.residual import ResidualReport, residual_report
 from thermaltool.diagnosis.ruled_out import ruled_out
 from thermaltool.diagnosis.severity import Severity
 from thermaltool.diagnosis.written import WrittenStep
 from thermaltool.documents import DIAGNOSIS, jsonable
 from thermaltool.effects.effect import Effect
+from thermaltool.fitting.averaging import Averages
 from thermaltool.model import Model
 from thermaltool.record import Record
 from thermaltool.units import printed
@@ -325,6 +327,7 @@ def reports_of(
             {c: v for c, v in log.columns.items() if c in hypothesis.scene.extra},
             white[output],
             floor[output],
+            hidden_in(log, output),
         )
     return reports
 
@@ -351,7 +354,10 @@ def curves_of(
             if extended is not None:
                 own = extended.simulation.outputs[k][output]
                 columns["extended"] = own + last.beginning(output)[k]
-            found.append((output, replace(log, columns=columns)))
+            record = replace(log, columns=columns)
+            # Averages have rows of the drives alone.
+            averages = isinstance(log, Averages)
+            found.append((output, record.where(np.isfinite(measured)) if averages else record))
     return tuple(found)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from thermaltool.diagnosis.correction import corrected
@@ -11,6 +11,7 @@ from thermaltool.diagnosis.evidence import Assumptions
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
+from thermaltool.diagnosis.long_logs import averaged_logs, rows_of
 from thermaltool.diagnosis.result import Alternative, Cause, Tried
 from thermaltool.diagnosis.select import Progress
 from thermaltool.diagnosis.severity import fraction_removed
@@ -40,6 +41,8 @@ class DiagnosisTask:
         Told what is being done.
     limits : ExperimentLimits
         What can be done at the machine.
+    readings : DiagnosisTask or None
+        The same with every reading, where `logs`, `validate` and `calibration` are averages.
     """
 
     model: Model
@@ -48,6 +51,23 @@ class DiagnosisTask:
     calibration: tuple[Record, ...]
     progress: Progress
     limits: ExperimentLimits = USUAL_LIMITS
+    readings: DiagnosisTask | None = None
+
+    def averaged(self) -> DiagnosisTask:
+        """The task with averages in place of very many rows; itself where there are few."""
+        groups = self.logs, self.validate, self.calibration
+        if max(rows for logs in groups for rows in (1, *rows_of(logs))) == 1:
+            return self
+        self.progress("averaging rows")
+        model, (logs, validate, calibration) = averaged_logs(self.model, groups)
+        return replace(
+            self,
+            model=model,
+            logs=logs,
+            validate=validate,
+            calibration=calibration,
+            readings=self,
+        )
 
     @property
     def own(self) -> bool:
@@ -128,6 +148,8 @@ class SearchState:
         No further cause was found.
     undecided : str or None
         Why these logs cannot judge the model.
+    left_out : mapping of (digest, output) to ndarray of bool
+        Outliers among the readings, where the search has averages of them.
     """
 
     hypothesis: Hypothesis
@@ -141,6 +163,7 @@ class SearchState:
     suspects: tuple[CauseCandidate, ...] = ()
     exhausted: bool = False
     undecided: str | None = None
+    left_out: Mask = field(default_factory=dict)
 
     def noted(self, note: str) -> SearchState:
         """The same with a note more.

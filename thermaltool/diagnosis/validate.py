@@ -17,6 +17,7 @@ import numpy as np
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.gain import MIN_LOSS, Gain, compare
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.diagnosis.simulation import Series, without
@@ -213,7 +214,9 @@ def held_out_gains(before: Hypothesis, after: Hypothesis, seed: int = 0) -> dict
     starts = "initial" in after.assumptions or any(e.at_start for e in after.model.effects)
     for output in before.groups:
         old, new = (_held_out_errors(each, output, events, starts) for each in (before, after))
-        result[output] = compare(before.simulation.measured_rows(output), old, new, seed)
+        simulated = before.simulation
+        measured, hidden = simulated.measured_rows(output), hidden_noise(simulated, output)
+        result[output] = compare(measured, old, new, seed, hidden)
     return result
 
 

@@ -16,10 +16,12 @@ import numpy as np
 from thermaltool.diagnosis.correction import known_discrepancy
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.residual import ResidualReport
 from thermaltool.diagnosis.result import Cause, Location, Verdict, reports_of
 from thermaltool.effects.effect import Float
 from thermaltool.effects.unknown import Unknown
+from thermaltool.fitting.averaging import known_noise
 from thermaltool.fitting.discrepancy import DRIFT_RATIOS, MAX_OVER_NOISE
 from thermaltool.model import Model
 from thermaltool.signals.resolution import resolution_step
@@ -141,6 +143,9 @@ def reading_noise(hypothesis: Hypothesis, output: str) -> float:
     hypothesis : Hypothesis
     output : str
     """
+    known = known_noise(hypothesis.logs, output)
+    if known is not None:
+        return known
     readings = [log.columns[output] for log in hypothesis.logs if output in log.columns]
     step = resolution_step(np.concatenate(readings)) or 0.0
     return max(hypothesis.nuisance[output].white, step / float(np.sqrt(12.0)))
@@ -179,6 +184,7 @@ def budget_of(
     """
     groups, start = hypothesis.groups[output], hypothesis.beginning(output)
     own = "tight" not in hypothesis.assumptions
+    hidden = hidden_noise(hypothesis.simulation, output)
 
     def rms(residual: Sequence[Float], beginning: Sequence[Float] | None = None) -> float:
         left = (
@@ -187,7 +193,7 @@ def budget_of(
             else [r - x for r, x in zip(residual, beginning, strict=True)]
         )
         about = [r - np.mean(r[k]) if len(k) else r for r, k in zip(left, groups.rows, strict=True)]
-        return float(np.sqrt(np.mean(np.square(groups.joined(about)))))
+        return float(np.sqrt(np.mean(np.square(groups.joined(about))) + hidden**2))
 
     total = rms(plain.simulation.residual(output), start)
     fit = next(o.fit for o in plain.model.outputs if o.channel == output)

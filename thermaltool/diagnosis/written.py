@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from thermaltool.diagnosis.gain import MIN_LOSS_COUNTED, Gain, compare
+from thermaltool.diagnosis.readings import as_readings, hidden_noise
 from thermaltool.diagnosis.simulation import Mask, SimulatedLogs
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
@@ -135,7 +136,12 @@ def gains_of(
         return groups.joined(found)
 
     return {
-        output: compare(before.measured_rows(output), errors(before, output), errors(after, output))
+        output: compare(
+            before.measured_rows(output),
+            errors(before, output),
+            errors(after, output),
+            hidden=hidden_noise(before, output),
+        )
         for output in before.groups
     }
 
@@ -191,6 +197,7 @@ def spoiled_by(
     noise: Mapping[str, float],
     surely: bool = False,
     as_simulated: bool = False,
+    starts: bool = True,
 ) -> tuple[Record, str] | None:
     """Log and output of which a model is worse than another beyond noise; None where it is not.
 
@@ -210,6 +217,8 @@ def spoiled_by(
         Worse on other logs as well, by bootstrap; on these very rows by default.
     as_simulated : bool
         With warm starts as they are, too.
+    starts : bool
+        Whether it is asked where a log begins warm, which takes some hundred bytes a row.
 
     Raises
     ------
@@ -222,7 +231,7 @@ def spoiled_by(
     for log in logs:
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
         # What a cause explains was no start.
-        warm = set(old.warm_logs) & set(new.warm_logs)
+        warm = set(old.warm_logs) & set(new.warm_logs) if starts else set()
         free, counted = [], []
         if not warm or as_simulated:
             free.append(gains_of(old, new, lambda output: True))
@@ -234,7 +243,7 @@ def spoiled_by(
             counted.append(gains_of(halves[0], halves[1], lambda output: False))
         for output in old.groups:
             sigma = noise.get(output) or difference_sigma(
-                old.groups[output].joined(old.residual(output))
+                as_readings(old, output, old.residual(output))
             )
             if any(is_worse(each[output], sigma) for each in free) or any(
                 is_worse(each[output], sigma, MIN_LOSS_COUNTED)
@@ -284,6 +293,7 @@ def account(
     calibration: Sequence[Record],
     masked: Mask,
     noise: Mapping[str, float],
+    starts: bool = True,
 ) -> WrittenAccount:
     """The written model beside the one that came in, on all logs.
 
@@ -295,7 +305,7 @@ def account(
     logs, validate, calibration : sequence of Record
         Diagnosed, unseen, and the calibration's. Gains are those on the unseen ones, where there
         are some; the calibration's are no veto.
-    masked, noise
+    masked, noise, starts
         As in `spoiled_by`.
     """
     models, notes, spoiled = steps_of(model, extended, causes), [], None
@@ -308,9 +318,11 @@ def account(
     )
     if len(own) < len(logs):
         spoiled = next(_name(log) for log in logs if why[id(log)] is not None)
-    elif worse := spoiled_by(model, extended, [*own, *unseen], masked, noise, as_simulated=True):
+    elif worse := spoiled_by(
+        model, extended, [*own, *unseen], masked, noise, as_simulated=True, starts=starts
+    ):
         spoiled = f"{worse[1]} in {_name(worse[0])}"
-    if worse := spoiled_by(model, extended, before, masked, noise, surely=True):
+    if worse := spoiled_by(model, extended, before, masked, noise, surely=True, starts=starts):
         notes.append(
             f"{worse[1]} in {_name(worse[0])}, a log of the calibration, is worse by the written "
             "model: the machine has changed since, or the cause is another"

@@ -56,11 +56,19 @@ class Averages(Record):
         White noise of one reading: differences of averages show the signal, too.
     stretch : float [s]
         Time over which readings are averaged; rows of the drives alone stand closer.
+    steps : mapping of output to float [unit of the output]
+        Resolution of a reading, where it was asked for.
     """
 
     rows_each: int = 1
     noise: Mapping[str, float] = field(default_factory=dict)
     stretch: float = 1.0
+    steps: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def row_readings(self) -> int:
+        """Readings that a row stands for."""
+        return self.rows_each
 
     @cached_property
     def period(self) -> float:
@@ -89,10 +97,11 @@ def known_noise(records: Sequence[Record], output: str) -> float | None:
     records : sequence of Record
     output : str
     """
-    return max((r.noise[output] for r in records if isinstance(r, Averages)), default=None)
+    known = (r.noise.get(output) for r in records if isinstance(r, Averages))
+    return max((sigma for sigma in known if sigma is not None), default=None)
 
 
-def averaged_rows(records: Sequence[Record]) -> list[int]:
+def averaged_rows(records: Sequence[Record], most: int | None = None) -> list[int]:
     """Number of consecutive rows that make one row of a fit, for each record; 1 where all count.
 
     Records of different sample periods are averaged over about the same time.
@@ -100,9 +109,12 @@ def averaged_rows(records: Sequence[Record]) -> list[int]:
     Parameters
     ----------
     records : sequence of Record
+    most : int, optional
+        Rows of all records together that are taken one by one; `MAX_ROWS` by default.
     """
+    most = MAX_ROWS if most is None else most
     counts = [len(record) for record in records]
-    if sum(counts) <= MAX_ROWS or min(counts) < 2:
+    if sum(counts) <= most or min(counts, default=0) < 2:
         return [1] * len(counts)
     periods = [record.period for record in records]
     stretch = 0.0
@@ -113,7 +125,7 @@ def averaged_rows(records: Sequence[Record]) -> list[int]:
             min(max(math.ceil(stretch / period - 1e-6), 1), n)
             for n, period in zip(counts, periods, strict=True)
         ]
-        if sum(-(-n // m) for n, m in zip(counts, rows, strict=True)) <= MAX_ROWS or rows == counts:
+        if sum(-(-n // m) for n, m in zip(counts, rows, strict=True)) <= most or rows == counts:
             return rows
 
 
@@ -138,7 +150,7 @@ def average(
     list of Drive
     """
     averages = [
-        _averages(record, rows, drives, outputs)
+        averages_of(record, rows, drives, outputs)
         for record, rows in zip(records, averaged_rows(records), strict=True)
     ]
     return averages, [replace(drive, hold="first", reference=0.0) for drive in drives]
@@ -170,9 +182,19 @@ def of_readings(output: Output, records: Sequence[Record], rows: Sequence[int]) 
     return replace(output, fit={**output.fit, **figures})
 
 
-def _averages(
+def averages_of(
     record: Record, rows: int, drives: Sequence[Drive], outputs: Sequence[str]
 ) -> Averages:
+    """One record of averages: drives relative to their references, and outputs.
+
+    Parameters
+    ----------
+    record : Record
+    rows : int
+        That make one average; see `averaged_rows`.
+    drives : sequence of Drive
+    outputs : sequence of str
+    """
     stretches = [_Stretches.of(record.time[part], record.period, rows) for part in record.segments]
     inputs = {
         drive: relative(record.column(drive.channel), drive.reference, drive.hold)
@@ -181,7 +203,7 @@ def _averages(
     moments, widths, measured, parts = _with_ramps(_moments(stretches), _steps(record.time, inputs))
     columns = {}
     for drive, u in inputs.items():
-        integral = _integral(record.time, u, drive.hold)
+        integral = integral_of(record.time, u, drive.hold)
         ends = (_at(record.time, integral, u, moments + half * widths) for half in (0.5, -0.5))
         columns[drive.channel] = np.subtract(*ends) / widths
     for output in outputs:
@@ -325,8 +347,15 @@ def _moments(segments: Sequence[_Stretches]) -> _Clock:
     return np.concatenate(moments), np.concatenate(widths), np.concatenate(measured), tuple(parts)
 
 
-def _integral(time: Float, u: Float, hold: Hold) -> Float:
-    """Of a drive from the first row to each, shape (n,) [unit s]."""
+def integral_of(time: Float, u: Float, hold: Hold) -> Float:
+    """Integral of a channel from the first row to each, shape (n,) [unit s].
+
+    Parameters
+    ----------
+    time, u : ndarray, shape (n,)
+    hold : "zero" or "first"
+        Between rows.
+    """
     between = u[:-1] if hold == "zero" else (u[:-1] + u[1:]) / 2
     return np.append(0.0, np.cumsum(between * np.diff(time)))
 

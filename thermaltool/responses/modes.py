@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ Range = tuple[float, float]
 BLOCK = 64
 # States of several modes that are kept at once on an uneven clock (8 MB).
 MAX_STATES = 2**20
+# Rows that are stepped through at once on an uneven clock; a longer record goes on from the state.
+MAX_STRETCH = 2**17
 
 
 @dataclass(frozen=True)
@@ -291,46 +293,66 @@ class Modes:
         ahead = np.maximum(moments - time[row], 0.0)
         before, now = u[row], u[row] if hold == "zero" else np.interp(moments, time, u)
         step = clock_step(time)
-        phi, g0, g1, d0, d1 = self._coefficients(ahead, step, hold)
         y = self.direct * now
-        for some, first, second in self._states(np.diff(time), step, u, hold):
-            first, second = first[:, row], second[:, row]
-            passed = phi[some] * first + g0[some] * before + g1[some] * now
+        for rows, some, first, second in self._states(np.diff(time), step, u, hold):
+            own = np.flatnonzero((row >= rows.start) & (row < rows.stop))
+            phi, g0, g1, d0, d1 = self._coefficients(ahead[own], step, hold, some)
+            first, second = first[:, row[own] - rows.start], second[:, row[own] - rows.start]
+            passed = phi * first + g0 * before[own] + g1 * now[own]
             weights = self.weights[some] * np.where(self.poles[some].imag == 0, 1, 2)
-            y += (weights @ passed).real
+            y[own] += (weights @ passed).real
             if np.any(self.double[some]):
-                second = phi[some].real * (second + ahead * first.real)
-                y += self.double[some] @ (second + d0[some] * before + d1[some] * now)
+                second = phi.real * (second + ahead[own] * first.real)
+                y[own] += self.double[some] @ (second + d0 * before[own] + d1 * now[own])
         return np.where(moments < time[0], 0.0, y)
 
     def _stepped(self, steps: Float, step: float, u: Float, hold: Hold) -> Float:
         """One recursion for each mode, its coefficients anew at every row: any clock."""
         y = np.zeros(len(u))
-        for some, first, second in self._states(steps, step, u, hold):
+        for rows, some, first, second in self._states(steps, step, u, hold):
             weights = self.weights[some] * np.where(self.poles[some].imag == 0, 1, 2)
             real = not np.iscomplexobj(first)
-            y += weights.real @ first if real else (weights @ first).real
-            y += self.double[some] @ second
+            y[rows] += weights.real @ first if real else (weights @ first).real
+            y[rows] += self.double[some] @ second
         return y
 
     def _states(
         self, steps: Float, step: float, u: Float, hold: Hold
-    ) -> Iterator[tuple[slice, Any, Float]]:
-        """State of some modes at every row, and that of their double poles, each (modes, n)."""
-        phi, g0, g1, d0, d1 = self._coefficients(steps, step, hold)
-        count = max(1, MAX_STATES // max(len(u), 1))
+    ) -> Iterator[tuple[slice, slice, Any, Float]]:
+        """Rows, some modes, their state at each of the rows, and that of their double poles.
+
+        Stretches of rows one after another, so that a long record takes no more than a short one;
+        states of shape (modes, rows).
+        """
+        last = len(u) - 1
+        count = max(1, MAX_STATES // min(len(u), MAX_STRETCH + 1))
         for start in range(0, len(self.poles), count):
             some = slice(start, start + count)
-            first = recursion_of(phi[some], g0[some] * u[:-1] + g1[some] * u[1:])
-            second = np.zeros(first.shape)
-            if np.any(self.double[some]):
-                rows = phi[some].real
-                passed = steps * rows * first[:, :-1].real + d0[some] * u[:-1] + d1[some] * u[1:]
-                second = recursion_of(rows, passed)
-            yield some, first, second
+            begun, begun_second = cast(Any, 0.0), cast(Any, 0.0)
+            for low in range(0, max(last, 1), MAX_STRETCH):
+                high = min(low + MAX_STRETCH, last)
+                own, now, then = steps[low:high], u[low:high], u[low + 1 : high + 1]
+                phi, g0, g1, d0, d1 = self._coefficients(own, step, hold, some)
+                added = g0 * now + g1 * then
+                if low:
+                    added[:, 0] += phi[:, 0] * begun
+                first = recursion_of(phi, added)
+                if low:
+                    first[:, 0] = begun
+                second = np.zeros(first.shape)
+                if np.any(self.double[some]):
+                    passed = own * phi.real * first[:, :-1].real + d0 * now + d1 * then
+                    if low:
+                        passed[:, 0] += phi[:, 0].real * begun_second
+                    second = recursion_of(phi.real, passed)
+                    if low:
+                        second[:, 0] = begun_second
+                begun, begun_second = first[:, -1].copy(), second[:, -1].copy()
+                stop = high if high < last else len(u)  # the row that two share is the later one's
+                yield slice(low, stop), some, first[:, : stop - low], second[:, : stop - low]
 
-    def _coefficients(self, lengths: Float, step: float, hold: Hold) -> list[Any]:
-        """Decay of each mode over stretches of any length, weights of the inputs at their ends.
+    def _coefficients(self, lengths: Float, step: float, hold: Hold, some: slice) -> list[Any]:
+        """Decay of some modes over stretches of any length, weights of the inputs at their ends.
 
         Lengths that are equal to within `step` are computed once. Those of the second state of a
         double pole follow; each of shape (modes, n).
@@ -339,10 +361,10 @@ class Modes:
             np.round(lengths / step), return_index=True, return_inverse=True
         )
         dt = lengths[first][:, None]
-        poles: Any = self.poles if np.any(self.poles.imag) else self.poles.real
+        poles: Any = (self.poles if np.any(self.poles.imag) else self.poles.real)[some]
         found: list[Any] = [*propagate(poles[None, :], dt, hold)]
         if np.any(self.double):
-            found += propagate_double(self.poles.real[None, :], dt, hold)
+            found += propagate_double(self.poles.real[None, some], dt, hold)
         else:
             found += [np.zeros((len(dt), 0))] * 2
         return [c[which].T for c in found]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+# Share of the spread that stands for no error.
+TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,22 @@ class Agreement:
     def rmse_zero_free(self) -> float:
         """RMS error about its mean: what is left where the zero of a displacement is free."""
         return float(np.sqrt(np.maximum(self.rmse**2 - self.mean**2, 0.0)))
+
+    def with_noise(self, sigma: float) -> Agreement:
+        """The agreement with readings of which these rows are averages.
+
+        Parameters
+        ----------
+        sigma : float [unit of the signal]
+            Noise of a reading that an average does not show; in the RMSE and the fit.
+        """
+        if not sigma:
+            return self
+        rmse = float(np.hypot(self.rmse, sigma))
+        # RMS about the mean, of which the fit is told.
+        spread = self.rmse / max(1 - self.fit_percent / 100, TINY)
+        fit = 100 * (1 - rmse / float(np.hypot(spread, sigma)))
+        return replace(self, rmse=rmse, fit_percent=fit)
 
     def document(self) -> dict[str, float | int | None]:
         """JSON-ready: null for what is not there."""

@@ -30,7 +30,9 @@ class RowGroups:
     first : ndarray of int, shape (n,)
         Where each group begins, counted through all logs.
     weight : ndarray, shape (n,)
-        White variance of a group's mean over that of a reading: one over its rows.
+        White variance of a group's mean over that of a reading: one over its readings.
+    counts : ndarray of int, shape (n,)
+        Rows of each group.
     time : ndarray, shape (n,) [s]
         Mean time of each group.
     noise : ColouredNoise
@@ -42,6 +44,7 @@ class RowGroups:
     rows: tuple[Index, ...]
     first: Index
     weight: Float
+    counts: Index
     time: Float
     noise: ColouredNoise
     owner: Index
@@ -82,8 +85,9 @@ class RowGroups:
         means = np.add.reduceat(time, starts) / counts
         blocks = np.flatnonzero(np.diff(owners, prepend=-1))
         period = float(np.median(np.concatenate([np.diff(log.time) for log in logs])))
-        noise = ColouredNoise(means, blocks, 1.0 / counts, period)
-        return RowGroups(tuple(rows), starts, 1.0 / counts, means, noise, owners)
+        weight = 1.0 / (counts * np.array([log.row_readings for log in logs])[owners])
+        noise = ColouredNoise(means, blocks, weight, period)
+        return RowGroups(tuple(rows), starts, weight, counts, means, noise, owners)
 
     def joined(self, series: Sequence[Float]) -> Float:
         """Rows in use of all logs, one after the other.
@@ -104,8 +108,9 @@ class RowGroups:
         joined = self.joined(series)
         if len(joined) == len(self.first):
             return joined
-        weight = self.weight if joined.ndim == 1 else self.weight[:, None]
-        return np.asarray(np.add.reduceat(joined, self.first, axis=0) * weight)
+        share = 1.0 / self.counts
+        share = share if joined.ndim == 1 else share[:, None]
+        return np.asarray(np.add.reduceat(joined, self.first, axis=0) * share)
 
     @property
     def size(self) -> int:
