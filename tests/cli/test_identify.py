@@ -256,7 +256,7 @@ def test_a_network_shares_its_time_constants(thermaltool, pair, tmp_path):
     first, second = done.json["models"]
     assert [m["output"] for m in (first, second)] == ["d_z_um", "dT_pair_K"]
     assert first["shared_with"] == ["dT_pair_K"]
-    assert first["orders"] == {"modes": 2}
+    assert first["orders"] == {"modes": 2, "feedthrough": False}
     assert first["time_constants_s"] == second["time_constants_s"]
     assert first["time_constants_s"] == pytest.approx([400, 40], rel=0.02)
     for each in (first, second):

@@ -84,7 +84,7 @@ class LinearityTest:
 
 
 @dataclass(frozen=True)
-class Regression:
+class ErrorRegression:
     """Rows of all runs without a hole.
 
     Attributes
@@ -162,12 +162,12 @@ class Reduced:
     alone: Array
 
 
-def _reduced(found: Regression, basis: Array) -> Reduced | None:
+def _reduced(found: ErrorRegression, basis: Array) -> Reduced | None:
     """Both parts compared; None where no other term is left, or no error.
 
     Parameters
     ----------
-    found : Regression
+    found : ErrorRegression
     basis : ndarray, shape (k, n)
         Orthonormal, of all its terms.
     """
@@ -189,12 +189,12 @@ def _reduced(found: Regression, basis: Array) -> Reduced | None:
     return Reduced(statistic, (q, free), kept, (rest[kept] @ error) ** 2 / left[kept] ** 2)
 
 
-def _simulated_p_value(found: Regression, basis: Array, statistic: float) -> float:
+def _simulated_p_value(found: ErrorRegression, basis: Array, statistic: float) -> float:
     """Share of draws of noise that have as large a statistic (Besag and Clifford 1991).
 
     Parameters
     ----------
-    found : Regression
+    found : ErrorRegression
     basis : ndarray, shape (k, n)
         As `_reduced`.
     statistic : float
@@ -224,7 +224,7 @@ def _weights(rows: Array, error: Array) -> Array:
     return np.asarray(solve(unit @ unit.T, unit @ error) / sizes)
 
 
-def _colour(found: Regression, error: Array) -> tuple[Array, float]:
+def _colour(found: ErrorRegression, error: Array) -> tuple[Array, float]:
     """AR polynomial of errors and the variance of what drives them, of least AIC.
 
     Colour that it lacks would pass for a term.
@@ -237,7 +237,7 @@ def _colour(found: Regression, error: Array) -> tuple[Array, float]:
     return np.asarray(table.whitening(table.best)), float(table.variance[table.best])
 
 
-def _filtered(found: Regression, ar: Array) -> Regression:
+def _filtered(found: ErrorRegression, ar: Array) -> ErrorRegression:
     """All rows through the AR polynomial, run by run, without those that it needs to begin."""
 
     def through(rows: Array) -> Array:
@@ -245,7 +245,7 @@ def _filtered(found: Regression, ar: Array) -> Regression:
         return np.concatenate(whole, axis=-1)
 
     ends = tuple(np.cumsum([len(run) - (len(ar) - 1) for run in found.runs(found.error)]).tolist())
-    return Regression(
+    return ErrorRegression(
         through(found.error), through(found.output), through(found.linear), through(found.other),
         ends,
     )  # fmt: skip
@@ -260,7 +260,7 @@ def _orthonormal(rows: Array, least: float) -> Array:
     return np.asarray((vectors[:, used] / np.sqrt(values[used])).T @ rows)
 
 
-def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], Regression | None]:
+def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], ErrorRegression | None]:
     """Names of the other terms, and all rows, in groups where they are many; None: too few."""
     runs = [model.simulate(record) for record in data.records]
     zeros = [model.zeros[record.origin] for record in data.records]
@@ -307,7 +307,7 @@ def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], Regr
     rows = np.hstack(parts)
     if rows.shape[1] < ROWS_PER_COLUMN * len(rows):
         return [], None
-    return names, Regression(rows[0], rows[1], rows[2:edge], rows[edge:], tuple(ends))
+    return names, ErrorRegression(rows[0], rows[1], rows[2:edge], rows[edge:], tuple(ends))
 
 
 def _bank(longest: int, inputs: int) -> Array:
