@@ -16,6 +16,7 @@ with a linear part taken off first: Tsay, Biometrika 73 (1986) 461.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +32,9 @@ from thermaltool.record import Record
 from thermaltool.signals.gauss_newton import solve
 from thermaltool.timeseries.ar import burg
 from thermaltool.timeseries.runs import joined
+
+# Columns of a regression, with their names.
+Terms = Iterator[tuple[str, Array]]
 
 # Rows are averaged in groups to so many at most: what is slow is found as well, in less time.
 MAX_ROWS = 4000
@@ -287,15 +291,18 @@ def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], Erro
         v = (np.interp(clock, there, run[there]) - zeros[k] - centre) / size
         # From its first value each: a level before the record is then no term of its own.
         u = (data.u[k] - data.levels[record.origin][:, None]) / sizes[:, None]
-        linear, other, names = _columns(model, record, u, v, taus)
-        offsets = np.zeros((data.experiments, len(run)))
+        # One column at a time: all together are some hundred bytes a row.
+        first = [_group_means(x, group) for x in (y - run, y)]
+        linear = [_group_means(x, group) for _, x in _linear_terms(model, record, u, v, taus)]
+        other = {name: _group_means(x, group) for name, x in _other_terms(model, record, u, v)}
+        names, count = list(other), len(run) // group
+        offsets = np.zeros((data.experiments, count))
         offsets[record.origin] = 1.0
-        decays = np.zeros((len(free), len(taus), len(run)))
+        decays = np.zeros((len(free), len(taus), count))
         if k in free:
-            decays[free.index(k)] = np.exp(-clock / taus[:, None])
-        whole = np.vstack([y - run, y, offsets, *decays, *linear, *other])
+            decays[free.index(k)] = [_group_means(np.exp(-clock / tau), group) for tau in taus]
+        whole = np.vstack([*first, offsets, *decays, *linear, *other.values()])
         edge = len(whole) - len(other)
-        whole = whole[:, : len(run) // group * group].reshape(len(whole), -1, group).mean(axis=2)
         known = np.where(np.isfinite(whole[0]), np.arange(whole.shape[1]), np.nan)
         parts += [whole[:, rows.astype(np.intp)] for rows in runs_of(known)]
     parts = [part for part in parts if part.shape[1] >= MIN_RUN]
@@ -317,30 +324,47 @@ def _bank(longest: int, inputs: int) -> Array:
     return np.geomspace(1.0, slowest, max(count, MIN_BANK))
 
 
-def _columns(
-    model: OutputModel, record: Record, u: Array, v: Array, taus: Array
-) -> tuple[list[Array], list[Array], list[str]]:
-    """Linear and other terms of one record, and the names of these."""
+def _linear_terms(model: OutputModel, record: Record, u: Array, v: Array, taus: Array) -> Terms:
+    """What a linear machine may answer with beside the model, one column at a time."""
+    yield "", v
+    yield "", np.append(v[:1], v[:-1])
+    yield "", np.append(v[1:], v[-1:])
+    for i, late in enumerate(_delayed(model, u)):
+        yield "", late
+        yield "", _response_to(model, record, i, u[i])
+        for a in np.exp(-1 / taus):
+            yield "", lfilter([1 - a], [1, -a], late)
 
-    def through(i: int, x: Array) -> Array:
-        """What the model gives of input i alone."""
-        columns = {name: np.zeros(len(x)) for name in model.names}
-        return model.response_to(Record(record.time, {**columns, model.names[i]: x}))
 
-    linear = [v, np.append(v[:1], v[:-1]), np.append(v[1:], v[-1:])]
-    other = {"y^2": v**2, "y^3": v**3}
-    for i, (name, delay) in enumerate(zip(model.names, model.sample_delays, strict=True)):
-        late = np.concatenate([np.zeros(min(delay, len(v))), u[i]])[: len(v)]
-        linear += [late, through(i, u[i])]
-        linear += [lfilter([1 - a], [1, -a], late) for a in np.exp(-1 / taus)]
-        own = {f"{name}^2": u[i] ** 2, f"{name} y": u[i] * v}
-        if len(u) <= MAX_CROSSED_INPUTS:
-            other[f"{name} y at once"] = late * v
-            own[f"{name}^3"] = u[i] ** 3
-            own |= {
-                f"{name} {second}": u[i] * x
-                for second, x in zip(model.names, u, strict=True)
-                if second != name
-            }
-        other |= {label: through(i, x) for label, x in own.items()}
-    return linear, list(other.values()), list(other)
+def _other_terms(model: OutputModel, record: Record, u: Array, v: Array) -> Terms:
+    """Powers and products of the model's output and its inputs, with their names."""
+    yield "y^2", v**2
+    yield "y^3", v**3
+    few = len(u) <= MAX_CROSSED_INPUTS
+    for i, (name, late) in enumerate(zip(model.names, _delayed(model, u), strict=True)):
+        if few:
+            yield f"{name} y at once", late * v
+        yield f"{name}^2", _response_to(model, record, i, u[i] ** 2)
+        yield f"{name} y", _response_to(model, record, i, u[i] * v)
+        if few:
+            yield f"{name}^3", _response_to(model, record, i, u[i] ** 3)
+            for k, second in enumerate(model.names):
+                if k != i:
+                    yield f"{name} {second}", _response_to(model, record, i, u[i] * u[k])
+
+
+def _delayed(model: OutputModel, u: Array) -> Iterator[Array]:
+    """Each input by its delay later."""
+    for own, delay in zip(u, model.sample_delays, strict=True):
+        yield np.concatenate([np.zeros(min(delay, len(own))), own])[: len(own)]
+
+
+def _response_to(model: OutputModel, record: Record, i: int, x: Array) -> Array:
+    """What the model gives of input i alone."""
+    columns = {name: np.zeros(len(x)) for name in model.names}
+    return model.response_to(Record(record.time, {**columns, model.names[i]: x}))
+
+
+def _group_means(x: Array, group: int) -> Array:
+    """Means of so many rows each, shape (n // group,)."""
+    return np.asarray(x[: len(x) // group * group].reshape(-1, group).mean(axis=1))
