@@ -1,0 +1,124 @@
+"""Components of many inputs as a JSON document and as text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from thermaltool.documents import jsonable
+from thermaltool.fitting.components.model import ComponentOutput
+from thermaltool.fitting.fit import Fit
+from thermaltool.fitting.selection import Candidate
+from thermaltool.report.network import agreement_rows
+from thermaltool.report.text import aligned
+from thermaltool.report.transfer import (
+    LISTED_CANDIDATES,
+    continuous_document,
+    estimate_document,
+    gain_unit,
+    one_or_all,
+    repeated,
+    with_interval,
+)
+from thermaltool.units import printed
+
+
+def _output(fit: Fit) -> ComponentOutput:
+    assert isinstance(fit.model, ComponentOutput)
+    return fit.model
+
+
+def component_warnings(fits: Sequence[Fit]) -> list[str]:
+    """What a user should know before using the models, each a sentence."""
+    sentences = []
+    for fit in fits:
+        model = _output(fit)
+        for name in model.idle:
+            sentences.append(f"{name} never moves within the record: it is left out")
+        for group in model.same:
+            sentences.append(f"{' and '.join(group)} say the same: one of them would do")
+    return list(dict.fromkeys(sentences))
+
+
+def component_fields(fits: Sequence[Fit], k: int) -> dict[str, Any]:
+    """What the document of output k has beside that of any model."""
+    fit, model = fits[k], _output(fits[k])
+    unit = {name: gain_unit(model.target, name) for name in model.names}
+    fields: dict[str, Any] = {
+        "structure": "components",
+        "orders": {"components": model.components, "lags": model.order, "feedthrough": True},
+        "reduction": model.reduction,
+        "ridge": model.ridge,
+        "error_time_s": model.error_time,
+        "left_out": list(model.idle),
+        "same_inputs": [list(group) for group in model.same],
+        "delay_s": one_or_all([0.0] * len(model.names)),
+        "dead_time_s": one_or_all([0.0] * len(model.names)),
+        "time_constants_s": model.time_constants.tolist(),
+        "units": {name: unit[_source(name, model)] for name in fit.parameters},
+        "noise": {"variance": model.sigma2},
+        "criteria": {"aic": model.criteria.aic, "bic": model.criteria.bic},
+        "terms": [_term(model, i) for i in range(len(model.names))],
+    }
+    if fit.candidates:
+        fields["candidates"] = [
+            {"components": c.model.components, "lags": c.model.order,
+             "fit_percent": jsonable(c.fit_percent[0])}
+            for c in fit.candidates
+        ]  # fmt: skip
+    return fields
+
+
+def _source(parameter: str, model: ComponentOutput) -> str:
+    return parameter.partition("[")[2].rstrip("]") or model.names[0]
+
+
+def _term(model: ComponentOutput, i: int) -> dict[str, Any]:
+    unit = gain_unit(model.target, model.names[i])
+    return {
+        "input": model.names[i],
+        "delay_s": 0.0,
+        "dead_time_s": 0.0,
+        "gain": {**estimate_document(model.gain(i)), "unit": unit},
+        "time_constants_s": model.time_constants.tolist(),
+        "oscillations": [],
+        "weights": [
+            {"name": name, **estimate_document(e), "unit": unit}
+            for name, e in model.weight_estimates(i).items()
+        ],
+        "continuous": continuous_document(model.term(i)),
+    }
+
+
+def component_table(fits: Sequence[Fit]) -> str:
+    """What each model is made of, the gain of every input, fits and what is left."""
+    parts = []
+    for fit in fits:
+        model = _output(fit)
+        n, m, taus = model.components, len(model.names), model.time_constants
+        lags = ", ".join(f"{tau:.4g}" for tau in taus)
+        how = "all" if n == m else f"{n} components ({model.reduction}) of"
+        parts.append(
+            f"{model.target}: {how} {m} inputs, directly and through lags of {lags} s, "
+            f"{model.method}, {model.rows} rows at {model.dt:g} s"
+        )
+        rows = [["input", "gain", "unit", "weight K0", *(f"K{j + 1}" for j in range(len(taus)))]]
+        for i, name in enumerate(model.names):
+            rows.append([
+                name, with_interval(model.gain(i)), printed(gain_unit(model.target, name)),
+                *(f"{e.value:.4g}" for e in model.weight_estimates(i).values()),
+            ])  # fmt: skip
+        parts.append(aligned(rows))
+        if fit.candidates:
+            parts.append(_candidates(fit.candidates))
+    parts.append(aligned(agreement_rows(fits)))
+    if fits[0].validation is not None and fits[0].validation.start is not None:
+        parts.append(f"validation: {repeated(fits[0])}")
+    return "\n\n".join(parts)
+
+
+def _candidates(candidates: Sequence[Candidate[ComponentOutput]]) -> str:
+    rows = [["components", "lags", "held-out fit %"]]
+    for c in candidates[:LISTED_CANDIDATES]:
+        rows.append([str(c.model.components), str(c.model.order), f"{c.fit_percent[0]:.2f}"])
+    return f"of {len(candidates)} numbers of components the best first:\n{aligned(rows)}"
