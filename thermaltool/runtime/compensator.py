@@ -124,6 +124,7 @@ class SetpointProcess(Process):
         self._inputs, self._outputs = inputs, outputs
         self._vote, self._reduced = vote, reduced
         self._without: int | None = None
+        self._out: set[int] = set()
         self._unsure, self._settles = UnknownState(stepper.settling_time), False
         self._targets = list(zip(followed, setpoints, strict=True))
         self.estimates: list[float] = stepper.rest()
@@ -188,6 +189,9 @@ class SetpointProcess(Process):
                 why = ": the others contradict it" if left_out == against else ""
                 self.report(self.sensors[left_out].channel, f"left out{why}, the others go on")
             self._without = left_out
+        if enough and out - self._out and (cost := stepper.cost(out)):
+            self.report("", cost)
+        self._out = out
         return not enough
 
     def _wait(self, seconds: float, lost: bool) -> None:

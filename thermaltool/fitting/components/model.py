@@ -55,6 +55,10 @@ class ComponentOutput(OutputModel):
     same: tuple[tuple[str, ...], ...] = ()
 
     @property
+    def redundant(self) -> bool:
+        return len(self.names) > 2
+
+    @property
     def order(self) -> int:
         return len(self.time_constants)
 
