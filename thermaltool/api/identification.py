@@ -216,9 +216,9 @@ def identify(
     from thermaltool.fitting.transfer.registry import structure_of
 
     inputs, outputs = names(inputs), names(outputs)
-    check_arguments(inputs, outputs, structure=structure, reduce=reduce, orders=orders, modes=modes, delay=delay,
-                    noise_orders=noise_orders, continuous=continuous, real_poles=real_poles,
-                    initial=initial, split=split, validate=validate)  # fmt: skip
+    check_arguments(inputs, outputs, structure=structure, reduce=reduce, orders=orders,
+                    modes=modes, delay=delay, noise_orders=noise_orders, continuous=continuous,
+                    real_poles=real_poles, initial=initial, split=split, validate=validate)  # fmt: skip
     plain = not (orders or noise_orders or continuous or real_poles)
     logs: list[Log] = []
     for each in [*all_of(data), *([] if validate is None else [validate])]:

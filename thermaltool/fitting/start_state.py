@@ -71,7 +71,7 @@ def with_start(
     data.check()
     if any(len(data.records[k]) < COMPARED_PARTS * MIN_PART_ROWS for k in data.begins.values()):
         return data  # too short to tell rest from a transient
-    if all(_begins_idle(data.measured(k)) for k in range(len(data.outputs))):
+    if all(begins_idle(data.measured(k)) for k in range(len(data.outputs))):
         return data.from_rest()
     rest = errors_of(data.from_rest())
     free = None if rest is None else errors_of(data)
@@ -91,8 +91,14 @@ def _clearly_better(rest: float, free: float, runs: Sequence[Array]) -> bool:
     return ratio > MIN_FACTOR or rows * float(np.log(max(ratio, 1.0))) > MIN_EVIDENCE
 
 
-def _begins_idle(data: TrainingData) -> bool:
-    """Whether inputs and the output stand still, within their noise, as every experiment begins."""
+def begins_idle(data: TrainingData) -> bool:
+    """Whether inputs and the output stand still, within their noise, as every experiment begins.
+
+    Parameters
+    ----------
+    data : TrainingData
+        With one output.
+    """
     return all(stands_still(data.u[k], data.y[k][0]) for k in data.begins.values())
 
 

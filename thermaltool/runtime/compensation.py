@@ -23,6 +23,7 @@ from thermaltool.runtime.messages import Messages, Report
 from thermaltool.runtime.sensing.frozen import FrozenCheck
 from thermaltool.runtime.sensing.leave_one_out import LeaveOneOut
 from thermaltool.runtime.sensing.sensors import SensorChannel
+from thermaltool.runtime.sensing.substitute import Substituting
 from thermaltool.runtime.sensing.vote import (
     CONTRADICTION,
     NOISE_MARGIN,
@@ -30,9 +31,8 @@ from thermaltool.runtime.sensing.vote import (
     PATIENCE_PERIODS,
     Vote,
 )
-from thermaltool.runtime.sensing.substitute import Substituting
 from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
-from thermaltool.runtime.stepper import Steps, stepper_of
+from thermaltool.runtime.stepper import Stepper, Steps, stepper_of
 
 # Where nothing is said, readings are held and pauses borne for this many sample periods of the
 # design, and not below this [s]: one lost line of a slow logger is no loss, nor are ten of a quick.
@@ -98,9 +98,13 @@ def offsets(
     plain = isinstance(estimator, KalmanEstimator) and pipeline.passes_inputs and not mapped
     watch = plain and len(sensors) > 1 and not settings.trust
     ranges = {output.channel: output.range for output in model.deflections}
-    stepper = _watched(estimator, period, ranges) if watch else stepper_of(estimator, period)
-    if stands_in and not watch:
-        stepper = _substituting(stepper, pipeline.columns, model)
+    stepper: Steps
+    if watch:
+        stepper = _watched(estimator, period, ranges)
+    else:
+        stepper = stepper_of(estimator, period)
+        if stands_in:
+            stepper = _substituting(stepper, pipeline.columns, model)
     return SetpointProcess(
         stepper,
         sensors,
@@ -118,13 +122,13 @@ def offsets(
         inputs=None if pipeline.passes_inputs else pipeline.estimator_inputs,
         outputs=pipeline.given_out if mapped else None,
         vote=_vote(sensors, design, period) if watch and len(sensors) >= MIN_VOTERS else None,
-        reduced=[_seen(ranges[estimator.estimates[k]], sign) for k in followed] 
+        reduced=[_seen(ranges[estimator.estimates[k]], sign) for k in followed]
         if watch or stands_in
         else (),
     )
 
 
-def _substituting(stepper: Steps, columns: Sequence[str], model: Model) -> Substituting:
+def _substituting(stepper: Stepper, columns: Sequence[str], model: Model) -> Substituting:
     assert model.redundancy is not None
     gains: dict[str, dict[str, float]] = {each.channel: {} for each in model.deflections}
     for term in model.terms:

@@ -27,7 +27,7 @@ class ComponentOutput(OutputModel):
 
     Attributes
     ----------
-    time_constants : ndarray, shape (N,) [s], the fastest first
+    time_constants : ndarray, shape (N,) [s], the slowest first
     weights : ndarray, shape (1 + N, m)
         Of the inputs themselves, then of each lag [unit of the output per unit of the input].
     covariance : ndarray, shape ((1 + N) · m, (1 + N) · m)
@@ -103,9 +103,7 @@ class ComponentOutput(OutputModel):
         values |= {f"K{j}": float(w) for j, w in enumerate(self.weights[:, k])}
         response = rational_kind(n, 0, True)(**values)
         names = tuple(f"K{j}" for j in range(n + 1))
-        return ContinuousTerm(
-            response, covariance=self.covariance[np.ix_(own, own)], names=names
-        )
+        return ContinuousTerm(response, covariance=self.covariance[np.ix_(own, own)], names=names)
 
     def residuals(self, data: TrainingData) -> Iterator[tuple[Array, Array]]:
         for record in data.records:

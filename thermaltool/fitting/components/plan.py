@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from thermaltool.errors import FitError
 from thermaltool.fitting.components.choose import choices_of, ranked
 from thermaltool.fitting.components.model import ComponentOutput, output_of
 from thermaltool.fitting.components.problem import ComponentProblem
 from thermaltool.fitting.components.reduction import Reduction, moving_inputs
-from thermaltool.fitting.data import MIN_INDEPENDENCE, TrainingData
-from thermaltool.fitting.error_model import runs_of
+from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.identification import Plan
 from thermaltool.fitting.selection import Candidate
-from thermaltool.fitting.start_state import StartErrors, with_start
-from thermaltool.signals.agreement import agreement
+from thermaltool.fitting.start_state import MIN_EVIDENCE, begins_idle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,12 +28,11 @@ class ComponentPlan(Plan):
     reduction: Reduction = field(default_factory=Reduction)
 
     def start(self, data: TrainingData) -> TrainingData:
-        moving = data.driven_by(moving_inputs(data))
-        found = with_start(moving.driven_by(_independent(moving)), self.initial, self._errors)
-        at_rest = [record.at_rest for record in found.records]
-        return replace(data, records=tuple(
-            replace(r, at_rest=known) for r, known in zip(data.records, at_rest, strict=True)
-        ))  # fmt: skip
+        if self.initial != "auto":
+            return data.from_rest() if self.initial == "rest" else data
+        if all(begins_idle(data.measured(k)) for k in range(len(data.outputs))):
+            return data.from_rest()
+        return data if self._gain_of_free_start(data) > MIN_EVIDENCE else data.from_rest()
 
     def fit(
         self, data: TrainingData
@@ -58,29 +54,15 @@ class ComponentPlan(Plan):
                 candidates.append(Candidate(own, (fit,), score))
         return (best,), tuple(candidates)
 
-    def _errors(self, data: TrainingData) -> StartErrors | None:
-        """Errors of the choice of most evidence; None where there are too few rows."""
-        try:
-            problem = ComponentProblem(data, self.reduction)
-        except FitError:
-            return None
-        found = problem.fit(np.ones(len(problem.output), bool), list(choices_of(problem)))
-        model = output_of(problem, min(found, key=lambda each: each.level))
-        errors = data.output() - model.run(data)
-        rmse = agreement(data.output(), model.run(data)).rmse
-        return StartErrors([rmse**2], lambda: [runs_of(errors)])
+    def _gain_of_free_start(self, data: TrainingData) -> float:
+        """Twice the logarithm of the evidence for an unknown state at the start, over rest.
 
-
-def _independent(data: TrainingData) -> tuple[str, ...]:
-    """Inputs without those that are combinations of the ones before."""
-    kept: list[str] = []
-    columns = np.hstack([u - u.mean(axis=1, keepdims=True) for u in data.u])
-    columns = columns / np.linalg.norm(columns, axis=1, keepdims=True)
-    basis = np.zeros((0, columns.shape[1]))
-    for name, column in zip(data.inputs, columns, strict=True):
-        left = column - basis.T @ (basis @ column)
-        size = float(np.linalg.norm(left))
-        if size**2 > 10 * MIN_INDEPENDENCE:
-            kept.append(name)
-            basis = np.vstack([basis, left / size])
-    return tuple(kept)
+        The errors are coloured there: a slow drift is no reason for a free state.
+        """
+        data = data.driven_by(moving_inputs(data))
+        levels = []
+        for each in (data.from_rest(), data):
+            problem = ComponentProblem(each, Reduction("none"))
+            found = problem.fit(np.ones(len(problem.output), bool), list(choices_of(problem)))
+            levels.append(len(problem.output) * min(weights.level for weights in found))
+        return levels[0] - levels[1]

@@ -1,10 +1,12 @@
 """Few rows that stand for many: averages of inputs, through lags, and of one output.
 
-y = Σ_i Σ_j w_ij u_i/(τ_j s + 1) + Σ_i w_i0 u_i + offset + Σ_j a_j e^(−t/τ_j) + v, the time constants
-on a grid, a decay for each piece that does not begin at rest. The error v is a first-order process
-(AR(1) from average to average, with a correlation time of its own), the weights of components are
-normal with one variance: a ridge. Both, and nothing else, are found by the evidence: the likelihood
-of the output with the weights integrated out (MacKay 1992; Rasmussen and Williams 2006, 5.4).
+y = Σ_i [w_i0 u_i + Σ_j w_ij u_i/(τ_j s + 1)] + offset + Σ_j a_j e^(−t/τ_j) + v
+
+with the time constants on a grid, and a decay for each piece that does not begin at rest. The error
+v is a first-order process (AR(1) from average to average, with a correlation time of its own), the
+weights of components are normal with one variance: a ridge, of which the evidence decides, the
+likelihood of the output with the weights integrated out (MacKay 1992; Rasmussen and Williams 2006,
+5.4).
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from thermaltool.errors import FitError
 from thermaltool.fitting.components.reduction import Reduction
 from thermaltool.fitting.data import Array, Split, TrainingData
 from thermaltool.fitting.network.problem import mode_responses
+from thermaltool.signals.start_level import start_level
+from thermaltool.units import is_displacement
 
 # Averages that stand for a record, about: heat is slower than a hundredth of what is recorded.
 AVERAGES = 200
@@ -104,7 +108,7 @@ class ComponentProblem:
             raise FitError(f"{data.outputs[0]} is constant: there is nothing to identify")
         self.rows = max(1, data.rows // AVERAGES)
         shortest, longest = self.rows * data.period, data.duration / LONGEST_PART
-        self.times: Array = np.geomspace(shortest, max(longest, 2 * shortest), GRID_TIMES)
+        self.times: Array = np.geomspace(max(longest, 2 * shortest), shortest, GRID_TIMES)
         parts = [len(record) // self.rows for record in data.records]
         if sum(parts) < MIN_AVERAGES:
             raise FitError(
@@ -114,6 +118,11 @@ class ComponentProblem:
         self.first_row = np.concatenate([self.rows * np.arange(n) for n in parts])
         self.origin = np.array([record.origin for record in data.records])[self.record]
         self.output = self._averaged([y[0] for y in data.y])
+        # As simulate has it, a displacement counts from where its log begins at rest.
+        begins = data.begins if is_displacement(data.outputs[0]) else {}
+        self.levels = {
+            e: start_level(data.y[k][0]).value for e, k in begins.items() if data.records[k].at_rest
+        }
 
     def _averaged(self, series: Sequence[Array]) -> Array:
         """Averages of rows of every record, in a row, shape (..., averages)."""
@@ -204,14 +213,10 @@ class ComponentProblem:
             result[..., own] -= values[..., own & fitted].mean(axis=-1, keepdims=True)
         return result
 
-    def _whitened(
-        self, fitted: NDArray[np.bool_], error_time: float, loadings: Array
-    ) -> _Whitened:
+    def _whitened(self, fitted: NDArray[np.bool_], error_time: float, loadings: Array) -> _Whitened:
         """Sums over the averages, less what of each follows from the one before."""
         kept = np.exp(-self.rows * self.data.period / error_time)
-        after = np.flatnonzero(
-            fitted[1:] & fitted[:-1] & (self.record[1:] == self.record[:-1])
-        ) + 1
+        after = np.flatnonzero(fitted[1:] & fitted[:-1] & (self.record[1:] == self.record[:-1])) + 1
         scores = np.einsum("ik,lin->lkn", loadings, self.inputs)
         columns = np.concatenate([scores.reshape(-1, scores.shape[-1]),
                                   self.decays.reshape(-1, scores.shape[-1])])  # fmt: skip
@@ -219,7 +224,11 @@ class ComponentProblem:
         moved = whole[:, after] - kept * whole[:, after - 1]
         origins = self.origin[after]
         for e in np.unique(origins):
-            moved[:, origins == e] -= moved[:, origins == e].mean(axis=1, keepdims=True)
+            own = origins == e
+            if e in self.levels:
+                moved[-1, own] -= (1 - kept) * self.levels[e]
+            else:
+                moved[:, own] -= moved[:, own].mean(axis=1, keepdims=True)
         gram = moved @ moved.T
         return _Whitened(error_time, gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), len(after))
 
@@ -256,7 +265,8 @@ class ComponentProblem:
         )
         errors, offsets = self.errors(found), found.offsets
         for e in np.unique(self.origin[fitted]):
-            offsets[e] = errors[fitted & (self.origin == e)].mean()
+            own = errors[fitted & (self.origin == e)]
+            offsets[e] = self.levels.get(int(e), float(own.mean()))
         return found
 
 
