@@ -218,7 +218,8 @@ def identify(
     inputs, outputs = names(inputs), names(outputs)
     check_arguments(inputs, outputs, structure=structure, reduce=reduce, orders=orders,
                     modes=modes, delay=delay, noise_orders=noise_orders, continuous=continuous,
-                    real_poles=real_poles, initial=initial, split=split, validate=validate)  # fmt: skip
+                    real_poles=real_poles, initial=initial, split=split,
+                    validate=validate)  # fmt: skip
     plain = not (orders or noise_orders or continuous or real_poles)
     logs: list[Log] = []
     for each in [*all_of(data), *([] if validate is None else [validate])]:

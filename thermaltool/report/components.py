@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from thermaltool.documents import jsonable
+from thermaltool.fitting.components.choose import Weighed
 from thermaltool.fitting.components.model import ComponentOutput
 from thermaltool.fitting.fit import Fit
-from thermaltool.fitting.selection import Candidate
 from thermaltool.report.network import agreement_rows
 from thermaltool.report.text import aligned
 from thermaltool.report.transfer import (
@@ -46,10 +46,10 @@ def component_fields(fits: Sequence[Fit], k: int) -> dict[str, Any]:
     unit = {name: gain_unit(model.target, name) for name in model.names}
     fields: dict[str, Any] = {
         "structure": "components",
-        "orders": {"components": model.components, "lags": model.order, "feedthrough": True},
+        "orders": {"lags": model.order, "feedthrough": True},
         "reduction": model.reduction,
-        "ridge": model.ridge,
-        "error_time_s": model.error_time,
+        "free_weights": model.freedom,
+        "choices": [_choice(each) for each in model.choices],
         "left_out": list(model.idle),
         "same_inputs": [list(group) for group in model.same],
         "delay_s": one_or_all([0.0] * len(model.names)),
@@ -60,13 +60,19 @@ def component_fields(fits: Sequence[Fit], k: int) -> dict[str, Any]:
         "criteria": {"aic": model.criteria.aic, "bic": model.criteria.bic},
         "terms": [_term(model, i) for i in range(len(model.names))],
     }
-    if fit.candidates:
-        fields["candidates"] = [
-            {"components": c.model.components, "lags": c.model.order,
-             "fit_percent": jsonable(c.fit_percent[0])}
-            for c in fit.candidates
-        ]  # fmt: skip
     return fields
+
+
+def _choice(each: Weighed) -> dict[str, Any]:
+    return {
+        "components": each.choice.components,
+        "variance_power": each.choice.power,
+        "lags": len(each.choice.lags),
+        "error_time_s": each.choice.error_time,
+        "ridge": each.choice.ridge,
+        "held_out_rmse": jsonable(each.error),
+        "weight": each.weight,
+    }
 
 
 def _source(parameter: str, model: ComponentOutput) -> str:
@@ -95,12 +101,12 @@ def component_table(fits: Sequence[Fit]) -> str:
     parts = []
     for fit in fits:
         model = _output(fit)
-        n, m, taus = model.components, len(model.names), model.time_constants
+        m, taus = len(model.names), model.time_constants
         lags = ", ".join(f"{tau:.4g}" for tau in taus)
-        how = "all" if n == m else f"{n} components ({model.reduction}) of"
         parts.append(
-            f"{model.target}: {how} {m} inputs, directly and through lags of {lags} s, "
-            f"{model.method}, {model.rows} rows at {model.dt:g} s"
+            f"{model.target}: {m} inputs, directly and through lags of {lags} s; {model.method} "
+            f"over {len(model.choices)} choices; {model.freedom:.1f} of {model.weights.size} "
+            f"weights are free; {model.rows} rows at {model.dt:g} s"
         )
         rows = [["input", "gain", "unit", "weight K0", *(f"K{j + 1}" for j in range(len(taus)))]]
         for i, name in enumerate(model.names):
@@ -109,16 +115,17 @@ def component_table(fits: Sequence[Fit]) -> str:
                 *(f"{e.value:.4g}" for e in model.weight_estimates(i).values()),
             ])  # fmt: skip
         parts.append(aligned(rows))
-        if fit.candidates:
-            parts.append(_candidates(fit.candidates))
+        parts.append(_choices(model))
     parts.append(aligned(agreement_rows(fits)))
     if fits[0].validation is not None and fits[0].validation.start is not None:
         parts.append(f"validation: {repeated(fits[0])}")
     return "\n\n".join(parts)
 
 
-def _candidates(candidates: Sequence[Candidate[ComponentOutput]]) -> str:
-    rows = [["components", "lags", "held-out fit %"]]
-    for c in candidates[:LISTED_CANDIDATES]:
-        rows.append([str(c.model.components), str(c.model.order), f"{c.fit_percent[0]:.2f}"])
-    return f"of {len(candidates)} numbers of components the best first:\n{aligned(rows)}"
+def _choices(model: ComponentOutput) -> str:
+    rows = [["components", "held down by variance^", "lags", "held-out RMS", "counts"]]
+    for each in model.choices[:LISTED_CANDIDATES]:
+        c = each.choice
+        rows.append([str(c.components), f"{c.power:g}", str(len(c.lags)), f"{each.error:.4g}",
+                     f"{100 * each.weight:.1f} %"])  # fmt: skip
+    return f"of {len(model.choices)} choices those that count most:\n{aligned(rows)}"

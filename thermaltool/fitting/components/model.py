@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.fitting.components.choose import Weighed
 from thermaltool.fitting.components.problem import ComponentProblem, Weights
 from thermaltool.fitting.components.reduction import Method, same_inputs
 from thermaltool.fitting.data import Array, TrainingData
@@ -18,7 +19,7 @@ from thermaltool.responses.rational import rational_kind
 from thermaltool.signals.intervals import Estimate, normal_estimate, standard_error
 from thermaltool.units import Hold
 
-METHOD = "ridge by evidence"
+METHOD = "ridge by evidence, averaged"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,11 +34,11 @@ class ComponentOutput(OutputModel):
     covariance : ndarray, shape ((1 + N) · m, (1 + N) · m)
         Of `weights` in a row, what the ridge knows of them included.
     holds : tuple of "zero" or "first"
-    reduction : {"pca", "pls", "none"}
-    components : int
-    ridge : float
-    error_time : float [s]
-        Correlation time of the errors.
+    reduction : {"auto", "pca", "pls", "none"}
+    freedom : float
+        How many weights the ridge leaves free.
+    choices : tuple of Weighed
+        Of which the weights are the mean, what counts most first.
     idle : tuple of str
         Inputs that never moved and are left out.
     same : tuple of tuple of str
@@ -48,9 +49,8 @@ class ComponentOutput(OutputModel):
     weights: Array
     holds: tuple[Hold, ...]
     reduction: Method
-    components: int
-    ridge: float
-    error_time: float
+    freedom: float
+    choices: tuple[Weighed, ...]
     idle: tuple[str, ...] = ()
     same: tuple[tuple[str, ...], ...] = ()
 
@@ -64,7 +64,7 @@ class ComponentOutput(OutputModel):
 
     @property
     def parameters(self) -> int:
-        return self.components * len(self.weights) + len(self.zeros)
+        return round(self.freedom) + len(self.zeros)
 
     @property
     def sample_delays(self) -> tuple[int, ...]:
@@ -128,7 +128,10 @@ class ComponentOutput(OutputModel):
 
 
 def output_of(
-    problem: ComponentProblem, found: Weights, idle: tuple[str, ...] = ()
+    problem: ComponentProblem,
+    found: Weights,
+    choices: tuple[Weighed, ...] = (),
+    idle: tuple[str, ...] = (),
 ) -> ComponentOutput:
     """The model that weights are, on all rows of the data.
 
@@ -136,10 +139,12 @@ def output_of(
     ----------
     problem : ComponentProblem
     found : Weights
+    choices : tuple of Weighed
+        Of which it is the mean.
     idle : tuple of str
         Inputs that were left out.
     """
-    data, choice = problem.data, found.choice
+    data = problem.data
     model = ComponentOutput(
         names=data.inputs,
         target=data.outputs[0],
@@ -147,18 +152,17 @@ def output_of(
         levels=data.levels,
         zeros=tuple(found.offsets.tolist()),
         sigma2=0.0,
-        covariance=found.deviation @ found.deviation.T,
+        covariance=found.covariance,
         method=METHOD,
         converged=True,
         rows=data.rows,
         loss=0.0,
-        time_constants=problem.times[list(choice.lags)],
+        time_constants=problem.times[list(found.choice.lags)],
         weights=found.values,
         holds=data.holds,
         reduction=problem.reduction.method,
-        components=choice.components,
-        ridge=choice.ridge,
-        error_time=choice.error_time,
+        freedom=found.freedom,
+        choices=choices,
         idle=idle,
         same=same_inputs(data),
     )

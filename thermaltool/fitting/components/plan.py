@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from thermaltool.fitting.components.choose import choices_of, ranked
+from thermaltool.fitting.components.choose import averaged, choices_of
 from thermaltool.fitting.components.model import ComponentOutput, output_of
 from thermaltool.fitting.components.problem import ComponentProblem
 from thermaltool.fitting.components.reduction import Reduction, moving_inputs
@@ -34,25 +35,11 @@ class ComponentPlan(Plan):
             return data.from_rest()
         return data if self._gain_of_free_start(data) > MIN_EVIDENCE else data.from_rest()
 
-    def fit(
-        self, data: TrainingData
-    ) -> tuple[tuple[ComponentOutput], tuple[Candidate[ComponentOutput], ...]]:
+    def fit(self, data: TrainingData) -> tuple[tuple[ComponentOutput], tuple[Candidate[Any], ...]]:
         names = moving_inputs(data)
         idle = tuple(name for name in data.inputs if name not in names)
-        data = data.driven_by(names)
-        problem = ComponentProblem(data, self.reduction)
-        found = ranked(problem)
-        best = output_of(problem, found[0][0], idle)
-        spread = float(np.std(problem.output))
-        # One line for each number of components: its best lags.
-        candidates, seen = [], set[int]()
-        for weights, error, score in found:
-            if weights.choice.components not in seen:
-                seen.add(weights.choice.components)
-                own = best if weights is found[0][0] else output_of(problem, weights)
-                fit = 100 * (1 - error / spread)
-                candidates.append(Candidate(own, (fit,), score))
-        return (best,), tuple(candidates)
+        problem = ComponentProblem(data.driven_by(names), self.reduction)
+        return (output_of(problem, *averaged(problem), idle),), ()
 
     def _gain_of_free_start(self, data: TrainingData) -> float:
         """Twice the logarithm of the evidence for an unknown state at the start, over rest.

@@ -12,7 +12,7 @@ likelihood of the output with the weights integrated out (MacKay 1992; Rasmussen
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,9 +30,9 @@ AVERAGES = 200
 # Averages below which nothing is to be held out in five blocks.
 MIN_AVERAGES = 25
 # Time constants of the grid, from one average to this part of the longest record.
-GRID_TIMES, LONGEST_PART = 6, 4
+GRID_TIMES, LONGEST_PART = 6, 8
 # Variance of the averages' errors over that of the weights, in all that is tried.
-RIDGES = 10.0 ** np.arange(-8, 4.1, 0.5)
+RIDGES = 10.0 ** np.arange(-10, 5.1, 0.5)
 # Correlation times of the errors, as parts of the longest record.
 ERROR_TIMES = (1 / 50, 1 / 16, 1 / 5, 3 / 5)
 # Errors below this share of the output are rounding.
@@ -46,6 +46,8 @@ class Choice:
     Attributes
     ----------
     components : int
+    power : float
+        Of the variance of a component, to which that of its weights is proportional.
     lags : tuple of int
         Of the grid of time constants.
     error_time : float [s]
@@ -55,6 +57,7 @@ class Choice:
     """
 
     components: int
+    power: float
     lags: tuple[int, ...]
     error_time: float
     ridge: float
@@ -74,8 +77,10 @@ class Weights:
     decays : ndarray, shape (pieces · N,)
         Of what the start of each piece leaves, where it is not at rest.
     offsets : ndarray, shape (experiments,)
-    deviation : ndarray, shape (q, p)
-        Its columns, squared and summed, are the covariance of `values` in a row.
+    covariance : ndarray, shape ((1 + N) · m, (1 + N) · m)
+        Of `values` in a row.
+    freedom : float
+        How many weights the ridge leaves free.
     """
 
     choice: Choice
@@ -83,7 +88,8 @@ class Weights:
     values: Array
     decays: Array
     offsets: Array
-    deviation: Array
+    covariance: Array
+    freedom: float
 
 
 class ComponentProblem:
@@ -196,14 +202,19 @@ class ComponentProblem:
         choices : sequence of Choice
             Those of one error time one after the other.
         """
-        columns, output = (self._about_means(x, fitted) for x in (self.inputs[0], self.output))
-        loadings = self.reduction.loadings(columns[:, fitted], output[fitted])
+        columns, output = (
+            self._about_means(x, fitted)[..., fitted] for x in (self.inputs[0], self.output)
+        )
+        loadings = self.reduction.loadings(columns, output)
+        variances = np.mean((loadings.T @ columns) ** 2, axis=1)
+        variances = np.maximum(variances / variances.max(), MIN_ERROR)
         found = []
         whitened: _Whitened | None = None
         for choice in choices:
             if whitened is None or whitened.error_time != choice.error_time:
                 whitened = self._whitened(fitted, choice.error_time, loadings)
-            found.append(self._weights(whitened, choice, loadings, fitted))
+            sizes = variances[: choice.components] ** (choice.power / 2)
+            found.append(self._weights(whitened, choice, loadings, sizes, fitted))
         return found
 
     def _about_means(self, values: Array, fitted: NDArray[np.bool_]) -> Array:
@@ -233,18 +244,27 @@ class ComponentProblem:
         return _Whitened(error_time, gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), len(after))
 
     def _weights(
-        self, whitened: _Whitened, choice: Choice, loadings: Array, fitted: NDArray[np.bool_]
+        self,
+        whitened: _Whitened,
+        choice: Choice,
+        loadings: Array,
+        sizes: Array,
+        fitted: NDArray[np.bool_],
     ) -> Weights:
         m, pieces = len(loadings), self.decays.shape[1]
         k, n = choice.components, whitened.count
         slots = [0, *(1 + lag for lag in choice.lags)]
+        first = m * (1 + len(self.times))
         place = np.concatenate([
             *(m * slot + np.arange(k) for slot in slots),
-            *(m * (1 + len(self.times)) + pieces * lag + np.arange(pieces) for lag in choice.lags),
+            *(first + pieces * lag + np.arange(pieces) for lag in choice.lags),
         ]).astype(np.intp)  # fmt: skip
-        values, vectors = np.linalg.eigh(whitened.gram[np.ix_(place, place)])
+        scale = np.append(np.tile(sizes, len(slots)), np.ones(len(place) - k * len(slots)))
+        values, vectors = np.linalg.eigh(
+            whitened.gram[np.ix_(place, place)] * np.outer(scale, scale)
+        )
         values = np.maximum(values, 0.0)
-        pull = vectors.T @ whitened.cross[place]
+        pull = vectors.T @ (scale * whitened.cross[place])
         ridges = RIDGES if not choice.ridge else np.array([choice.ridge])
         left = whitened.power - np.sum(pull[:, None] ** 2 / (values[:, None] + ridges), axis=0)
         left = np.maximum(left, MIN_ERROR * whitened.power)
@@ -253,15 +273,16 @@ class ComponentProblem:
         spread = values + ridges[best]
         linear = vectors @ (pull / spread)
         split = k * len(slots)
-        turn = np.kron(np.eye(len(slots)), loadings[:, :k])
+        turn = np.kron(np.eye(len(slots)), loadings[:, :k] * sizes)
         deviation = turn @ (vectors[:split] * np.sqrt(left[best] / n / spread))
         found = Weights(
-            Choice(k, choice.lags, choice.error_time, float(ridges[best])),
+            replace(choice, ridge=float(ridges[best])),
             float(levels[best]),
             (turn @ linear[:split]).reshape(len(slots), m),
             linear[split:],
             np.zeros(self.data.experiments),
-            deviation,
+            deviation @ deviation.T,
+            float(np.sum(values / spread)),
         )
         errors, offsets = self.errors(found), found.offsets
         for e in np.unique(self.origin[fitted]):
