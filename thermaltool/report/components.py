@@ -66,7 +66,6 @@ def component_fields(fits: Sequence[Fit], k: int) -> dict[str, Any]:
 def _choice(each: Weighed) -> dict[str, Any]:
     return {
         "components": each.choice.components,
-        "variance_power": each.choice.power,
         "lags": len(each.choice.lags),
         "error_time_s": each.choice.error_time,
         "ridge": each.choice.ridge,
@@ -123,9 +122,9 @@ def component_table(fits: Sequence[Fit]) -> str:
 
 
 def _choices(model: ComponentOutput) -> str:
-    rows = [["components", "held down by variance^", "lags", "held-out RMS", "counts"]]
+    rows = [["components", "lags", "held-out RMS", "counts"]]
     for each in model.choices[:LISTED_CANDIDATES]:
         c = each.choice
-        rows.append([str(c.components), f"{c.power:g}", str(len(c.lags)), f"{each.error:.4g}",
+        rows.append([str(c.components), str(len(c.lags)), f"{each.error:.4g}",
                      f"{100 * each.weight:.1f} %"])  # fmt: skip
     return f"of {len(model.choices)} choices those that count most:\n{aligned(rows)}"

@@ -86,7 +86,7 @@ def test_the_ridge_beats_the_inputs_as_they_are(split):
     """Held out: components of the bar against the same lags without a ridge."""
     (model,), _ = ComponentPlan().fit(split.fitted)
     problem = ComponentProblem(split.fitted, Reduction("none"))
-    plain = Choice(SENSORS, 0.0, tuple(range(6)), 1.0, 1e-12)
+    plain = Choice(SENSORS, tuple(range(6)), 1.0, 1e-12)
     everything = np.ones(len(problem.output), bool)
     (unreduced,) = problem.fit(everything, [plain])
     raw = output_of(problem, unreduced)
@@ -208,7 +208,7 @@ def test_too_few_rows_and_nothing_to_explain(log):
 
 @pytest.mark.parametrize(
     ("text", "why"),
-    [("foo", "none of auto"), ("pca:0", "1 or more"), ("pls:x", "1 or more"), ("none:3", "no num")],
+    [("foo", "none of pca"), ("pca:0", "1 or more"), ("pls:x", "1 or more"), ("none:3", "no num")],
 )
 def test_reductions_that_are_none(text, why):
     with pytest.raises(ValueError, match=why):

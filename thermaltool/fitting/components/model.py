@@ -34,7 +34,7 @@ class ComponentOutput(OutputModel):
     covariance : ndarray, shape ((1 + N) · m, (1 + N) · m)
         Of `weights` in a row, what the ridge knows of them included.
     holds : tuple of "zero" or "first"
-    reduction : {"auto", "pca", "pls", "none"}
+    reduction : {"pca", "pls", "none"}
     freedom : float
         How many weights the ridge leaves free.
     choices : tuple of Weighed

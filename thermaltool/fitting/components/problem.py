@@ -46,8 +46,6 @@ class Choice:
     Attributes
     ----------
     components : int
-    power : float
-        Of the variance of a component, to which that of its weights is proportional.
     lags : tuple of int
         Of the grid of time constants.
     error_time : float [s]
@@ -57,7 +55,6 @@ class Choice:
     """
 
     components: int
-    power: float
     lags: tuple[int, ...]
     error_time: float
     ridge: float
@@ -206,15 +203,12 @@ class ComponentProblem:
             self._about_means(x, fitted)[..., fitted] for x in (self.inputs[0], self.output)
         )
         loadings = self.reduction.loadings(columns, output)
-        variances = np.mean((loadings.T @ columns) ** 2, axis=1)
-        variances = np.maximum(variances / variances.max(), MIN_ERROR)
         found = []
         whitened: _Whitened | None = None
         for choice in choices:
             if whitened is None or whitened.error_time != choice.error_time:
                 whitened = self._whitened(fitted, choice.error_time, loadings)
-            sizes = variances[: choice.components] ** (choice.power / 2)
-            found.append(self._weights(whitened, choice, loadings, sizes, fitted))
+            found.append(self._weights(whitened, choice, loadings, fitted))
         return found
 
     def _about_means(self, values: Array, fitted: NDArray[np.bool_]) -> Array:
@@ -244,12 +238,7 @@ class ComponentProblem:
         return _Whitened(error_time, gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), len(after))
 
     def _weights(
-        self,
-        whitened: _Whitened,
-        choice: Choice,
-        loadings: Array,
-        sizes: Array,
-        fitted: NDArray[np.bool_],
+        self, whitened: _Whitened, choice: Choice, loadings: Array, fitted: NDArray[np.bool_]
     ) -> Weights:
         m, pieces = len(loadings), self.decays.shape[1]
         k, n = choice.components, whitened.count
@@ -259,12 +248,9 @@ class ComponentProblem:
             *(m * slot + np.arange(k) for slot in slots),
             *(first + pieces * lag + np.arange(pieces) for lag in choice.lags),
         ]).astype(np.intp)  # fmt: skip
-        scale = np.append(np.tile(sizes, len(slots)), np.ones(len(place) - k * len(slots)))
-        values, vectors = np.linalg.eigh(
-            whitened.gram[np.ix_(place, place)] * np.outer(scale, scale)
-        )
+        values, vectors = np.linalg.eigh(whitened.gram[np.ix_(place, place)])
         values = np.maximum(values, 0.0)
-        pull = vectors.T @ (scale * whitened.cross[place])
+        pull = vectors.T @ whitened.cross[place]
         ridges = RIDGES if not choice.ridge else np.array([choice.ridge])
         left = whitened.power - np.sum(pull[:, None] ** 2 / (values[:, None] + ridges), axis=0)
         left = np.maximum(left, MIN_ERROR * whitened.power)
@@ -273,7 +259,7 @@ class ComponentProblem:
         spread = values + ridges[best]
         linear = vectors @ (pull / spread)
         split = k * len(slots)
-        turn = np.kron(np.eye(len(slots)), loadings[:, :k] * sizes)
+        turn = np.kron(np.eye(len(slots)), loadings[:, :k])
         deviation = turn @ (vectors[:split] * np.sqrt(left[best] / n / spread))
         found = Weights(
             replace(choice, ridge=float(ridges[best])),
@@ -298,5 +284,4 @@ class _Whitened:
     error_time: float
     gram: Array
     cross: Array
-    power: float
     count: int

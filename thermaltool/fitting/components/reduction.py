@@ -16,13 +16,10 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import MIN_MOVEMENT, Array, TrainingData
 
-Method = Literal["auto", "pca", "pls", "none"]
+Method = Literal["pca", "pls", "none"]
 
-# Numbers of components that are tried: all up to eight, then further apart.
-TRIED_COMPONENTS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)
-# Methods that keep all components, and the powers by which "auto" holds the weaker ones down: none
-# (a ridge on the scaled inputs), the root of the variance, the variance.
-KEEP_ALL, POWERS = ("auto", "none"), (0.0, 0.5, 1.0)
+# Numbers of components that are tried: all up to six, then further apart.
+TRIED_COMPONENTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)
 # Columns whose correlation is above this say the same.
 SAME_CORRELATION = 0.999
 # So many inputs at least are many, and few components carry so much of their variance.
@@ -35,13 +32,12 @@ class Reduction:
 
     Attributes
     ----------
-    method : {"auto", "pca", "pls", "none"}
-        "auto" keeps all principal components, the weaker ones held down more.
+    method : {"pca", "pls", "none"}
     components : int or None
-        None: by held-out blocks. "auto" and "none" keep all.
+        None: all numbers are weighed, by blocks held out. "none" keeps all.
     """
 
-    method: Method = "auto"
+    method: Method = "pca"
     components: int | None = None
 
     def tried(self, inputs: int) -> tuple[int, ...]:
@@ -58,18 +54,13 @@ class Reduction:
         """
         if self.components is None:
             fewer = (k for k in TRIED_COMPONENTS if k < inputs)
-            return (inputs,) if self.method in KEEP_ALL else (*fewer, inputs)
+            return (inputs,) if self.method == "none" else (*fewer, inputs)
         if self.components > inputs:
             raise FitError(
                 f"{self.method}:{self.components}: more components than the {inputs} inputs that "
                 "move"
             )
         return (self.components,)
-
-    @property
-    def powers(self) -> tuple[float, ...]:
-        """Powers of a component's variance to which that of its weights is proportional."""
-        return POWERS if self.method == "auto" else (0.0,)
 
     def loadings(self, columns: Array, output: Array) -> Array:
         """All components by inputs: ``loadings.T @ columns`` are the scores, the first first.
@@ -116,7 +107,6 @@ def _partial(unit: Array, output: Array) -> Array:
 
 
 METHODS: dict[Method, Callable[[Array, Array], Array]] = {
-    "auto": _principal,
     "pca": _principal,
     "pls": _partial,
     "none": _principal,
@@ -124,7 +114,7 @@ METHODS: dict[Method, Callable[[Array, Array], Array]] = {
 
 
 def parse_reduction(text: str) -> Reduction:
-    """A reduction as the command line has it: ``auto``, ``pca``, ``pls:3``, ``none``.
+    """A reduction as the command line has it: ``pca``, ``pls:3``, ``none``.
 
     Parameters
     ----------
@@ -136,11 +126,11 @@ def parse_reduction(text: str) -> Reduction:
     """
     method, colon, count = text.partition(":")
     if method not in get_args(Method):
-        raise ValueError(f"{text!r} is none of auto, pca, pls, none, pca:k, pls:k")
+        raise ValueError(f"{text!r} is none of pca, pls, none, pca:k, pls:k")
     if not colon:
         return Reduction(method)  # type: ignore[arg-type]
-    if method in KEEP_ALL:
-        raise ValueError(f"{method} has no number: it keeps all inputs")
+    if method == "none":
+        raise ValueError("none has no number: it keeps all inputs")
     if not count.isdecimal() or int(count) < 1:
         raise ValueError(f"{text!r}: the number of components is 1 or more")
     return Reduction(method, int(count))  # type: ignore[arg-type]
