@@ -284,4 +284,5 @@ class _Whitened:
     error_time: float
     gram: Array
     cross: Array
+    power: float
     count: int
