@@ -157,8 +157,14 @@ def moving_inputs(data: TrainingData) -> tuple[str, ...]:
 
 
 def _correlation(data: TrainingData) -> Array:
-    parts = np.hstack([u - u.mean(axis=1, keepdims=True) for u in data.u])
-    return np.atleast_2d(np.corrcoef(parts))
+    """Of the inputs, each experiment about its mean."""
+    parts = []
+    for e in range(data.experiments):
+        own = np.hstack([
+            u for r, u in zip(data.records, data.u, strict=True) if r.origin == e
+        ])  # fmt: skip
+        parts.append(own - own.mean(axis=1, keepdims=True))
+    return np.atleast_2d(np.corrcoef(np.hstack(parts)))
 
 
 def same_inputs(data: TrainingData) -> tuple[tuple[str, ...], ...]:
