@@ -89,7 +89,7 @@ def test_a_sensor_with_holes(thermaltool, machine, tmp_path):
     """Named; its last value stands in where that is asked for."""
     temperatures, growth, time = machine
     holed = temperatures.copy()
-    holed[3, ::7] = np.nan
+    holed[3, 5::7] = np.nan
     log = write_log(tmp_path / "holes.csv", holed, growth, time)
     refused = thermaltool("identify", log, *CALL)
     assert refused.code == 1
