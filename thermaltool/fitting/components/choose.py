@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermaltool.fitting.components.problem import ERROR_TIMES, Choice, ComponentProblem, Weights
+from thermaltool.fitting.components.problem import Choice, ComponentProblem, Weights
 from thermaltool.fitting.data import Array
 from thermaltool.fitting.selection import BLOCKS
 
@@ -50,10 +50,10 @@ def choices_of(problem: ComponentProblem) -> Iterator[Choice]:
     """
     grid = range(len(problem.times))
     counts = problem.reduction.tried(len(problem.data.inputs))
-    for part in ERROR_TIMES:
+    for time in problem.error_times.tolist():
         for lags in (*((lag,) for lag in grid), tuple(grid)):
             for count in counts:
-                yield Choice(count, lags, part * problem.data.duration, 0.0)
+                yield Choice(count, lags, time, 0.0)
 
 
 def averaged(problem: ComponentProblem) -> tuple[Weights, tuple[Weighed, ...]]:

@@ -25,16 +25,16 @@ from thermaltool.fitting.network.problem import mode_responses
 from thermaltool.signals.start_level import start_level
 from thermaltool.units import is_displacement
 
-# Averages that stand for a record, about: heat is slower than a hundredth of what is recorded.
-AVERAGES = 200
+# Averages that stand for the records at least and at most, and rows of each between.
+AVERAGES, AVERAGED_ROWS = (200, 2000), 20
 # Averages below which nothing is to be held out in five blocks.
 MIN_AVERAGES = 25
 # Time constants of the grid, from one average to this part of the longest record.
 GRID_TIMES, LONGEST_PART = 6, 8
 # Variance of the averages' errors over that of the weights, in all that is tried.
 RIDGES = 10.0 ** np.arange(-10, 5.1, 0.5)
-# Correlation times of the errors, as parts of the longest record.
-ERROR_TIMES = (1 / 50, 1 / 16, 1 / 5, 3 / 5)
+# Correlation times of the errors: so many, from averages to this part of the longest record.
+ERROR_TIMES, SHORTEST_ERROR, LONGEST_ERROR = 4, 4, 0.6
 # Errors below this share of the output are rounding.
 MIN_ERROR = 1e-12
 
@@ -109,9 +109,13 @@ class ComponentProblem:
         output = data.output()
         if not np.ptp(output[np.isfinite(output)]) > 0:
             raise FitError(f"{data.outputs[0]} is constant: there is nothing to identify")
-        self.rows = max(1, data.rows // AVERAGES)
+        least, most = (data.rows // count for count in AVERAGES)
+        self.rows = max(1, min(least, max(AVERAGED_ROWS, most)))
         shortest, longest = self.rows * data.period, data.duration / LONGEST_PART
         self.times: Array = np.geomspace(max(longest, 2 * shortest), shortest, GRID_TIMES)
+        self.error_times: Array = np.geomspace(
+            SHORTEST_ERROR * shortest, max(LONGEST_ERROR * data.duration, 5 * shortest), ERROR_TIMES
+        )
         parts = [len(record) // self.rows for record in data.records]
         if sum(parts) < MIN_AVERAGES:
             raise FitError(
