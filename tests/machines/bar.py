@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
+
+Array = NDArray[np.float64]
 
 PERIOD, ROWS, SENSORS = 30.0, 2400, 16
 NAMES = [f"T_s{k}_degC" for k in range(1, SENSORS + 1)]
 
 
-def bar(rng, rows=ROWS, noise=0.02):
+def bar(
+    rng: np.random.Generator, rows: int = ROWS, noise: float = 0.02
+) -> tuple[Array, Array, Array]:
     """Sensor temperatures and growth of a bar of 40 cells that is heated at two places.
 
     Sensors lie near the surface, the growth is that of the core behind it, which lags by 20 min.
@@ -35,10 +40,10 @@ def bar(rng, rows=ROWS, noise=0.02):
     for now in u.T:
         states.append(x)
         x = F @ x + G @ now
-    states = np.array(states).T
+    course = np.array(states).T
     places = np.sort(rng.choice(cells, SENSORS, replace=False))
     levels = rng.uniform(18, 24, (SENSORS, 1))
-    temperatures = states[places] + levels + noise * rng.standard_normal((SENSORS, rows))
+    temperatures = course[places] + levels + noise * rng.standard_normal((SENSORS, rows))
     lever = np.linspace(1.0, -0.4, cells)
-    growth = lever @ states[cells:] * 2.0
+    growth = lever @ course[cells:] * 2.0
     return temperatures, growth + 0.1 * rng.standard_normal(rows), time
