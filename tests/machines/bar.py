@@ -31,7 +31,7 @@ def bar(
     B[:cells, 2] = 3e-4
     whole = expm(PERIOD * np.block([[A, B], [np.zeros((3, 2 * cells + 3))]]))
     F, G = whole[: 2 * cells, : 2 * cells], whole[: 2 * cells, 2 * cells :]
-    time = PERIOD * np.arange(rows)
+    time: Array = PERIOD * np.arange(rows, dtype=np.float64)
     duty = np.repeat(rng.uniform(0, 1, (2, rows // 240 + 1)), 240, axis=1)[:, :rows]
     duty[:, (time // 3600) % 4 >= 2] = 0.0
     duty[:, :40] = 0.0
