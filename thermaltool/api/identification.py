@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from thermaltool.record import Record
     from thermaltool.units import Reference
 
-NETWORK, SUBSPACE = "network", "subspace"
+NETWORK, SUBSPACE, COMPONENTS = "network", "subspace", "components"
+# What is fitted where nothing is said and the inputs do not say much the same.
+USUAL = "oe"
 Orders = tuple[int, int, int]
 
 
@@ -118,7 +120,8 @@ def identify(
     inputs: str | Sequence[str],
     outputs: str | Sequence[str],
     *,
-    structure: str = "oe",
+    structure: str | None = None,
+    reduce: str | None = None,
     orders: Sequence[Orders | None] = (),
     modes: int | None = None,
     delay: float | Literal["auto"] | None = None,
@@ -145,9 +148,14 @@ def identify(
         What drives: power, speed, temperature.
     outputs : str or sequence of str
         What follows: displacement, angle, temperature.
-    structure : {"oe", "bj", "arx", "armax", "network", "subspace"}
+    structure : {"oe", "bj", "arx", "armax", "network", "subspace", "components"}, optional
         Where the noise enters; or first-order modes that all outputs share (network), or poles,
-        real or complex (subspace).
+        real or complex (subspace); or few components of many inputs, through lags (components).
+        Default: components for six or more inputs of which half as many components hold 99 % of
+        what they vary, where no option of another structure is given; else oe.
+    reduce : {"pca", "pls", "none", "pca:k", "pls:k"}, optional
+        Components of the scaled inputs: principal, of partial least squares, or all. Default:
+        principal ones, so many as held-out blocks and the evidence speak for.
     orders : sequence of (nb, nf, nk) or None
         Numerator coefficients, order of the denominator, samples of delay: once for all inputs or
         once for each. None, or nothing: chosen by held-out data.
@@ -206,6 +214,8 @@ def identify(
     >>> round(found.model.terms[0].response.dc_gain(), 3)
     0.2
     """
+    from thermaltool.fitting.components.plan import ComponentPlan
+    from thermaltool.fitting.components.reduction import Reduction, parse_reduction
     from thermaltool.fitting.identification import identify as fit
     from thermaltool.fitting.network.plan import NetworkPlan
     from thermaltool.fitting.search_budget import SearchBudget
@@ -214,21 +224,11 @@ def identify(
     from thermaltool.fitting.transfer.registry import structure_of
 
     inputs, outputs = names(inputs), names(outputs)
-    check_arguments(inputs, outputs, structure=structure, orders=orders, modes=modes, delay=delay,
-                    noise_orders=noise_orders, continuous=continuous, real_poles=real_poles,
-                    initial=initial, split=split, validate=validate)  # fmt: skip
-    plan: Plan
-    search = SearchBudget(math.inf if budget is None else budget, progress)
-    common: dict[str, Any] = {
-        "initial": initial, "split": split, "span": (start, stop), "budget": search,
-    }  # fmt: skip
-    if structure == NETWORK:
-        plan = NetworkPlan(modes=modes, delay=delay or 0.0, **common)
-    elif structure == SUBSPACE:
-        plan = SubspacePlan(modes=modes, **common)
-    else:
-        form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
-        plan = TransferPlan(structure=form, orders=tuple(orders), **common)
+    check_arguments(inputs, outputs, structure=structure, reduce=reduce, orders=orders,
+                    modes=modes, delay=delay, noise_orders=noise_orders, continuous=continuous,
+                    real_poles=real_poles, initial=initial, split=split,
+                    validate=validate)  # fmt: skip
+    plain = not (orders or noise_orders or continuous or real_poles)
     logs: list[Log] = []
     for each in [*all_of(data), *([] if validate is None else [validate])]:
         log = read_for_fit(each, inputs, "transfer function", (start, stop), outputs=outputs,
@@ -239,11 +239,59 @@ def identify(
             _check_clock(log.between(start, stop), first.period, warn)
         logs.append(log)
     fresh = [] if validate is None else [logs.pop()]
+    if structure is None:
+        many = (
+            plain
+            and reduce is None
+            and _say_the_same(
+                [log.between(start, stop) for log in logs], inputs, outputs, split, warn
+            )
+        )
+        structure = COMPONENTS if many or reduce is not None else USUAL
+    search = SearchBudget(math.inf if budget is None else budget, progress)
+    common: dict[str, Any] = {
+        "initial": initial, "split": split, "span": (start, stop), "budget": search,
+    }  # fmt: skip
+    plan: Plan
+    if structure == NETWORK:
+        plan = NetworkPlan(modes=modes, delay=delay or 0.0, **common)
+    elif structure == SUBSPACE:
+        plan = SubspacePlan(modes=modes, **common)
+    elif structure == COMPONENTS:
+        reduction = Reduction() if reduce is None else parse_reduction(reduce)
+        plan = ComponentPlan(reduction=reduction, **common)
+    else:
+        form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
+        plan = TransferPlan(structure=form, orders=tuple(orders), **common)
     fits = fit(logs, inputs, outputs, plan, fresh, reference)
     progress("done\n")
     if search.ended:
         warn(f"the choice was ended: the best of {search.tried} candidates")
     return Identification(fits, tuple(logs), reference)
+
+
+def _say_the_same(
+    logs: Sequence[Log],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    split: float | None,
+    warn: Notice,
+) -> bool:
+    """Whether the inputs are many and say much the same over the training rows; says so."""
+    from thermaltool.fitting.components.reduction import MANY_INPUTS, carrying, is_reducible
+    from thermaltool.fitting.data import even_training_data
+
+    if len(inputs) < MANY_INPUTS:
+        return False
+    data = even_training_data(logs, inputs, outputs[:1])
+    data = data if split is None else data.split(split).fitted
+    if not is_reducible(data):
+        return False
+    warn(
+        f"{len(inputs)} inputs of which {carrying(data)} components hold 99 %: --structure "
+        "components; --structure oe gives each a transfer function of its own"
+    )
+    return True
 
 
 def _check_clock(log: Record, period: float, warn: Notice) -> None:
@@ -263,7 +311,8 @@ def check_arguments(
     inputs: Sequence[str],
     outputs: Sequence[str],
     *,
-    structure: str = "oe",
+    structure: str | None = None,
+    reduce: str | None = None,
     orders: Sequence[Orders | None] = (),
     modes: int | None = None,
     delay: float | str | None = None,
@@ -281,7 +330,10 @@ def check_arguments(
     ------
     ValueError
     """
-    network, shared = structure == NETWORK, structure in MAX_MODES
+    _check_reduction(reduce, structure, len(inputs))
+    if structure is None:
+        structure = USUAL if reduce is None else COMPONENTS
+    network, shared = structure == NETWORK, structure in (*MAX_MODES, COMPONENTS)
     if split is not None and validate is not None:
         raise ValueError("--split and --validate both name the validation data: take one")
     for name in (*inputs, *outputs):
@@ -291,10 +343,12 @@ def check_arguments(
         raise ValueError("--orders: once for all inputs, or once for each")
     if continuous and structure not in CONTINUOUS:
         raise ValueError(f"--continuous goes with --structure {' and '.join(CONTINUOUS)}")
+    if structure == COMPONENTS and orders:
+        raise ValueError("--orders: components take --reduce")
     form = "a network" if network else "a subspace model"
     if shared and orders:
         raise ValueError(f"--orders: {form} takes --modes{' and --delay' * network}")
-    if not shared and modes is not None:
+    if structure not in MAX_MODES and modes is not None:
         raise ValueError("--modes goes with --structure network and subspace")
     if modes is not None and modes > MAX_MODES[structure]:
         raise ValueError(f"--modes: {form} has up to {MAX_MODES[structure]}")
@@ -304,6 +358,24 @@ def check_arguments(
         having = sorted(n for n, entry in STRUCTURES.items() if entry.load().noise_orders)
         raise ValueError(f"--noise-orders go with --structure {' and '.join(having)}")
     if real_poles and shared:
-        raise ValueError("--real-poles: those of a network are always real, of a subspace any")
+        raise ValueError(
+            "--real-poles: those of a network and of components are always real, of a subspace any"
+        )
     if initial != "auto" and not shared and not STRUCTURES[structure].load().estimates_start:
         raise ValueError(f"--initial: {structure} takes its first rows as they are, from any state")
+
+
+def _check_reduction(reduce: str | None, structure: str | None, inputs: int) -> None:
+    """Refuse a reduction that is none, or that goes with another structure (ValueError)."""
+    from thermaltool.fitting.components.reduction import parse_reduction
+
+    if reduce is None:
+        return
+    if structure not in (None, COMPONENTS):
+        raise ValueError(f"--reduce goes with --structure components, not {structure}")
+    try:
+        reduction = parse_reduction(reduce)
+    except ValueError as error:
+        raise ValueError(f"--reduce: {error}") from error
+    if (reduction.components or 0) > inputs:
+        raise ValueError(f"--reduce {reduce}: there are {inputs} inputs")

@@ -31,9 +31,14 @@ from thermaltool.fitting.transfer.registry import MAX_MODES, STRUCTURES, describ
               help="What drives: power, speed, temperature; repeatable.")  # fmt: skip
 @click.option("--output", "outputs", multiple=True, required=True, metavar="CHANNEL",
               help="What follows: displacement, angle, temperature; repeatable.")  # fmt: skip
-@click.option("--structure", type=click.Choice([*STRUCTURES, *MAX_MODES]), default="oe",
+@click.option("--structure", type=click.Choice([*STRUCTURES, *MAX_MODES, "components"]),
               help=f"Where the noise enters: {described()}; or first-order modes that all outputs "
-              "share (network), or poles, real or complex (subspace).")  # fmt: skip
+              "share (network), or poles, real or complex (subspace), or few components of many "
+              "inputs.  [default: oe; components where six or more inputs say much the "
+              "same]")  # fmt: skip
+@click.option("--reduce", metavar="pca[:k]|pls[:k]|none",
+              help="Components of the scaled inputs, or all inputs, through lags with a ridge.  "
+              "[default: pca, k chosen by held-out blocks]")  # fmt: skip
 @click.option("--orders", type=TransferOrder(), multiple=True, metavar="nb,nf,nk|auto",
               help="Numerator coefficients and order of the denominator, up to "
               f"{MAX_TRANSFER_ORDER} each, and samples of delay; once for all inputs or once for "

@@ -135,6 +135,19 @@ class TrainingData:
         """The data with output k alone."""
         return replace(self, outputs=(self.outputs[k],))
 
+    def driven_by(self, names: Sequence[str]) -> TrainingData:
+        """The data with these inputs alone.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Some of `inputs`.
+        """
+        if tuple(names) == self.inputs:
+            return self
+        holds = dict(zip(self.inputs, self.holds, strict=True))
+        return replace(self, inputs=tuple(names), holds=tuple(holds[name] for name in names))
+
     def measured(self, k: int) -> TrainingData:
         """Output k alone, on the rows where it was measured.
 

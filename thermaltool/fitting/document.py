@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from thermaltool.errors import ModelError
+from thermaltool.fitting.components.redundancy import redundancy_of
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.fit import Fit
 from thermaltool.model import Drive, Model, Output, Role, Term, agreements, rest_level
@@ -45,8 +46,14 @@ def model_document(
                 raise ModelError(term)
             terms.append(Term(name, model.target, term.response, term.covariance, term.names))
         outputs.append(_output(fit, data, drives))
+    redundancy = None
+    if fits[0].model.redundant:
+        # Of the inputs that every output has: one that never moved says nothing.
+        names = [n for n in fits[0].model.names if all(n in fit.model.names for fit in fits)]
+        data = fits[0].data.driven_by(names)
+        redundancy = redundancy_of(data, [drives[name].reference for name in names])
     return Model(tuple(drives.values()), tuple(outputs), tuple(terms),
-                 fits[0].model.dt, provenance)  # fmt: skip
+                 fits[0].model.dt, provenance, redundancy=redundancy)  # fmt: skip
 
 
 def agreement_from_rest(model: Model, data: TrainingData) -> Agreement:

@@ -131,7 +131,8 @@ def _judged(
         raise FitError(f"{data.outputs[0]}: {error}") from error
     fits = []
     for k, model in enumerate(models):
-        own = data.only(k)
+        # A plan may leave out inputs that never move.
+        own = data.only(k).driven_by(model.names)
         fit = Fit(
             model, tuple(_term(model, i) for i in range(len(model.names))), model.fit(own), own,
             residual_tests(model, own), linearity_test(model, own), None, candidates,

@@ -79,6 +79,11 @@ class OutputModel(ABC):
     loss: float
 
     @property
+    def redundant(self) -> bool:
+        """Whether the inputs say so much the same that others can stand in for a lost one."""
+        return False
+
+    @property
     @abstractmethod
     def parameters(self) -> int:
         """Number of fitted parameters, the offsets among them."""

@@ -71,7 +71,7 @@ def with_start(
     data.check()
     if any(len(data.records[k]) < COMPARED_PARTS * MIN_PART_ROWS for k in data.begins.values()):
         return data  # too short to tell rest from a transient
-    idle = {origin for origin in data.begins if _begins_idle(data, origin)}
+    idle = idle_experiments(data)
     if len(idle) == data.experiments:
         return data.from_rest()
     unknown = data.from_rest(idle)
@@ -93,14 +93,22 @@ def _clearly_better(rest: float, free: float, runs: Sequence[Array]) -> bool:
     return ratio > MIN_FACTOR or rows * float(np.log(max(ratio, 1.0))) > MIN_EVIDENCE
 
 
-def _begins_idle(data: TrainingData, origin: int) -> bool:
-    """Whether inputs and outputs stand still, within their noise, as an experiment begins."""
+def idle_experiments(data: TrainingData) -> set[int]:
+    """Experiments in which inputs and outputs stand still at first, within their noise.
+
+    Parameters
+    ----------
+    data : TrainingData
+    """
+    idle = set(data.begins)
     for k in range(len(data.outputs)):
         measured = data.measured(k)
-        first = measured.begins.get(origin)
-        if first is None or not stands_still(measured.u[first], measured.y[first][0]):
-            return False
-    return True
+        idle &= {
+            origin
+            for origin, first in measured.begins.items()
+            if stands_still(measured.u[first], measured.y[first][0])
+        }
+    return idle
 
 
 def stands_still(inputs: Array, output: Array) -> bool:

@@ -20,6 +20,7 @@ import numpy as np
 from thermaltool.effects.band import ScheduleBand
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
+from thermaltool.model.redundancy import Redundancy
 from thermaltool.model.simulate import simulate
 from thermaltool.model.step import ModelRecursion
 from thermaltool.record import Record
@@ -139,6 +140,8 @@ class Model:
     design : mapping or None
         The estimator that ``regularize`` made, as JSON.
     effects : tuple of Effect
+    redundancy : Redundancy or None
+        How drives move together, where others can stand in for one that is lost.
     """
 
     drives: tuple[Drive, ...]
@@ -148,6 +151,7 @@ class Model:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     design: Mapping[str, Any] | None = None
     effects: tuple[Effect, ...] = ()
+    redundancy: Redundancy | None = None
 
     @property
     def sensors(self) -> tuple[Output, ...]:

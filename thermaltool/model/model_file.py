@@ -13,6 +13,7 @@ from thermaltool.effects.band import ScheduleBand, load_band
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 from thermaltool.model.document import Drive, Model, Output, Role, Term
+from thermaltool.model.redundancy import load_redundancy
 from thermaltool.responses import Response, parameter_names, response_class
 from thermaltool.responses.modes import Float, Hold
 
@@ -53,6 +54,8 @@ def to_document(model: Model) -> dict[str, Any]:
     }
     if model.effects:
         document["effects"] = [effect.document() for effect in model.effects]
+    if model.redundancy is not None:
+        document["redundancy"] = model.redundancy.document()
     if model.design is not None:
         document["design"] = dict(model.design)
     return MODEL.wrap(document)
@@ -99,6 +102,7 @@ def _load(whole: Part) -> Model:
         provenance=whole.read("provenance", _provenance, {}),
         design=whole.read("design", documents.bounded, None),
         effects=tuple(_load_effect(part) for part in whole.parts("effects", ())),
+        redundancy=whole.read("redundancy", load_redundancy, None),
     )
     _check_ends(model)
     return model
@@ -176,6 +180,10 @@ def _load_response(part: Part) -> Response:
 def _check_ends(model: Model) -> None:
     """Terms go from a drive of the model to an output of the model, each of which is there once."""
     drives, outputs = ([each.channel for each in ends] for ends in (model.drives, model.outputs))
+    known = () if model.redundancy is None else model.redundancy.channels
+    for channel in known:
+        if channel not in drives:
+            raise ModelError(f"redundancy: {channel} is no drive of the model")
     for channel in (*drives, *outputs):
         if drives.count(channel) > 1 or outputs.count(channel) > 1:
             raise ModelError(f"{channel} is there twice")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from thermaltool.documents import jsonable
+from thermaltool.fitting.components.model import ComponentOutput
 from thermaltool.fitting.document import agreement_from_rest
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.linearity import MAX_P_VALUE, LinearityTest
@@ -14,6 +15,11 @@ from thermaltool.fitting.network.model import NetworkOutput
 from thermaltool.fitting.subspace.model import SubspaceOutput
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.model import Model
+from thermaltool.report.components import (
+    component_fields,
+    component_table,
+    component_warnings,
+)
 from thermaltool.report.network import network_fields, network_table, network_warnings
 from thermaltool.report.subspace import subspace_fields, subspace_table, subspace_warnings
 from thermaltool.report.transfer import (
@@ -53,6 +59,7 @@ def _each_transfer_warnings(fits: Sequence[Fit]) -> list[str]:
 FORMS = {
     NetworkOutput: FormReport(network_fields, network_table, network_warnings),
     SubspaceOutput: FormReport(subspace_fields, subspace_table, subspace_warnings),
+    ComponentOutput: FormReport(component_fields, component_table, component_warnings),
     TransferModel: FormReport(transfer_fields, _each_transfer_table, _each_transfer_warnings),
 }
 

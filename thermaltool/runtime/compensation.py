@@ -17,12 +17,14 @@ from thermaltool.estimation.settling_time import REMAINDER
 from thermaltool.model import Model, Term
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import LONGEST_PAUSE, ClockCheck
-from thermaltool.runtime.compensator import Policy, SetpointProcess
+from thermaltool.runtime.compensator import SetpointProcess
 from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers
 from thermaltool.runtime.messages import Messages, Report
+from thermaltool.runtime.policy import Policy
 from thermaltool.runtime.sensing.frozen import FrozenCheck
 from thermaltool.runtime.sensing.leave_one_out import LeaveOneOut
 from thermaltool.runtime.sensing.sensors import SensorChannel
+from thermaltool.runtime.sensing.substitute import Substituting
 from thermaltool.runtime.sensing.vote import (
     CONTRADICTION,
     NOISE_MARGIN,
@@ -31,7 +33,7 @@ from thermaltool.runtime.sensing.vote import (
     Vote,
 )
 from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
-from thermaltool.runtime.stepper import stepper_of
+from thermaltool.runtime.stepper import Stepper, Steps, stepper_of
 
 # Where nothing is said, readings are held and pauses borne for this many sample periods of the
 # design, and not below this [s]: one lost line of a slow logger is no loss, nor are ten of a quick.
@@ -91,13 +93,21 @@ def offsets(
     followed = [k for k, name in enumerate(estimator.estimates) if name in deflections]
     if not followed:
         raise ModelError("the model's design estimates no deflection: nothing to compensate")
-    sensors = _sensors(pipeline.input_columns, period, settings, messages, design)
+    stands_in = pipeline.passes_inputs and model.redundancy is not None and not settings.trust
+    sensors = _sensors(pipeline.input_columns, period, settings, messages, design, stands_in)
     mapped = any(pipeline.estimate_maps)
     plain = isinstance(estimator, KalmanEstimator) and pipeline.passes_inputs and not mapped
     watch = plain and len(sensors) > 1 and not settings.trust
     ranges = {output.channel: output.range for output in model.deflections}
+    stepper: Steps
+    if watch:
+        stepper = _watched(estimator, period, ranges)
+    else:
+        stepper = stepper_of(estimator, period)
+        if stands_in:
+            stepper = _substituting(stepper, pipeline.columns, model)
     return SetpointProcess(
-        _watched(estimator, period, ranges) if watch else stepper_of(estimator, period),
+        stepper,
         sensors,
         followed,
         [settings.setpoint(settings.limits) for _ in followed],
@@ -113,8 +123,19 @@ def offsets(
         inputs=None if pipeline.passes_inputs else pipeline.estimator_inputs,
         outputs=pipeline.given_out if mapped else None,
         vote=_vote(sensors, design, period) if watch and len(sensors) >= MIN_VOTERS else None,
-        reduced=[_seen(ranges[estimator.estimates[k]], sign) for k in followed] if watch else (),
+        reduced=[_seen(ranges[estimator.estimates[k]], sign) for k in followed]
+        if watch or stands_in
+        else (),
     )
+
+
+def _substituting(stepper: Stepper, columns: Sequence[str], model: Model) -> Substituting:
+    assert model.redundancy is not None
+    gains: dict[str, dict[str, float]] = {each.channel: {} for each in model.deflections}
+    for term in model.terms:
+        if (own := gains.get(term.output)) is not None:
+            own[term.drive] = own.get(term.drive, 0.0) + term.response.dc_gain()
+    return Substituting(stepper, columns, model.redundancy, gains)
 
 
 def _watched(
@@ -238,10 +259,11 @@ def _sensors(
     settings: Settings,
     report: Report,
     design: Mapping[str, Any] | None = None,
+    stands_in: bool = False,
 ) -> list[SensorChannel]:
     """The columns that are read, with their rest, range and largest change from the model."""
     known = design if design is not None and not settings.trust else {}
-    several = bool(known) and sum(each.sensor for each in inputs) > 1
+    several = stands_in or (bool(known) and sum(each.sensor for each in inputs) > 1)
     settings.check_ranges([each.column for each in inputs])
     return [
         SensorChannel(

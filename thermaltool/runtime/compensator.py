@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from thermaltool.control.setpoint import Limits, Setpoint
@@ -12,6 +11,7 @@ from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.messages import Report
+from thermaltool.runtime.policy import Policy
 from thermaltool.runtime.process import STATUS, Process, Reply
 from thermaltool.runtime.rows.row import Row
 from thermaltool.runtime.sensing.sensors import SensorChannel
@@ -20,40 +20,6 @@ from thermaltool.runtime.stepper import Steps
 from thermaltool.runtime.unknown_state import UnknownState
 
 Pass = Callable[[list[float]], list[float]]
-
-
-@dataclass(frozen=True)
-class Policy:
-    """What a compensator does in which case.
-
-    Attributes
-    ----------
-    period : float [s]
-        Sample period that is expected.
-    sign : float
-        The setpoint is `sign` times the estimate.
-    safe : float [unit of the setpoint] or None
-        The safe setpoint; None holds the one before.
-    slew_gap : float [s]
-        A longer pause counts as this long for the slew rate.
-    settled : bool
-        The machine has stood at the first readings for long; else it is at rest there.
-    max_age : float [s]
-        Time after which a state that was kept says nothing of the machine.
-    kept_every : float [s]
-        How old a state is at the most that was kept before a kill.
-    hold_at_end : bool
-        The setpoints stay at the end; else they become safe.
-    """
-
-    period: float
-    sign: float = -1.0
-    safe: float | None = 0.0
-    slew_gap: float = math.inf
-    settled: bool = False
-    max_age: float = math.inf
-    kept_every: float = 0.0
-    hold_at_end: bool = False
 
 
 class SetpointProcess(Process):
@@ -127,6 +93,7 @@ class SetpointProcess(Process):
         self._inputs, self._outputs = inputs, outputs
         self._vote, self._reduced = vote, reduced
         self._without: int | None = None
+        self._out: set[int] = set()
         self._unsure, self._settles = UnknownState(stepper.settling_time), False
         self._targets = list(zip(followed, setpoints, strict=True))
         self.estimates: list[float] = stepper.rest()
@@ -191,6 +158,9 @@ class SetpointProcess(Process):
                 why = ": the others contradict it" if left_out == against else ""
                 self.report(self.sensors[left_out].channel, f"left out{why}, the others go on")
             self._without = left_out
+        if enough and out - self._out and (cost := stepper.cost(out)):
+            self.report("", cost)
+        self._out = out
         return not enough
 
     def _wait(self, seconds: float, lost: bool) -> None:

@@ -17,8 +17,9 @@ from thermaltool.control.setpoint import Setpoint
 from thermaltool.errors import LogError
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck, PeriodCheck
-from thermaltool.runtime.compensator import Policy, SetpointProcess
+from thermaltool.runtime.compensator import SetpointProcess
 from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.policy import Policy
 from thermaltool.runtime.sensing.sensors import SensorChannel
 from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
 from thermaltool.runtime.stepper import Steps

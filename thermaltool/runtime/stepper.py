@@ -45,6 +45,10 @@ class Steps(ABC):
         """Whether there are estimates that use none of these sensors."""
         return not lost
 
+    def cost(self, lost: Collection[int]) -> str:
+        """What estimates without these sensors are worth less, as a sentence; or nothing."""
+        return ""
+
     def can_start(self, readings: list[float]) -> bool:
         """Whether the first readings suffice."""
         return all(map(math.isfinite, readings))

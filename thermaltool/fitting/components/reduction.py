@@ -1,0 +1,213 @@
+"""Directions in which many inputs move together: principal components, partial least squares.
+
+Inputs are scaled to a standard deviation of one. Of principal components the first k carry the most
+of their variance (Jolliffe 2002); of partial least squares the most of their covariance with the
+output (Wold, Sjöström, Eriksson 2001).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.data import MIN_MOVEMENT, Array, TrainingData
+
+Method = Literal["pca", "pls", "none"]
+
+# Numbers of components that are tried: all up to six, then further apart.
+TRIED_COMPONENTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)
+# Columns whose correlation is above this say the same.
+SAME_CORRELATION = 0.999
+# So many inputs at least are many, and few components carry so much of their variance.
+MANY_INPUTS, CARRIED_VARIANCE = 6, 0.99
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """How inputs are reduced.
+
+    Attributes
+    ----------
+    method : {"pca", "pls", "none"}
+    components : int or None
+        None: all numbers are weighed, by blocks held out. "none" keeps all.
+    """
+
+    method: Method = "pca"
+    components: int | None = None
+
+    def tried(self, inputs: int) -> tuple[int, ...]:
+        """Numbers of components that are compared; all inputs among them, which reduces nothing.
+
+        Parameters
+        ----------
+        inputs : int
+
+        Raises
+        ------
+        FitError
+            More components than inputs.
+        """
+        if self.components is None:
+            fewer = (k for k in TRIED_COMPONENTS if k < inputs)
+            return (inputs,) if self.method == "none" else (*fewer, inputs)
+        if self.components > inputs:
+            raise FitError(
+                f"{self.method}:{self.components}: more components than the {inputs} inputs that "
+                "move"
+            )
+        return (self.components,)
+
+    def loadings(self, columns: Array, output: Array) -> Array:
+        """All components by inputs: ``loadings.T @ columns`` are the scores, the first first.
+
+        Parameters
+        ----------
+        columns : ndarray, shape (m, n)
+            About their means.
+        output : ndarray, shape (n,)
+
+        Returns
+        -------
+        ndarray, shape (m, m)
+        """
+        scale = np.sqrt(np.mean(columns**2, axis=1))
+        scale = np.where(scale > 0, scale, 1.0)
+        unit = columns / scale[:, None]
+        own = METHODS[self.method](unit, output)
+        return np.asarray(own / scale[:, None])
+
+
+def _principal(unit: Array, output: Array) -> Array:
+    return np.asarray(np.linalg.eigh(unit @ unit.T)[1][:, ::-1])
+
+
+def _partial(unit: Array, output: Array) -> Array:
+    """Orthonormal directions w ∝ X y of what the ones before leave of X; the last by variance."""
+    left, found = unit.copy(), np.zeros((len(unit), 0))
+    start = np.linalg.norm(unit @ output)
+    for _ in range(len(unit)):
+        direction = left @ output
+        # Orthogonal to those before: what rounding leaves of them grows else.
+        direction = direction - found @ (found.T @ direction)
+        size = np.linalg.norm(direction)
+        if not size > MIN_MOVEMENT * start:
+            break
+        direction = direction / size
+        scores = direction @ left
+        left = left - np.outer(left @ scores, scores) / (scores @ scores)
+        found = np.column_stack([found, direction])
+    rest = np.eye(len(unit)) - found @ found.T
+    more = np.linalg.eigh(rest @ (unit @ unit.T) @ rest + rest)[1][:, ::-1]
+    return np.column_stack([found, more[:, : len(unit) - found.shape[1]]])
+
+
+METHODS: dict[Method, Callable[[Array, Array], Array]] = {
+    "pca": _principal,
+    "pls": _partial,
+    "none": _principal,
+}
+
+
+def parse_reduction(text: str) -> Reduction:
+    """A reduction as the command line has it: ``pca``, ``pls:3``, ``none``.
+
+    Parameters
+    ----------
+    text : str
+
+    Raises
+    ------
+    ValueError
+    """
+    method, colon, count = text.partition(":")
+    if method not in get_args(Method):
+        raise ValueError(f"{text!r} is none of pca, pls, none, pca:k, pls:k")
+    if not colon:
+        return Reduction(method)  # type: ignore[arg-type]
+    if method == "none":
+        raise ValueError("none has no number: it keeps all inputs")
+    if not count.isdecimal() or int(count) < 1:
+        raise ValueError(f"{text!r}: the number of components is 1 or more")
+    return Reduction(method, int(count))  # type: ignore[arg-type]
+
+
+def moving_inputs(data: TrainingData) -> tuple[str, ...]:
+    """Inputs that move within the records.
+
+    Parameters
+    ----------
+    data : TrainingData
+
+    Raises
+    ------
+    FitError
+        None does.
+    """
+    columns = np.hstack(data.u)
+    span = np.ptp(columns, axis=1) > MIN_MOVEMENT * np.max(np.abs(columns), axis=1)
+    found = tuple(name for name, moves in zip(data.inputs, span, strict=True) if moves)
+    if not found:
+        raise FitError("no input excites: none moves within the record")
+    return found
+
+
+def _correlation(data: TrainingData) -> Array:
+    """Of the inputs, each experiment about its mean."""
+    parts = []
+    for e in range(data.experiments):
+        own = np.hstack([
+            u for r, u in zip(data.records, data.u, strict=True) if r.origin == e
+        ])  # fmt: skip
+        parts.append(own - own.mean(axis=1, keepdims=True))
+    return np.atleast_2d(np.corrcoef(np.hstack(parts)))
+
+
+def same_inputs(data: TrainingData) -> tuple[tuple[str, ...], ...]:
+    """Groups of inputs that are nearly equal but for zero and scale.
+
+    Parameters
+    ----------
+    data : TrainingData
+        All of whose inputs move.
+    """
+    near = np.abs(_correlation(data)) >= SAME_CORRELATION
+    groups: list[tuple[str, ...]] = []
+    left = list(range(len(data.inputs)))
+    while left:
+        group, left = [left[0]], left[1:]
+        for k in list(left):
+            if near[group[0], k]:
+                group.append(k)
+                left.remove(k)
+        if len(group) > 1:
+            groups.append(tuple(data.inputs[k] for k in group))
+    return tuple(groups)
+
+
+def carrying(data: TrainingData) -> int:
+    """How many principal components carry nearly all variance of the scaled inputs that move.
+
+    Parameters
+    ----------
+    data : TrainingData
+    """
+    moving = data.driven_by(moving_inputs(data))
+    values = np.sort(np.linalg.eigvalsh(_correlation(moving)))[::-1]
+    carried = np.cumsum(values) / values.sum()
+    return int(np.argmax(carried >= CARRIED_VARIANCE)) + 1
+
+
+def is_reducible(data: TrainingData) -> bool:
+    """Whether many inputs say much the same: half as many components carry nearly all of them.
+
+    Parameters
+    ----------
+    data : TrainingData
+    """
+    moving = moving_inputs(data)
+    return len(moving) >= MANY_INPUTS and 2 * carrying(data) <= len(moving)
