@@ -232,6 +232,8 @@ class _CurveProblem:
 
         By scipy's trust region: the curves have bounds, and no slopes but numerical ones.
         """
+        if not np.isfinite(self.residuals(starts[0])).all():
+            raise FitError("the model is too far from these logs for a curve to be found")
         found = [
             least_squares(self.residuals, start, bounds=self.bounds(), x_scale="jac",
                           ftol=LOSS_TOLERANCE, max_nfev=MAX_EVALUATIONS)

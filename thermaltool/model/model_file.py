@@ -139,12 +139,21 @@ def _load_output(part: Part) -> Output:
 
 
 def _load_term(part: Part) -> Term:
+    response = _load_response(part)
+
+    def names(value: Any) -> tuple[str, ...]:
+        known = parameter_names(response.kind)
+        for name in documents.names(value):
+            if name not in known:
+                raise ModelError(f"{response.kind} has no parameter {name!r:.60}")
+        return documents.names(value)
+
     return Term(
         part.read("drive", documents.text),
         part.read("output", documents.text),
-        _load_response(part),
+        response,
         part.read("covariance", _covariance, None),
-        part.read("covariance_names", documents.names, ()),
+        part.read("covariance_names", names, ()),
         part.read("band", _band, None),
     )
 
