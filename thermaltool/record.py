@@ -184,7 +184,10 @@ class Record:
         if low == 0 and high == len(self):
             return self
         if low >= high:
-            raise LogError(f"no row between {start} s and {stop} s", self.name)
+            ends = [("from", start), ("to", stop)]
+            span = " ".join(f"{word} {end:g} s" for word, end in ends if end is not None)
+            there = f": it has {self.time[0]:g} to {self.time[-1]:g} s" if len(self) else ""
+            raise LogError(f"no row {span}{there}", self.name)
         return self.rows(slice(low, high))
 
     def known(self, channels: Iterable[str]) -> Rows:

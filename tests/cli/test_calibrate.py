@@ -103,7 +103,7 @@ def test_kind_and_fixed_radius(thermaltool, files):
         (("--response", "d_y_um=deflection"), "d_y_um, which is no output of the fit"),
         (("--deflection", "Q_main_1"), "Q_main_1 is named twice: a channel has one role"),
         (("--deflection", "d_xx_um"), "no column d_xx_um (near: d_x_um"),
-        (("--start", 5000), "no row between"),
+        (("--start", 5000), "no row from"),
         (("--start", 500, "--stop", 505), "1 row"),
         (("--stop", 90), "the drive never leaves its reference"),
         (("--start", 200, "--stop", 230), "rows are too few for 5 parameters"),

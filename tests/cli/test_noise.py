@@ -56,7 +56,7 @@ def test_channel_and_stretch(log):
     channels = json.loads(result.stdout)["channels"]
     assert list(channels) == ["dT_pair_K"]
     assert channels["dT_pair_K"]["samples"] == 601
-    with pytest.raises(LogError, match="no row between"):
+    with pytest.raises(LogError, match="no row from"):
         run(log, "--start", 1e6)
     with pytest.raises(LogError, match="dT_pair_K"):
         run(log, "--channel", "dT_pairs_K")

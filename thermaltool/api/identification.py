@@ -235,6 +235,7 @@ def identify(
                            whole=True, pauses="the record is parted there", warn=warn,
                            **reading)  # fmt: skip
         if structure != NETWORK:
+            _warn_holes(log.between(start, stop), inputs, outputs, warn)
             first = (logs or [log])[0].between(start, stop)
             _check_clock(log.between(start, stop), first.period, warn)
         logs.append(log)
@@ -292,6 +293,18 @@ def _say_the_same(
         "components; --structure oe gives each a transfer function of its own"
     )
     return True
+
+
+def _warn_holes(log: Log, inputs: Sequence[str], outputs: Sequence[str], warn: Notice) -> None:
+    """Say that missing readings of an output part the record."""
+    known = log.known(inputs)
+    for name in outputs:
+        if missing := int((known & ~log.known([name])).sum()):
+            warn(
+                f"{log.name}: {name}: {missing} readings are missing: they part the record, and "
+                "each part begins in a state of its own; --structure network goes on through "
+                "holes, --nan-policy hold fills them"
+            )
 
 
 def _check_clock(log: Record, period: float, warn: Notice) -> None:

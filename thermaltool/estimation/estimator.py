@@ -360,9 +360,10 @@ def _load_form(document: dict[str, Any]) -> Estimator:
         delay = float(document["delay_s"])
         if not 0 <= delay < np.inf:
             raise ModelError(f"delay_s cannot be {delay:g}")
+        (sensor,), (drive,) = sensors, drives
         return KernelEstimator(
-            sensors[0],
-            drives[0],
+            sensor,
+            drive,
             outputs,
             Modes.from_document(document["inverse"]),
             _terms(document["followed"], outputs, drives),

@@ -8,7 +8,7 @@ from typing import Any
 
 from thermaltool.control.heaters import Stabilizer, parts_of
 from thermaltool.control.setpoint import Limits
-from thermaltool.documents import content_digest
+from thermaltool.documents import content_digest, finite
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
@@ -86,7 +86,7 @@ def offsets(
     """
     # The sample period is that of regularize --dt, which may not be that of the calibration.
     design = model.estimator_design()
-    period = _period(settings, float(design.get("sample_period_s", model.sample_period)))
+    period = _period(settings, finite(design.get("sample_period_s", model.sample_period)))
     pipeline = EstimatorPipeline.of(model)
     estimator = pipeline.estimator
     deflections = {output.channel for output in model.deflections}

@@ -295,6 +295,8 @@ class SetpointProcess(Process):
     @property
     def at_safe(self) -> bool:
         """Whether every setpoint has reached the safe one."""
+        if self.policy.safe is None:
+            return True
         return all(s.ramp == s.limits.clip(self._safe(s)) for s in self.setpoints)
 
     def finish(self) -> list[Any] | None:

@@ -33,7 +33,9 @@ class LinePipe:
     Attributes
     ----------
     signal : int
-        The signal that came; 0 for none.
+        The signal that came first; 0 for none.
+    signals : int
+        How many have come.
     torn : bytes
         What followed the last newline when the source ended.
     was_empty : bool
@@ -44,7 +46,7 @@ class LinePipe:
 
     def __init__(self, source: int, sink: int) -> None:
         self.source, self.sink = source, sink
-        self.signal = 0
+        self.signal = self.signals = 0
         self.torn = b""
         self.was_empty = False
         self.sink_failed = False
@@ -52,6 +54,7 @@ class LinePipe:
     def __enter__(self) -> LinePipe:
         def note(number: int, frame: FrameType | None) -> None:
             self.signal = self.signal or number
+            self.signals += 1
 
         self._woken, self._wake = os.pipe()
         os.set_blocking(self._wake, False)
@@ -99,17 +102,15 @@ class LinePipe:
         return not self.signal and any(d == self.source for d, _ in ready)
 
     def pause(self, seconds: float) -> bool:
-        """Let time pass and read nothing; False where a signal has come since the last call.
+        """Let time pass, until a signal comes, and read nothing; False after the second signal.
 
         Parameters
         ----------
         seconds : float
-            0 to forget the signals that have come.
         """
-        woken = self._signalled.poll(1000 * seconds)
-        if woken:
+        if self.signals < 2 and self._signalled.poll(1000 * seconds):
             os.read(self._woken, READ_SIZE)
-        return not woken
+        return self.signals < 2
 
     def read(self) -> list[bytes] | None:
         """The lines that have arrived, without their ends; None at the end of the source.

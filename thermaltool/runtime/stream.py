@@ -259,17 +259,19 @@ class Stream:
         return reply is not None
 
     def _approach(self) -> None:
-        """After the last line, to what is safe at the slew rate; a further signal ends it."""
+        """After the last line, to what is safe at the slew rate; a second signal ends it."""
         # Where another stream has the actuators, this one leaves them alone.
         if not self.ramps or self.process.at_safe or self.restart.taken:
             return
         self.messages.emit("ends: to the safe setpoint at the slew rate")
-        self.pipe.pause(0.0)
         tick = min(self.process.period or USUAL_TICK, USUAL_TICK)
         while not self.pipe.sink_failed:
             self.heartbeat.beat()
             self._step_to_safe(self.now() - self._heard_at)
-            if self.process.at_safe or not self.pipe.pause(tick):
+            if self.process.at_safe:
+                return
+            if not self.pipe.pause(tick):
+                self.messages.emit("a second signal: the safe setpoint at once")
                 return
 
     def _end(self) -> None:
