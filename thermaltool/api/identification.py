@@ -230,24 +230,21 @@ def identify(
                     validate=validate)  # fmt: skip
     plain = not (orders or noise_orders or continuous or real_poles)
     logs: list[Log] = []
+    parts: list[Log] = []
     for each in [*all_of(data), *([] if validate is None else [validate])]:
         log = read_for_fit(each, inputs, "transfer function", (start, stop), outputs=outputs,
                            whole=True, pauses="the record is parted there", warn=warn,
                            **reading)  # fmt: skip
+        part = log.between(start, stop)
         if structure != NETWORK:
-            _warn_holes(log.between(start, stop), inputs, outputs, warn)
-            first = (logs or [log])[0].between(start, stop)
-            _check_clock(log.between(start, stop), first.period, warn)
+            _warn_holes(part, inputs, outputs, warn)
+            _check_clock(part, (parts or [part])[0].period, warn)
         logs.append(log)
+        parts.append(part)
     fresh = [] if validate is None else [logs.pop()]
     if structure is None:
-        many = (
-            plain
-            and reduce is None
-            and _say_the_same(
-                [log.between(start, stop) for log in logs], inputs, outputs, split, warn
-            )
-        )
+        own = parts[: len(logs)]
+        many = plain and reduce is None and _say_the_same(own, inputs, outputs, split, warn)
         structure = COMPONENTS if many or reduce is not None else USUAL
     search = SearchBudget(math.inf if budget is None else budget, progress)
     common: dict[str, Any] = {
@@ -380,10 +377,11 @@ def check_arguments(
 
 def _check_reduction(reduce: str | None, structure: str | None, inputs: int) -> None:
     """Refuse a reduction that is none, or that goes with another structure (ValueError)."""
-    from thermaltool.fitting.components.reduction import parse_reduction
-
     if reduce is None:
         return
+    # Imported on use: most calls reduce nothing.
+    from thermaltool.fitting.components.reduction import parse_reduction
+
     if structure not in (None, COMPONENTS):
         raise ValueError(f"--reduce goes with --structure components, not {structure}")
     try:

@@ -90,8 +90,7 @@ def read_for_fit(
     """A log over a `span` of time [s], with a word on what its pauses mean.
 
     With `whole` all rows are returned, and those of the span checked. Where missing values are
-    omitted, a row in which an output alone is missing stays: what drives
-    acts there, too.
+    omitted, a row in which an output alone is missing stays: what drives acts there, too.
 
     Raises
     ------

@@ -33,9 +33,6 @@ from thermaltool.signals.gauss_newton import solve
 from thermaltool.timeseries.ar import burg
 from thermaltool.timeseries.runs import joined
 
-# Columns of a regression, with their names.
-Terms = Iterator[tuple[str, Array]]
-
 # Rows are averaged in groups to so many at most: what is slow is found as well, in less time.
 MAX_ROWS = 4000
 # Rows for each column of the regression, at least; a run of fewer says nothing of the colour.
@@ -293,7 +290,7 @@ def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], Erro
         u = (data.u[k] - data.levels[record.origin][:, None]) / sizes[:, None]
         # One column at a time: all together are some hundred bytes a row.
         first = [_group_means(x, group) for x in (y - run, y)]
-        linear = [_group_means(x, group) for _, x in _linear_terms(model, record, u, v, taus)]
+        linear = [_group_means(x, group) for x in _linear_terms(model, record, u, v, taus)]
         other = {name: _group_means(x, group) for name, x in _other_terms(model, record, u, v)}
         names, count = list(other), len(run) // group
         offsets = np.zeros((data.experiments, count))
@@ -324,19 +321,23 @@ def _bank(longest: int, inputs: int) -> Array:
     return np.geomspace(1.0, slowest, max(count, MIN_BANK))
 
 
-def _linear_terms(model: OutputModel, record: Record, u: Array, v: Array, taus: Array) -> Terms:
+def _linear_terms(
+    model: OutputModel, record: Record, u: Array, v: Array, taus: Array
+) -> Iterator[Array]:
     """What a linear machine may answer with beside the model, one column at a time."""
-    yield "", v
-    yield "", np.append(v[:1], v[:-1])
-    yield "", np.append(v[1:], v[-1:])
+    yield v
+    yield np.append(v[:1], v[:-1])
+    yield np.append(v[1:], v[-1:])
     for i, late in enumerate(_delayed(model, u)):
-        yield "", late
-        yield "", _response_to(model, record, i, u[i])
+        yield late
+        yield _response_to(model, record, i, u[i])
         for a in np.exp(-1 / taus):
-            yield "", lfilter([1 - a], [1, -a], late)
+            yield lfilter([1 - a], [1, -a], late)
 
 
-def _other_terms(model: OutputModel, record: Record, u: Array, v: Array) -> Terms:
+def _other_terms(
+    model: OutputModel, record: Record, u: Array, v: Array
+) -> Iterator[tuple[str, Array]]:
     """Powers and products of the model's output and its inputs, with their names."""
     yield "y^2", v**2
     yield "y^3", v**3

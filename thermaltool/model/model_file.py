@@ -142,11 +142,11 @@ def _load_term(part: Part) -> Term:
     response = _load_response(part)
 
     def names(value: Any) -> tuple[str, ...]:
-        known = parameter_names(response.kind)
-        for name in documents.names(value):
+        found, known = documents.names(value), parameter_names(response.kind)
+        for name in found:
             if name not in known:
                 raise ModelError(f"{response.kind} has no parameter {name!r:.60}")
-        return documents.names(value)
+        return found
 
     return Term(
         part.read("drive", documents.text),
