@@ -237,6 +237,16 @@ def test_a_file_that_is_cut_short_is_one_line(tmp_path: Path, write) -> None:
         read_log(str(log), columns={"X": "time_s"})
 
 
+def test_lvm_channels_with_clocks_of_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "multi.lvm"
+    end = "***End_of_Header***"
+    rows = ["X_Value\tA\tX_Value\tB\tComment", "0\t1\t0\t2", "1\t1\t1.5\t2", ""]
+    head = ["LabVIEW Measurement", "X_Columns\tMulti", end, "Channels\t2", end]
+    path.write_text("\n".join([*head, *rows]))
+    with pytest.raises(LogError, match=r"multi.lvm:8: channels with clocks of their own"):
+        read_log(str(path))
+
+
 def test_content_counts_before_the_suffix(tmp_path: Path) -> None:
     renamed = workbook(tmp_path).rename(tmp_path / "run.csv")
     text = draft_map(str(renamed))

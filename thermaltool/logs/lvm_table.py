@@ -54,7 +54,6 @@ def open_table(source: InputBytes, mapping: ColumnMap) -> FrameTable:
         rows += each.rows
         lines += each.lines
     keep = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment")]
-    # Where every channel has an X of its own they are one: the files of even clocks.
     kept = {names[k]: [row[k].replace(decimal, ".") or None for row in rows] for k in keep}
     units = dict(
         zip([names[k] for k in keep], segments[0].fields.get("Y_Unit_Label", []), strict=False)
@@ -121,6 +120,10 @@ def _named(cells: list[str]) -> list[str]:
 def _x_values(head: dict[str, list[str]], segment: Segment, decimal: str, file: str) -> list[float]:
     if head.get("X_Columns", ["One"])[0] != "No" and "X_Value" in segment.names:
         at = segment.names.index("X_Value")
+        clocks = [k for k, name in enumerate(segment.names) if name == "X_Value"]
+        for row, line in zip(segment.rows, segment.lines, strict=True):
+            if any(row[k] != row[at] for k in clocks):
+                raise LogError("channels with clocks of their own: export them apart", file, line)
         try:
             return [_number(row[at], decimal) for row in segment.rows]
         except ValueError as error:
