@@ -23,6 +23,8 @@ MAX_NAME = 255
 MAX_WORD = 100
 # Bytes of a line: a hundred thousand columns fit, an input without lines does not.
 MAX_LINE = 2**24
+# How files begin that have no lines: Parquet, a workbook, TDMS, MATLAB files of both kinds.
+WITHOUT_LINES = (b"PAR1", b"PK\x03\x04", b"TDSm", b"MATLAB ", b"\x89HDF\r\n")
 READ_AT_ONCE = 2**20
 
 
@@ -38,7 +40,7 @@ def read_whole(stream: BinaryIO, name: str) -> bytes:
     Raises
     ------
     OSError
-        A line longer than `MAX_LINE`; Parquet has no lines.
+        A line longer than `MAX_LINE` in a file that has lines.
     """
     pieces: list[bytes] = []
     length = 0  # of the last line so far
@@ -46,7 +48,7 @@ def read_whole(stream: BinaryIO, name: str) -> bytes:
         pieces.append(piece)
         end = max(piece.rfind(b"\n"), piece.rfind(b"\r"))
         length = length + len(piece) if end < 0 else len(piece) - end - 1
-        if length > MAX_LINE and not pieces[0].startswith(b"PAR1"):
+        if length > MAX_LINE and not pieces[0].startswith(WITHOUT_LINES):
             size = f"{MAX_LINE // 2**20} MiB"
             raise OSError(errno.EFBIG, f"a line longer than {size}: no log and no document", name)
     return b"".join(pieces)

@@ -76,18 +76,18 @@ def shell(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_forecasts_of_a_log_by_its_best_order(tmp_path: Path) -> None:
-    shell("thermaltool plant boring-bar --duration 0.5 -o cut.csv", tmp_path)
-    wanted = (f"LOG={tmp_path}/cut.csv", "COLUMN=e_tool_um", "STEPS=7", f"OUT={tmp_path}/out")
+    shell("thermaltool plant boring-bar --duration 0.5 -o 'my cut.csv'", tmp_path)
+    wanted = (f"LOG={tmp_path}/my cut.csv", "COLUMN=e_tool_um", "STEPS=7", f"OUT={tmp_path}/out")
     flags = ("ORDER_FLAGS=--max-p 4 --max-q 2",)
     make("forecast.mk", *wanted, *flags)
-    best = json.loads((tmp_path / "out/cut.orders.json").read_text())["best"]["bic"]
-    model = json.loads((tmp_path / "out/cut.arma.json").read_text())
+    best = json.loads((tmp_path / "out/my_cut.orders.json").read_text())["best"]["bic"]
+    model = json.loads((tmp_path / "out/my_cut.arma.json").read_text())
     assert (len(model["ar"]), len(model["ma"])) == (best["p"], best["q"])
-    with open(tmp_path / "out/cut.forecast.csv", newline="") as stream:
+    with open(tmp_path / "out/my_cut.forecast.csv", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [row["time_s"] for row in rows[:2]] == ["0.5", "0.5005"]
     assert len(rows) == 7
-    assert (tmp_path / "out/cut.orders.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "out/my_cut.orders.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_machine_and_its_control_in_a_loop(tmp_path: Path) -> None:

@@ -40,6 +40,7 @@ class Reading(TypedDict, total=False):
     from_format: str | None
     nan_policy: str
     max_gap: float | None
+    duplicates: str | None
 
 
 def reads(options: type) -> Callable[[Stage], Stage]:

@@ -13,7 +13,7 @@ import click
 from thermaltool.cli.types import NUMBER, POSITIVE, InputPath
 from thermaltool.documents import check_folder
 from thermaltool.errors import ThermalToolError
-from thermaltool.logs.formats import FORMATS
+from thermaltool.logs.formats import FORMATS, READABLE
 from thermaltool.units import Reference
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -40,8 +40,8 @@ columns_option: Decorator = click.option(
 from_option: Decorator = click.option(
     "--from",
     "from_format",
-    type=click.Choice(list(FORMATS)),
-    help="Format of stdin (a file's format follows its suffix).  [default: csv]",
+    type=click.Choice(list(READABLE)),
+    help="Format of the log.  [default: by its content and suffix, else csv]",
 )
 to_option: Decorator = click.option(
     "--to",
@@ -60,6 +60,12 @@ gap_option: Decorator = click.option(
     type=POSITIVE,
     metavar="SECONDS",
     help="A pause above this splits the log into segments [s].  [default: 10 median periods]",
+)
+duplicates_option: Decorator = click.option(
+    "--duplicates",
+    type=click.Choice(["first", "mean", "spread"]),
+    help="What rows of one time stamp become: the first, their mean, or as many rows, spread up "
+    "to the next stamp.  [default: an error]",
 )
 initial_option: Decorator = click.option(
     "--initial",
@@ -96,8 +102,8 @@ def span_options(start: str, stop: str) -> Decorator:
 
 
 # How a table is read, and what reading a log takes beside that.
-table_options = together(columns_option, from_option, gap_option)
-log_options = together(columns_option, from_option, nan_option, gap_option)
+table_options = together(columns_option, from_option, gap_option, duplicates_option)
+log_options = together(columns_option, from_option, nan_option, gap_option, duplicates_option)
 
 
 def one_thread() -> None:

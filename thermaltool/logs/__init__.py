@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from thermaltool.logs.clock import Sampling, resample
+    from thermaltool.logs.draft import draft_map
     from thermaltool.logs.log import Log
     from thermaltool.logs.reader import read_log
     from thermaltool.logs.writer import write_table
@@ -15,11 +16,12 @@ if TYPE_CHECKING:
 _MODULES = {
     "Log": "log",
     "Sampling": "clock",
+    "draft_map": "draft",
     "read_log": "reader",
     "resample": "clock",
     "write_table": "writer",
 }
-__all__ = ["Log", "Sampling", "read_log", "resample", "write_table"]
+__all__ = ["Log", "Sampling", "draft_map", "read_log", "resample", "write_table"]
 
 
 def __getattr__(name: str) -> Any:

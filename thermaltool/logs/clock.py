@@ -144,7 +144,10 @@ def resample(log: Log, period: float) -> Log:
     if not period > 0:
         raise ValueError(f"period must be above 0 s, not {period}")
     if not np.all(np.diff(log.time) > 0):
-        raise LogError("the clock does not increase: it cannot be resampled", log.name)
+        message = "the clock does not increase: it cannot be resampled"
+        if np.any(np.diff(log.time) == 0):
+            message += " (--duplicates first, mean or spread mends repeated stamps)"
+        raise LogError(message, log.name)
     pieces: list[tuple[Array, slice]] = []
     for part in log.segments:
         start, stop = log.time[part][[0, -1]] - log.time[0]

@@ -2,35 +2,49 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from thermaltool.documents import finite
 from thermaltool.errors import LogError, ModelError, UnitError
 from thermaltool.files import read_whole
+from thermaltool.logs.computed import Angle, Computed, Difference, Power, difference_fits
+from thermaltool.logs.foreign_units import to_unit
 from thermaltool.parsing import parse_toml
-from thermaltool.record import Array, hint
+from thermaltool.record import hint
 from thermaltool.units import UNITS, clock_unit, parse_channel
 
 # Where a column map is: in a file, or the entries of its table ``[columns]``, the clock among them.
 Columns: TypeAlias = str | os.PathLike[str] | Mapping[Any, Any]
 
 
+# What rows of one time become: the first of them, their mean, or rows spread up to the next time.
+DUPLICATES = ("first", "mean", "spread")
+
+
 @dataclass(frozen=True)
 class Clock:
     """Where the time comes from: a column of a `unit` (or ``iso``), or an even `period` [s].
 
-    `format` is a `strptime` pattern for time stamps that are not ISO 8601.
+    `format` is a `strptime` pattern for time stamps that are not ISO 8601. `joined` is a second
+    column of the stamp, the time of day behind the date; a blank stands between them. Rows
+    `within` [s] of the first of them count as of one time.
     """
 
     column: str | None = None
     unit: str = "s"
     period: float | None = None
     format: str | None = None
+    joined: str | None = None
+    within: float = 0.0
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns that the stamp is made of."""
+        return tuple(name for name in (self.column, self.joined) if name is not None)
 
 
 @dataclass(frozen=True)
@@ -43,36 +57,35 @@ class Rename:
 
 
 @dataclass(frozen=True)
-class Angle:
-    """An angle from two probes at a `distance` [mm]: φ = (δ2 − δ1)/Δ (Mareš et al.)."""
-
-    name: str
-    probes: tuple[str, str]
-    distance: float
-
-    def of(self, first: Array, second: Array) -> Array:
-        """φ in the unit of its name, from what both probes read."""
-        lengths = [UNITS[parse_channel(probe).unit][1] for probe in self.probes]  # [µm]
-        with np.errstate(over="ignore", invalid="ignore"):  # the reader refuses what overflows
-            radians = (lengths[1] * second - lengths[0] * first) / (1e3 * self.distance)
-            return np.asarray(1e6 * radians / UNITS[parse_channel(self.name).unit][1], float)
-
-
-@dataclass(frozen=True)
 class Dialect:
-    """How the numbers of a foreign CSV file are written."""
+    """How a foreign CSV file is written.
+
+    `skip` lines stand before the names and `skip_after_names` behind them (units).
+    """
 
     separator: str = ","
     decimal: str = "."
     missing: tuple[str, ...] = ()
+    encoding: str = "utf-8"
+    skip: int = 0
+    skip_after_names: int = 0
+
+
+@dataclass(frozen=True)
+class SensorMessages:
+    """JSON messages of one sensor each: the keys of its `name` and of its `value`."""
+
+    name: str
+    value: str
 
 
 @dataclass(frozen=True)
 class ColumnMap:
     """What a map file says; the default changes nothing.
 
-    `columns` gives None for a column that is left out; `unmapped` is ``keep`` or ``drop``. `angles`
-    are computed from mapped columns.
+    `columns` gives None for a column that is left out; `unmapped` is ``keep`` or ``drop``.
+    `computed` columns come from mapped ones. `duplicates` is what rows of one time become. `table`
+    is a sheet of a workbook, a group of a TDMS file, or a variable of a MATLAB file.
     """
 
     file: str | None = None
@@ -80,7 +93,10 @@ class ColumnMap:
     columns: Mapping[str, Rename | None] = field(default_factory=dict)
     unmapped: str = "keep"
     dialect: Dialect = Dialect()
-    angles: tuple[Angle, ...] = ()
+    computed: tuple[Computed, ...] = ()
+    duplicates: str | None = None
+    table: str | None = None
+    messages: SensorMessages | None = None
 
     def rename(self, name: str) -> Rename | None:
         """What becomes of column `name`; None leaves it out."""
@@ -88,7 +104,7 @@ class ColumnMap:
 
     def check(self, names: Sequence[str], log: str) -> None:
         """Raise LogError where the map names a column that the log `names` does not have."""
-        clock = [self.clock.column] if self.clock and self.clock.column is not None else []
+        clock = self.clock.columns if self.clock else ()
         for wanted in [*clock, *self.columns]:
             if wanted not in names:
                 raise LogError(f"{log} has no column {wanted}{hint(wanted, names)}", self.file)
@@ -128,10 +144,16 @@ def read_map(source: Columns) -> ColumnMap:
             columns={name: _rename(name, entry) for name, entry in columns.items()},
             unmapped=_choice("unmapped", document.get("unmapped", "keep"), ("keep", "drop")),
             dialect=_dialect(document),
-            angles=tuple(
-                _angle(name, entry)
-                for name, entry in _typed("angles", document.get("angles", {}), dict).items()
+            computed=tuple(
+                make(name, entry)
+                for key, make in (("angles", _angle), ("computed", _computed))
+                for name, entry in _typed(key, document.get(key, {}), dict).items()
             ),
+            duplicates=_choice("duplicates", document["duplicates"], DUPLICATES)
+            if "duplicates" in document
+            else None,
+            table=_typed("table", document["table"], str) if "table" in document else None,
+            messages=_messages(document["messages"]) if "messages" in document else None,
         )
     except (UnitError, _MapError) as error:
         raise LogError(str(error), path) from error
@@ -147,7 +169,10 @@ def _toml(path: str) -> dict[str, Any]:
         raise LogError(str(error).removeprefix(f"{path}: "), path) from error
 
 
-_KEYS = ("time", "columns", "unmapped", "angles", *Dialect.__dataclass_fields__)
+_KEYS = (
+    *("time", "columns", "unmapped", "angles", "computed", "duplicates", "table", "messages"),
+    *Dialect.__dataclass_fields__,
+)
 
 
 class _MapError(Exception):
@@ -155,7 +180,8 @@ class _MapError(Exception):
 
 
 def _clock(entry: Any) -> Clock:
-    _keys("[time]", _typed("[time]", entry, dict), ("column", "unit", "period", "format"))
+    known = ("column", "unit", "period", "format", "within")
+    _keys("[time]", _typed("[time]", entry, dict), known)
     if ("column" in entry) == ("period" in entry):
         raise _MapError("[time] takes either a column or a period")
     if "period" in entry:
@@ -170,7 +196,14 @@ def _clock(entry: Any) -> Clock:
     unit = _choice("time.unit", entry.get("unit", "iso" if pattern else "s"), [*times, "iso"])
     if pattern and unit != "iso":
         raise _MapError("time.format goes with time.unit = 'iso'")
-    return Clock(_typed("time.column", entry["column"], str), unit, format=pattern)
+    names = entry["column"] if isinstance(entry["column"], list) else [entry["column"]]
+    if not 1 <= len(names) <= 2 or (len(names) == 2 and unit != "iso"):
+        raise _MapError("time.column is a name, or two (date and time of day) with unit = 'iso'")
+    names = [_typed("time.column", name, str) for name in names]
+    within = _number("time.within", entry.get("within", 0.0))
+    if not within >= 0:
+        raise _MapError("time.within must not be below 0 s")
+    return Clock(names[0], unit, None, pattern, names[1] if names[1:] else None, within)
 
 
 def _rename(name: str, entry: Any) -> Rename | None:
@@ -180,13 +213,20 @@ def _rename(name: str, entry: Any) -> Rename | None:
         return Rename(parse_channel(entry).name)
     if not isinstance(entry, dict):
         raise _MapError(f"columns.{name} must be a name, a table with a name, or false")
-    _keys(f"columns.{name}", entry, ("name", "scale", "offset"))
-    target = parse_channel(_typed(f"columns.{name}.name", entry.get("name"), str)).name
+    _keys(f"columns.{name}", entry, ("name", "scale", "offset", "unit"))
+    channel = parse_channel(_typed(f"columns.{name}.name", entry.get("name"), str))
     scale, offset = (
         _number(f"columns.{name}.{key}", entry.get(key, default))
         for key, default in (("scale", 1.0), ("offset", 0.0))
     )
-    return Rename(target, scale, offset)
+    if "unit" not in entry:
+        return Rename(channel.name, scale, offset)
+    written = _typed(f"columns.{name}.unit", entry["unit"], str)
+    linear = to_unit(written, channel.unit)
+    if linear is None:
+        raise _MapError(f"columns.{name}.unit: {written!r} does not become {channel.unit}")
+    # As the file has it: scale and offset are in the written unit.
+    return Rename(channel.name, linear[0] * scale, linear[0] * offset + linear[1])
 
 
 def _angle(name: str, entry: Any) -> Angle:
@@ -206,13 +246,55 @@ def _angle(name: str, entry: Any) -> Angle:
     return Angle(name, (probes[0], probes[1]), distance)
 
 
+def _computed(name: str, entry: Any) -> Computed:
+    place = f"computed.{name}"
+    own = parse_channel(name).dimension
+    _keys(place, _typed(place, entry, dict), ("power", "difference"))
+    if len(entry) != 1:
+        raise _MapError(f"{place} is either a power or a difference")
+    ((kind, names),) = entry.items()
+    if len(_typed(f"{place}.{kind}", names, list)) != 2:
+        raise _MapError(f"{place}.{kind} names two columns")
+    first, second = (_typed(f"{place}.{kind}", each, str) for each in names)
+    if kind == "difference":
+        if not difference_fits(name, (first, second)):
+            raise _MapError(f"{place}: {first} less {second} is not what the name says")
+        return Difference(name, (first, second))
+    factors = {parse_channel(each).dimension for each in (first, second)}
+    if own != "power" or factors != {"voltage", "current"}:
+        raise _MapError(f"{place}: a power in W, mW or kW from a voltage and a current")
+    return Power(name, (first, second))
+
+
+def _messages(entry: Any) -> SensorMessages:
+    _keys("[messages]", _typed("[messages]", entry, dict), ("name", "value"))
+    return SensorMessages(
+        *(_typed(f"messages.{key}", entry.get(key), str) for key in ("name", "value"))
+    )
+
+
 def _dialect(document: Mapping[str, Any]) -> Dialect:
     missing = _typed("missing", document.get("missing", []), list)
+    encoding = _typed("encoding", document.get("encoding", "utf-8"), str)
+    try:
+        codecs.lookup(encoding)
+    except LookupError as error:
+        raise _MapError(f"encoding: {encoding!r} is none, like 'cp1252' or 'utf-16'") from error
     return Dialect(
+        encoding=encoding,
+        skip=_count("skip", document),
+        skip_after_names=_count("skip_after_names", document),
         separator=_choice("separator", document.get("separator", ","), (",", ";", "\t", "|")),
         decimal=_choice("decimal", document.get("decimal", "."), (".", ",")),
         missing=tuple(_typed("missing", word, str) for word in missing),
     )
+
+
+def _count(key: str, document: Mapping[str, Any]) -> int:
+    number = int(_typed(key, document.get(key, 0), int))
+    if number < 0:
+        raise _MapError(f"{key} is a number of lines, not {number}")
+    return number
 
 
 def _keys(place: str, table: Mapping[str, Any], known: Sequence[str]) -> None:

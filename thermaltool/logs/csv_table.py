@@ -28,6 +28,7 @@ from thermaltool.record import Array
 FAST_BYTES = 500_000
 NAN_WORDS = ("nan", "NaN", "NAN", "Nan")
 BOM = b"\xef\xbb\xbf"
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def open_table(source: InputBytes, mapping: ColumnMap) -> CsvTable:
@@ -50,17 +51,18 @@ class CsvTable:
     """A CSV text whose header has been found.
 
     Lines that start with ``#`` and empty lines are skipped anywhere. The first line that is left
-    names the columns.
+    behind those that the dialect skips names the columns; fields without a name at its end do not
+    count. UTF-16 is known by its byte-order mark.
 
     Raises
     ------
     LogError
-        Nothing but comments, bytes that are not UTF-8, no header, or another separator.
+        Nothing but comments, bytes of another encoding, no header, or another separator.
     """
 
     def __init__(self, source: InputBytes, dialect: Dialect) -> None:
         self.file, self.dialect = source.name, dialect
-        data = source.data.removeprefix(BOM)
+        data = self._utf_8(source.data).removeprefix(BOM)
         if b"\r" in data:
             data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         if not data.strip():
@@ -74,15 +76,31 @@ class CsvTable:
         try:
             data.decode("utf-8")
         except UnicodeDecodeError as error:
-            self._fail_at(data, error.start, f"not UTF-8: byte 0x{data[error.start]:02x}")
+            message = f"not UTF-8: byte 0x{data[error.start]:02x} (say encoding = 'cp1252' or the "
+            message += "like in a map; check --write-map drafts one)"
+            self._fail_at(data, error.start, message)
         self.data = data
         self.complete = data.endswith(b"\n")
-        header = next(((i, row) for i, row in enumerate(io.BytesIO(data), 1) if _counts(row)), None)
+        rows = enumerate(io.BytesIO(data), 1)
+        header = next(((i, row) for i, row in rows if i > dialect.skip and _counts(row)), None)
         if header is None:
             raise LogError("only comments: a log begins with a line of names", self.file)
         self.header_line, line = header[0], header[1].decode()
         self.names = [name.strip() for name in self._split(line.rstrip("\n"))]
+        while len(self.names) > 1 and not self.names[-1]:
+            self.names.pop()
+        # The last line before the rows.
+        self.before_rows = self.header_line + dialect.skip_after_names
         self._check_header(line)
+
+    def _utf_8(self, data: bytes) -> bytes:
+        encoding = "utf-16" if data.startswith(UTF_16) else self.dialect.encoding
+        if encoding == "utf-8":
+            return data
+        try:
+            return data.decode(encoding).encode()
+        except UnicodeError as error:
+            raise LogError(f"not {encoding}: {error}", self.file) from error
 
     def _fail_at(self, data: bytes, offset: int, message: str) -> NoReturn:
         raise LogError(message, self.file, data.count(b"\n", 0, offset) + 1)
@@ -125,9 +143,11 @@ class CsvTable:
         width = len(self.names)
         last = 0
         for last, row in enumerate(io.BytesIO(self.data), 1):
-            if last <= self.header_line or not _counts(row):
+            if last <= self.before_rows or not _counts(row):
                 continue
             cells = self._split(row.decode().rstrip("\n"))
+            if len(cells) > width and not any(cell.strip() for cell in cells[width:]):
+                del cells[width:]
             if len(cells) == width:
                 rows.append(cells)
                 lines.append(last)
@@ -160,7 +180,8 @@ class CsvTable:
         self, name: str, column: Sequence[str], lines: Sequence[int]
     ) -> tuple[Array, list[LogError]]:
         """One column as float64; a cell that is no finite number is NaN and a fault."""
-        if self.dialect == Dialect() and not any("_" in cell for cell in column):
+        plain = self.dialect.decimal == "." and not self.dialect.missing
+        if plain and not any("_" in cell for cell in column):
             with contextlib.suppress(ValueError):
                 values = np.fromiter(map(float, column), np.float64, len(column))
                 if not np.isinf(values).any():
@@ -202,7 +223,7 @@ class CsvTable:
         import pyarrow
         from pyarrow import csv as arrow_csv
 
-        first = self.header_line
+        first = self.before_rows
         start = _offset(self.data, first)
         count = self.data.count(b"\n", start)
         if self.data.find(b"#", start) >= 0 or not self.complete or not count:

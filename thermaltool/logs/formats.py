@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Protocol, cast
+
+from thermaltool.errors import LogError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,11 +35,15 @@ class TableFormat(NamedTuple):
     suffixes: tuple[str, ...]
 
 
-class FormatModule(Protocol):
-    """What the module of a format provides."""
+class ReaderModule(Protocol):
+    """What the module of a format provides that is read."""
 
     def open_table(self, source: InputBytes, mapping: ColumnMap) -> Table:
         """The header of an input; LogError where it is none of this format."""
+
+
+class FormatModule(ReaderModule, Protocol):
+    """What the module of a format provides that is read and written."""
 
     def write_columns(self, columns: Mapping[str, np.ndarray], stream: BinaryIO) -> None:
         """Write columns of one length, integers or finite floats and NaN for what is missing."""
@@ -47,15 +54,56 @@ FORMATS: dict[str, TableFormat] = {
     "ndjson": TableFormat("thermaltool.logs.ndjson_table", (".ndjson", ".jsonl")),
     "parquet": TableFormat("thermaltool.logs.parquet_table", (".parquet",)),
 }
+# What other programs write: read, and never written.
+FOREIGN: dict[str, TableFormat] = {
+    "json": TableFormat("thermaltool.logs.json_table", (".json",)),
+    "klippy": TableFormat("thermaltool.logs.klippy_table", ()),
+    "lvm": TableFormat("thermaltool.logs.lvm_table", (".lvm",)),
+    "mat": TableFormat("thermaltool.logs.matlab_table", (".mat",)),
+    "tdms": TableFormat("thermaltool.logs.tdms_table", (".tdms",)),
+    "xlsx": TableFormat("thermaltool.logs.workbook_table", (".xlsx", ".xlsm")),
+}
+READABLE = {**FORMATS, **FOREIGN}
 # The format of a pipe, and of a file with another suffix.
 DEFAULT_FORMAT = "csv"
+# How the bytes of a format begin, whatever the file is called.
+_BEGINNINGS = {
+    b"PK\x03\x04": "xlsx",
+    b"TDSm": "tdms",
+    b"MATLAB ": "mat",
+    b"\x89HDF\r\n": "mat",
+    b"LabVIEW Measurement": "lvm",
+}
+# A line that klippy.log has every second; before the first stand the settings of the printer,
+# at most so many bytes.
+MAX_PREAMBLE = 2**22
+_STATS = re.compile(rb"^Stats \d+\.\d+: ", re.MULTILINE)
 
 
 def format_of(target: str, chosen: str | None) -> str:
     """The format of a file or pipe: as chosen, else by suffix, else CSV."""
-    suffix = os.path.splitext(target)[1].lower()
-    by_suffix = (name for name, form in FORMATS.items() if suffix in form.suffixes)
-    return chosen or next(by_suffix, DEFAULT_FORMAT)
+    return chosen or _by_suffix(target, FORMATS) or DEFAULT_FORMAT
+
+
+def read_format_of(source: InputBytes, chosen: str | None) -> str:
+    """The format of an input: as chosen, else by how it begins, else by suffix, else CSV."""
+    if chosen is not None:
+        return chosen
+    begun = next((f for start, f in _BEGINNINGS.items() if source.data.startswith(start)), None)
+    if begun is None and (form := _by_suffix(source.name, {**READABLE, **FORMATS})) is not None:
+        return form
+    return begun or ("klippy" if _STATS.search(source.data, 0, MAX_PREAMBLE) else DEFAULT_FORMAT)
+
+
+def load_reader(source: InputBytes, chosen: str | None) -> ReaderModule:
+    """The module that reads an input.
+
+    Raises
+    ------
+    ValueError
+        Not one of `READABLE`.
+    """
+    return _load(read_format_of(source, chosen), READABLE)
 
 
 def load_format(name: str) -> FormatModule:
@@ -66,6 +114,32 @@ def load_format(name: str) -> FormatModule:
     ValueError
         Not one of `FORMATS`.
     """
-    if name not in FORMATS:
-        raise ValueError(f"no format {name!r}: there are {', '.join(FORMATS)}")
-    return cast(FormatModule, importlib.import_module(FORMATS[name].module))
+    return cast(FormatModule, _load(name, FORMATS))
+
+
+def load_library(name: str, file: str) -> Any:
+    """A library of the extra ``formats``.
+
+    Raises
+    ------
+    LogError
+        It is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        message = f"needs {name.partition('.')[0]}: pip install 'thermaltool[formats]'"
+        raise LogError(message, file) from error
+
+
+def _by_suffix(target: str, formats: Mapping[str, TableFormat]) -> str | None:
+    suffix = os.path.splitext(target)[1].lower()
+    return next((name for name, form in formats.items() if suffix in form.suffixes), None)
+
+
+def _load(name: str, formats: Mapping[str, TableFormat]) -> ReaderModule:
+    # A format that was added to those that are written is read, too.
+    known = {**formats, **FORMATS}
+    if name not in known:
+        raise ValueError(f"no format {name!r}: there are {', '.join(known)}")
+    return cast(ReaderModule, importlib.import_module(known[name].module))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,15 +24,25 @@ class FrameTable:
 
     A `DatetimeIndex` is the ISO clock ``time``, a `TimedeltaIndex` the clock ``time_s``, and an
     index that has a clock's name is that clock, unless a column is. `missing` are words for a
-    missing value, beside those of pandas.
+    missing value, beside those of pandas. Of a file that was read into a frame: its name in
+    `file`, the lines of its rows, the line of the names, and the `units` that it has for columns.
     """
 
-    header_line = None
-
-    def __init__(self, frame: pandas.DataFrame, missing: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        frame: pandas.DataFrame,
+        missing: Sequence[str] = (),
+        *,
+        file: str = FRAME_NAME,
+        lines: Sequence[int] | None = None,
+        header_line: int | None = None,
+        units: Mapping[str, str] | None = None,
+        decimal: str = ".",
+    ) -> None:
         import pandas
 
-        self.file, self._missing = FRAME_NAME, missing
+        self.file, self._missing, self._decimal = file, missing, decimal
+        self.header_line, self.units = header_line, dict(units or {})
         self._columns: list[Any] = [frame.iloc[:, i] for i in range(frame.shape[1])]
         self.names = [str(name).strip() for name in frame.columns]
         index = frame.index
@@ -46,11 +56,12 @@ class FrameTable:
             self.names.insert(0, clock)
             self._columns.insert(0, index.to_series())
         self._rows = len(frame)
+        self._lines = np.arange(1, self._rows + 1) if lines is None else np.array(lines, np.intp)
 
     def cells(self, kinds: Sequence[Kind]) -> Cells:
         """The columns as wanted; every fault is a problem with its row and column."""
         values, problems = read_columns(self.names, kinds, self._numbers, self._text, self._missing)
-        return Cells(values, np.arange(1, self._rows + 1), problems)
+        return Cells(values, self._lines, problems)
 
     def _text(self, i: int) -> list[str | None]:
         return [_stamp(value) for value in self._columns[i]]
@@ -58,10 +69,13 @@ class FrameTable:
     def _numbers(self, i: int, name: str) -> tuple[Array, list[LogError]]:
         column, faults = self._columns[i], []
         if column.dtype.kind == "O":
-            array, bad = _cell_by_cell(column, self._missing)
+            array, bad = _cell_by_cell(column, self._missing, self._decimal)
             numbers = len(bad) < column.notna().sum() or not bad
             cells = column.to_list()
-            faults = [LogError(f"not a number: {cells[k]!r}", self.file, k + 1, name) for k in bad]
+            faults = [
+                LogError(f"not a number: {cells[k]!r}", self.file, int(self._lines[k]), name)
+                for k in bad
+            ]
         else:
             numbers = column.dtype.kind in "iuf"
         if not numbers:
@@ -93,13 +107,15 @@ def _stamp(value: Any) -> str | None:
     return value.isoformat() if hasattr(value, "isoformat") else str(value)
 
 
-def _cell_by_cell(column: Any, words: Sequence[str]) -> tuple[Array, list[int]]:
+def _cell_by_cell(column: Any, words: Sequence[str], decimal: str) -> tuple[Array, list[int]]:
     """Numbers of a column of text or objects, and the rows that hold none."""
     numbers, bad = np.full(len(column), np.nan), []
     for k, (value, missing) in enumerate(zip(column, column.isna(), strict=True)):
         word = value.strip() if isinstance(value, str) else value
         if missing or word == "" or word in words:
             continue
+        if decimal != "." and isinstance(word, str):
+            word = word.replace(decimal, ".")
         try:
             # Python reads 1_000 and True as numbers; no logger means that.
             if isinstance(word, bool | np.bool_) or "_" in str(word):

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from thermaltool.errors import LogError
-from thermaltool.logs.columns import ColumnMap
+from thermaltool.logs.columns import ColumnMap, SensorMessages
 from thermaltool.logs.table import (
     UNFINISHED,
     Cells,
@@ -26,7 +26,7 @@ from thermaltool.record import Array
 
 def open_table(source: InputBytes, mapping: ColumnMap) -> NdjsonTable:
     """The objects of an NDJSON text; of the dialect of the map the words for missing values."""
-    return NdjsonTable(source, mapping.dialect.missing)
+    return NdjsonTable(source, mapping.dialect.missing, mapping.messages)
 
 
 def write_columns(columns: Mapping[str, np.ndarray], stream: BinaryIO) -> None:
@@ -36,8 +36,37 @@ def write_columns(columns: Mapping[str, np.ndarray], stream: BinaryIO) -> None:
     stream.writelines(row_lines(list(columns.values()), before, "}\n", "null"))
 
 
+def flat(record: dict[str, Any]) -> dict[str, Any]:
+    """An object without objects and lists in it: ``{"a": {"b": 1}}`` is ``{"a.b": 1}``."""
+    if not any(isinstance(value, dict | list) for value in record.values()):
+        return record
+    found: dict[str, Any] = {}
+    open_parts: list[tuple[str, Any]] = [("", record)]
+    while open_parts:
+        name, value = open_parts.pop()
+        if isinstance(value, dict | list):
+            parts = value.items() if isinstance(value, dict) else enumerate(value)
+            prefix = f"{name}." if name else ""
+            open_parts += reversed([(f"{prefix}{key}", part) for key, part in parts])
+        else:
+            found[name] = value
+    return found
+
+
+def of_messages(record: dict[str, Any], messages: SensorMessages | None) -> dict[str, Any]:
+    """A message ``{"sensor": "bed", "value": 60.1}`` as ``{"bed": 60.1}``; others as they are."""
+    if messages is None or messages.name not in record or messages.value not in record:
+        return record
+    name, value = str(record[messages.name]), record[messages.value]
+    kept = {k: v for k, v in record.items() if k not in (messages.name, messages.value)}
+    return {**kept, name: value}
+
+
 class NdjsonTable:
     """Lines of JSON objects; the names are their keys in order of appearance.
+
+    Keys of an object in an object are ``outer.inner``, those of a list ``list.0`` and so on. Where
+    each line is a message of one sensor, `messages` says which of its keys name and value it.
 
     Raises
     ------
@@ -47,7 +76,12 @@ class NdjsonTable:
 
     header_line = None
 
-    def __init__(self, source: InputBytes, missing: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        source: InputBytes,
+        missing: Sequence[str] = (),
+        messages: SensorMessages | None = None,
+    ) -> None:
         self.file, self._missing = source.name, missing
         self.lines: list[int] = []
         self.faults: list[LogError] = []
@@ -69,6 +103,7 @@ class NdjsonTable:
                 else:
                     self.unfinished = LogError(UNFINISHED, self.file, line)
                 continue
+            record = of_messages(flat(record), messages)
             if tuple(record) != names:
                 names = tuple(dict.fromkeys([*names, *record]))
                 record = {name: record.get(name) for name in names}

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from datetime import datetime
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
@@ -16,7 +14,8 @@ from thermaltool.documents import MAX_NUMBER
 from thermaltool.errors import LogError, UnitError
 from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import Clock, ColumnMap, Columns, Rename, read_map
-from thermaltool.logs.formats import format_of, load_format
+from thermaltool.logs.duplicates import merged
+from thermaltool.logs.formats import load_reader
 from thermaltool.logs.log import Log
 from thermaltool.logs.table import (
     MAX_TIME,
@@ -27,6 +26,7 @@ from thermaltool.logs.table import (
     first_faults,
     read_source,
 )
+from thermaltool.logs.time_stamps import iso_clock, joined_stamps
 from thermaltool.record import Array, Record, hint
 from thermaltool.units import UNITS, clock_unit, names, parse_channel
 
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     TableSource: TypeAlias = str | os.PathLike[str] | pandas.DataFrame
     Data: TypeAlias = TableSource | Record
 
-# Decimals of a second from the seventh on.
-BEYOND_MICROSECONDS = re.compile(r":\d\d[.,]\d{6}(\d+)")
+# What to do about a time stamp that repeats.
+REPEATS_CURE = "; --duplicates first, mean or spread says what such rows become"
 # What a missing value in a needed channel does.
 NAN_POLICIES = ("raise", "omit", "hold")
 
@@ -49,6 +49,7 @@ def read_log(
     from_format: str | None = None,
     nan_policy: str = "raise",
     max_gap: float | None = None,
+    duplicates: str | None = None,
     need: str | Sequence[str] = (),
     strict: bool = True,
 ) -> Log:
@@ -57,19 +58,24 @@ def read_log(
     Parameters
     ----------
     data : str, path, pandas.DataFrame or Record
-        A file (CSV, NDJSON, Parquet; ``-`` is stdin), or a frame with columns named as in logs
-        (``T_spindle_degC``) and a clock: a column ``time_s`` or ``time``, or a `DatetimeIndex`.
+        A file (of a format in `thermaltool.logs.formats.READABLE`; ``-`` is stdin), or a frame
+        with columns named as in logs (``T_spindle_degC``) and a clock: a column ``time_s`` or
+        ``time``, or a `DatetimeIndex`.
     columns : str, path or dict, optional
         A column map for foreign names: a file (TOML), or names by foreign names
         (``{"Temp 1": "T_spindle_degC", "t": "time_s", "comment": False}``).
     from_format : str, optional
-        Format of the file. Default: by its suffix, else CSV.
+        Format of the file. Default: by its suffix, else by its content, else CSV.
     nan_policy : {"raise", "omit", "hold"}
         What a missing value in a channel of `need` does: raise, leave the row out, or take the
         channel's last value. Other channels keep NaN.
     max_gap : float, optional
         A pause above this [s] starts a new segment. Default: ten median periods, or ten pauses
         where the log is sampled in bursts; the segments of a record stay.
+    duplicates : {"first", "mean", "spread"}, optional
+        What rows of one time stamp become: one row (the first readings, or their means; readings
+        that are missing count as none, so that messages of several sensors make one row), or as
+        many, spread up to the next stamp. Default: what the column map says, else an error.
     need : str or sequence of str
         Channels that must be there.
     strict : bool
@@ -106,7 +112,7 @@ def read_log(
     if isinstance(data, Record):
         if columns is not None or from_format is not None:
             raise ValueError("columns and from_format say how a file or a frame is read")
-        return _of_record(data, nan_policy, max_gap, need)
+        return _of_record(data, nan_policy, max_gap, duplicates, need)
     mapping = ColumnMap() if columns is None else read_map(columns)
     name, digest, table = open_source(data, from_format, mapping)
     mapping.check(table.names, name)
@@ -127,10 +133,11 @@ def read_log(
         epoch=epoch,
         lines=cells.lines,
     )
-    log, beyond = _within_range(_with_angles(log, mapping), plan.clock.column)
+    log, beyond = _within_range(_with_computed(log, mapping), plan.clock.column)
     if strict and beyond:
         raise beyond[0]
     problems += beyond
+    log = merged(log, duplicates or mapping.duplicates, plan.clock.within)
     log = _without_gaps(log, need, nan_policy)
     missing = [] if not strict else _first_missing(log, plan.clock.column)
     faults = [*faults, *missing, *_disorder(log, plan.clock.column)]
@@ -142,7 +149,13 @@ def read_log(
     return replace(log, segments=segments(log.time, max_gap), problems=tuple(problems))
 
 
-def _of_record(record: Record, nan_policy: str, max_gap: float | None, need: Sequence[str]) -> Log:
+def _of_record(
+    record: Record,
+    nan_policy: str,
+    max_gap: float | None,
+    duplicates: str | None,
+    need: Sequence[str],
+) -> Log:
     """A record as a log; it keeps its lines in a file, and its segments but for a `max_gap`."""
     if not isinstance(record, Log):
         own = {each.name: getattr(record, each.name) for each in fields(Record)}
@@ -153,7 +166,7 @@ def _of_record(record: Record, nan_policy: str, max_gap: float | None, need: Seq
             record = replace(record, digest=_samples_digest(record))
     if faults := _within_range(record, "time_s")[1]:
         raise faults[0]
-    log = _without_gaps(record, need, nan_policy)
+    log = _without_gaps(merged(record, duplicates), need, nan_policy)
     if faults := [*_first_missing(log, "time_s"), *_disorder(log, "time_s")]:
         raise faults[0]
     return log if max_gap is None else replace(log, segments=segments(log.time, max_gap))
@@ -174,7 +187,7 @@ def open_source(
     if isinstance(source, str | os.PathLike):
         source = os.fspath(source)
         raw = read_source(source)
-        table: Table = load_format(format_of(source, from_format)).open_table(raw, mapping)
+        table: Table = load_reader(raw, from_format).open_table(raw, mapping)
         return raw.name, raw.digest, table
     from thermaltool.logs.frame_table import FrameTable
 
@@ -210,7 +223,7 @@ def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:
             fault("this name is there twice", name)
             continue
         seen.add(name)
-        if name == clock.column:
+        if name in clock.columns:
             kinds[i] = "text" if clock.unit == "iso" else "number"
             continue
         rename = mapping.rename(name)
@@ -253,46 +266,12 @@ def _clock(
         return (clock.period or 1.0) * np.arange(len(cells.lines), dtype=np.float64), None, []
     values = cells.values[table.names.index(clock.column)]
     if clock.unit == "iso":
-        return iso_clock(file, clock, cast(list[str | None], values), cells.lines.tolist())
+        stamps = cast(list[str | None], values)
+        if clock.joined is not None:
+            second = cells.values[table.names.index(clock.joined)]
+            stamps = joined_stamps(stamps, cast(list[str | None], second))
+        return iso_clock(file, clock, stamps, cells.lines.tolist())
     return cast(Array, values) * UNITS[clock.unit][1], None, []
-
-
-def iso_clock(
-    file: str, clock: Clock, stamps: list[str | None], lines: list[int]
-) -> tuple[Array, str | None, list[LogError]]:
-    """Seconds from the first time stamp; a stamp that cannot be read is NaN and a fault."""
-    pattern = clock.format
-    what = f"not a time like {pattern}" if pattern else "not an ISO 8601 time"
-    moments: list[datetime | None] = []
-    faults = []
-    for stamp, line in zip(stamps, lines, strict=True):
-        moment = None
-        if stamp is not None:
-            try:
-                text = stamp.strip()
-                moment = (
-                    datetime.strptime(text, pattern) if pattern else datetime.fromisoformat(text)
-                )
-            except ValueError:
-                faults.append(LogError(f"{what}: {stamp!r}", file, line, clock.column))
-        moments.append(moment)
-    first = next((moment for moment in moments if moment is not None), None)
-    if first is None:
-        return np.full(len(stamps), np.nan), None, faults
-    try:
-        time = [(m - first).total_seconds() if m is not None else np.nan for m in moments]
-    except TypeError:
-        message = "time stamps with and without a time zone"
-        return np.full(len(stamps), np.nan), None, [LogError(message, file, None, clock.column)]
-    beyond = np.array([_beyond_microseconds(stamp or "") for stamp in stamps])
-    start = next(k for k, moment in enumerate(moments) if moment is not None)
-    return np.array(time) + (beyond - beyond[start]), first.isoformat(), faults
-
-
-def _beyond_microseconds(stamp: str) -> float:
-    """What a stamp says beyond the sixth decimal of its seconds, which `datetime` drops [s]."""
-    found = BEYOND_MICROSECONDS.search(stamp)
-    return 0.0 if found is None else float(f"0.000000{found[1]}")
 
 
 def _scaled(values: Array, rename: Rename) -> Array:
@@ -302,13 +281,13 @@ def _scaled(values: Array, rename: Rename) -> Array:
         return rename.scale * values + rename.offset
 
 
-def _with_angles(log: Log, mapping: ColumnMap) -> Log:
-    """The angles that a map asks for, beside what was read."""
-    for angle in mapping.angles:
-        if angle.name in log.columns:
-            raise LogError(f"angles.{angle.name}: {log.name} has this column", mapping.file)
-        values = angle.of(*(log.column(probe) for probe in angle.probes))
-        log = log.with_columns({angle.name: values})
+def _with_computed(log: Log, mapping: ColumnMap) -> Log:
+    """The columns that a map computes, beside what was read."""
+    for each in mapping.computed:
+        if each.name in log.columns:
+            raise LogError(f"{each.name}: {log.name} has this column", mapping.file)
+        values = each.of(*(log.column(name) for name in each.inputs))
+        log = log.with_columns({each.name: values})
     return log
 
 
@@ -368,5 +347,7 @@ def _disorder(log: Log, clock: str | None) -> list[LogError]:
     for k in np.flatnonzero(np.diff(time) <= 0):
         what = "repeats" if time[k + 1] == time[k] else "goes backward"
         message = f"the clock {what}: {time[k + 1]:.15g} s after {time[k]:.15g} s"
+        if what == "repeats":
+            message += REPEATS_CURE
         faults.append(LogError(message, log.name, int(log.lines[rows[k + 1]]), clock))
     return faults

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from thermaltool.errors import LogError
 from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import Clock, ColumnMap
-from thermaltool.logs.reader import iso_clock, open_source, read_log
+from thermaltool.logs.reader import open_source, read_log
 from thermaltool.logs.table import MAX_TIME, Kind, beyond_range
+from thermaltool.logs.time_stamps import iso_clock
 from thermaltool.record import Array, Record, hint
 from thermaltool.units import UNITS, clock_unit
 

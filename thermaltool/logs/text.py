@@ -72,3 +72,22 @@ def number_text(value: float, null: str = "") -> str:
         return f"{sign}0.{'0' * (-exponent - 1)}{digits}"
     point = "." if len(digits) > 1 else ""
     return f"{sign}{digits[0]}{point}{digits[1:]}e{exponent:+d}"
+
+
+def decoded(data: bytes, encoding: str) -> tuple[str, str]:
+    """A text of unknown origin, and the encoding that it has: its mark, UTF-8, or as given.
+
+    Parameters
+    ----------
+    data : bytes
+    encoding : str
+        Of a text without a mark. Where that is UTF-8 and the text is not, Windows' cp1252.
+    """
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encoding = "utf-16"
+    elif data.startswith(b"\xef\xbb\xbf"):
+        encoding = "utf-8-sig"
+    try:
+        return data.decode(encoding), encoding
+    except UnicodeError:
+        return data.decode("cp1252", errors="replace"), "cp1252"

@@ -95,6 +95,8 @@ def _clock(keys: Mapping[str, Any], wanted: Wanted, number: Callable[[Any], floa
     if mapped is not None and mapped.column is not None:
         if mapped.column not in keys:
             raise LogError(f"no column {mapped.column}{_hint(mapped.column, keys)}")
+        if mapped.joined is not None:
+            raise LogError(f"a stream has its time in one column, not two; {wanted.clock_advice}")
         if mapped.unit == "iso":
             return StampClock(keys[mapped.column], mapped.format)
         return ColumnClock(keys[mapped.column], number, UNITS[mapped.unit][1])
