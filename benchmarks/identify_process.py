@@ -1,22 +1,27 @@
-"""``identify --structure subspace`` on processes of several inputs and outputs, beside SIPPY.
+"""``identify`` on processes of several inputs and outputs, beside open peers.
 
 ``python benchmarks/identify_process.py`` (in make bench), ``coverage`` (in make study). The first
 60 % of each record are fitted, with nothing given; the free run goes on from the state at their end
-over the other 40 %, and is held against the outputs without noise. SIPPY gets every order up to
-twelve, about the mean and about the first rows, and of these the one that is best on the held-out
-rows themselves, which no user knows; its state at the start and its offset are found by least
-squares. Seeds are drawn fresh and printed; --seed repeats a run.
+over the other 40 %, and is held against the outputs without noise. Peers get every order (SIPPY's
+N4SID and CVA and nfoursid up to twelve, SysIdentPy and ARX up to eight), about the mean and about
+the first rows, and of these the one that is best on the held-out rows themselves, which no user
+knows; the state at the start and the offset of the subspace methods are found by least squares, and
+the others run freely from the first readings. Seeds are drawn fresh and printed; --seed repeats a
+run, --only names a process.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib.util
 import io
 import itertools
 import os
 import time
 import warnings
+from collections.abc import Callable, Sequence
+from functools import partial
 
 # One core; before numpy loads.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -24,20 +29,26 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import numpy as np
 from identify_cases import fit_percent, sampled
 from process_plants import PLANTS, Array, Run
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lfiltic
 
 from thermaltool.fitting.data import even_training_data
 from thermaltool.fitting.identification import Plan, identify
 from thermaltool.fitting.network.plan import NetworkPlan
 from thermaltool.fitting.subspace.identify import identify_subspace
 from thermaltool.fitting.subspace.plan import SubspacePlan
+from thermaltool.fitting.transfer.plan import TransferPlan
+from thermaltool.fitting.transfer.registry import structure_of
 from thermaltool.record import Record
 
 FITTED_SHARE, MAX_ORDER = 0.6, 12
 # Rows at the start that stand still, in every plant but one.
 IDLE = 5
 # What a peer may take for all of its orders [s].
-PEER_LIMIT_S = 240
+PEER_LIMIT_S = 240.0
+# Lags of the equation-error peers at most.
+MAX_LAGS = 8
+# Their packages; and how many inputs `identify` takes for many (no transfer function for each).
+PACKAGES, MANY_INPUTS = ("sippy_unipi", "nfoursid", "sysidentpy"), 6
 
 
 def record(run: Run, rows: int) -> Record:
@@ -64,44 +75,116 @@ def ours(run: Run, plan: Plan) -> tuple[float, list[float], str]:
     begun = time.perf_counter()
     fits = identify([whole.rows(slice(0, rows))], ins, outs, plan)
     seconds = time.perf_counter() - begun
-    model = fits[0].model
+    models = [fit.model for fit in fits]
     at_rest = fits[0].data.records[0].at_rest
     going_on = Record(whole.time, whole.columns, at_rest=at_rest)
     computed = np.array([fit.model.simulate(going_on) for fit in fits])
-    found = f"order {model.order}" + " with feedthrough" * getattr(model, "has_direct", False)
+    orders = ", ".join(str(n) for n in dict.fromkeys(model.order for model in models))
+    found = f"order {orders}" + " with feedthrough" * getattr(models[0], "has_direct", False)
     return seconds, held_fits(run, computed, rows), found
 
 
-def sippy(run: Run, method: str) -> tuple[float, list[float], str]:
-    """Seconds of the best order; its fits; and which it is."""
+Found = tuple[float, list[float], str]
+# Takes inputs, fitted outputs, order, whether with feedthrough, period; gives the whole free run.
+Peer = Callable[[Array, Array, int, bool, float], Array]
+
+
+def sippy(method: str, u: Array, y: Array, order: int, direct: bool, period: float) -> Array:
     from sippy_unipi import system_identification
 
+    found = system_identification(
+        y, u[:, : y.shape[1]], method, SS_fixed_order=order,
+        SS_f=20, SS_p=20, SS_D_required=direct, tsample=period,
+    )  # fmt: skip
+    return _state_space([getattr(found, name) for name in "ABCD"], u, y)
+
+
+def nfoursid(u: Array, y: Array, order: int, direct: bool, period: float) -> Array:
+    import pandas as pd
+    from nfoursid.nfoursid import NFourSID
+
+    ins, outs = [f"u{k}" for k in range(len(u))], [f"y{k}" for k in range(len(y))]
+    frame = pd.DataFrame(np.vstack([u[:, : y.shape[1]], y]).T, columns=[*ins, *outs])
+    method = NFourSID(frame, output_columns=outs, input_columns=ins, num_block_rows=12)
+    method.subspace_identification()
+    found, _ = method.system_identification(rank=order)
+    return _state_space([found.a, found.b, found.c, found.d], u, y)
+
+
+def sysidentpy(u: Array, y: Array, order: int, direct: bool, period: float) -> Array:
+    """A linear NARX for each output, terms chosen by FROLS and its information criterion."""
+    from sysidentpy.basis_function import Polynomial
+    from sysidentpy.model_structure_selection import FROLS
+    from sysidentpy.parameter_estimation import LeastSquares
+
+    lags = list(range(1, order + 1))
+    runs = []
+    for own in y:
+        found = FROLS(order_selection=True, n_info_values=min(40, order * (len(u) + 1)), ylag=lags,
+                      xlag=[lags] * len(u) if len(u) > 1 else lags, info_criteria="bic",
+                      estimator=LeastSquares(), basis_function=Polynomial(degree=1))  # fmt: skip
+        found.fit(X=u[:, : len(own)].T, y=own[:, None])
+        runs.append(np.ravel(found.predict(X=u.T, y=own[: found.max_lag, None])))
+    return np.array(runs)
+
+
+def plain_arx(u: Array, y: Array, order: int, direct: bool, period: float) -> Array:
+    """Least squares for each output, run freely from its first readings."""
+    runs, first = [], 0 if direct else 1
+    for own in y:
+        n = len(own)
+        past = [np.roll(own, j) for j in range(1, order + 1)]
+        past += [np.roll(row[:n], j) for row in u for j in range(first, order + 1)]
+        X = np.vstack([*past, np.ones(n)])[:, order:]
+        theta = np.linalg.lstsq(X.T, own[order:], rcond=None)[0]
+        a, b = theta[:order], theta[order:-1].reshape(len(u), -1)
+        driven = np.full(u.shape[1], theta[-1])
+        for row, weights in zip(u, b, strict=True):
+            for j, weight in enumerate(weights, start=first):
+                driven += weight * np.concatenate([np.full(j, row[0]), row[: len(row) - j]])
+        denominator = np.concatenate([[1.0], -a])
+        if np.any(np.abs(np.roots(denominator)) >= 1):
+            raise ValueError("not stable")
+        start = lfiltic([1.0], denominator, own[:order][::-1])
+        free = lfilter([1.0], denominator, driven[order:], zi=start)[0]
+        runs.append(np.concatenate([own[:order], free]))
+    return np.array(runs)
+
+
+PEERS: dict[str, tuple[Peer, int]] = {
+    "SIPPY N4SID": (partial(sippy, "N4SID"), MAX_ORDER),
+    "SIPPY CVA": (partial(sippy, "CVA"), MAX_ORDER),
+    "nfoursid": (nfoursid, MAX_ORDER),
+    "SysIdentPy": (sysidentpy, MAX_LAGS),
+    "ARX, simulated": (plain_arx, MAX_LAGS),
+}
+
+
+def best_of(run: Run, peer: Peer, orders: int, limit: float) -> Found:
+    """Seconds of the best order; its fits; and which it is."""
     rows = round(FITTED_SHARE * run.y.shape[1])
     best, begun = (np.nan, [-np.inf] * len(run.y), "no stable model"), time.perf_counter()
-    for order, about in itertools.product(range(1, MAX_ORDER + 1), (rows, IDLE)):
-        if time.perf_counter() - begun > PEER_LIMIT_S:
+    for order, about in itertools.product(range(1, orders + 1), (rows, IDLE)):
+        if time.perf_counter() - begun > limit:
             break
         centre, level = run.y[:, :about].mean(axis=1), run.u[:, :about].mean(axis=1)
         y, u = run.y - centre[:, None], run.u - level[:, None]
         started = time.perf_counter()
         with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            # Whatever a peer refuses is no candidate; a missing one is told by the caller.
             with contextlib.suppress(Exception):
-                found = system_identification(
-                    y[:, :rows], u[:, :rows], method, SS_fixed_order=order,
-                    SS_f=20, SS_p=20, SS_D_required=run.direct, tsample=run.period,
-                )  # fmt: skip
+                computed = peer(u, y[:, :rows], order, run.direct, run.period)
                 seconds = time.perf_counter() - started
-                computed = _state_space(found, u, y[:, :rows]) + centre[:, None]
-                fits = held_fits(run, computed, rows)
+                fits = held_fits(run, computed + centre[:, None], rows)
                 if np.mean(fits) > np.mean(best[1]):
                     best = seconds, fits, f"order {order}"
     return best
 
 
-def _state_space(model: object, u: Array, y: Array) -> Array:
+def _state_space(matrices: Sequence[object], u: Array, y: Array) -> Array:
     """Free run over all inputs from the state that fits the outputs best."""
-    A, B, C, D = (np.asarray(getattr(model, name), float) for name in "ABCD")
+    A, B, C, D = (np.asarray(each, float) for each in matrices)
     n, rows = len(A), u.shape[1]
     x, own, free = np.zeros(n), np.empty((len(C), rows)), np.empty((rows, len(C), n))
     power = np.eye(n)
@@ -116,16 +199,29 @@ def _state_space(model: object, u: Array, y: Array) -> Array:
     return own + (free @ found).T
 
 
-def processes(seed: int, repeats: int) -> None:
+def processes(seed: int, repeats: int, only: str, limit: float) -> None:
+    missing = [package for package in PACKAGES if importlib.util.find_spec(package) is None]
+    if missing:
+        print(f"no peers: {', '.join(missing)} not installed\n")
     print("| process | program | found | time s | held-out fit of each output % |")
     print("|---|---|---|---|---|")
     for name, plant in PLANTS.items():
+        if only not in name:
+            continue
         for k in range(repeats):
             run = plant(np.random.default_rng([seed, k]))
-            rows = [("subspace", ours(run, SubspacePlan())), ("network", ours(run, NetworkPlan()))]
-            with contextlib.suppress(ImportError):
-                rows += [(f"SIPPY {m}", sippy(run, m)) for m in ("N4SID", "CVA")]
-            for program, (seconds, fits, found) in rows:
+            plans = {"subspace": SubspacePlan(), "network": NetworkPlan(),
+                     "defaults (oe)": TransferPlan(structure=structure_of("oe"))}  # fmt: skip
+            if len(run.u) >= MANY_INPUTS:
+                del plans["defaults (oe)"]
+            programs: dict[str, Callable[[], Found]] = {
+                each: partial(ours, run, plan) for each, plan in plans.items()
+            }
+            if not missing:
+                programs |= {each: partial(best_of, run, *peer, limit)
+                             for each, peer in PEERS.items()}  # fmt: skip
+            for program, fitted in programs.items():
+                seconds, fits, found = fitted()
                 each = " ".join(f"{fit:.2f}" for fit in fits)
                 print(f"| {name} | {program} | {found} | {seconds:.2f} | {each} |", flush=True)
 
@@ -187,10 +283,12 @@ def main() -> None:
     parser.add_argument("what", choices=("processes", "coverage"), nargs="?", default="processes")
     parser.add_argument("--seed", type=int, default=int(time.time()))
     parser.add_argument("--repeat", type=int)
+    parser.add_argument("--only", default="", help="part of the name of a process")
+    parser.add_argument("--limit", type=float, default=PEER_LIMIT_S, help="seconds for a peer")
     given = parser.parse_args()
     print(f"seed {given.seed}\n")
     if given.what == "processes":
-        processes(given.seed, given.repeat or 1)
+        processes(given.seed, given.repeat or 1, given.only, given.limit)
     else:
         coverage(given.seed, given.repeat or 500)
 

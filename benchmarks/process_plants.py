@@ -184,6 +184,75 @@ def sixteen(rng: np.random.Generator, outputs: int = 2) -> Run:
     return Run(1.0, u, clean, _noisy(rng, clean, 0.1))
 
 
+def exchanger(rng: np.random.Generator) -> Run:
+    """A tube of 30 cells behind a wall: the flow of either side carries heat, and moves it faster.
+
+    Both heat transfer coefficients rise with their flow to the power of 0.8; the flows change by a
+    half about the working point, so far from linear. Outlet temperature of the cold side, each 1 s.
+    """
+    cells, rows = 30, 4000
+    u = 0.5 * _steps(rng, 2, rows, 20, 150)
+
+    def rates(x: Array, acting: Array) -> Array:
+        cold, wall, hot = x[:cells], x[cells : 2 * cells], x[2 * cells :]
+        flow, heating = 1 + acting
+        into_cold, into_wall = 0.25 * flow**0.8, 0.25 * heating**0.8
+        found = np.empty(3 * cells)
+        entering = np.concatenate([[20.0], cold[:-1]])
+        found[:cells] = 0.8 * flow * (entering - cold) + into_cold * (wall - cold)
+        found[cells : 2 * cells] = 0.1 * (into_cold * (cold - wall) + into_wall * (hot - wall))
+        entering = np.concatenate([hot[1:], [90.0]])
+        found[2 * cells :] = 0.8 * heating * (entering - hot) + into_wall * (wall - hot)
+        return found
+
+    start = np.full(3 * cells, 50.0)
+    settled = _integrated(rates, start, np.zeros((2, 600)), 1.0, 4)[-1]
+    clean = _integrated(rates, settled, u, 1.0, 4)[:, [cells - 1]].T
+    return Run(1.0, u, clean, _noisy(rng, clean, 0.05, 0.5))
+
+
+def boiler(rng: np.random.Generator) -> Run:
+    """A drum: fuel, feed water and steam valve drive pressure, steam flow and the water's level.
+
+    The level swells with the steam below it before it falls; the flow goes by valve and pressure.
+    A slow controller of the feed water, whose action is logged, holds the level. Each 2 s.
+    """
+    rows, period = 5000, 2.0
+    asked = np.array([0.15, 0.1, 0.12])[:, None] * _steps(rng, 3, rows, 30, 250)
+    u, x = asked.copy(), np.array([1.0, 1.0, 0.0, 0.0])
+    clean = np.empty((3, rows))
+    for k in range(rows):
+        clean[:, k] = x[0], (1 + asked[2, k]) * np.sqrt(x[0]), x[3] + 0.6 * x[2]
+        u[1, k] = asked[1, k] - 0.3 * (x[3] + 0.6 * x[2])
+        for _ in range(10):
+            steam = (1 + asked[2, k]) * np.sqrt(max(x[0], 1e-3))
+            rate = np.array([
+                (x[1] - steam - 0.1 * u[1, k]) / 80.0,
+                (1 + asked[0, k] - x[1]) / 15.0,
+                (steam - x[0] - x[2]) / 10.0,
+                (1 + u[1, k] - steam) / 100.0,
+            ])  # fmt: skip
+            x = x + period / 10 * rate
+    return Run(period, u, clean, _noisy(rng, clean, 0.05, 0.5))
+
+
+def static(rng: np.random.Generator) -> Run:
+    """Two outputs that follow three inputs at once, without any state."""
+    u = _steps(rng, 3, 3000, 5, 60)
+    clean = rng.standard_normal((2, 3)) @ u
+    return Run(1.0, u, clean, _noisy(rng, clean, 0.1), direct=True)
+
+
+def crane(rng: np.random.Generator) -> Run:
+    """A load on a rope behind a slow drive: one pair of two per cent damping and one lag."""
+    u = _steps(rng, 1, 3000, 40, 200)
+    omega = rng.uniform(0.3, 0.6)
+    A = np.array([[-0.02, 0, 0], [0, 0, 1], [omega**2, -(omega**2), -0.04 * omega]])
+    x = _linear(A, np.array([[0.02], [0], [0]]), u, 1.0)
+    clean = x[:, [1]].T
+    return Run(1.0, u, clean, _noisy(rng, clean, 0.1))
+
+
 PLANTS: dict[str, Callable[[np.random.Generator], Run]] = {
     "evaporator, 3 inputs, 3 outputs": evaporator,
     "furnace, 3 inputs, 6 outputs": furnace,
@@ -191,4 +260,8 @@ PLANTS: dict[str, Callable[[np.random.Generator], Run]] = {
     "plate, 2 inputs, 3 outputs": plate,
     "wall, 2 inputs, 2 outputs": wall,
     "16 inputs, 2 outputs": sixteen,
+    "exchanger (nonlinear), 2 inputs, 1 output": exchanger,
+    "boiler (nonlinear), 3 inputs, 3 outputs": boiler,
+    "static, 3 inputs, 2 outputs": static,
+    "crane, 1 input, 1 output": crane,
 }

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from thermaltool.units import Reference
 
 NETWORK, SUBSPACE, COMPONENTS = "network", "subspace", "components"
+# What missing readings of an output mean to the structures that do not simulate over them.
+REGRESSED = "a reading counts only where all those before it that the equation takes are there"
+PARTED = "they part the record, and each part begins in a state of its own"
+HOLES = {"arx": REGRESSED, "armax": REGRESSED, SUBSPACE: PARTED, COMPONENTS: PARTED}
 # What is fitted where nothing is said and the inputs do not say much the same.
 USUAL = "oe"
 Orders = tuple[int, int, int]
@@ -237,7 +241,6 @@ def identify(
                            **reading)  # fmt: skip
         part = log.between(start, stop)
         if structure != NETWORK:
-            _warn_holes(part, inputs, outputs, warn)
             _check_clock(part, (parts or [part])[0].period, warn)
         logs.append(log)
         parts.append(part)
@@ -246,6 +249,9 @@ def identify(
         own = parts[: len(logs)]
         many = plain and reduce is None and _say_the_same(own, inputs, outputs, split, warn)
         structure = COMPONENTS if many or reduce is not None else USUAL
+    if structure in HOLES:
+        for part in parts:
+            _warn_holes(part, inputs, outputs, structure, warn)
     search = SearchBudget(math.inf if budget is None else budget, progress)
     common: dict[str, Any] = {
         "initial": initial, "split": split, "span": (start, stop), "budget": search,
@@ -292,15 +298,16 @@ def _say_the_same(
     return True
 
 
-def _warn_holes(log: Log, inputs: Sequence[str], outputs: Sequence[str], warn: Notice) -> None:
-    """Say that missing readings of an output part the record."""
+def _warn_holes(
+    log: Log, inputs: Sequence[str], outputs: Sequence[str], structure: str, warn: Notice
+) -> None:
+    """Say what missing readings of an output cost where a structure does not simulate over them."""
     known = log.known(inputs)
     for name in outputs:
         if missing := int((known & ~log.known([name])).sum()):
             warn(
-                f"{log.name}: {name}: {missing} readings are missing: they part the record, and "
-                "each part begins in a state of its own; --structure network goes on through "
-                "holes, --nan-policy hold fills them"
+                f"{log.name}: {name}: {missing} readings are missing: {HOLES[structure]}; "
+                "--structure oe and network go on through holes"
             )
 
 

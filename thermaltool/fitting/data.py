@@ -334,7 +334,10 @@ class Split:
 
 
 def even_training_data(
-    logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
+    logs: Sequence[Record],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    parted: bool = False,
 ) -> TrainingData:
     """Outputs of several logs, each an experiment, on the even clock of the first.
 
@@ -342,6 +345,8 @@ def even_training_data(
     ----------
     logs : sequence of Record
     inputs, outputs : sequence of str
+    parted : bool
+        Whether a missing output parts a record, as a missing input does.
 
     Raises
     ------
@@ -349,10 +354,10 @@ def even_training_data(
         No row has them all.
     """
     period = logs[0].period
-    channels = (*inputs, *outputs)
-    records, used = _numbered(even_records(log, channels, period) for log in logs)
+    records, used = _numbered(even_records(log, inputs, outputs, period, parted) for log in logs)
     if not records:
-        raise FitError(f"{', '.join(channels)}: no row has a reading of them all")
+        named = ", ".join((*inputs, *outputs))
+        raise FitError(f"{named}: no row has a reading of all inputs and of an output")
     holds = tuple(map(hold_of, inputs))
     return TrainingData(records, tuple(inputs), tuple(outputs), period, holds, used)
 

@@ -36,19 +36,29 @@ def uneven_steps(log: Record, period: float) -> tuple[int, int]:
     return int(np.sum(np.abs(steps - period) > MAX_UNEVENNESS * period)), len(steps)
 
 
-def even_records(record: Record, channels: Sequence[str], period: float) -> Iterator[Record]:
-    """A log as records of these channels on an even clock: cut at pauses and at missing readings.
+def even_records(
+    record: Record,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    period: float,
+    parted: bool = False,
+) -> Iterator[Record]:
+    """A log as records on an even clock: cut at pauses and where an input is missing.
 
-    Where the steps are not all `period` a straight line between the readings is taken on the even
-    clock; a step above 1.5 periods parts the record.
+    Where an output alone is missing it is NaN, for what drives acts there, too; a record without
+    any reading of an output is none. Where the steps are not all `period` a straight line between
+    the readings is taken on the even clock; a step above 1.5 periods parts the record.
 
     Parameters
     ----------
     record : Record
-    channels : sequence of str
+    inputs, outputs : sequence of str
     period : float [s]
+    parted : bool
+        Whether a missing output parts the record, too.
     """
-    columns, known = record.matrix(channels), record.known(channels)
+    channels = (*inputs, *outputs)
+    columns, known = record.matrix(channels), record.known(channels if parted else inputs)
     for part in record.segments:
         rows = part.start + np.flatnonzero(known[part])
         if not len(rows):
@@ -62,5 +72,7 @@ def even_records(record: Record, channels: Sequence[str], period: float) -> Iter
                 clock = time[0] + period * np.arange(count, dtype=np.float64)
                 values = np.array([np.interp(clock, time, row) for row in values])
                 time = clock
+            if not np.isfinite(values[len(inputs) :]).any():
+                continue
             yield Record(time, dict(zip(channels, values, strict=True)), name=record.name,
                          origin=record.origin)  # fmt: skip

@@ -14,7 +14,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import freqz, lfilter
 
 from thermaltool.fitting.data import Array, Split, TrainingData
-from thermaltool.fitting.error_model import FREQUENCIES, ar_error_model, runs_of
+from thermaltool.fitting.error_model import FREQUENCIES, ar_error_model
 from thermaltool.fitting.output_model import OutputModel
 from thermaltool.signals.agreement import Agreement
 from thermaltool.signals.criteria import Criteria
@@ -199,9 +199,7 @@ def joint_covariances(
 
 def _colour(errors: Sequence[Array]) -> tuple[Array, float]:
     """AR polynomial of the errors of one output, and the variance of what drives them."""
-    runs = [run for error in errors for run in runs_of(error)]
-    found = ar_error_model(runs)
-    return found or (np.ones(1), float(np.mean(np.concatenate(runs) ** 2)))
+    return ar_error_model(errors) or (np.ones(1), float(np.nanmean(np.concatenate(errors) ** 2)))
 
 
 def with_absorbed(

@@ -25,7 +25,7 @@ from scipy.signal import lfilter
 from scipy.special import fdtrc
 
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.error_model import MAX_AR_ORDER, ROWS_PER_COEFFICIENT, runs_of
+from thermaltool.fitting.error_model import MAX_AR_ORDER, ROWS_PER_COEFFICIENT, known_runs
 from thermaltool.fitting.joint import with_absorbed
 from thermaltool.fitting.output_model import OutputModel
 from thermaltool.record import Record
@@ -300,8 +300,7 @@ def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], Erro
             decays[free.index(k)] = [_group_means(np.exp(-clock / tau), group) for tau in taus]
         whole = np.vstack([*first, offsets, *decays, *linear, *other.values()])
         edge = len(whole) - len(other)
-        known = np.where(np.isfinite(whole[0]), np.arange(whole.shape[1]), np.nan)
-        parts += [whole[:, rows.astype(np.intp)] for rows in runs_of(known)]
+        parts += [whole[:, run].copy() for run in known_runs(whole[0])]
     parts = [part for part in parts if part.shape[1] >= MIN_RUN]
     if not parts:
         return [], None

@@ -10,7 +10,7 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, Split, TrainingData
-from thermaltool.fitting.error_model import effective_share, runs_of
+from thermaltool.fitting.error_model import effective_share
 from thermaltool.fitting.search_budget import SearchBudget
 from thermaltool.signals.agreement import Agreement, agreement
 
@@ -205,10 +205,7 @@ def held_out_scores(
     variances = [np.maximum(np.nanmean(e**2, axis=1), 1e-300) for e in errors]
     levels = [float(np.mean(np.log(each))) for each in variances]
     ends = np.cumsum([len(record) for record in held.records])[:-1]
-    shares = [
-        effective_share([run for part in np.split(error, ends) for run in runs_of(part)])
-        for error in errors[int(np.argmin(levels))]
-    ]
+    shares = [effective_share(np.split(error, ends)) for error in errors[int(np.argmin(levels))]]
     rows = max(float(np.mean(shares)) * held.rows, 2.0)
     penalty = float(np.log(rows)) / rows
     return [level + count * penalty for level, count in zip(levels, parameters, strict=True)]

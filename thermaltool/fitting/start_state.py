@@ -30,12 +30,12 @@ class StartErrors:
     Attributes
     ----------
     mean_squares : sequence of float, one for each output [unit²]
-    runs : callable
-        Runs of the errors of every output.
+    records : callable
+        Errors of every output in each record; NaN where there is none.
     """
 
     mean_squares: Sequence[float]
-    runs: Callable[[], Sequence[Sequence[Array]]]
+    records: Callable[[], Sequence[Sequence[Array]]]
 
 
 def with_start(
@@ -79,17 +79,17 @@ def with_start(
     free = None if rest is None else errors_of(unknown)
     if rest is None or free is None:
         return unknown
-    for at_rest, at_free, runs in zip(rest.mean_squares, free.mean_squares, free.runs(),
-                                      strict=True):  # fmt: skip
-        if _clearly_better(at_rest, at_free, runs):
+    for at_rest, at_free, errors in zip(rest.mean_squares, free.mean_squares, free.records(),
+                                        strict=True):  # fmt: skip
+        if _clearly_better(at_rest, at_free, errors):
             return unknown
     return data.from_rest()
 
 
-def _clearly_better(rest: float, free: float, runs: Sequence[Array]) -> bool:
-    """Whether a free state lowers the mean square error enough; `runs` are its errors."""
+def _clearly_better(rest: float, free: float, errors: Sequence[Array]) -> bool:
+    """Whether a free state lowers the mean square error enough; `errors` are those it leaves."""
     ratio = rest / max(free, 1e-300)
-    rows = effective_share(runs) * sum(map(len, runs))
+    rows = effective_share(errors) * sum(int(np.isfinite(each).sum()) for each in errors)
     return ratio > MIN_FACTOR or rows * float(np.log(max(ratio, 1.0))) > MIN_EVIDENCE
 
 

@@ -20,6 +20,8 @@ P = TypeVar("P")
 
 # Directions of normal equations below this share of the largest, once scaled, are rounding.
 MIN_DIRECTION = 1e-13
+# A column below this size is rounding: its square has no inverse.
+MIN_SIZE = 1e-100
 # Damping, as a share of the diagonal: at first; after many good steps; where no step is left.
 FIRST_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-3, 1e-12, 1e8
 # Factor of the damping after a bad step; its inverse after a good one.
@@ -69,9 +71,9 @@ def inverse_of(information: Array) -> Array:
 
 
 def _sizes(matrix: Array) -> Array:
-    """Square roots of the diagonal, one where it is zero."""
+    """Square roots of the diagonal, one where it is zero or nearly so."""
     size = np.sqrt(np.abs(matrix.diagonal()))
-    size[~(size > 0)] = 1.0
+    size[~(size > MIN_SIZE)] = 1.0
     return np.asarray(size)
 
 

@@ -200,9 +200,19 @@ def test_parts_of_a_record():
 def test_an_uneven_clock_is_drawn_and_a_hole_parts():
     time = np.array([0.0, 1.0, 2.0, 3.3, 4.0, 9.0, 10.0])
     y = np.array([0.0, 1.0, 2.0, 3.3, 4.0, np.nan, 7.0])
-    parts = list(even_records(Record(time, {"u": time, "y": y}), ("u", "y"), 1.0))
-    assert [len(p) for p in parts] == [5, 1]
+    parts = list(even_records(Record(time, {"u": time, "y": y}), ("u",), ("y",), 1.0))
+    assert [len(p) for p in parts] == [5, 2]
     np.testing.assert_allclose(parts[0].column("y"), [0, 1, 2, 3, 4])
+    np.testing.assert_array_equal(parts[1].column("y"), [np.nan, 7.0])
+
+
+def test_a_missing_input_parts_and_no_line_is_drawn_over_a_missing_output():
+    time = np.array([0.0, 1.0, 2.0, 3.3, 4.0, 5.0, 6.0, 7.0])
+    u, y = time.copy(), time.copy()
+    u[6], y[3] = np.nan, np.nan
+    first, last = even_records(Record(time, {"u": u, "y": y}), ("u",), ("y",), 1.0)
+    np.testing.assert_array_equal(np.isnan(first.column("y")), [0, 0, 0, 1, 0, 0])
+    assert len(last) == 1
 
 
 GOOD = np.random.default_rng(1).standard_normal(200)

@@ -71,7 +71,7 @@ def test_noise_of_many_pieces_is_not_taken_for_smaller():
 def test_pieces_that_are_all_too_short_are_refused():
     u, y = plant(5)
     parts = [slice(a, a + 4) for a in range(0, 3000, 6)]
-    with pytest.raises(FitError, match="no run of more than 5 readings"):
+    with pytest.raises(FitError, match="no run of inputs with more than 3 readings"):
         fitted(pieces(u, y, *parts), "oe", (2,), 2, (1,))
 
 
@@ -129,7 +129,7 @@ def bursts(readings):
 
 
 def test_bursts_too_short_for_the_choice_of_orders_are_named():
-    with pytest.raises(FitError, match="no run of more than 6 readings without a gap"):
+    with pytest.raises(FitError, match="no run of inputs with more than 3 readings"):
         choose(bursts(3), OeStructure())
 
 
@@ -147,7 +147,7 @@ def test_logs_without_a_reading_are_no_experiments():
     data = even_training_data(logs, ["Q_a_W"], ["d_z_um"])
     assert [record.origin for record in data.records] == [0, 1]
     assert fitted(data, "oe", *ORDERS).offsets == pytest.approx((5.0, 50.0), abs=0.05)
-    with pytest.raises(FitError, match="Q_a_W, d_z_um: no row has a reading of them all"):
+    with pytest.raises(FitError, match="Q_a_W, d_z_um: no row has a reading of all inputs"):
         even_training_data([lost], ["Q_a_W"], ["d_z_um"])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,10 +12,11 @@ from thermaltool.fitting.components.choose import averaged, choices_of
 from thermaltool.fitting.components.model import ComponentOutput, output_of
 from thermaltool.fitting.components.problem import ComponentProblem
 from thermaltool.fitting.components.reduction import Reduction, moving_inputs
-from thermaltool.fitting.data import TrainingData
+from thermaltool.fitting.data import TrainingData, even_training_data
 from thermaltool.fitting.identification import Plan
 from thermaltool.fitting.selection import Candidate
 from thermaltool.fitting.start_state import MIN_EVIDENCE, idle_experiments
+from thermaltool.record import Record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +29,11 @@ class ComponentPlan(Plan):
     """
 
     reduction: Reduction = field(default_factory=Reduction)
+
+    def data_sets(
+        self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
+    ) -> list[TrainingData]:
+        return [even_training_data(logs, inputs, (each,), parted=True) for each in outputs]
 
     def start(self, data: TrainingData) -> TrainingData:
         if self.initial != "auto":

@@ -9,7 +9,6 @@ import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.error_model import runs_of
 from thermaltool.fitting.network.identify import MAX_MODES, identify_network
 from thermaltool.fitting.network.model import Network
 from thermaltool.fitting.network.problem import Delays, NetworkProblem
@@ -166,8 +165,8 @@ def undelayed_errors(data: TrainingData) -> StartErrors | None:
         return None
     found = _least_bic(problem)[1]
 
-    def runs() -> list[list[Array]]:
+    def records() -> list[list[Array]]:
         errors = list(problem.errors(found.time_constants, found.projected))
-        return [[run for o, _, e in errors if o == k for run in runs_of(e)] for k in outputs]
+        return [[e for o, _, e in errors if o == k] for k in outputs]
 
-    return StartErrors([f.loss / f.rows for f in found.projected], runs)
+    return StartErrors([f.loss / f.rows for f in found.projected], records)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.fitting.data import Array, TrainingData
-from thermaltool.fitting.error_model import runs_of
+from thermaltool.fitting.error_model import known_runs
 from thermaltool.fitting.joint import JointModel
 from thermaltool.fitting.network.problem import known_rows, mode_responses
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
@@ -153,9 +153,8 @@ class NetworkOutput(OutputModel):
                 record.column(self.target) - self.simulate(record),
                 record.matrix(self.names),
             )
-            for run in runs_of(np.where(np.isfinite(error), np.arange(len(error)), np.nan)):
-                rows = run.astype(np.intp)
-                yield error[rows], inputs[:, rows]
+            for run in known_runs(error):
+                yield error[run], inputs[:, run]
 
     def _from_rest(self, record: Record, levels: Array) -> Array:
         modes = mode_responses(

@@ -133,7 +133,7 @@ def start_errors(data: TrainingData) -> StartErrors | None:
         return None
     point = best[1]
 
-    def runs() -> list[list[Array]]:
+    def records() -> list[list[Array]]:
         return [[each[k] for each in point.errors] for k in range(len(data.outputs))]
 
-    return StartErrors((point.losses / point.rows).tolist(), runs)
+    return StartErrors((point.losses / point.rows).tolist(), records)

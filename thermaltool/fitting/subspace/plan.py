@@ -33,7 +33,7 @@ class SubspacePlan(Plan):
     def data_sets(
         self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
     ) -> list[TrainingData]:
-        return [even_training_data(logs, inputs, outputs)]
+        return [even_training_data(logs, inputs, outputs, parted=True)]
 
     def start(self, data: TrainingData) -> TrainingData:
         return with_start(data, self.initial, start_errors)

@@ -130,8 +130,8 @@ def _delays(data: TrainingData) -> list[tuple[int, ...]]:
             problem = Problem(data.about_levels(orders.first), orders)
             if not problem.used:
                 raise FitError(
-                    f"no run of more than {orders.shortest} readings without a gap, which the "
-                    "choice of orders needs: give --orders; --structure network takes holes"
+                    f"no run of inputs with more than {orders.shortest - orders.first} readings "
+                    "behind the delays, which the choice of orders needs: give --orders"
                 )
             F = search(problem).F
             for delay in range(low, longest + 1):

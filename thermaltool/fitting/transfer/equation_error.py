@@ -18,7 +18,7 @@ from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.polynomials import difference_basis, stabilized
-from thermaltool.fitting.transfer.structure import Structure, check_steady_state
+from thermaltool.fitting.transfer.structure import Structure, check_steady_state, one_step
 from thermaltool.record import Record
 from thermaltool.signals.gauss_newton import inverse_of, minimize, solve
 
@@ -95,16 +95,15 @@ class ArxStructure(Structure):
             converged=found.converged,
             rows=found.rows,
             loss=max(found.loss, 1e-300),
-            output_variance=float(np.var(data.output())),
+            output_variance=float(np.nanvar(data.output())),
         )
 
     def residual(self, model: TransferModel, record: Record) -> Array | None:
         if len(record) <= model.orders.shortest:
             return None
         error = record.column(model.target) - model.respond(record.matrix(model.names))
-        error = lfilter(model.F[0], [1.0], error - model.offsets[record.origin])
         first = model.orders.first + len(model.F[0]) - 1
-        return np.asarray(lfilter([1.0], model.C, error[first:]))
+        return one_step(error - model.offsets[record.origin], model.F[0], model.C, first)
 
     def residual_parameters(self, model: TransferModel) -> int:
         return super().residual_parameters(model) + len(model.F[0]) - 1
@@ -140,8 +139,20 @@ def _first(orders: Orders) -> int:
     return max(orders.first, orders.nf[0])
 
 
+def _counted(data: TrainingData, k: int, orders: Orders) -> NDArray[np.bool_]:
+    """Rows behind the first that have a reading, and those before that the equation takes."""
+    first, known = _first(orders), np.isfinite(data.y[k][0])
+    counts = known[first:].copy()
+    for lag in range(1, orders.nf[0] + 1):
+        counts &= known[first - lag : len(known) - lag]
+    return counts
+
+
 def _rows(data: TrainingData, k: int, orders: Orders) -> list[Array]:
-    """Columns of F and B in differences, and the constant, on the rows that count."""
+    """Columns of F and B in differences, and the constant, behind the first rows.
+
+    Zero where the row does not count.
+    """
     first = _first(orders)
     inputs, (y,) = data.u[k], data.y[k]
     n = len(y) - first
@@ -157,7 +168,8 @@ def _rows(data: TrainingData, k: int, orders: Orders) -> list[Array]:
                 u = np.diff(u)
             rows.append(u[first - nk - j : first - nk - j + n])
     rows.append(np.ones(n))
-    return rows
+    counts = _counted(data, k, orders)
+    return rows if counts.all() else [np.where(counts, row, 0.0) for row in rows]
 
 
 def _lags(e: Array, count: int) -> list[Array]:
@@ -181,7 +193,9 @@ def _linear(data: TrainingData, orders: Orders, nc: int, noise: list[Array] | No
         X = _rows(data, k, orders)
         if noise is not None:
             X += [lag[first:] for lag in _lags(noise[k], nc)]
-        Z, y, place = np.array(X), data.y[k][0, first:], _place(orders, nc, record.origin)
+        counts = _counted(data, k, orders)
+        Z, place = np.array(X)[:, counts], _place(orders, nc, record.origin)
+        y = data.y[k][0, first:][counts]
         gram[np.ix_(place, place)] += Z @ Z.T
         right[place] += Z @ y
         power += float(y @ y)
@@ -210,16 +224,17 @@ def _moved(r: Regression, orders: Orders, step: Array) -> Regression:
 
 
 def _errors(data: TrainingData, k: int, orders: Orders, r: Regression) -> Array:
-    """One-step errors e on every row, zero before the first that counts."""
+    """One-step errors e on every row, zero where none counts."""
     first = _first(orders)
     record, (y,) = data.records[k], data.y[k]
     if len(record) <= first:
         return np.zeros(len(record))
-    error = lfilter(r.F, [1.0], y) - r.constants[record.origin]
+    error = np.convolve(y, r.F)[: len(y)] - r.constants[record.origin]
     for u, b, nk in zip(data.u[k], r.numerators, orders.nk, strict=True):
         error = error - lfilter(np.concatenate([np.zeros(nk), b]), [1.0], u)
     result = np.zeros(len(record))
-    result[first:] = lfilter([1.0], r.C, error[first:])
+    counts = _counted(data, k, orders)
+    result[first:] = counts * lfilter([1.0], r.C, np.where(counts, error[first:], 0.0))
     return result
 
 
@@ -239,7 +254,8 @@ def _normal_equations(data: TrainingData, orders: Orders, r: Regression) -> tupl
         e = _errors(data, k, orders, r)
         rows = [lfilter([1.0], r.C, x) for x in _rows(data, k, orders)]
         rows += [lag[first:] for lag in _lags(lfilter([1.0], r.C, e), nc)]
-        Z, place = np.array(rows), _place(orders, nc, record.origin)
+        counts, place = _counted(data, k, orders), _place(orders, nc, record.origin)
+        Z = np.array(rows)[:, counts]
         gram[np.ix_(place, place)] += Z @ Z.T
-        score[place] += Z @ e[first:]
+        score[place] += Z @ e[first:][counts]
     return gram, score

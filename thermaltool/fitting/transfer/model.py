@@ -12,6 +12,7 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
 from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.error_model import known_runs
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.transfer.continuous_term import continuous_term
 from thermaltool.fitting.transfer.orders import Orders
@@ -138,8 +139,11 @@ class TransferModel(OutputModel):
     def residuals(self, data: TrainingData) -> Iterator[tuple[Array, Array]]:
         for record in data.records:
             error = self.structure.residual(self, record)
-            if error is not None:
-                yield error, record.matrix(self.names)
+            if error is None:
+                continue
+            inputs, count = record.matrix(self.names), len(record) - len(error)
+            for run in known_runs(error):
+                yield error[run], inputs[:, : count + run.stop]
 
     def term(self, k: int) -> ContinuousTerm:
         return continuous_term(self, k, hold_of(self.names[k]))

@@ -79,7 +79,7 @@ def search_fields(
         "converged": found.converged,
         "rows": problem.rows,
         "loss": max(slopes.loss, 1e-300),
-        "output_variance": float(np.var(data.output())),
+        "output_variance": float(np.nanvar(data.output())),
     }
 
 
@@ -109,7 +109,8 @@ def _score_covariance(problem: Problem, found: SearchResult, gram: Array, sigma2
         return gram * sigma2
     ar, variance = model
     result = np.zeros_like(gram)
-    for place, rows, _ in problem.instruments(found.F, here):
+    for k, (place, rows, _) in zip(problem.used, problem.instruments(found.F, here), strict=True):
+        rows = problem.white(rows, k)
         shared, free = rows[: len(place)], rows[len(place) :]
         shared = shared - (free @ shared.T).T @ solve(free @ free.T, free)
         Z = lfilter([1.0], ar, shared[:, ::-1])

@@ -99,18 +99,31 @@ class Problem:
 
     @cached_property
     def rows(self) -> int:
-        """Rows that count."""
-        return sum(len(self.data.records[k]) - self.orders.first for k in self.used)
+        """Readings that count."""
+        return sum(int(self._counted[k].sum()) for k in self.used)
 
     @cached_property
     def used(self) -> list[int]:
-        """Which records are long enough to say anything."""
-        least = self.orders.shortest
-        return [k for k, record in enumerate(self.data.records) if len(record) > least]
+        """Which records have readings enough to say anything."""
+        least = self.orders.shortest - self.orders.first
+        known = (np.isfinite(self.output(k)).sum() for k in range(len(self.data.records)))
+        return [k for k, readings in enumerate(known) if readings > least]
 
     def output(self, k: int) -> Array:
-        """Output of record k on the rows that count."""
+        """Output of record k behind the rows that its start takes; NaN where it is missing."""
         return self.data.y[k][0, self.orders.first :]
+
+    @cached_property
+    def _counted(self) -> tuple[NDArray[np.bool_], ...]:
+        """Rows of each record whose reading counts: whitened, with all that the filter takes."""
+        found = []
+        for k in range(len(self.data.records)):
+            known = np.isfinite(self.output(k))
+            counts = known.copy()
+            for lag in range(1, 1 if self.whitening is None else len(self.whitening[0])):
+                counts[lag:] &= known[:-lag]
+            found.append(counts)
+        return tuple(found)
 
     @cached_property
     def shared_count(self) -> int:
@@ -197,16 +210,29 @@ class Problem:
             self._follow(x, f, out[at : at + len(f) - 1])
             at += len(f) - 1
 
-    def white(self, rows: Array) -> Array:
-        return rows if self.whitening is None else lfilter(*self.whitening, rows)
+    def white(self, rows: Array, k: int) -> Array:
+        """Rows of record k as they count: whitened, and zero where the output is missing.
+
+        The noise model begins anew behind a hole: what it takes of the rows there is not known.
+        """
+        counts = self._counted[k]
+        if not counts.all():
+            rows = np.where(np.isfinite(self.output(k)), rows, 0.0)
+        if self.whitening is None:
+            return rows
+        D, C = self.whitening
+        if counts.all():
+            return np.asarray(lfilter(D, C, rows))
+        innovations = np.where(counts, lfilter(D, [1.0], rows), 0.0)
+        return np.where(counts, lfilter([1.0], C, innovations), 0.0)
 
     def project(self, F: Sequence[Array], keep: bool = True) -> Projection:
         """Numerators, offsets and free responses by least squares."""
         n, searched = self.shared_count, sum(self.orders.nf)
         gram, right, power, kept, parts = np.zeros((n, n)), np.zeros(n), 0.0, [], []
         for k in self.used:
-            columns, y = self._columns(k, F), self.white(self.output(k))
-            rows, place = self.white(columns[searched:]), self.place(k)
+            columns, y = self._columns(k, F), self.white(self.output(k), k)
+            rows, place = self.white(columns[searched:], k), self.place(k)
             own, with_output, count = rows @ rows.T, rows @ y, len(place)
             inner = solve(own[count:, count:], np.column_stack([own[count:, :count],
                                                                 with_output[count:]]))  # fmt: skip
@@ -227,9 +253,9 @@ class Problem:
         size = searched + self.shared_count
         gram, cross = np.zeros((size, size)), np.zeros((size, searched))
         score, loss = np.zeros(size), 0.0
-        for place, Z, error in self.instruments(F, here):
-            e, n = self.white(error), len(place)
-            own = self.white(Z)
+        for k, (place, Z, error) in zip(self.used, self.instruments(F, here), strict=True):
+            e, n = self.white(error, k), len(place)
+            own = self.white(Z, k)
             products, with_error = own @ own.T, own @ e
             inner = solve(products[n:, n:], products[n:, :n])
             gram[np.ix_(place, place)] += products[:n, :n] - products[:n, n:] @ inner
@@ -237,8 +263,9 @@ class Problem:
             loss += float(e @ e)
             if mixed:
                 carried = np.empty((searched, len(error)))
-                self.denominators([error] * len(F), F, carried)
-                through = own @ self.white(carried).T
+                # A missing reading is taken to be what the model has: the steps end at the same.
+                self.denominators([np.nan_to_num(error)] * len(F), F, carried)
+                through = own @ self.white(carried, k).T
                 cross[place] += through[:n] - inner.T @ through[n:]
         whole = gram.copy()
         whole[:, :searched] += cross
@@ -247,7 +274,7 @@ class Problem:
     def instruments(
         self, F: Sequence[Array], here: Projection
     ) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
-        """For each used record: places of its shared columns, all its columns, the error.
+        """For each used record: places of its shared columns, its columns, the error or NaN.
 
         The columns that are not shared, those of its free responses, come last.
         """
@@ -258,7 +285,10 @@ class Problem:
             yield place, rows, error
 
     def errors(self, here: Projection) -> Iterator[tuple[Array, list[Array]]]:
-        """For each used record: its error, and the response of each group without the offset."""
+        """For each used record: its error, and the response of each group without the offset.
+
+        The error is NaN where the output is missing.
+        """
         o, searched = self.orders, sum(self.orders.nf)
         edges = np.cumsum([0, *o.nb])
         for k, columns, free_weights in zip(self.used, here.rows, here.free, strict=True):

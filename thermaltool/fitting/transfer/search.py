@@ -158,7 +158,7 @@ def refine(
     """
     here = problem.project(F)
     best, best_step = SearchResult(F, here, REFINED), 0
-    power = sum(float(y @ y) for y in (problem.data.y[k][0] for k in problem.used))
+    power = sum(float(np.nansum(problem.data.y[k][0] ** 2)) for k in problem.used)
     floor = MIN_RELATIVE_LOSS * power
     for k in range(1, steps + 1):
         slopes = problem.slopes(F, here)

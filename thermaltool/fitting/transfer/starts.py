@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from thermaltool.fitting.data import Array
 from thermaltool.fitting.transfer.output_error import Problem
-from thermaltool.signals.gauss_newton import MIN_DIRECTION
+from thermaltool.signals.gauss_newton import MIN_DIRECTION, MIN_SIZE
 
 Index = NDArray[np.intp]
 # Fastest time constant of the grid [samples], and how many there are on it at most.
@@ -77,7 +77,7 @@ class Grid:
         for j, y, rows, turn, local, free in zip(
             self.problem.used, outputs, self.rows, self.turns, self.locals, self.frees, strict=True
         ):
-            seen = self.problem.white(y)
+            seen = self.problem.white(y, j)
             right = turn @ (rows @ seen)
             rights[:, self.problem.place(j)] += np.einsum("kij,kj->ki", local, right)
             own = right[:, local.shape[1] :]
@@ -97,7 +97,7 @@ def grid(problem: Problem, around: Array | None = None) -> Grid:
         Time constants: only one of them at a time takes values of the grid, the others stand.
     """
     lags, chosen = _pairs(problem) if around is None else _beside(problem, around)
-    rows = tuple(problem.white(_rows(problem, k, lags)) for k in problem.used)
+    rows = tuple(problem.white(_rows(problem, k, lags), k) for k in problem.used)
     at_rest = [problem.data.records[k].at_rest for k in problem.used]
     kinds = {rest: _turns(problem, lags, chosen, rest) for rest in set(at_rest)}
     turns = tuple(kinds[rest] for rest in at_rest)
@@ -192,6 +192,7 @@ def _inverses(grams: Array) -> Array:
     if not grams.shape[-1]:
         return grams
     size = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), 0.0))
-    size = np.where(size > 0, size, 1.0)
+    # What a start inside a long hole leaves behind it is gone: no direction, not one to be scaled.
+    size = np.where(size > MIN_SIZE, size, 1.0)
     scale = size[:, :, None] * size[:, None, :]
     return np.asarray(np.linalg.pinv(grams / scale, rcond=MIN_DIRECTION, hermitian=True) / scale)

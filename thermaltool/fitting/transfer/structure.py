@@ -136,7 +136,7 @@ class Structure(ABC):
             return None
         error = record.column(model.target) - model.simulate(record)
         first = 0 if record.at_rest else orders.first
-        return np.asarray(lfilter(model.D, model.C, error[first:]))
+        return one_step(error[first:], model.D, model.C)
 
     def residual_parameters(self, model: TransferModel) -> int:
         """Parameters that were fitted to the course of the residual."""
@@ -153,6 +153,28 @@ class Structure(ABC):
         for name, b, nk in zip(model.names, model.B, model.orders.nk, strict=True):
             labels += [f"b{nk + j}" + (f"[{name}]" if several else "") for j in range(len(b))]
         return labels
+
+
+def one_step(error: Array, D: Array, C: Array, first: int = 0) -> Array:
+    """Errors through D/C; NaN where a reading that D takes is missing.
+
+    Behind a hole C goes on as if there had been no innovation.
+
+    Parameters
+    ----------
+    error : ndarray, shape (n,)
+        NaN where the reading is missing.
+    D, C : ndarray
+        Polynomials, leading 1 included.
+    first : int
+        Rows that are left out at the start.
+
+    Returns
+    -------
+    ndarray, shape (n - first,)
+    """
+    filtered = np.convolve(error, D)[first : len(error)]
+    return np.where(np.isfinite(filtered), lfilter([1.0], C, np.nan_to_num(filtered)), np.nan)
 
 
 def real_poles(model: TransferModel) -> bool:
@@ -177,8 +199,9 @@ def check_orders(data: TrainingData, orders: Orders) -> None:
     problem = Problem(data.about_levels(orders.first), orders)
     if {data.records[k].origin for k in problem.used} != set(range(data.experiments)):
         raise FitError(
-            f"{data.outputs[0]}: a log has no run of more than {orders.shortest} readings without "
-            "a gap, which these orders need: take lower ones; --structure network takes holes"
+            f"{data.outputs[0]}: a log has no run of inputs with more than "
+            f"{orders.shortest - orders.first} readings behind the delays, which these orders "
+            "need: take lower ones"
         )
     need = problem.linear_count + sum(orders.nf)
     # What is known from before the record is no row of it.
@@ -206,7 +229,7 @@ def second_order_errors(data: TrainingData) -> StartErrors | None:
         return None
     found = search(problem)
 
-    def runs() -> list[list[Array]]:
+    def records() -> list[list[Array]]:
         return [[error for error, _ in problem.errors(problem.project(found.F))]]
 
-    return StartErrors([found.loss / problem.rows], runs)
+    return StartErrors([found.loss / problem.rows], records)

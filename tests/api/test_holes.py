@@ -1,0 +1,85 @@
+"""Readings that are missing from an output, here and there or for long, leave a record whole."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.signal import lfilter
+
+import thermaltool as tt
+from thermaltool.fitting.error_model import ar_error_model
+
+pytestmark = pytest.mark.filterwarnings("ignore::thermaltool.errors.ThermalToolWarning")
+GAIN, ROWS = 6.0, 1200
+
+
+def log_of(rng, missing, noise=0.05):
+    """Two lags in a row by Euler's rule, noise as a share, and the output without it."""
+    power = np.repeat(rng.uniform(0, 1, ROWS // 20), 20)
+    power[:20] = 0.0
+    state, clean = np.zeros(2), np.empty(ROWS)
+    for k, p in enumerate(power):
+        clean[k] = state[1]
+        for _ in range(20):
+            rate = np.array([(GAIN * p - state[0]) / 30.0, (state[0] - state[1]) / 6.0])
+            state = state + rate / 20
+    y = clean + noise * clean.std() * rng.standard_normal(ROWS)
+    y[missing] = np.nan
+    return pd.DataFrame({"time_s": np.arange(ROWS), "Q_main_W": power, "dT_y_K": y}), clean
+
+
+def scattered(rng):
+    return rng.uniform(size=ROWS) < 0.3
+
+
+def outage(rng):
+    return slice(400, 700)
+
+
+@pytest.mark.parametrize("holes", [scattered, outage])
+@pytest.mark.parametrize("structure", ["oe", "bj", "arx", "armax"])
+def test_the_gain_is_found_over_holes(holes, structure):
+    rng = np.random.default_rng()
+    # Errors of the output are none of the equation, and bias what is found by it.
+    log, clean = log_of(rng, holes(rng), 0.05 if structure in ("oe", "bj") else 1e-5)
+    found = tt.identify(log, ["Q_main_W"], ["dT_y_K"], structure=structure, orders=[(2, 2, 1)],
+                        nan_policy="omit")  # fmt: skip
+    run = tt.simulate(found.model, log.assign(dT_y_K=clean))
+    assert found.model.terms[0].response.dc_gain() == pytest.approx(GAIN, rel=0.1)
+    assert run.agreements["dT_y_K"].fit_percent > 97
+
+
+def test_orders_are_chosen_over_holes():
+    rng = np.random.default_rng()
+    log, clean = log_of(rng, scattered(rng))
+    found = tt.identify(log, ["Q_main_W"], ["dT_y_K"], structure="oe", nan_policy="omit")
+    run = tt.simulate(found.model, log.assign(dT_y_K=clean))
+    assert run.agreements["dT_y_K"].fit_percent > 97
+
+
+def test_one_reading_in_ten_is_enough():
+    rng = np.random.default_rng()
+    log, _ = log_of(rng, np.arange(ROWS) % 10 > 0)
+    found = tt.identify(log, ["Q_main_W"], ["dT_y_K"], structure="oe", orders=[(1, 1, 1)],
+                        nan_policy="omit")  # fmt: skip
+    assert found.fits[0].model.rows == pytest.approx(ROWS / 10, abs=2)
+    assert found.model.terms[0].response.dc_gain() == pytest.approx(GAIN, rel=0.15)
+
+
+def test_the_colour_of_errors_is_seen_through_holes():
+    rng = np.random.default_rng()
+    errors = lfilter([1.0], [1.0, -0.8], rng.standard_normal(4000))
+    errors[rng.uniform(size=4000) < 0.4] = np.nan
+    ar, variance = ar_error_model([errors])
+    assert ar[1] == pytest.approx(-0.8, abs=0.15)
+    assert variance == pytest.approx(1.0, rel=0.3)
+
+
+@pytest.mark.parametrize(("structure", "said"), [("oe", False), ("arx", True), ("subspace", True)])
+def test_what_holes_cost_is_said_where_they_do(structure, said):
+    rng = np.random.default_rng()
+    log, _ = log_of(rng, outage(rng))
+    form = {"modes": 2} if structure == "subspace" else {"orders": [(2, 2, 1)]}
+    messages: list[str] = []
+    tt.identify(log, ["Q_main_W"], ["dT_y_K"], structure=structure, nan_policy="omit",
+                warn=messages.append, **form)  # fmt: skip
+    assert any("300 readings are missing" in each for each in messages) == said
