@@ -103,7 +103,8 @@ def component_table(fits: Sequence[Fit]) -> str:
         m, taus = len(model.names), model.time_constants
         lags = ", ".join(f"{tau:.4g}" for tau in taus)
         parts.append(
-            f"{model.target}: {m} inputs, directly and through lags of {lags} s; {model.method} "
+            f"{model.target}: {m} input{'s' * (m > 1)}, directly and through lags of {lags} s; "
+            f"{model.method} "
             f"over {len(model.choices)} choices; {model.freedom:.1f} of {model.weights.size} "
             f"weights are free; {model.rows} rows at {model.dt:g} s"
         )

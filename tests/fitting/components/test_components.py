@@ -77,6 +77,23 @@ def test_loadings_of_least_squares_are_orthogonal_and_lead_with_the_output():
     assert np.argmax(np.abs(found[:, 0])) == 2
 
 
+def test_inputs_of_one_unit_have_one_scale():
+    """A sensor that hardly moves has no component of its own; another unit is no part of it."""
+    rng = np.random.default_rng(11)
+    columns = rng.standard_normal((3, 4000)) * np.array([[4.0], [0.1], [900.0]])
+    loadings = Reduction("pca").loadings(columns, columns[0], ["degC", "degC", "rpm"])
+    scores = np.sqrt(np.mean((loadings.T @ columns) ** 2, axis=1))
+    assert scores == pytest.approx([2**0.5, 1.0, 2**0.5 * 0.1 / 4], rel=0.05)
+
+
+def test_no_more_weights_are_free_than_there_are(log):
+    """Decays of an unknown start are none of them."""
+    logs = [log.rows(slice(start, start + 300)) for start in range(0, 1500, 300)]
+    data = even_training_data(logs, NAMES[:1], ["d_z_um"])
+    (model,), _ = ComponentPlan(initial="free").fit(data)
+    assert 0 < model.freedom <= model.weights.size
+
+
 def test_document_runs_as_the_model(log):
     (fit,) = identify([log], NAMES, ["d_z_um"], ComponentPlan(initial="rest", split=0.6))
     whole = model_document([fit], None, {})

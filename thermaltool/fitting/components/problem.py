@@ -23,7 +23,7 @@ from thermaltool.fitting.components.reduction import Reduction
 from thermaltool.fitting.data import Array, Split, TrainingData
 from thermaltool.fitting.network.problem import mode_responses
 from thermaltool.signals.start_level import start_level
-from thermaltool.units import is_displacement
+from thermaltool.units import is_displacement, parse_channel
 
 # Averages that stand for the records at least and at most, and rows of each between.
 AVERAGES, AVERAGED_ROWS = (200, 2000), 20
@@ -206,7 +206,8 @@ class ComponentProblem:
         columns, output = (
             self._about_means(x, fitted)[..., fitted] for x in (self.inputs[0], self.output)
         )
-        loadings = self.reduction.loadings(columns, output)
+        units = [parse_channel(name).unit for name in self.data.inputs]
+        loadings = self.reduction.loadings(columns, output, units)
         found = []
         whitened: _Whitened | None = None
         for choice in choices:
@@ -272,7 +273,7 @@ class ComponentProblem:
             linear[split:],
             np.zeros(self.data.experiments),
             deviation @ deviation.T,
-            float(np.sum(values / spread)),
+            float(np.sum(vectors[:split] ** 2 * (values / spread))),
         )
         errors, offsets = self.errors(found), found.offsets
         for e in np.unique(self.origin[fitted]):

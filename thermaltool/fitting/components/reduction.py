@@ -1,13 +1,13 @@
 """Directions in which many inputs move together: principal components, partial least squares.
 
-Inputs are scaled to a standard deviation of one. Of principal components the first k carry the most
-of their variance (Jolliffe 2002); of partial least squares the most of their covariance with the
-output (Wold, Sjöström, Eriksson 2001).
+Inputs of one unit have one scale, so that a ridge holds their weights down alike. Of principal
+components the first k carry the most of their variance (Jolliffe 2002); of partial least squares
+the most of their covariance with the output (Wold, Sjöström, Eriksson 2001).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -62,20 +62,29 @@ class Reduction:
             )
         return (self.components,)
 
-    def loadings(self, columns: Array, output: Array) -> Array:
+    def loadings(self, columns: Array, output: Array, units: Sequence[str] = ()) -> Array:
         """All components by inputs: ``loadings.T @ columns`` are the scores, the first first.
+
+        A sensor that hardly moves would have a large weight if it were scaled by itself, and errs
+        by it where it moves more than in the fit.
 
         Parameters
         ----------
         columns : ndarray, shape (m, n)
             About their means.
         output : ndarray, shape (n,)
+        units : sequence of str, one for each input
+            Those of one unit are scaled together; without any each by itself.
 
         Returns
         -------
         ndarray, shape (m, m)
         """
-        scale = np.sqrt(np.mean(columns**2, axis=1))
+        power = np.mean(columns**2, axis=1)
+        if units:
+            places = np.unique(np.array(units), return_inverse=True)[1]
+            power = (np.bincount(places, power) / np.bincount(places))[places]
+        scale = np.sqrt(power)
         scale = np.where(scale > 0, scale, 1.0)
         unit = columns / scale[:, None]
         own = METHODS[self.method](unit, output)
