@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -35,11 +36,34 @@ class Clock:
 
 @dataclass(frozen=True)
 class Rename:
-    """``name = scale * value + offset``"""
+    """``name = scale * value + offset``
+
+    A value that is among `missing`, or outside `valid`, as it stands in the log, is none.
+    """
 
     name: str
     scale: float = 1.0
     offset: float = 0.0
+    valid: tuple[float, float] = (-math.inf, math.inf)
+    missing: tuple[float, ...] = ()
+
+    def of(self, values: Array) -> Array:
+        """The channel, shape (n,), in the unit of its name; NaN where there is no value.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            As they stand in the log.
+        """
+        if self.missing or self.valid != (-math.inf, math.inf):
+            bad = (
+                np.isin(values, self.missing) | (values < self.valid[0]) | (values > self.valid[1])
+            )
+            values = np.where(bad, np.nan, values)
+        if self.scale == 1.0 and self.offset == 0.0:
+            return values
+        with np.errstate(over="ignore"):  # what overflows is refused with what is too large
+            return np.asarray(self.scale * values + self.offset)
 
 
 @dataclass(frozen=True)
@@ -180,13 +204,29 @@ def _rename(name: str, entry: Any) -> Rename | None:
         return Rename(parse_channel(entry).name)
     if not isinstance(entry, dict):
         raise _MapError(f"columns.{name} must be a name, a table with a name, or false")
-    _keys(f"columns.{name}", entry, ("name", "scale", "offset"))
-    target = parse_channel(_typed(f"columns.{name}.name", entry.get("name"), str)).name
+    _keys(f"columns.{name}", entry, ("name", "scale", "offset", "valid", "missing"))
+    # A column with limits alone keeps its name.
+    own = entry.get("name", name if {"valid", "missing"} & set(entry) else None)
+    target = parse_channel(_typed(f"columns.{name}.name", own, str)).name
     scale, offset = (
         _number(f"columns.{name}.{key}", entry.get(key, default))
         for key, default in (("scale", 1.0), ("offset", 0.0))
     )
-    return Rename(target, scale, offset)
+    missing = _numbers(f"columns.{name}.missing", entry.get("missing", []))
+    return Rename(target, scale, offset, _valid(f"columns.{name}.valid", entry), missing)
+
+
+def _valid(place: str, entry: Mapping[str, Any]) -> tuple[float, float]:
+    if "valid" not in entry:
+        return -math.inf, math.inf
+    ends = _numbers(place, entry["valid"])
+    if len(ends) != 2 or ends[0] > ends[1]:
+        raise _MapError(f"{place} is [lowest, highest]")
+    return ends[0], ends[1]
+
+
+def _numbers(place: str, value: Any) -> tuple[float, ...]:
+    return tuple(_number(place, each) for each in _typed(place, value, list))
 
 
 def _angle(name: str, entry: Any) -> Angle:

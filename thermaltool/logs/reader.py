@@ -120,7 +120,7 @@ def read_log(
         name=name,
         time=time,
         columns={
-            rename.name: _scaled(cast(Array, cells.values[i]), rename)
+            rename.name: rename.of(cast(Array, cells.values[i]))
             for i, rename in plan.renames.items()
         },
         digest=digest,
@@ -293,13 +293,6 @@ def _beyond_microseconds(stamp: str) -> float:
     """What a stamp says beyond the sixth decimal of its seconds, which `datetime` drops [s]."""
     found = BEYOND_MICROSECONDS.search(stamp)
     return 0.0 if found is None else float(f"0.000000{found[1]}")
-
-
-def _scaled(values: Array, rename: Rename) -> Array:
-    if rename.scale == 1.0 and rename.offset == 0.0:
-        return values
-    with np.errstate(over="ignore"):  # what overflows is refused with what is too large
-        return rename.scale * values + rename.offset
 
 
 def _with_angles(log: Log, mapping: ColumnMap) -> Log:
