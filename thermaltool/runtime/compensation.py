@@ -196,8 +196,7 @@ def heater_power(
     lead = LEAD_PERIODS * period if lead is None else lead
     stabilizer = Stabilizer(model, heater, target, limits, lead)
     inputs = tuple(
-        InputColumn(d.channel, d.reference, d.range, False, d.hold == "zero")
-        for d in stabilizer.read
+        InputColumn(d.channel, d.zero, d.range, False, d.hold == "zero") for d in stabilizer.read
     )
     setpoint = settings.setpoint(limits)
     known = {"plausible_change": plausible_changes(model, {}, (), period)}
@@ -276,7 +275,7 @@ def _sensors(
             frozen_after=math.inf if each.commanded else settings.frozen_after,
             report=report,
             back=each.to_true,
-            at_rest=each.sensor,
+            at_rest=each.tells_rest,
             reach=reach_of({} if each.commanded else known, each.column),
             frozen=_frozen_check(each, settings, design or {}),
             consequence="lost" if several else "safe setpoint",
