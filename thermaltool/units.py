@@ -158,6 +158,39 @@ def converted(value: float, unit: str, to: str) -> float | None:
     return value * factor / divisor
 
 
+def amount_in(amount: float | str, unit: str) -> float:
+    """An amount in a unit: a number counts in it, a text may have a unit of its own (``0.5um``).
+
+    Parameters
+    ----------
+    amount : float or str
+    unit : str
+
+    Raises
+    ------
+    UnitError
+        No amount, or of another quantity.
+    """
+    if not isinstance(amount, str):
+        return amount
+    value, own = parse_quantity(amount)
+    found = value if own is None else converted(value, own, unit)
+    if found is None:
+        raise UnitError(f"{amount}: not a quantity of {symbol(unit)}")
+    return found
+
+
+def small_unit(channel: str) -> str:
+    """The unit in which small moves of a channel are told: um, urad, else its own.
+
+    Parameters
+    ----------
+    channel : str
+    """
+    own = parse_channel(channel)
+    return {"length": "um", "angle": "urad"}.get(own.dimension, own.unit)
+
+
 def hold_of(channel: str) -> Hold:
     """How a channel goes on between samples, by its quantity."""
     return "first" if parse_channel(channel).dimension in _CONTINUOUS else "zero"

@@ -57,3 +57,33 @@ def test_identify_keeps_where_its_log_began():
     found = tt.identify(frame, inputs=["T_motor_degC"], outputs=["d_z_um"], orders=[(2, 2, 1)])
     (drive,) = found.model.drives
     assert drive.rest == pytest.approx(23.0, abs=0.01)
+
+
+@pytest.fixture(scope="module")
+def model_in_mm():
+    time = PERIOD * np.arange(900)
+    motor = REST + 20 * np.where(time > 300, 1 - np.exp(-(time - 300) / 900), 0.0)
+    rows = {"time_s": time, "T_motor_degC": motor, "d_z_mm": deflections(motor) / 1e3}
+    kinds = {"d_z_mm": "rational2"}
+    data = pd.DataFrame(rows)
+    return tt.regularize(tt.calibrate(data, ["T_motor_degC"], deflections=["d_z_mm"], kinds=kinds))
+
+
+def test_a_deflection_in_mm_is_stepped_and_slewed_in_um(model_in_mm):
+    frame = pd.DataFrame({"time_s": np.arange(30.0), "T_motor_degC": 40.0})
+    stream = tt.Compensator(model_in_mm, initial="settled", max_gap=1.0, period=1.0)
+    moves = stream.run(frame)["offset_z_mm"].to_numpy()
+    assert moves[-1] == pytest.approx(-0.033, abs=0.0005)
+    assert np.abs(moves / 0.0005 - np.round(moves / 0.0005)).max() < 1e-6
+    assert np.abs(np.diff(moves)).max() <= 0.010 + 1.25 * 0.0005
+    coarse = {"step": "2um", "slew": "1mm/s", "max_gap": 1.0, "period": 1.0}
+    other = tt.Compensator(model_in_mm, initial="settled", **coarse)
+    assert other.run(frame)["offset_z_mm"].iloc[2] == pytest.approx(-0.034, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("step", "fault"), [(0.5, "has moved by 0.0"), ("0.5mm", "--step 0.5um"), ("2K", "quantity")]
+)
+def test_a_step_beyond_the_calibration_is_refused(model_in_mm, step, fault):
+    with pytest.raises(ValueError, match=fault):
+        tt.Compensator(model_in_mm, step=step)
