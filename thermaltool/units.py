@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Literal
 
 from thermaltool.errors import UnitError
@@ -114,7 +113,11 @@ def parse_channel(name: str) -> Channel:
     """
     head, _, unit = name.rpartition("_")
     if not head or unit not in UNITS:
-        near = get_close_matches(unit, UNITS, n=1, cutoff=0.5) if head else []
+        # Another spelling of the same unit; a near name of another one (degF, degC) misleads.
+        spelt = {each.casefold(): each for each in (*UNITS, *_SYMBOLS.values())}
+        own = {shown: name for name, shown in _SYMBOLS.items()}
+        found = spelt.get(unit.casefold()) if head else None
+        near = [own.get(found, found)] if found else []
         hint = f" (did you mean {head}_{near[0]}?)" if near else ""
         raise UnitError(
             f"{name}: unknown unit {unit!r}{hint}; a name is <quantity>_<place>_<unit> with one of "

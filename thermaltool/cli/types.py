@@ -167,6 +167,8 @@ class AmountType(Parsed):
         from thermaltool.errors import UnitError
         from thermaltool.units import parse_quantity
 
+        if text.strip().lower().lstrip("+-") in ("nan", "inf", "infinity"):
+            raise ValueRefusedError(" is not a finite number")
         try:
             value, _ = parse_quantity(text.removesuffix("/s") if self.above else text)
         except UnitError as error:
