@@ -53,7 +53,16 @@ def test_an_unknown_unit_is_told_with_the_list(name: str) -> None:
 
 def test_the_near_unit_is_named() -> None:
     with pytest.raises(UnitError, match="did you mean T_a_degC"):
-        parse_channel("T_a_degF")
+        parse_channel("T_a_degc")
+    with pytest.raises(UnitError, match="did you mean d_z_um"):
+        parse_channel("d_z_µm")
+
+
+@pytest.mark.parametrize("name", ["T_a_degF", "Q_m_hW", "d_z_cm"])
+def test_no_other_unit_is_suggested(name: str) -> None:
+    with pytest.raises(UnitError) as caught:
+        parse_channel(name)
+    assert "did you mean" not in str(caught.value)
 
 
 def test_absolute_and_difference_temperatures_are_not_mixed() -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Literal
 
 from thermaltool.errors import UnitError
@@ -114,7 +113,11 @@ def parse_channel(name: str) -> Channel:
     """
     head, _, unit = name.rpartition("_")
     if not head or unit not in UNITS:
-        near = get_close_matches(unit, UNITS, n=1, cutoff=0.5) if head else []
+        # Another spelling of the same unit; a near name of another one (degF, degC) misleads.
+        spelt = {each.casefold(): each for each in (*UNITS, *_SYMBOLS.values())}
+        own = {shown: name for name, shown in _SYMBOLS.items()}
+        found = spelt.get(unit.casefold()) if head else None
+        near = [own.get(found, found)] if found else []
         hint = f" (did you mean {head}_{near[0]}?)" if near else ""
         raise UnitError(
             f"{name}: unknown unit {unit!r}{hint}; a name is <quantity>_<place>_<unit> with one of "
@@ -156,6 +159,39 @@ def converted(value: float, unit: str, to: str) -> float | None:
     if own.partition(" ")[0] != other.partition(" ")[0]:
         return None
     return value * factor / divisor
+
+
+def amount_in(amount: float | str, unit: str) -> float:
+    """An amount in a unit: a number counts in it, a text may have a unit of its own (``0.5um``).
+
+    Parameters
+    ----------
+    amount : float or str
+    unit : str
+
+    Raises
+    ------
+    UnitError
+        No amount, or of another quantity.
+    """
+    if not isinstance(amount, str):
+        return amount
+    value, own = parse_quantity(amount)
+    found = value if own is None else converted(value, own, unit)
+    if found is None:
+        raise UnitError(f"{amount}: not a quantity of {symbol(unit)}")
+    return found
+
+
+def small_unit(channel: str) -> str:
+    """The unit in which small moves of a channel are told: um, urad, else its own.
+
+    Parameters
+    ----------
+    channel : str
+    """
+    own = parse_channel(channel)
+    return {"length": "um", "angle": "urad"}.get(own.dimension, own.unit)
 
 
 def hold_of(channel: str) -> Hold:

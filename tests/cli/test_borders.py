@@ -82,3 +82,11 @@ def test_a_closed_stdout(files):
     )
     assert result.returncode == 1
     assert result.stderr == "thermaltool simulate: <stdout>: closed\n"
+
+
+def test_a_report_of_another_format_is_refused(thermaltool, tmp_path) -> None:
+    report = tmp_path / "why.html"
+    result = thermaltool("diagnose", "model.json", "log.csv", "--report", report)
+    assert result.code == 2
+    assert "FILE.md" in result.err
+    assert not report.exists()

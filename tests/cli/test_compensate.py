@@ -222,7 +222,7 @@ def test_models_that_cannot_run(model, change, message):
         (["--range", "0:1"], "'0:1' is not CHANNEL=LOW:HIGH"),
         (["--safe", "nan"], "'nan' is not hold|zero|VALUE"),
         (["--safe", "7", "--limit", ":5"], "the safe setpoint 7 is outside the limits"),
-        (["--slew", "0"], "x>0"),
+        (["--slew", "0"], "is not above 0"),
     ],
 )
 def test_options_that_make_no_sense(model, arguments, message):

@@ -190,3 +190,27 @@ def test_an_angle_from_two_probes(mapped) -> None:
 def test_angles_that_cannot_be(mapped, toml, message) -> None:
     with pytest.raises(LogError, match=message):
         mapped("time_s,d_1_um,d_2_mm,phi_y_urad\n0,1,0.005,3\n1,1,0,3\n", toml)
+
+
+def test_values_that_a_column_cannot_have_are_missing(mapped) -> None:
+    log = mapped(
+        "time_s,probe,T_b_degC\n0,20.5,1\n1,85,85\n2,-127.0,3\n3,850,4\n4,86,5\n",
+        'columns.probe = { name = "T_a_degC", offset = 1, valid = [-200, 150], '
+        "missing = [85.0, -127] }\n[columns.T_b_degC]\nmissing = [3]\n",
+    )
+    np.testing.assert_array_equal(log.column("T_a_degC"), [21.5, np.nan, np.nan, np.nan, 87])
+    np.testing.assert_array_equal(log.column("T_b_degC"), [1, 85, np.nan, 4, 5])
+
+
+@pytest.mark.parametrize(
+    ("entry", "fault"),
+    [
+        ("valid = [1]", "lowest, highest"),
+        ("valid = [2, 1]", "lowest, highest"),
+        ('missing = ["x"]', "columns.T_a_degC.missing"),
+        ("missing = 85", "columns.T_a_degC.missing"),
+    ],
+)
+def test_limits_of_a_column_that_are_none(mapped, entry: str, fault: str) -> None:
+    with pytest.raises(LogError, match=fault):
+        mapped("time_s,T_a_degC\n0,1\n", f"columns.T_a_degC = {{ {entry} }}\n")

@@ -113,6 +113,10 @@ def test_what_is_left_leaves_out_the_safe_setpoint_at_the_end(log):
     left = data(error, "what is left:\nmeasured + setpoint")
     assert len(left) == len(log)
     np.testing.assert_allclose(left, 0.5, atol=1e-9)
+    # Nor does one at a time of its own, while the machine's log goes on.
+    early = make_log("c.csv", log.time[:40], offset_y_um=np.append(0.5 - d[:39], 0.0))
+    left = data(draw_compensation(early, log).axes[1], "what is left:\nmeasured + setpoint")
+    np.testing.assert_allclose(left[np.isfinite(left)], 0.5, atol=1e-9)
     with pytest.raises(LogError, match=r"a\.csv: none of the deflections .*: d_y_um"):
         draw_compensation(table, make_log("a.csv", log.time, Q_1=log.time))
 

@@ -181,3 +181,13 @@ def test_two_columns_of_one_name():
         CsvRows(Wanted(PAIR)).open(b"time_s,dT_pair1_K,dT_pair1_K", "log.csv", 3)
     # One that nobody reads may be there as often as it likes.
     csv(b"time_s,dT_pair1_K,x,x")
+
+
+def test_values_that_a_column_cannot_have():
+    limits = {"valid": [-40, 150], "missing": [85.0]}
+    records = csv(b"time_s,dT_pair1_K", mapping=read_map({"dT_pair1_K": limits}))
+    for field in (b"85", b"-127", b"200"):
+        row = records.row(b"1," + field)
+        assert math.isnan(row.readings[0])
+        assert row.faults[0].startswith(field.decode())
+    assert records.row(b"1,84.9") == (1.0, [84.9], ("",))

@@ -31,10 +31,11 @@ class Compensator:
         From `regularize`.
     limits : (float, float) [unit of the deflection]
         Range of the setpoints.
-    slew : float [unit of the deflection per s]
+    slew : float [unit of the deflection per s] or str, optional
         Largest rate of the setpoints.
-    step : float [unit of the deflection]
-        Step of the setpoints, with a hysteresis of a quarter step; 0 for none.
+    step : float [unit of the deflection] or str, optional
+        Step of the setpoints, with a hysteresis of a quarter step; 0 for none. A text has a unit
+        (``"0.5um"``, ``"10um/s"``); the default is 0.5 µm, at 10 µm/s.
     safe : float [unit of the deflection] or None
         The setpoint while readings are lost; None holds the last one.
     sign : {-1, 1}
@@ -66,7 +67,8 @@ class Compensator:
     ModelError
         No design, one for other parameters, or no deflection to cancel.
     ValueError
-        Limits without a multiple of the step between them, or a safe setpoint outside.
+        Limits without a multiple of the step between them, or a safe setpoint outside; a step
+        larger than what the calibration has seen.
 
     Examples
     --------
@@ -85,8 +87,8 @@ class Compensator:
         model: ModelLike,
         *,
         limits: Interval = (-math.inf, math.inf),
-        slew: float = 10.0,
-        step: float = 0.5,
+        slew: float | str | None = None,
+        step: float | str | None = None,
         safe: float | None = 0.0,
         sign: Literal[-1, 1] = -1,
         initial: Literal["rest", "settled"] = "rest",

@@ -11,6 +11,7 @@ from thermaltool.cli import shared, streaming
 from thermaltool.cli.types import (
     NOT_NEGATIVE,
     POSITIVE,
+    AmountType,
     IntervalType,
     SafeType,
     positions_of,
@@ -53,17 +54,18 @@ if TYPE_CHECKING:
               help="Without a usable line for this long [s] the safe setpoint is written; 0 never."
               "  [default: as --hold]")  # fmt: skip
 @click.option("--limit", "limits", type=IntervalType(), default=":",
-              help="Range of the setpoints [um]; a heater's is 0 to what the calibration has seen "
-              "[W]."
+              help="Range of the setpoints [unit of the deflection]; a heater's is 0 to what the "
+              "calibration has seen [W]."
 )  # fmt: skip
-@click.option("--slew", type=POSITIVE, metavar="UM_PER_S", default=10.0,
-              help="Largest rate of the setpoints [um/s].")  # fmt: skip
-@click.option("--step", type=NOT_NEGATIVE, metavar="UM", default=0.5,
-              help="Step of the setpoints, with a hysteresis of a quarter step [um]; 0 for none."
-)  # fmt: skip
+@click.option("--slew", type=AmountType("RATE", above=True),
+              help="Largest rate of the setpoints, with its unit: 10um/s.  [default: 10um/s, of a "
+              "heater 10 W/s]")  # fmt: skip
+@click.option("--step", type=AmountType("STEP"),
+              help="Step of the setpoints, with its unit, and a hysteresis of a quarter step; 0 "
+              "for none.  [default: 0.5um, of a heater 0.5 W]")  # fmt: skip
 @click.option("--safe", type=SafeType(), default="zero",
               help="Setpoint while readings are lost and at the end: the last one, or a value "
-              "[um]; not with --heater.")  # fmt: skip
+              "[unit of the deflection]; not with --heater.")  # fmt: skip
 @streaming.actuating_options
 @streaming.checkpoint_options
 @shared.initial_option
@@ -77,8 +79,8 @@ def command(model: str, log: str, **options: Any) -> None:
     written until good ones return; one of several sensors is left out. The safe setpoint is also
     the last line, whatever ends the stream, at once (see --end); before, it is approached at
     --slew.
-    Each deflection d_PLACE_um gives a column offset_PLACE_um; --limit, --slew, --step and --safe
-    count in its unit.
+    Each deflection d_PLACE_um gives a column offset_PLACE_um; --limit and --safe count in its unit,
+    --slew and --step, too, where they have none.
 
     With --heater MODEL is one from identify, correct, schedule or superpose: LOG has its other
     drives, and the power of the heater comes out that brings --target to zero after --lead, for the
@@ -99,6 +101,8 @@ def command(model: str, log: str, **options: Any) -> None:
         ranges=dict(options["ranges"]),
         estimates="estimates" in options["also"],
         status="status" in options["also"],
+        slew=options["slew"],
+        step=options["step"],
         at=positions_of(options["at"]),
     )
 

@@ -162,9 +162,11 @@ def keep_inputs(output: str, *inputs: str) -> None:
 
 
 def keep_from_report(report: str | None, inputs: Sequence[str], output: str | None) -> None:
-    """Refuse a report that would replace an input or the model, or cannot be written."""
+    """Refuse a report of another suffix, that would replace an input or the model, or cannot be."""
     if report is None:
         return
+    if not report.endswith((".md", ".markdown")):
+        raise click.UsageError(f"--report {report}: the report is Markdown, name it FILE.md")
     for name in (*inputs, output or "-"):
         if name != "-" and os.path.realpath(report) == os.path.realpath(name):
             raise click.UsageError(f"--report {report} would replace {name}")

@@ -151,6 +151,33 @@ class SafeType(Parsed):
         return number
 
 
+class AmountType(Parsed):
+    """A number, or one with its unit; it stays a text, for its unit depends on the setpoint.
+
+    Attributes
+    ----------
+    above : bool
+        Whether 0 is none.
+    """
+
+    def __init__(self, name: str, above: bool = False) -> None:
+        self.name, self.above = name, above
+
+    def parse(self, text: str) -> str:
+        from thermaltool.errors import UnitError
+        from thermaltool.units import parse_quantity
+
+        if text.strip().lower().lstrip("+-") in ("nan", "inf", "infinity"):
+            raise ValueRefusedError(" is not a finite number")
+        try:
+            value, _ = parse_quantity(text.removesuffix("/s") if self.above else text)
+        except UnitError as error:
+            raise ValueRefusedError(f": {error}") from error
+        if value < 0 or (self.above and not value) or not isfinite(value):
+            raise ValueRefusedError(f" is not {'above 0' if self.above else '0 or more'}")
+        return text
+
+
 class PositionType(Parsed):
     """Where an actuator stands: ``NAME=VALUE``, or a number for every one."""
 

@@ -20,7 +20,7 @@ from thermaltool.effects.effect import STILL, Effect, Side
 from thermaltool.errors import ModelError
 from thermaltool.model import Model, acting_effects
 from thermaltool.responses.modes import Float
-from thermaltool.units import Hold, Reference
+from thermaltool.units import Hold, Reference, is_absolute
 
 # A function of the moment alone, of values of any shape.
 StaticMap = Callable[[Float], Float | None]
@@ -57,6 +57,13 @@ class InputColumn:
     commanded: bool = False
     to_true: tuple[StaticMap, ...] = ()
     to_acting: tuple[StaticMap, ...] = ()
+
+    @property
+    def tells_rest(self) -> bool:
+        """Whether a machine at rest reads rest here: a sensor, or a temperature that drives."""
+        if self.sensor or self.commanded:
+            return self.sensor
+        return self.rest != "first" and is_absolute(self.column)
 
     @property
     def hold(self) -> Hold:

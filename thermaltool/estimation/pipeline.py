@@ -230,7 +230,7 @@ def _known_column(model: Model, known: KnownInput) -> InputColumn:
         if drive.channel == known.channel:
             maps = drive_maps(model, drive.channel)
             return InputColumn(
-                drive.channel, drive.reference, drive.range, False, drive.hold == "zero", (), maps
+                drive.channel, drive.zero, drive.range, False, drive.hold == "zero", (), maps
             )
     raise ModelError(
         f"the estimator reads the drive {known.channel}, which the model does not have: "

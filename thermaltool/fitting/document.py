@@ -40,7 +40,8 @@ def model_document(
             rest = drive_reference(name) if reference is None else reference
             hold = hold_of(name)
             extent = _extent(data, [u[k] for u in data.u], rest, hold)
-            drives[name] = Drive(name, hold, rest, extent)
+            begins = _level(data, [u[k] for u in data.u], hold) if rest == "first" else None
+            drives[name] = Drive(name, hold, rest, extent, begins)
         for name, term in zip(model.names, fit.terms, strict=True):
             if isinstance(term, str):
                 raise ModelError(term)
@@ -84,6 +85,12 @@ def _extent(
         for v, record in zip(values, data.records, strict=True)
     ])  # fmt: skip
     return float(moved.min()), float(moved.max())
+
+
+def _level(data: TrainingData, values: Sequence[Array], hold: Hold) -> float:
+    """Where a channel begins, on average over the experiments."""
+    levels = [rest_level(values[k], "first", hold) for k in data.begins.values()]
+    return float(np.mean(levels))
 
 
 def _output(fit: Fit, data: TrainingData, drives: Mapping[str, Drive]) -> Output:

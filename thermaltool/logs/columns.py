@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import codecs
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
+
+import numpy as np
 
 from thermaltool.documents import finite
 from thermaltool.errors import LogError, ModelError, UnitError
@@ -14,7 +17,7 @@ from thermaltool.files import read_whole
 from thermaltool.logs.computed import Angle, Computed, Difference, Power, difference_fits
 from thermaltool.logs.foreign_units import to_unit
 from thermaltool.parsing import parse_toml
-from thermaltool.record import hint
+from thermaltool.record import Array, hint
 from thermaltool.units import UNITS, clock_unit, parse_channel
 
 # Where a column map is: in a file, or the entries of its table ``[columns]``, the clock among them.
@@ -49,11 +52,34 @@ class Clock:
 
 @dataclass(frozen=True)
 class Rename:
-    """``name = scale * value + offset``"""
+    """``name = scale * value + offset``
+
+    A value that is among `missing`, or outside `valid`, as it stands in the log, is none.
+    """
 
     name: str
     scale: float = 1.0
     offset: float = 0.0
+    valid: tuple[float, float] = (-math.inf, math.inf)
+    missing: tuple[float, ...] = ()
+
+    def of(self, values: Array) -> Array:
+        """The channel, shape (n,), in the unit of its name; NaN where there is no value.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            As they stand in the log.
+        """
+        if self.missing or self.valid != (-math.inf, math.inf):
+            bad = (
+                np.isin(values, self.missing) | (values < self.valid[0]) | (values > self.valid[1])
+            )
+            values = np.where(bad, np.nan, values)
+        if self.scale == 1.0 and self.offset == 0.0:
+            return values
+        with np.errstate(over="ignore"):  # what overflows is refused with what is too large
+            return np.asarray(self.scale * values + self.offset)
 
 
 @dataclass(frozen=True)
@@ -213,20 +239,37 @@ def _rename(name: str, entry: Any) -> Rename | None:
         return Rename(parse_channel(entry).name)
     if not isinstance(entry, dict):
         raise _MapError(f"columns.{name} must be a name, a table with a name, or false")
-    _keys(f"columns.{name}", entry, ("name", "scale", "offset", "unit"))
-    channel = parse_channel(_typed(f"columns.{name}.name", entry.get("name"), str))
+    _keys(f"columns.{name}", entry, ("name", "scale", "offset", "unit", "valid", "missing"))
+    # A column with limits alone keeps its name.
+    own = entry.get("name", name if {"valid", "missing"} & set(entry) else None)
+    channel = parse_channel(_typed(f"columns.{name}.name", own, str))
     scale, offset = (
         _number(f"columns.{name}.{key}", entry.get(key, default))
         for key, default in (("scale", 1.0), ("offset", 0.0))
     )
-    if "unit" not in entry:
-        return Rename(channel.name, scale, offset)
-    written = _typed(f"columns.{name}.unit", entry["unit"], str)
-    linear = to_unit(written, channel.unit)
-    if linear is None:
-        raise _MapError(f"columns.{name}.unit: {written!r} does not become {channel.unit}")
-    # As the file has it: scale and offset are in the written unit.
-    return Rename(channel.name, linear[0] * scale, linear[0] * offset + linear[1])
+    if "unit" in entry:
+        written = _typed(f"columns.{name}.unit", entry["unit"], str)
+        linear = to_unit(written, channel.unit)
+        if linear is None:
+            raise _MapError(f"columns.{name}.unit: {written!r} does not become {channel.unit}")
+        # As the file has it: scale and offset are in the written unit.
+        scale, offset = linear[0] * scale, linear[0] * offset + linear[1]
+    missing = _numbers(f"columns.{name}.missing", entry.get("missing", []))
+    valid = _valid(f"columns.{name}.valid", entry)
+    return Rename(channel.name, scale, offset, valid, missing)
+
+
+def _valid(place: str, entry: Mapping[str, Any]) -> tuple[float, float]:
+    if "valid" not in entry:
+        return -math.inf, math.inf
+    ends = _numbers(place, entry["valid"])
+    if len(ends) != 2 or ends[0] > ends[1]:
+        raise _MapError(f"{place} is [lowest, highest]")
+    return ends[0], ends[1]
+
+
+def _numbers(place: str, value: Any) -> tuple[float, ...]:
+    return tuple(_number(place, each) for each in _typed(place, value, list))
 
 
 def _angle(name: str, entry: Any) -> Angle:

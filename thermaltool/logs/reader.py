@@ -126,7 +126,7 @@ def read_log(
         name=name,
         time=time,
         columns={
-            rename.name: _scaled(cast(Array, cells.values[i]), rename)
+            rename.name: rename.of(cast(Array, cells.values[i]))
             for i, rename in plan.renames.items()
         },
         digest=digest,
@@ -272,13 +272,6 @@ def _clock(
             stamps = joined_stamps(stamps, cast(list[str | None], second))
         return iso_clock(file, clock, stamps, cells.lines.tolist())
     return cast(Array, values) * UNITS[clock.unit][1], None, []
-
-
-def _scaled(values: Array, rename: Rename) -> Array:
-    if rename.scale == 1.0 and rename.offset == 0.0:
-        return values
-    with np.errstate(over="ignore"):  # what overflows is refused with what is too large
-        return rename.scale * values + rename.offset
 
 
 def _with_computed(log: Log, mapping: ColumnMap) -> Log:

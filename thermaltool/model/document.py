@@ -47,6 +47,7 @@ class Drive:
         Values, relative to the reference, that the calibration has seen.
     rest : float, optional
         Where the calibration began: at another level rest has other temperatures (`rest_shifts`).
+        An estimator counts from it (`zero`).
     changes : tuple of float
         The largest change that the calibration has seen within 1, 2, 4 ... sample periods.
     """
@@ -57,6 +58,15 @@ class Drive:
     range: tuple[float, float]
     rest: float | None = None
     changes: tuple[float, ...] = ()
+
+    @property
+    def zero(self) -> Reference:
+        """What an estimator counts from, which cannot know how the machine came to be as it is.
+
+        Of a temperature the level at which the calibration began: a machine that is warm when a
+        log or a stream begins is not taken to be at rest. "first" where no level is known.
+        """
+        return self.rest if self.reference == "first" and self.rest is not None else self.reference
 
 
 @dataclass(frozen=True)

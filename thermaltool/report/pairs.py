@@ -122,6 +122,8 @@ def draw_compensation(log: Log, reference: Log, channels: Sequence[str] = ()) ->
         raise LogError(f"none of the deflections that are corrected: {wanted}", reference.name)
     # The safe setpoint that ends a stream at the time of its last line corrects nothing.
     counts = np.append(True, np.diff(log.time) > 0)
+    # The last row is where the stream has ended, be it at a time of its own.
+    counts[-1] = len(log) == 1
     pairs = []
     for name in choose(known, channels, log.name):
         deflection = deflection_of(name)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from thermaltool.control.heaters import Stabilizer, parts_of
-from thermaltool.control.setpoint import Limits
+from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.documents import content_digest, finite
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
@@ -110,7 +110,10 @@ def offsets(
         stepper,
         sensors,
         followed,
-        [settings.setpoint(settings.limits) for _ in followed],
+        [
+            _offset(settings, name, ranges[name])
+            for name in (estimator.estimates[k] for k in followed)
+        ],
         _policy(settings, period, sign, settled),
         _clock_check(settings, period, messages),
         messages,
@@ -127,6 +130,10 @@ def offsets(
         if watch or stands_in
         else (),
     )
+
+
+def _offset(settings: Settings, deflection: str, seen: tuple[float, float]) -> Setpoint:
+    return settings.setpoint(settings.limits, channel=deflection, seen=seen[1] - seen[0])
 
 
 def _substituting(stepper: Stepper, columns: Sequence[str], model: Model) -> Substituting:
@@ -196,10 +203,9 @@ def heater_power(
     lead = LEAD_PERIODS * period if lead is None else lead
     stabilizer = Stabilizer(model, heater, target, limits, lead)
     inputs = tuple(
-        InputColumn(d.channel, d.reference, d.range, False, d.hold == "zero")
-        for d in stabilizer.read
+        InputColumn(d.channel, d.zero, d.range, False, d.hold == "zero") for d in stabilizer.read
     )
-    setpoint = settings.setpoint(limits)
+    setpoint = settings.setpoint(limits, channel=heater)
     known = {"plausible_change": plausible_changes(model, {}, (), period)}
     digest = {"heater": heater, "lead": lead, "parameters": model.parameters_digest(),
               "target": target}  # fmt: skip
@@ -276,7 +282,7 @@ def _sensors(
             frozen_after=math.inf if each.commanded else settings.frozen_after,
             report=report,
             back=each.to_true,
-            at_rest=each.sensor,
+            at_rest=each.tells_rest,
             reach=reach_of({} if each.commanded else known, each.column),
             frozen=_frozen_check(each, settings, design or {}),
             consequence="lost" if several else "safe setpoint",

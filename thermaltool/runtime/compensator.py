@@ -99,11 +99,23 @@ class SetpointProcess(Process):
         self.estimates: list[float] = stepper.rest()
         self._started = False
         self._moved_at = -math.inf
+        self.begins = self._begins()
         self.status = "safe"
         # Age [s] of a state that was resumed, until a row shows that it belongs to it.
         self._age: float | None = None
         self._doubted = math.inf
         clock.on_set = self._shift
+
+    def _begins(self) -> str:
+        """Where the machine is taken to be at the first readings."""
+        if self.policy.settled:
+            return "from the first readings, as settled"
+        rests = [
+            f"{sensor.channel} {sensor.rest:g}"
+            for sensor in self.sensors
+            if sensor.at_rest and math.isfinite(sensor.rest)
+        ]
+        return f"from rest ({', '.join(rests)})" if rests else "from rest"
 
     def take(self, row: Row) -> Reply | None:
         """The reply to a row, as `Process.take`; a state that was kept has to fit the first."""
@@ -248,9 +260,10 @@ class SetpointProcess(Process):
         estimates = self.stepper.start(inputs, settled)
         self.estimates = self._outputs(estimates) if self._outputs else estimates
         for sensor, reading in zip(self.sensors, readings, strict=True):
-            if not settled and sensor.at_rest and away_from_rest(reading, sensor.calibrated):
-                self.report(sensor.channel, f"{sensor.value:g} at the start {NOT_AT_REST}")
-                self._unsure.unknown = 1.0
+            if settled or not sensor.at_rest or not away_from_rest(reading, sensor.calibrated):
+                continue
+            self.report(sensor.channel, f"{sensor.value:g} at the start {NOT_AT_REST}")
+            self._unsure.unknown = 1.0
 
     def _shift(self, seconds: float) -> None:
         """The clock was set: past times move along."""

@@ -46,6 +46,8 @@ class Process:
         Of the last row that was accepted.
     accepted : int
         Rows that moved the clock.
+    begins : str
+        Where it starts without a kept state, for the first message.
     title : str
         What is run, for the first message; empty for none.
     status : str
@@ -63,6 +65,7 @@ class Process:
     clock_advice = "--period gives one to a stream without"
     time: float | None = None
     accepted = 0
+    begins = "from rest"
     title = ""
     status = ""
 

@@ -11,6 +11,7 @@ from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.errors import ModelError
 from thermaltool.runtime.clocks import ArrivalClock, LineClock, PeriodClock
 from thermaltool.runtime.rows.layout import Wanted
+from thermaltool.units import amount_in, parse_channel, small_unit, symbol
 
 if TYPE_CHECKING:
     from thermaltool.logs.columns import ColumnMap
@@ -21,6 +22,8 @@ ANYTHING: Interval = (-math.inf, math.inf)
 ARRIVAL_STEP = 1e-3
 # Beyond it a set point is a slip of the pen [unit of the setpoint].
 LARGEST_SETPOINT = 1e9
+# What actuators take, where nobody says [um or urad, else the unit of the setpoint], and per s.
+USUAL_STEP, USUAL_SLEW = 0.5, 10.0
 # For the slew rate a pause counts as this many sample periods at the most: a stall must not save
 # up way for one large step.
 SLEW_PERIODS = 2
@@ -50,8 +53,10 @@ class Settings:
     ranges : mapping of channel to (low, high)
         Of readings as they come, in place of what the model gives.
     limits : (low, high)
-    slew, step : float
-        Rate and quantizer of the setpoints; inf and 0 for none.
+    slew, step : float, str, or None
+        Rate and quantizer of the setpoints; inf and 0 for none. A number counts in the unit of the
+        setpoint, a text has its own (``0.5um``, ``10um/s``); None for the usual ones, `USUAL_SLEW`
+        and `USUAL_STEP`.
     safe : float or None
         The safe setpoint; None holds the last one.
     end : "safe", "ramp" or "hold"
@@ -84,8 +89,8 @@ class Settings:
     frozen_after: float = math.inf
     ranges: Mapping[str, Interval] = field(default_factory=dict)
     limits: Interval = ANYTHING
-    slew: float = math.inf
-    step: float = 0.0
+    slew: float | str | None = math.inf
+    step: float | str | None = 0.0
     safe: float | None = 0.0
     end: Literal["safe", "ramp", "hold"] = "safe"
     estimates: bool = False
@@ -115,20 +120,40 @@ class Settings:
             return PeriodClock(self.period)
         return None
 
-    def setpoint(self, limits: Interval, noun: str = "setpoint") -> Setpoint:
+    def setpoint(
+        self, limits: Interval, noun: str = "setpoint", channel: str = "", seen: float = math.inf
+    ) -> Setpoint:
         """A setpoint within `limits`, which stands at the safe one.
+
+        It counts in the unit of its `channel`, which has moved by `seen` in the calibration.
 
         Raises
         ------
         ValueError
-            The safe setpoint is outside (called by its `noun`), or no multiple of the step inside.
+            The safe setpoint is outside (called by its `noun`), or no multiple of the step inside;
+            a step or rate of another quantity, or a step beyond `seen`.
         """
         allowed = Limits(*limits)
         if self.safe is not None and abs(self.safe) > LARGEST_SETPOINT:
             raise ValueError(f"the safe {noun} {self.safe:g} is none that an actuator has")
         if self.safe is not None and allowed.clip(self.safe) != self.safe:
             raise ValueError(f"the safe {noun} {self.safe:g} is outside the limits")
-        return Setpoint(allowed, self.slew, self.step, self.safe or 0.0)
+        step, slew = self._amount(self.step, USUAL_STEP, channel), self.slew
+        slew = slew.removesuffix("/s") if isinstance(slew, str) else slew
+        if step > seen > 0:
+            unit = symbol(parse_channel(channel).unit)
+            raise ValueError(
+                f"a step of {step:g} {unit} for {channel}, which has moved by {seen:.3g} {unit} in "
+                "the calibration: give a smaller one, with its unit (--step 0.5um), or 0 for none"
+            )
+        return Setpoint(allowed, self._amount(slew, USUAL_SLEW, channel), step, self.safe or 0.0)
+
+    @staticmethod
+    def _amount(amount: float | str | None, usual: float, channel: str) -> float:
+        """An amount in the unit of a channel."""
+        if amount is None:
+            amount = f"{usual}{small_unit(channel)}"
+        return amount_in(amount, parse_channel(channel).unit) if channel else float(amount)
 
     def bridged(self, usual: float) -> tuple[float, float]:
         """`hold` and `max_gap` [s], each the `usual` one where it is None."""

@@ -98,7 +98,7 @@ class Restart:
             # Before the state, which may be refused: the way to the safe set point begins there.
             self.process.stand_at(where)
         kept = self.checkpoint.load() if self.checkpoint is not None else None
-        begin = "from rest"
+        begin = self.process.begins
         if kept is not None:
             with self._whole_checkpoint():
                 begin = self._resume(kept)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -37,11 +38,28 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Sensed:
-    """Where a sensor's reading is: ``scale * value + offset`` of the field at `key`."""
+    """Where a sensor's reading is: ``scale * value + offset`` of the field at `key`.
+
+    A field that is among `missing`, or outside `valid`, is no reading.
+    """
 
     key: Any
     scale: float = 1.0
     offset: float = 0.0
+    valid: tuple[float, float] = (-math.inf, math.inf)
+    missing: tuple[float, ...] = ()
+
+    @property
+    def plain(self) -> bool:
+        """Whether a field is the reading as it stands."""
+        return self == Sensed(self.key)
+
+    def of(self, value: float) -> float:
+        """The reading, NaN where the field is none."""
+        low, high = self.valid
+        if value in self.missing or not low <= value <= high:
+            return math.nan
+        return self.scale * value + self.offset
 
 
 @dataclass(frozen=True)
@@ -79,7 +97,7 @@ def _columns(keys: Mapping[str, Any], mapping: ColumnMap | None) -> dict[str, Se
         return {name: Sensed(key) for name, key in keys.items()}
     renames = {name: mapping.rename(name) for name in keys}
     return {
-        rename.name: Sensed(keys[name], rename.scale, rename.offset)
+        rename.name: Sensed(keys[name], rename.scale, rename.offset, rename.valid, rename.missing)
         for name, rename in renames.items()
         if rename is not None
     }

@@ -108,7 +108,7 @@ class RowReader:
         layout = find_layout(keys, self.wanted, number)
         self._number, self._sensed, self.clock = number, layout.sensors, layout.clock
         self._keys = [sensed.key for sensed in layout.sensors]
-        self._scaled = any((s.scale, s.offset) != (1.0, 0.0) for s in layout.sensors)
+        self._scaled = not all(sensed.plain for sensed in layout.sensors)
         return self._keys
 
     def _time(self, fields: Any) -> float | None:
@@ -126,7 +126,14 @@ class RowReader:
             each = [self._reading(fields, key) for key in self._keys]
             readings, faults = [value for value, _ in each], tuple(fault for _, fault in each)
         if self._scaled:
-            readings = [s.scale * x + s.offset for s, x in zip(self._sensed, readings, strict=True)]
+            read = list(zip(self._sensed, readings, faults, strict=True))
+            readings = [sensed.of(value) for sensed, value, _ in read]
+            faults = tuple(
+                f"{value:g}: a value that the map calls missing or not valid"
+                if math.isnan(reading) and not math.isnan(value)
+                else fault
+                for reading, (_, value, fault) in zip(readings, read, strict=True)
+            )
         return Row(self._time(fields), readings, faults)
 
     def _reading(self, fields: Any, key: Any) -> tuple[float, str]:
