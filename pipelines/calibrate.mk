@@ -14,8 +14,11 @@
 # For each log OUT/NAME.model.json, .kalman.json and .kernel.json (the model with a design),
 # .kernel.parquet, .estimate.parquet, and the figures .fit.png, .estimate.png, .kernel.png; for all
 # of them noise.json, noise.png and summary.csv. Only what is older than its source or made with other options is made again;
-# every file appears whole or not at all; nothing is written elsewhere. Make cannot quote blanks
-# in file names.
+# every file appears whole or not at all; nothing is written elsewhere. Names of logs may have
+# blanks (they are _ in NAME), OUT none.
+#
+# A log that fails stops no other: its message is in OUT/NAME.*.failed and a line of the summary,
+# and `all` ends with an error when everything else is made. The next run tries it again.
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
@@ -31,18 +34,51 @@ KERNEL_SENSOR ?= $(firstword $(SENSORS))
 export OMP_NUM_THREADS ?= 1
 
 $(foreach name,IDLE DRIVE SENSORS DEFLECTIONS,$(if $($(name)),,$(error $(name)= is missing)))
-FOUND := $(filter-out $(IDLE),$(foreach format,csv parquet ndjson,$(wildcard $(LOGS)/*.$(format))))
-NAMES := $(sort $(basename $(notdir $(FOUND))))
+empty :=
+blank := $(empty) $(empty)
+# Make parts names at blanks: as a source a file is escaped, in recipes it is quoted.
+escaped = $(subst $(blank),\ ,$(1))
+# While logs are listed a blank is a slash, which no name of a file has.
+FOUND := $(shell for log in "$(LOGS)"/*.csv "$(LOGS)"/*.parquet "$(LOGS)"/*.ndjson; do \
+    if [ -e "$$log" ] && ! [ "$$log" -ef "$(IDLE)" ]; then basename "$$log"; fi; done | tr ' ' /)
+named = $(basename $(subst /,_,$(1)))
+NAMES := $(sort $(call named,$(FOUND)))
 $(if $(NAMES),,$(error no logs in $(LOGS)/))
 $(if $(filter $(words $(FOUND)),$(words $(NAMES))),,$(error two logs in $(LOGS)/ share a name))
 
 made = $(NAMES:%=$(OUT)/%.$(1))
-MAPPING := $(MAP:%=--columns %)
+MAPPING := $(if $(MAP),--columns "$(MAP)")
 CHANNELS := $(DRIVE:%=--drive %) $(SENSORS:%=--sensor %) $(DEFLECTIONS:%=--deflection %)
 
 FIGURES := $(foreach figure,fit estimate kernel,$(call made,$(figure).png)) $(OUT)/noise.png
 
+DESIGNS := $(foreach what,model kalman kernel,$(call made,$(what).json))
+TABLES := $(call made,kernel.parquet) $(call made,estimate.parquet)
+
 all: $(OUT)/summary.csv $(FIGURES)
+	@failures=$$(grep -sH "" $(addsuffix .failed,$(DESIGNS) $(TABLES) $(FIGURES)) || true); \
+	    [ -z "$$failures" ] || { echo "$$failures" >&2; exit 1; }
+
+# Runs a command for a target. Where it fails, the last line of what it says goes to TARGET.failed;
+# where the source is missing because its own command failed, the target is left out. A signal
+# (status above 128) ends the run.
+define ATTEMPT
+target=$$0 source=$$1 status=0
+shift
+rm -f "$$target.failed"
+if ! [ -e "$$source" ]; then rm -f "$$target"; exit 0; fi
+"$$@" 2> "$$target.part" || status=$$?
+cat "$$target.part" >&2
+if [ $$status != 0 ]; then
+    rm -f "$$target"
+    [ $$status -lt 128 ] || { rm -f "$$target.part"; exit $$status; }
+    tail -n 1 "$$target.part" > "$$target.failed"
+    [ -s "$$target.failed" ] || echo "status $$status" > "$$target.failed"
+fi
+rm -f "$$target.part"
+endef
+export ATTEMPT
+attempt = bash -c "$$ATTEMPT" $@ "$<"
 
 # The options are a source like the logs: with other ones everything is made again.
 export OPTIONS := $(strip $(CHANNELS) $(MAPPING) $(CALIBRATE_FLAGS) / $(KERNEL_SENSOR) $(REGULARIZE_FLAGS))
@@ -55,50 +91,60 @@ $(OUT)/options.txt: | $(OUT)
 $(OUT):
 	mkdir -p $@
 
-$(OUT)/noise.json: $(IDLE) $(MAP) | $(OUT)
-	$(THERMALTOOL) noise $< $(MAPPING) -o $@ > /dev/null
+$(OUT)/noise.json: $(call escaped,$(IDLE)) $(call escaped,$(MAP)) | $(OUT)
+	$(THERMALTOOL) noise "$<" $(MAPPING) -o $@ > /dev/null
 
 $(OUT)/noise.png: $(OUT)/noise.json
 	$(THERMALTOOL) plot $< -o $@
 
+# What needs the log itself: its name, and its file as a source.
 define fit
-$(OUT)/%.model.json: $(LOGS)/%.$(1) $(MAP) $(OUT)/options.txt
-	$(THERMALTOOL) calibrate $$< $(CHANNELS) $(MAPPING) $(CALIBRATE_FLAGS) -q -o $$@
+$(OUT)/$(1).model.json: $(2) $(call escaped,$(MAP)) $(OUT)/options.txt
+	$$(attempt) $(THERMALTOOL) calibrate "$$<" $(CHANNELS) $(MAPPING) $(CALIBRATE_FLAGS) -q -o $$@
 
-$(OUT)/%.estimate.parquet: $(OUT)/%.kalman.json $(LOGS)/%.$(1)
-	$(THERMALTOOL) estimate $$^ $(MAPPING) -q -o $$@
+$(OUT)/$(1).estimate.parquet: $(OUT)/$(1).kalman.json $(2)
+	$$(attempt) $(THERMALTOOL) estimate $$< "$(3)" $(MAPPING) -q -o $$@
 
-$(OUT)/%.fit.png: $(OUT)/%.model.json $(LOGS)/%.$(1)
-	$(THERMALTOOL) plot $$^ $(MAPPING) -o $$@
+$(OUT)/$(1).fit.png: $(OUT)/$(1).model.json $(2)
+	$$(attempt) $(THERMALTOOL) plot $$< "$(3)" $(MAPPING) -o $$@
 
-$(OUT)/%.estimate.png: $(OUT)/%.estimate.parquet $(LOGS)/%.$(1)
-	$(THERMALTOOL) plot $$< --against $$(lastword $$^) $(MAPPING) -o $$@
+$(OUT)/$(1).estimate.png: $(OUT)/$(1).estimate.parquet $(2)
+	$$(attempt) $(THERMALTOOL) plot $$< --against "$(3)" $(MAPPING) -o $$@
 endef
-$(foreach format,csv parquet ndjson,$(eval $(call fit,$(format))))
+located = $(LOGS)/$(subst /, ,$(1))
+$(foreach log,$(FOUND),$(eval \
+    $(call fit,$(call named,$(log)),$(call escaped,$(call located,$(log))),$(call located,$(log)))))
 
 $(OUT)/%.kalman.json: $(OUT)/%.model.json $(OUT)/noise.json
-	$(THERMALTOOL) regularize $< --noise $(OUT)/noise.json --form kalman $(REGULARIZE_FLAGS) -q -o $@
-
-$(OUT)/%.kernel.json: $(OUT)/%.model.json $(OUT)/noise.json
-	$(THERMALTOOL) regularize $< --noise $(OUT)/noise.json --form kernel --sensor $(KERNEL_SENSOR) \
+	$(attempt) $(THERMALTOOL) regularize $< --noise $(OUT)/noise.json --form kalman \
 	    $(REGULARIZE_FLAGS) -q -o $@
 
+$(OUT)/%.kernel.json: $(OUT)/%.model.json $(OUT)/noise.json
+	$(attempt) $(THERMALTOOL) regularize $< --noise $(OUT)/noise.json --form kernel \
+	    --sensor $(KERNEL_SENSOR) $(REGULARIZE_FLAGS) -q -o $@
+
 $(OUT)/%.kernel.parquet: $(OUT)/%.kernel.json
-	$(THERMALTOOL) invert $< -o $@
+	$(attempt) $(THERMALTOOL) invert $< -o $@
 
 $(OUT)/%.kernel.png: $(OUT)/%.kernel.parquet
-	$(THERMALTOOL) plot $< -o $@
+	$(attempt) $(THERMALTOOL) plot $< -o $@
 
-# One row for each log and output: the fit, and what the designs promise.
+# One row for each log and output: the fit, and what the designs promise; or why a log failed.
 define SUMMARY
 import csv, json, os, sys
 
 target, *names = sys.argv[1:]
 heading = ["log", "output", "rmse", "fit_percent"]
 heading += [f"{form}_{what}" for form in ("kalman", "kernel") for what in ("band", "lag_s")]
+heading += ["failure"]
 rows = [heading]
 for name in names:
     stem = os.path.join(os.path.dirname(target), name)
+    failed = [f"{stem}.{what}.json.failed" for what in ("model", "kalman", "kernel")]
+    failures = [open(path).read().strip() for path in failed if os.path.exists(path)]
+    if failures:
+        rows.append([name, *[""] * (len(heading) - 2), "; ".join(failures)])
+        continue
     designs = [json.load(open(f"{stem}.{form}.json"))["design"] for form in ("kalman", "kernel")]
     for output in json.load(open(f"{stem}.model.json"))["outputs"]:
         channel, fit = output["channel"], output["fit"]
@@ -107,7 +153,7 @@ for name in names:
             band = dict(zip(design["outputs"], design["predicted"]["band"])).get(channel)
             lag = f"{design['predicted']['lag']:.1f}"
             row += ["", ""] if band is None else [f"{band:.3g}", lag]
-        rows.append(row)
+        rows.append([*row, ""])
 with open(target + ".part", "w", newline="") as stream:
     csv.writer(stream).writerows(rows)
 os.replace(target + ".part", target)
@@ -117,5 +163,5 @@ for row in rows:
 endef
 export SUMMARY
 
-$(OUT)/summary.csv: $(call made,model.json) $(call made,kalman.json) $(call made,kernel.json)
+$(OUT)/summary.csv: $(DESIGNS)
 	@$(PYTHON) -c "$$SUMMARY" $@ $(NAMES)

@@ -166,6 +166,37 @@ def test_interrupted_run_leaves_only_whole_files(logs: Path, made: Path) -> None
     assert np.array_equal(again.column("weight_1"), whole.column("weight_1"))
 
 
+@pytest.mark.slow
+def test_a_bad_log_stops_no_other(logs: Path) -> None:
+    folder = logs / "logs of a day"
+    folder.mkdir()
+    good = folder / "warm up 1.csv"
+    good.write_bytes((logs / "logs/one.csv").read_bytes())
+    (folder / "bad one.csv").write_text(
+        "time_s,Q_main_1,dT_pair1_K,d_y_um\n0,1,2,broken\n1,1,2,3\n"
+    )
+    places = {"LOGS": folder.name, "OUT": "mixed"}
+    done = subprocess.run(make(logs, **places), capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    with open(logs / "mixed/summary.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["log"], row["output"]) for row in rows] == [
+        ("bad_one", ""),
+        ("warm_up_1", "dT_pair1_K"),
+        ("warm_up_1", "d_y_um"),
+    ]
+    assert "bad one.csv:2: d_y_um: not a number: 'broken'" in rows[0]["failure"]
+    assert rows[1]["failure"] == ""
+    for figure in FIGURES:
+        assert (logs / f"mixed/warm_up_1.{figure}").exists()
+    # With the log mended its failure is gone.
+    (folder / "bad one.csv").write_bytes(good.read_bytes())
+    assert "bad_one" in run(logs, **places)
+    assert not list((logs / "mixed").glob("*.failed"))
+    with open(logs / "mixed/summary.csv", newline="") as stream:
+        assert [row["failure"] for row in csv.DictReader(stream)] == [""] * 4
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [({"IDLE": ""}, "IDLE= is missing"), ({"LOGS": "nowhere"}, "no logs in nowhere/")],
