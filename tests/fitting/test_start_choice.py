@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
-from thermaltool.fitting.start_choice import rests
+from thermaltool.fitting.start_choice import free_where_known, rests
 from thermaltool.model import Drive
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_warnings
@@ -111,3 +111,28 @@ def test_no_lag_behind_a_free_start_is_longer_than_the_log():
     plan = replace(PLAN, initial="free", sensors=("dT_b_K",))
     model = calibrate([Record(log.time, columns, digest="creeps")], plan)
     assert max(term.response.slowest() for term in model.terms) <= 1.001 * log.duration
+
+
+def with_open_gains(model, output):
+    """The model as if the log said nothing of the gains of an output."""
+    terms = (
+        replace(t, covariance=np.asarray(t.covariance) * 1e12) if t.output == output else t
+        for t in model.terms
+    )
+    return replace(model, terms=tuple(terms))
+
+
+def test_each_output_begins_as_leaves_fewer_gains_open():
+    log = log_of(20261128)
+    free, rested = (
+        calibrate([log], replace(PLAN, initial=how, kinds=dict.fromkeys(OUTPUTS, "rational1")))
+        for how in ("free", "rest")
+    )
+    a, b = OUTPUTS
+    chosen = free_where_known(with_open_gains(free, a), with_open_gains(rested, b))
+    assert [o.channel for o in chosen.outputs] == list(OUTPUTS)
+    assert [o.fit["free_start"] for o in chosen.outputs] == [False, True]
+    assert [t for t in chosen.terms if t.output == a] == [t for t in rested.terms if t.output == a]
+    assert [t for t in chosen.terms if t.output == b] == [t for t in free.terms if t.output == b]
+    # Where both know as much, all begin free.
+    assert starts_free(free_where_known(free, rested)) == {True}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,7 +21,7 @@ from thermaltool.fitting.output_fit import Loss, OutputFit, fit_output
 from thermaltool.fitting.projection import GridStates
 from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, choose_response
 from thermaltool.fitting.seen_changes import with_seen_changes
-from thermaltool.fitting.start_choice import begins_away_from_rest, rests
+from thermaltool.fitting.start_choice import begins_away_from_rest, free_where_known, rests
 from thermaltool.fitting.start_state import Initial
 from thermaltool.model import (
     Drive,
@@ -29,7 +30,6 @@ from thermaltool.model import (
     Role,
     Term,
     agreements,
-    characteristics,
     drive_rests,
     relative,
     rest_shifts,
@@ -211,29 +211,10 @@ def calibrate(
         chosen = [each for each in kinds if plan.chosen(each.output)]
         still = all(rests(r, commanded, [each.output for each in chosen]) for r in measured)
         if not still and begins_away_from_rest(records, drives, chosen, effects, plan.fixed):
-            return _free_where_known(measured, plan, model, progress)
+            with contextlib.suppress(FitError):
+                free = calibrate(measured, replace(plan, initial="free"), progress)
+                return free_where_known(free, model)
     return model
-
-
-def _free_where_known(
-    records: Sequence[Record],
-    plan: CalibrationPlan,
-    rested: Model,
-    progress: Callable[[str], None],
-) -> Model:
-    """The model with a free start, or the one from rest where that leaves fewer gains open.
-
-    With a free start slow drives, zeros and what decays may pass for each other.
-    """
-    try:
-        free = calibrate(records, replace(plan, initial="free"), progress)
-    except FitError:
-        return rested
-    return free if _known_gains(free) >= _known_gains(rested) else rested
-
-
-def _known_gains(model: Model) -> int:
-    return sum(not characteristics(term).may_be_zero for term in model.terms)
 
 
 def _fitted(

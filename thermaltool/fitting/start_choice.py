@@ -7,6 +7,7 @@ the first rows, and a response from rest takes it for a slower lag, or for anoth
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.response_search import KindSearch
 from thermaltool.fitting.start_state import stands_still
-from thermaltool.model import Drive, relative
+from thermaltool.model import Drive, Model, characteristics, relative
 from thermaltool.record import Record
 
 # Of the squared error beyond the noise of some output, where that is larger than the noise, a free
@@ -64,6 +65,34 @@ def begins_away_from_rest(
         evidence += rows * float(np.log(rest.size / max(free.size, floor)))
         evidence -= decays * float(np.log(rows))
     return explained and evidence > DECISIVE
+
+
+def free_where_known(free: Model, rested: Model) -> Model:
+    """The outputs with a free start, or from rest where that leaves fewer gains open.
+
+    With a free start slow drives, zeros and what decays may pass for each other. Where the models
+    differ in laws, which all outputs share, all begin alike.
+
+    Parameters
+    ----------
+    free, rested : Model
+        Calibrations of the same channels.
+    """
+    if (free.drives, free.effects) != (rested.drives, rested.effects):
+        return free if _known_gains(free) >= _known_gains(rested) else rested
+    channels = [output.channel for output in rested.outputs]
+    taken = {
+        c: free if _known_gains(free, c) >= _known_gains(rested, c) else rested for c in channels
+    }
+    outputs = [o for c in channels for o in taken[c].outputs if o.channel == c]
+    terms = [term for c in channels for term in taken[c].terms if term.output == c]
+    return replace(rested, outputs=tuple(outputs), terms=tuple(terms))
+
+
+def _known_gains(model: Model, output: str | None = None) -> int:
+    """Gains that are surely not zero, of one output or of all."""
+    own = (term for term in model.terms if output in (None, term.output))
+    return sum(not characteristics(term).may_be_zero for term in own)
 
 
 def rests(record: Record, drives: Sequence[Drive], outputs: Sequence[str]) -> bool:
