@@ -202,7 +202,7 @@ def test_logs_from_a_pipe_and_in_other_formats(thermaltool, case, answer):
         ("MODEL LOG -o LOG", "would replace the input"),
         ("MODEL LOG -o MODEL", "would replace the input"),
         ("MODEL LOG --validate OTHER -o OTHER", "would replace the input"),
-        ("MODEL LOG --report LOG", "would replace"),
+        ("MODEL LOG --report LOG", "name it FILE.md"),
         ("MODEL LOG -o NEW --report NEW", "would replace"),
         ("MODEL - --validate -", "only one input can be -"),
         ("- -", "only one input can be -"),
