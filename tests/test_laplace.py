@@ -120,7 +120,7 @@ def test_the_error_estimate_is_honest(name, method, times):
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_auto_meets_the_tolerance_and_knows_it(name, times):
     pair, t = CATALOGUE[name], TIMES[times]
-    result = invert(pair.transform, t, tol=1e-8)
+    result = invert(pair.transform, t, tol=1e-8, rtol=0)
     far = np.ones_like(t, bool) if pair.jump is None else abs(t / pair.jump - 1) > 0.2
     assert result.error[far].max() <= 1e-8
     assert true_error(pair, t, result.values)[far].max() <= 1e-8
@@ -221,7 +221,9 @@ def test_against_an_independent_program():
 def test_more_terms_do_no_harm_where_the_transfer_is_rounded():
     """s + 1/s + s^-1/2 - s: the rounding of F grows with s, and with it the sum's."""
     t = np.geomspace(0.5, 2, 9)
-    result = invert(lambda s: (1e6 * s + 1 / s + s**-0.5) - 1e6 * s, t, method="dehoog")
+    result = invert(
+        lambda s: (1e6 * s + 1 / s + s**-0.5) - 1e6 * s, t, method="dehoog", abscissa=0.0
+    )
     error = abs(result.values - 1 - 1 / np.sqrt(np.pi * t))
     assert (error <= 10 * result.error).all()
     assert result.error.max() < 1e-4
@@ -235,7 +237,7 @@ def test_times_come_back_in_their_order_with_duplicates():
 
 
 def test_few_evaluations_serve_many_times():
-    result = invert(ring_source, np.arange(1, 1201.0))
+    result = invert(ring_source, np.arange(1, 1201.0), abscissa=0.0)
     assert result.method == "hyperbola"
     assert result.evaluations < 2000
     assert result.error.max() < 1e-11
@@ -244,6 +246,68 @@ def test_few_evaluations_serve_many_times():
 def test_very_many_times():
     t = np.linspace(1, 10, 100_000)
     np.testing.assert_allclose(invert(lambda s: 1 / s**2, t).values, t, rtol=1e-10)
+
+
+@dataclass(frozen=True)
+class Unstable:
+    """A transform with its rightmost singularity right of the imaginary axis, and its inverse."""
+
+    transform: Callable
+    inverse: Callable
+    abscissa: float
+
+
+UNSTABLE = {
+    "small pole": Unstable(
+        lambda s: 1 / (s + 1) + 1e-6 / (s - 0.3), lambda t: np.exp(-t) + 1e-6 * np.exp(0.3 * t), 0.3
+    ),
+    "tiny far pole": Unstable(
+        lambda s: 1 / s + 1e-9 / (s - 5), lambda t: 1 + 1e-9 * np.exp(5 * t), 5.0
+    ),
+    "branch point": Unstable(
+        lambda s: 1 / np.sqrt(s - 1), lambda t: np.exp(t) / np.sqrt(np.pi * t), 1.0
+    ),
+    "oscillation": Unstable(
+        lambda s: 1 / ((s - 0.3) ** 2 + 100), lambda t: np.exp(0.3 * t) * np.sin(10 * t) / 10, 0.3
+    ),
+    "delayed": Unstable(
+        lambda s: np.exp(-s) / (s - 0.7), lambda t: np.where(t > 1, np.exp(0.7 * (t - 1)), 0), 0.7
+    ),
+    "no growth": Unstable(lambda s: 1 / s**3, lambda t: t**2 / 2, 0.0),
+}
+
+
+@pytest.mark.parametrize("t", [np.array([2.0, 10.0, 50.0]), np.geomspace(0.12, 110, 40)])
+@pytest.mark.parametrize("name", UNSTABLE)
+def test_the_rightmost_singularity_is_found(name, t):
+    case = UNSTABLE[name]
+    result = invert(case.transform, t)
+    exact = case.inverse(t)
+    far = abs(t - 1) > 0.2 if name == "delayed" else np.ones_like(t, bool)
+    assert result.abscissa >= 0
+    assert abs(result.abscissa - case.abscissa) < 4 / t[-1]
+    assert (abs(result.values - exact) <= 10 * result.error + 1e-15 * abs(exact))[far].all()
+    reached = 1e-9 + 1e-5 * np.maximum.accumulate(abs(exact))
+    assert (abs(result.values - exact) <= reached)[far].all()
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_stable_transform_is_not_shifted(name):
+    for t in TIMES.values():
+        assert invert(CATALOGUE[name].transform, t).abscissa == 0.0
+
+
+def test_what_begins_before_zero_is_refused():
+    with pytest.raises(FitError, match="begins at time zero"):
+        invert(lambda s: np.exp(0.01 * s) / s, [1.0, 2.0])
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e12])
+def test_the_tolerance_counts_in_what_the_function_has_reached(unit):
+    t = np.geomspace(0.1, 30, 20)
+    result = invert(lambda s: unit / (s + 1), t, tol=1e-30)
+    assert (result.error <= result.wanted).all()
+    np.testing.assert_allclose(result.wanted, 1e-9 * unit * np.exp(-0.1), rtol=1e-6)
 
 
 def test_growth_beyond_all_numbers_is_no_answer():
@@ -323,6 +387,8 @@ def test_bad_arguments():
         invert(lambda s: 1 / s, [1.0], method="weeks")
     with pytest.raises(ValueError, match="tol"):
         invert(lambda s: 1 / s, [1.0], tol=0)
+    with pytest.raises(ValueError, match="rtol"):
+        invert(lambda s: 1 / s, [1.0], rtol=-1)
     with pytest.raises(ValueError, match="abscissa"):
         invert(lambda s: 1 / s, [1.0], abscissa=np.nan)
     with pytest.raises(ValueError, match="shape"):

@@ -68,6 +68,20 @@ def test_looser_tolerance_passes():
     assert run("exp(-s)/s", "--time", 1.01, "--tol", 0.5).exit_code == 0
 
 
+def test_a_pole_in_the_right_half_plane_is_found():
+    result = run("1/(s+1)+1e-6/(s-0.3)", "--times", "1:50:50")
+    exact = [math.exp(-t) + 1e-6 * math.exp(0.3 * t) for t in range(1, 51)]
+    np.testing.assert_allclose(table(result.stdout)["value_1"], exact, rtol=1e-8)
+    one = run("1/(s+1)+1e-6/(s-0.3)", "--time", 50, "--json", "--tol", 1e-6)
+    assert one.exit_code == 0
+    assert abs(json.loads(one.stdout)["abscissa"] - 0.3) < 0.06
+
+
+def test_a_large_function_is_met_by_its_own_measure():
+    assert run("1e12/(s+1)", "--times", "0.1:20:30").exit_code == 0
+    assert run("1e12/(s+1)", "--times", "0.1:20:30", "--rtol", 0).exit_code == 3
+
+
 def test_json():
     result = run("1/(s-1)", "--time", 2, "--abscissa", 1, "--method", "talbot", "--json")
     report = json.loads(result.stdout)
@@ -97,6 +111,7 @@ def test_no_answer_is_an_empty_cell():
     ("args", "message"),
     [
         (["1/(s+", "--time", "1"], "EXPRESSION: column"),
+        (["1/s", "--time", "1", "--abscissa", "far"], "'far' is not"),
         (["k*s", "--time", "1"], "unknown name 'k'"),
         (["1/s", "--times", "0:1:3"], "0 < START"),
         (["1/s", "--times", "1:2"], "START:STOP:COUNT"),

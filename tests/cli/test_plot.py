@@ -28,7 +28,7 @@ def test_a_pipe_in_and_a_pipe_out() -> None:
 
 
 def test_stdin_that_starts_with_a_brace_is_a_document() -> None:
-    text = '\n{"time_s": [1, 2], "value_1": [1, 2], "error_1": [0, 0], "tol": 1e-9}\n'
+    text = '\n{"time_s": [1, 2], "value_1": [1, 2], "error_1": [0, 0], "wanted": [1e-9, 1e-9]}\n'
     assert plot("-", stdin=text).stdout.startswith(PNG)
     lines = '{"time_s": 0, "T_a_degC": 1}\n{"time_s": 1, "T_a_degC": 2}\n'
     assert plot("-", "--from", "ndjson", stdin=lines).stdout.startswith(PNG)

@@ -60,7 +60,7 @@ DOCUMENTS = {
     "noise": {"format": "thermaltool-noise", "version": 1, "channels": {}},
     "trade-off": {"chosen": "kalman", "forms": {}},
     "kernel": {"time_s": [0], "weight": [1], "A0": 1, "A1_s": 1},
-    "inversion": {"time_s": [0], "value_1": [1], "error_1": [1], "tol": 1},
+    "inversion": {"time_s": [0], "value_1": [1], "error_1": [1], "wanted": [1]},
 }
 
 

@@ -142,7 +142,7 @@ def test_inversion_in_any_order_of_times_with_holes():
         "value_1": [2.0, 0.0, 1.0, None],
         "error_1": [1e-9, 0.0, 1e-12, None],
     }
-    figure = draw_inversion(result, "l.json", 1e-10)
+    figure = draw_inversion(result, "l.json")
     np.testing.assert_array_equal(figure.axes[0].lines[0].get_ydata(), [0.0, 1.0, 2.0])
     assert figure.axes[0].get_xscale() == figure.axes[1].get_yscale() == "log"
     assert figure.axes[1].get_title() == "Estimated error, at most 1.0e-09"

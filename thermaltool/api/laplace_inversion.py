@@ -24,13 +24,10 @@ class LaplaceInversion(Result):
     Attributes
     ----------
     inversion : Inversion
-        Times, values, estimated errors, method and number of evaluations.
-    tol : float
-        The absolute error that was wanted [unit of the values].
+        Times, values, errors estimated and wanted, method, abscissa and number of evaluations.
     """
 
     inversion: Inversion
-    tol: float
 
     @property
     def columns(self) -> dict[str, NDArray[Any]]:
@@ -48,15 +45,20 @@ class LaplaceInversion(Result):
 
     @property
     def missed(self) -> int:
-        """Number of times at which the estimated error exceeds `tol`."""
-        return int((self.inversion.error > self.tol).sum())
+        """Number of times at which the estimated error exceeds the wanted one."""
+        return int((self.inversion.error > self.inversion.wanted).sum())
 
     def document(self) -> dict[str, Any]:
         """The result as JSON-ready data, null where there is no answer."""
         from thermaltool.documents import jsonable
 
         found = self.inversion
-        how = {"method": found.method, "evaluations": found.evaluations, "tol": self.tol}
+        how = {
+            "method": found.method,
+            "evaluations": found.evaluations,
+            "abscissa": found.abscissa,
+            "wanted": found.wanted,
+        }
         document: dict[str, Any] = jsonable(how | self.columns)
         return document
 
@@ -64,26 +66,28 @@ class LaplaceInversion(Result):
         """How it was found, and how well."""
         found = self.inversion
         worst = f", largest estimated error {found.error.max():.2g}" if found.t.size else ""
+        shift = f", singularities up to {found.abscissa:.4g}/s" if found.abscissa else ""
         return (
-            f"{found.t.size} times by {found.method}, {found.evaluations} evaluations{worst} "
-            f"(wanted: {self.tol:g}, missed {self.missed} times)"
+            f"{found.t.size} times by {found.method}, {found.evaluations} evaluations{shift}"
+            f"{worst} ({self.missed} above the error wanted)"
         )
 
     def warning(self) -> str:
-        """Where the error exceeds `tol` most; empty where it does not."""
+        """Where the error exceeds the wanted one most; empty where it does not."""
         if not self.missed:
             return ""
-        found, worst = self.inversion, int(self.inversion.error.argmax())
+        found = self.inversion
+        worst = int((found.error / found.wanted).argmax())
         return (
             f"estimated error {found.error[worst]:.2g} at t = {found.t[worst]:g} s exceeds "
-            f"{self.tol:g} ({self.missed} of {found.t.size} times)"
+            f"{found.wanted[worst]:.2g} ({self.missed} of {found.t.size} times)"
         )
 
     def draw(self) -> Figure:
         """The values, and their estimated errors below."""
         from thermaltool.report.kernels import draw_inversion
 
-        return draw_inversion(self.columns, "values", self.tol)
+        return draw_inversion(self.columns | {"wanted": self.inversion.wanted}, "values")
 
 
 def invert_laplace(
@@ -93,7 +97,8 @@ def invert_laplace(
     parameters: Mapping[str, float] | None = None,
     method: str = "auto",
     tol: float = 1e-9,
-    abscissa: float = 0.0,
+    rtol: float = 1e-9,
+    abscissa: float | None = None,
 ) -> LaplaceInversion:
     """Invert a Laplace transform F(s) numerically, with an error estimate.
 
@@ -106,10 +111,11 @@ def invert_laplace(
         Above 0, in any order.
     parameters : mapping of name to value, optional
     method : {"auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest"}
-    tol : float
-        Absolute error wanted, in the unit of the result.
-    abscissa : float [1/s]
-        Largest real part of the singularities of F.
+    tol, rtol : float
+        Error wanted: `tol`, in the unit of the result, or `rtol` of the largest result up to
+        that time, whichever is larger.
+    abscissa : float [1/s], optional
+        Largest real part of the singularities of F, taken as known; found where not given.
 
     Returns
     -------
@@ -137,4 +143,6 @@ def invert_laplace(
         transfer = compile_expression(transfer, dict(parameters or {}))
     elif parameters:
         raise ValueError("parameters belong to an expression, not to a function")
-    return LaplaceInversion(invert(transfer, times, method=method, tol=tol, abscissa=abscissa), tol)
+    return LaplaceInversion(
+        invert(transfer, times, method=method, tol=tol, rtol=rtol, abscissa=abscissa)
+    )

@@ -9,7 +9,14 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, warn
-from thermaltool.cli.types import NUMBER, POSITIVE, Assignment, InputPath, TimeGrid
+from thermaltool.cli.types import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Abscissa,
+    Assignment,
+    InputPath,
+    TimeGrid,
+)
 from thermaltool.documents import write_whole
 
 METHODS = ("auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest")
@@ -26,11 +33,13 @@ METHODS = ("auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest")
 @click.option("--time", "single", type=POSITIVE, metavar="SECONDS", multiple=True,
               help="One time [s]; repeatable.")  # fmt: skip
 @click.option("--method", type=click.Choice(METHODS), default="auto",
-              help="auto: hyperbola, and dehoog where its error exceeds --tol.")  # fmt: skip
+              help="auto: hyperbola, and dehoog where its error is above --tol.")  # fmt: skip
 @click.option("--tol", type=POSITIVE, metavar="ERROR", default=1e-9,
               help="Absolute error wanted [unit of the result].")  # fmt: skip
-@click.option("--abscissa", type=NUMBER, metavar="RATE", default=0.0,
-              help="Largest real part of the singularities [1/s].")  # fmt: skip
+@click.option("--rtol", type=NOT_NEGATIVE, metavar="PART", default=1e-9,
+              help="The same, as a part of the largest result up to that time.")  # fmt: skip
+@click.option("--abscissa", type=Abscissa(), metavar="RATE|auto", default="auto",
+              help="Largest real part of the singularities [1/s]; auto finds it.")  # fmt: skip
 @click.option("-p", "--parameter", type=Assignment(), multiple=True, help="Value of a name.")
 @shared.json_option
 @shared.output_option
@@ -55,8 +64,9 @@ def command(
     and sqrt exp log sin cos tan sinh cosh tanh j0 j1 i0 i1 k0 k1 jv iv kv erf erfc erfcx gamma;
     i0e(z) = exp(-z)*i0(z) and k0e(z) = exp(z)*k0(z) do not overflow.
 
-    Writes time_s, value_1, error_1 (estimated absolute error). Where the error exceeds --tol the
-    result is written all the same, a warning names the worst time, and the exit code is 3.
+    Writes time_s, value_1, error_1 (estimated absolute error). Where the error exceeds both
+    --tol and --rtol the result is written all the same, a warning names the worst time, and the
+    exit code is 3.
     """
     from thermaltool import api
     from thermaltool.laplace.expression import ExpressionError

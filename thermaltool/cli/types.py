@@ -272,3 +272,15 @@ class DeadTime(Parsed):
         if seconds < 0:
             raise ValueRefusedError(" is below 0")
         return seconds
+
+
+class Abscissa(Parsed):
+    """A rate [1/s], or None for auto."""
+
+    name, form = "RATE|auto", "a number or auto"
+
+    def parse(self, text: str) -> float | None:
+        if text == "auto":
+            return None
+        rate: float = NUMBER.convert(text, None, None)
+        return rate

@@ -219,7 +219,7 @@ def kernel_table(
 
     t = dt * np.arange(window + 1)
     scale = max(abs(A0), abs(2 * regularization.c * A1))
-    twice = invert(lambda s: regular(s) / s**2, t[1:], tol=tol * dt * scale)
+    twice = invert(lambda s: regular(s) / s**2, t[1:], tol=tol * dt * scale, rtol=0.0)
     ramp = np.concatenate([[0.0], twice.values])
     weight = np.empty(window)
     weight[0] = ramp[1] / dt

@@ -2,7 +2,8 @@
 
 No method can bound its own error from its own samples: a contour that leaves a pole outside
 converges beautifully to a wrong answer. So every estimate here is the larger of two things, the
-difference of two orders of the method and its difference from a second, unrelated method.
+difference of two orders of the method and its difference from a second, unrelated method. What
+lies right of both is found first, by `causality`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from thermaltool.errors import FitError
+from thermaltool.laplace.causality import rightmost
 from thermaltool.laplace.contours import hyperbola, windows
 from thermaltool.laplace.dehoog import HALF_PERIOD, dehoog
 from thermaltool.laplace.resonances import Resonances, scan
@@ -24,6 +26,39 @@ METHODS = ("auto", "hyperbola", "talbot", "euler", "dehoog", "stehfest")
 # Terms summed before acceleration, in the Fourier series that answers and in the one that checks
 # it; the next pair is tried where the error exceeds the tolerance.
 HEAD_TERMS = ((256, 64), (2048, 512), (8192, 2048))
+
+
+@dataclass(frozen=True)
+class Goal:
+    """The error wanted of f(t)/growth at ascending times: absolute, or of what f has reached.
+
+    Attributes
+    ----------
+    growth : ndarray, shape (n,)
+    tol, rtol : float
+        See `invert`.
+    reached : float
+        Largest |f| before the first of the times.
+    """
+
+    growth: RealArray
+    tol: float
+    rtol: float
+    reached: float = 0.0
+
+    def __call__(self, values: RealArray, error: RealArray) -> RealArray:
+        """The errors wanted, shape (n,), where `values` and their `error` are f(t)/growth."""
+        with np.errstate(all="ignore"):
+            known = np.append(self.reached, (abs(values) - error) * self.growth)
+            return np.fmax(self.tol, self.rtol * np.fmax.accumulate(known)[1:]) / self.growth
+
+    def within(self, window: slice, values: RealArray, error: RealArray) -> Goal:
+        """The same for the times of `window`, after those of `values` and their `error`."""
+        with np.errstate(all="ignore"):
+            known = (abs(values) - error) * self.growth[: values.size]
+        return Goal(
+            self.growth[window], self.tol, self.rtol, float(np.fmax.reduce(known, initial=0.0))
+        )
 
 
 @dataclass(frozen=True)
@@ -42,6 +77,10 @@ class Inversion:
         The method, or those that ``auto`` took (``hyperbola+dehoog``).
     evaluations : int
         Number of s at which the transfer function was evaluated.
+    abscissa : float
+        Largest real part of the singularities of F [1/s], as given or as found.
+    wanted : ndarray, shape (n,)
+        The error that was wanted, in the unit of `values`.
     """
 
     t: RealArray
@@ -49,6 +88,8 @@ class Inversion:
     error: RealArray
     method: str
     evaluations: int
+    abscissa: float
+    wanted: RealArray
 
 
 def invert(
@@ -57,7 +98,8 @@ def invert(
     *,
     method: str = "auto",
     tol: float = 1e-9,
-    abscissa: float = 0.0,
+    rtol: float = 1e-9,
+    abscissa: float | None = None,
 ) -> Inversion:
     """Invert a Laplace transform F(s) of a real function f(t).
 
@@ -76,10 +118,13 @@ def invert(
         Whitt 2006): 54 per time, copes with oscillation of a few periods. ``dehoog`` (de Hoog,
         Knight & Stokes 1982): Re s > abscissa only, copes with poles near the imaginary axis and
         with delays. ``stehfest`` (Stehfest 1970): real s only, smooth f, four to seven digits.
-    tol : float
-        Absolute error wanted, in the unit of f; dehoog takes more terms until it is met.
-    abscissa : float
-        Largest real part of the singularities of F [1/s]; above 0 for an unstable F.
+    tol, rtol : float
+        Error wanted: `tol`, in the unit of f, or `rtol` of the largest |f| up to that time,
+        whichever is larger; dehoog takes more terms until it is met.
+    abscissa : float, optional
+        Largest real part of the singularities of F [1/s], taken as known; above 0 for an
+        unstable F. Without it the rightmost singularity is found by some thousand evaluations
+        more, except for ``stehfest``: 0.
 
     Returns
     -------
@@ -91,43 +136,58 @@ def invert(
     Raises
     ------
     ValueError
-        `t` not positive, finite and one-dimensional; unknown `method`; `tol` not positive.
+        `t` not positive, finite and one-dimensional; unknown `method`; `tol` not positive;
+        `rtol` negative.
     FitError
-        F is not finite at an s that the method needs (the message names it).
+        F is not finite at an s that the method needs (the message names it); no line has all
+        its singularities on the left.
     """
     times = np.asarray(t, dtype=np.float64)
     if times.ndim != 1 or not (np.isfinite(times) & (times > 0)).all():
         raise ValueError("times must be a one-dimensional array of positive finite numbers")
     if method not in METHODS:
         raise ValueError(f"no method {method!r}; one of {', '.join(METHODS)}")
-    if not tol > 0 or not np.isfinite(abscissa):
-        raise ValueError("tol must be above 0 and abscissa finite")
+    if not tol > 0 or not rtol >= 0 or not (abscissa is None or np.isfinite(abscissa)):
+        raise ValueError("tol must be above 0, rtol not below, and abscissa finite")
     order = np.argsort(times, kind="stable")
     ascending = times[order]
-    sample = Sampler(transfer, abscissa)
+    sample = Sampler(transfer, abscissa or 0.0)
+    if abscissa is None and method != "stehfest" and times.size:
+        sample.abscissa = rightmost(sample, ascending, tol)
     with np.errstate(over="ignore"):
-        growth = np.exp(abscissa * ascending)
-    values, error, used = _by_windows(sample, ascending, method, tol / growth)
+        growth = np.exp(sample.abscissa * ascending)
+    goal = Goal(growth, tol, rtol)
+    values, error, used = _by_windows(sample, ascending, method, goal)
     with np.errstate(all="ignore"):
+        wanted = goal(values, error) * growth
         values, error = values * growth, error * growth
     unusable = ~(np.isfinite(values) & np.isfinite(error))
     values[unusable], error[unusable] = np.nan, np.inf
     back = np.argsort(order, kind="stable")
-    return Inversion(times, values[back], error[back], used, sample.evaluations)
+    return Inversion(
+        times,
+        values[back],
+        error[back],
+        used,
+        sample.evaluations,
+        sample.abscissa,
+        np.where(unusable, tol, wanted)[back],
+    )
 
 
 def _by_windows(
-    sample: Sampler, t: RealArray, method: str, target: RealArray
+    sample: Sampler, t: RealArray, method: str, goal: Goal
 ) -> tuple[RealArray, RealArray, str]:
     """Values, errors and methods used at ascending times."""
     if method == "stehfest":
         return *apply_rule(sample, t, method), method
     values, error = np.empty_like(t), np.empty_like(t)
     from_dehoog = np.zeros(t.size, dtype=bool)
-    resonances = scan(sample, t, target.min(initial=np.inf))
+    resonances = scan(sample, t, (goal.tol / goal.growth).min(initial=np.inf))
     for window in windows(t):
+        here = goal.within(window, values[: window.start], error[: window.start])
         values[window], error[window], from_dehoog[window] = _audited(
-            sample, t[window], method, target[window], resonances
+            sample, t[window], method, here, resonances
         )
     if method != "auto":
         return values, error, method
@@ -136,7 +196,7 @@ def _by_windows(
 
 
 def _audited(
-    sample: Sampler, t: RealArray, method: str, target: RealArray, resonances: Resonances
+    sample: Sampler, t: RealArray, method: str, goal: Goal, resonances: Resonances
 ) -> tuple[RealArray, RealArray, NDArray[np.bool_]]:
     """Values, errors and whether dehoog gave them, at the times of one window."""
     values, own_error = _contour(sample, t, method)
@@ -151,6 +211,7 @@ def _audited(
         series_error = np.where(better, error, series_error)
         missed = np.where(better, unresolved, missed)
         audited = _worst(own_error, abs(values - series), missed)
+        target = goal(series, series_error)
         if (np.minimum(audited, series_error) <= np.maximum(target, 10 * rounding)).all():
             break
     if method == "dehoog":

@@ -43,9 +43,7 @@ FIGURES: dict[tuple[str, ...], Callable[..., Figure]] = {
     ("kernel", "model"): lambda kernel, model, channels: draw_kernel(
         kernel.data, kernel.name, model.data, channels
     ),
-    ("inversion",): lambda result, channels: draw_inversion(
-        result.data, result.name, result.data.get("tol"), channels
-    ),
+    ("inversion",): lambda result, channels: draw_inversion(result.data, result.name, channels),
 }
 
 

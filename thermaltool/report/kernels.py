@@ -90,17 +90,14 @@ def _inverted_term(model: Model, name: str, channels: Sequence[str]) -> Term:
     return terms[0]
 
 
-def draw_inversion(
-    result: Mapping[str, Any], name: str, tol: float | None = None, channels: Sequence[str] = ()
-) -> Figure:
+def draw_inversion(result: Mapping[str, Any], name: str, channels: Sequence[str] = ()) -> Figure:
     """What ``laplace`` writes: the inverse transform, and its estimated error.
 
     Parameters
     ----------
     result : mapping
-        time_s, value_1, error_1; shape (n,), None or NaN where there is no answer.
-    tol : float, optional
-        The error that was wanted.
+        time_s, value_1, error_1, and `wanted`, the error that was wanted, if known; shape (n,),
+        None or NaN where there is no answer.
     """
     choose(["value_1"], channels, name)
     time, value, error = (
@@ -121,8 +118,9 @@ def draw_inversion(
     bottom.set(title=f"Estimated error{worst}", ylabel="error [1]", xlabel=f"time [{unit}]")
     if np.isfinite(positive).any():
         bottom.set_yscale("log")
-    if tol is not None:
-        bottom.axhline(tol, color=MARK, lw=0.9, ls="--", label=f"wanted: {tol:.0e}")
+    if "wanted" in result:
+        wanted = np.array(result["wanted"], dtype=float)[order]
+        trace(bottom, time, wanted, per=per, color=MARK, lw=0.9, ls="--", label="wanted")
         bottom.legend()
     if _geometric(time):
         bottom.set_xscale("log")
