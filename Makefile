@@ -5,7 +5,7 @@
 # make study    error bands over fresh noise, hidden effects, the measured logs
 # make hidden   hidden effects alone; make measured: the measured logs alone
 # make exam     machines of other physics, known and unknown trouble: 324 logs; not in CI
-# make docs     docs/commands/ again, from --help
+# make docs     docs/reference/commands/ again, from --help
 # make samples  data_samples/ again, from the simulated machine
 # Each sets up .venv from requirements.lock by itself.
 SHELL := bash

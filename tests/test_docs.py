@@ -24,7 +24,7 @@ def test_pages_agree_with_help() -> None:
 
 def test_every_page_has_an_example_and_the_short_help_option() -> None:
     for name in COMMANDS:
-        text = (DOCS / "commands" / f"{name}.md").read_text(encoding="utf-8")
+        text = (DOCS / "reference" / "commands" / f"{name}.md").read_text(encoding="utf-8")
         assert "Example: " in text
         assert "-h, --help" in text
 
@@ -49,7 +49,7 @@ class Outputs(doctest.OutputChecker):
         return all(b == pytest.approx(a, rel=TOLERANCE, abs=1e-9) for a, b in pairs)
 
 
-@pytest.mark.parametrize("page", ["python.md"])
+@pytest.mark.parametrize("page", ["reference/python.md"])
 def test_pages_for_python_show_what_python_shows(
     page: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -62,3 +62,45 @@ def test_pages_for_python_show_what_python_shows(
     runner.run(parsed, out=shown.append)
     assert runner.tries > 10
     assert not runner.failures, "".join(shown)
+
+
+ROOT = DOCS.parent
+PAGES = sorted([*DOCS.rglob("*.md"), *ROOT.glob("*.md"), *ROOT.glob("data_samples/*.md")])
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+FENCE = re.compile(r"^ *```.*?^ *```", re.MULTILINE | re.DOTALL)
+
+
+def prose(page: Path) -> str:
+    """Text of a page without its blocks of code."""
+    return FENCE.sub("", page.read_text(encoding="utf-8"))
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link to a heading of `page` may say, as the site and the forges make it."""
+    found: set[str] = set()
+    for title in re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE):
+        text = re.sub(r"[^\w\s-]", "", title.lower()).strip()
+        found.add(re.sub(r"\s", "-", text))
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in LINK.findall(prose(page)):
+        if "://" in link:
+            continue
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), f"{page.name}: ({link}): no such file"
+        if anchor:
+            assert anchor in anchors(target), f"{page.name}: ({link}): no such heading"
+
+
+def test_no_text_names_a_page_that_is_not_there() -> None:
+    named = re.compile(r"\bdocs/[\w/-]+\.(?:md|py|png)")
+    rooms = ("thermaltool", "pipelines", "benchmarks", "tests", "docs", "data_samples")
+    files = [path for room in rooms for path in (ROOT / room).rglob("*")]
+    for path in [*files, *ROOT.glob("*.md"), ROOT / "Makefile"]:
+        if path.suffix in {".py", ".mk", ".sh", ".md", ".toml"} or path.name == "Makefile":
+            for name in named.findall(path.read_text(encoding="utf-8")):
+                assert (ROOT / name).exists(), f"{path} names {name}"
