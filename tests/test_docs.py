@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import os
 import re
 import subprocess
 import sys
@@ -96,6 +97,14 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert anchor in anchors(target), f"{page.name}: ({link}): no such heading"
 
 
+def test_the_site_shows_every_page() -> None:
+    shown = set(re.findall(r"[\w/-]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8")))
+    pages = {str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md")}
+    # The pages of the commands are reached by their table.
+    commands = {f"reference/commands/{name}.md" for name in COMMANDS}
+    assert shown == pages - commands
+
+
 def test_no_text_names_a_page_that_is_not_there() -> None:
     named = re.compile(r"\bdocs/[\w/-]+\.(?:md|py|png)")
     rooms = ("thermaltool", "pipelines", "benchmarks", "tests", "docs", "data_samples")
@@ -104,3 +113,49 @@ def test_no_text_names_a_page_that_is_not_there() -> None:
         if path.suffix in {".py", ".mk", ".sh", ".md", ".toml"} or path.name == "Makefile":
             for name in named.findall(path.read_text(encoding="utf-8")):
                 assert (ROOT / name).exists(), f"{path} names {name}"
+
+
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+# The others take longer.
+QUICK_TUTORIAL = "pipe"
+TUTORIALS = [
+    pytest.param(page, marks=[] if page.stem == QUICK_TUTORIAL else pytest.mark.slow, id=page.stem)
+    for page in sorted((DOCS / "tutorials").glob("*.md"))
+]
+
+
+def missing(wanted: str, shown: str) -> str:
+    """The first piece between two "..." of `wanted` that `shown` lacks, numbers to a tenth."""
+    shown, at = " ".join(shown.split()), 0
+    for piece in (" ".join(each.split()) for each in wanted.split("...")):
+        values = [pytest.approx(float(each), rel=0.1) for each in NUMBER.findall(piece)]
+        pattern = f"({NUMBER.pattern})".join(map(re.escape, NUMBER.split(piece)))
+        for found in re.finditer(pattern, shown[at:]):
+            if [float(each) for each in found.groups()] == values:
+                at += found.end()
+                break
+        else:
+            return piece
+    return ""
+
+
+@pytest.mark.parametrize("page", TUTORIALS)
+def test_tutorials_run_and_show_what_they_say(page: Path, tmp_path: Path) -> None:
+    (tmp_path / "data_samples").symlink_to(ROOT / "data_samples")
+    command = tmp_path / "bin" / "thermaltool"
+    command.parent.mkdir()
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m thermaltool "$@"\n')
+    command.chmod(0o755)
+    shown = ""
+    for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")):
+        if kind == "sh":
+            done = subprocess.run(
+                ["bash", "-euo", "pipefail", "-c", text],
+                cwd=tmp_path, capture_output=True, text=True,
+                env=os.environ | {"PATH": f"{command.parent}:{os.environ['PATH']}"},
+            )  # fmt: skip
+            shown = done.stdout + done.stderr
+            assert done.returncode == (3 if "# exits with 3" in text else 0), shown
+        elif kind == "text" and shown:
+            assert not missing(text, shown), f"{missing(text, shown)}\n\nin\n\n{shown}"
+            shown = ""
