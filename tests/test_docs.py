@@ -105,6 +105,20 @@ def test_the_site_shows_every_page() -> None:
     assert shown == pages - commands
 
 
+# The pages of the commands, a folder below, name the option --seed.
+FOR_USERS = [
+    page
+    for part in ("tutorials", "how-to", "reference", "explanation")
+    for page in (DOCS / part).glob("*.md")
+]
+
+
+@pytest.mark.parametrize("page", FOR_USERS, ids=lambda page: str(page.relative_to(DOCS)))
+def test_pages_for_users_hold_no_seeds_and_no_processors(page: Path) -> None:
+    words = r"\bseeds?\b|\bAMD\b|EPYC|Xeon|[Ee]arlier release|[Ss]ince the last"
+    assert not re.search(words, prose(page)), f"{page.name}: that belongs into results/"
+
+
 def test_no_text_names_a_page_that_is_not_there() -> None:
     named = re.compile(r"\bdocs/[\w/-]+\.(?:md|py|png)")
     rooms = ("thermaltool", "pipelines", "benchmarks", "tests", "docs", "data_samples")
