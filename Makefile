@@ -5,7 +5,7 @@
 # make study    error bands over fresh noise, hidden effects, the measured logs
 # make hidden   hidden effects alone; make measured: the measured logs alone
 # make exam     machines of other physics, known and unknown trouble: 324 logs; not in CI
-# make docs     docs/commands/ again, from --help
+# make docs     the site of docs/ in site/; docs/reference/commands/ again, from --help
 # make samples  data_samples/ again, from the simulated machine
 # Each sets up .venv from requirements.lock by itself.
 SHELL := bash
@@ -22,6 +22,8 @@ BENCH_READY := .venv-bench/.ready
 # Those of `identify` apart again: one of them admits no newer numpy.
 BENCH_IDENTIFY := .venv-bench-identify/bin
 BENCH_IDENTIFY_READY := .venv-bench-identify/.ready
+DOCS := .venv-docs/bin
+DOCS_READY := .venv-docs/.ready
 TOOLS := THERMALTOOL=$(CURDIR)/$(BIN)/thermaltool PYTHON=$(CURDIR)/$(BIN)/python
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
@@ -39,6 +41,11 @@ $(BENCH_READY): requirements-bench.lock
 $(BENCH_IDENTIFY_READY): requirements-bench-identify.lock
 	$(PYTHON) -m venv .venv-bench-identify
 	$(BENCH_IDENTIFY)/python -m pip install --quiet --require-hashes -r requirements-bench-identify.lock
+	touch $@
+
+$(DOCS_READY): requirements-docs.lock
+	$(PYTHON) -m venv .venv-docs
+	$(DOCS)/python -m pip install --quiet --require-hashes -r requirements-docs.lock
 	touch $@
 
 demo: $(READY)
@@ -99,13 +106,17 @@ measured: $(READY)
 samples: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/samples.mk $(TOOLS)
 
-docs: $(READY)
+# Strict: a broken link is an error (with --quiet it is none).
+docs: $(READY) $(DOCS_READY)
 	$(BIN)/python docs/commands.py
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/python -m mkdocs build --strict
+	@echo "site: site/index.html"
 
 lock:
 	uv pip compile --universal --generate-hashes --no-emit-index-url --group dev pyproject.toml -o requirements.lock
 	uv pip compile --universal --generate-hashes --no-emit-index-url --group bench -c requirements.lock pyproject.toml -o requirements-bench.lock
 	uv pip compile --universal --generate-hashes --no-emit-index-url --group bench-identify pyproject.toml -o requirements-bench-identify.lock
+	uv pip compile --universal --generate-hashes --no-emit-index-url --group docs -o requirements-docs.lock
 
 clean:
-	rm -rf demo build dist
+	rm -rf demo build dist site

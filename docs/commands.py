@@ -12,7 +12,7 @@ import click
 
 from thermaltool.cli import COMMANDS, group
 
-PAGES = Path(__file__).with_name("commands")
+PAGES = Path(__file__).parent / "reference" / "commands"
 
 
 def page(name: str) -> str:

@@ -1,5 +1,5 @@
 # What `diagnose` says of measured logs that this project did not make, beside what is publicly known
-# of them (docs/study.md). `make measured` calls it.
+# of them (docs/results/study.md). `make measured` calls it.
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:

@@ -1,5 +1,5 @@
 # Measured logs that this project did not make: calibrated on one part, judged on another that the
-# fit has not seen. `make measured` calls it; docs/study.md says why these options.
+# fit has not seen. `make measured` calls it; docs/results/study.md says why these options.
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:

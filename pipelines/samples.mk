@@ -10,8 +10,8 @@ PYTHON ?= python
 export OMP_NUM_THREADS ?= 1
 
 LOGS := idle step100 step050 step025 triangle duty
-.PHONY: all $(LOGS) first junction
-all: $(LOGS) first junction
+.PHONY: all $(LOGS) first junction machines
+all: $(LOGS) first junction machines
 
 idle: OPTIONS := --input idle --duration 7200 --seed 10
 step100: OPTIONS := --input step --duration 9060 --seed 11
@@ -29,3 +29,6 @@ first:
 
 junction:
 	$(PYTHON) benchmarks/spectrum.py log $(OUT)/junction_heating.csv
+
+machines:
+	$(PYTHON) data_samples/machines.py $(OUT)

@@ -1,4 +1,4 @@
-"""A reader's first cause: the code of docs/diagnosis.md, copied, registered, hidden and found."""
+"""A first cause: the code of docs/development/causes.md, copied, registered, hidden and found."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.record import Record
 
-PAGE = Path(__file__).parents[2] / "docs" / "diagnosis.md"
+PAGE = Path(__file__).parents[2] / "docs/development/causes.md"
 
 
 def machine(heat: np.ndarray, generator: np.random.Generator) -> dict[str, np.ndarray]:

@@ -104,7 +104,7 @@ def test_a_sink_is_one_file_and_one_line(stream_into, tmp_path, monkeypatch):
 
 
 def test_the_sink_of_the_documentation_as_it_stands(stream_into, tmp_path, monkeypatch):
-    page = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs/development/extending.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
     (code,) = (block for block in blocks if "class UdpSink" in block)
     (line,) = (block for block in blocks if "udp_sink:UdpSink" in block)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from thermaltool.runtime.messages import Messages
     from thermaltool.runtime.process import Process
 
-# What nothing is known of is forecast best by a long AR model (docs/fcc.md).
+# What nothing is known of is forecast best by a long AR model (docs/how-to/fcc.md).
 USUAL_ORDER = 20, 0
 
 

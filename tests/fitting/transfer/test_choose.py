@@ -73,7 +73,7 @@ def test_no_candidate_is_listed_that_was_not_fitted_as_listed(structure):
 
 
 def test_the_structure_of_the_documentation_as_it_stands(monkeypatch):
-    page = (Path(__file__).parents[3] / "docs" / "extending.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs/development/extending.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
     (code,) = (block for block in blocks if "class FopdtStructure" in block)
     (line,) = (block for block in blocks if "StructureEntry(" in block)
