@@ -139,6 +139,29 @@ def to_json(document: Mapping[str, Any], indent: int | None = 1) -> str:
         raise ModelError(f"cannot be written: {fault}") from error
 
 
+def to_compact_json(value: Any, width: int = 160, indent: int = 0) -> str:
+    """A document as text, sorted: what is as short as a line on one, everything else item by item.
+
+    Parameters
+    ----------
+    value : JSON-ready, without NaN
+    width : int
+        Of a line.
+    """
+    line = json.dumps(value, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    if len(line) + indent <= width or not isinstance(value, dict | list):
+        return line
+    inside = " " * (indent + 1)
+    if isinstance(value, dict):
+        pairs = ((f"{json.dumps(k, ensure_ascii=False)}: ", value[k]) for k in sorted(value))
+        ends = "{}"
+    else:
+        pairs = (("", each) for each in value)
+        ends = "[]"
+    rows = [f"{inside}{name}{to_compact_json(v, width, indent + 1)}" for name, v in pairs]
+    return "\n".join([ends[0], ",\n".join(rows), f"{' ' * indent}{ends[1]}"])
+
+
 def write_json(document: Mapping[str, Any], target: str) -> None:
     """Write a document whole, as `to_json`; ``-`` is stdout."""
     write_whole(to_json(document).encode(), target)

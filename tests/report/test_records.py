@@ -7,12 +7,12 @@ from thermaltool.errors import LogError
 from thermaltool.report.kernels import draw_inversion, draw_kernel
 from thermaltool.report.noise import draw_document, draw_figure, noise_document
 from thermaltool.report.pairs import (
-    draw_comparison,
     draw_compensation,
     draw_estimate,
     draw_simulation,
 )
 from thermaltool.report.records import draw_log, draw_setpoints
+from thermaltool.report.residuals import draw_comparison
 from thermaltool.signals.noise import estimate_noise
 
 from .conftest import make_log
@@ -52,7 +52,9 @@ def test_no_channels():
 
 def test_model_on_a_log(model, log):
     figure = draw_comparison(model, log)
-    pair, error, deflection, rest = figure.axes
+    pair, error, white, independent, deflection, rest, *_ = figure.axes
+    assert white.get_xlabel() == "lag [s]"
+    assert "residual behind the input" in independent.get_xlabel()
     assert pair.get_title() == "dT_pair1_K, from rest"
     np.testing.assert_allclose(data(error, "measured − simulated"), 0, atol=1e-9)
     assert data(deflection, "measured")[0] == 0.0  # the offset of 1000 µm is taken off
@@ -61,7 +63,7 @@ def test_model_on_a_log(model, log):
 
 def test_model_on_a_log_without_an_output(model, log):
     del log.columns["d_y_um"]
-    assert len(draw_comparison(model, log).axes) == 3
+    assert len(draw_comparison(model, log).axes) == 5
 
 
 def test_simulation(log):

@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from thermaltool.errors import LogError, OutputError
+from thermaltool.report.clock_axis import time_unit
 from thermaltool.report.style import (
     choose,
     envelope,
     figure_format,
     new_figure,
     render,
-    time_unit,
     trace,
     visible,
 )

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from thermaltool.api.arma import *  # noqa: F403
     from thermaltool.api.calibration import *  # noqa: F403
+    from thermaltool.api.comparison import *  # noqa: F403
     from thermaltool.api.compensator import *  # noqa: F403
     from thermaltool.api.diagnosis import *  # noqa: F403
     from thermaltool.api.estimation import *  # noqa: F403
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from thermaltool.api.log_check import *  # noqa: F403
     from thermaltool.api.noise_report import *  # noqa: F403
     from thermaltool.api.orders import *  # noqa: F403
+    from thermaltool.api.presentation import *  # noqa: F403
     from thermaltool.api.result import *  # noqa: F403
     from thermaltool.api.simulation import *  # noqa: F403
     from thermaltool.api.transient import *  # noqa: F403
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 PUBLIC = {
     "api.arma": ("ArmaFit", "SeriesForecast", "fit", "forecast"),
     "api.calibration": ("Calibration", "calibrate"),
+    "api.comparison": ("Comparison", "compare"),
     "api.compensator": ("Compensator",),
     "api.diagnosis": ("DiagnosisReport", "diagnose"),
     "api.estimation": ("DesignReport", "LogEstimate", "estimate", "regularize"),
@@ -41,6 +44,7 @@ PUBLIC = {
     "api.log_check": ("LogCheck", "check"),
     "api.noise_report": ("NoiseReport", "noise"),
     "api.orders": ("OrderReport", "order"),
+    "api.presentation": ("Presentation", "present"),
     "api.result": ("to_frame",),
     "api.simulation": ("Simulation", "simulate"),
     "api.transient": ("SpectrumReport", "spectrum"),

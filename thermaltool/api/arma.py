@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from thermaltool.logs.reader import Data
+    from thermaltool.record import Record
     from thermaltool.signals.whiteness import PortmanteauTest
     from thermaltool.timeseries.model import ArmaModel
 
@@ -73,10 +74,10 @@ class ArmaFit(Result):
         return fit_table(self.model, self.level)
 
     def draw(self) -> Figure:
-        """AR and MA roots in the unit circle."""
-        from thermaltool.report.orders import draw_roots
+        """Spectrum of the model, and its roots in the unit circle."""
+        from thermaltool.report.series_figures import draw_arma
 
-        return draw_roots(self.model)
+        return draw_arma(self.model)
 
 
 @reads(SeriesReading)
@@ -190,6 +191,8 @@ class SeriesForecast(Result):
     time : ndarray, shape (steps,) [s]
     value, low, high : ndarray, shape (steps,)
         Forecast and its interval [unit of the channel].
+    history : Record or None
+        The series up to where the forecast begins.
     """
 
     channel: str
@@ -197,6 +200,7 @@ class SeriesForecast(Result):
     value: Array
     low: Array
     high: Array
+    history: Record | None = None
 
     def columns(self) -> dict[str, Array]:
         """The table that ``thermaltool forecast`` writes."""
@@ -208,10 +212,11 @@ class SeriesForecast(Result):
         return self.frame.to_string()
 
     def draw(self) -> Figure:
-        """Forecasts and their interval."""
-        from thermaltool.report.orders import draw_forecast
+        """The end of the series, forecasts and their interval."""
+        from thermaltool.report.series_figures import ForecastCurve, draw_forecasts
 
-        return draw_forecast(self.channel, self.time, self.value, self.low, self.high)
+        found = ForecastCurve(self.channel, self.time, self.value, self.low, self.high)
+        return draw_forecasts([found], self.history)
 
     @property
     def frame(self) -> pandas.DataFrame:
@@ -298,5 +303,5 @@ def forecast(
         warn(f"{place_of(record)}: the last {behind} samples are missing: forecast")
     ahead = forecasts.forecast(fitted, record, behind + steps, level)
     time = np.round(record.time[-1] + period * np.arange(1, steps + 1), 9)
-    values = (each[behind:] for each in (ahead.value, ahead.low, ahead.high))
-    return SeriesForecast(column, time, *values)
+    value, low, high = (each[behind:] for each in (ahead.value, ahead.low, ahead.high))
+    return SeriesForecast(column, time, value, low, high, record)

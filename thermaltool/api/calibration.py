@@ -76,7 +76,7 @@ class Calibration(Result):
 
     def draw(self) -> Figure:
         """Measured and simulated outputs over the first log, and their difference."""
-        from thermaltool.report.pairs import draw_comparison
+        from thermaltool.report.residuals import draw_comparison
 
         return draw_comparison(self.model, self.logs[0])
 

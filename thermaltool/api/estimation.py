@@ -80,7 +80,7 @@ class DesignReport(Result):
         ModelError
             Every drive is measured: there was nothing to choose.
         """
-        from thermaltool.report.models import draw_trade_off
+        from thermaltool.report.trade_off import draw_trade_off
 
         if not self.design.choices:
             raise ModelError("every drive is measured: there is no trade-off to draw")

@@ -48,7 +48,7 @@ class OrderReport(Result):
         """What ``thermaltool order --json`` writes."""
         from thermaltool.report.orders import order_document
 
-        return order_document(self.orders, self.criteria)
+        return order_document(self.name, self.orders, self.criteria)
 
     def table(self) -> str:
         """The best orders by each criterion, side by side."""
@@ -58,9 +58,9 @@ class OrderReport(Result):
 
     def draw(self) -> Figure:
         """Criteria above their best against the AR order."""
-        from thermaltool.report.orders import draw_orders
+        from thermaltool.report.series_figures import draw_orders
 
-        return draw_orders(self.name, self.orders, self.criteria)
+        return draw_orders(self.document())
 
     @property
     def frame(self) -> pandas.DataFrame:

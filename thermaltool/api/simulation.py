@@ -67,6 +67,13 @@ class Simulation(Result):
             zero_message(name, zero, self.log) for name, zero in self.zeros.items() if zero.rows
         )
 
+    def computed(self, output: str) -> NDArray[Any]:
+        """An output that was measured, in the readings of the log, shape (n,)."""
+        own = next(o for o in self.model.outputs if o.channel == output)
+        rest = 0.0 if own.offset == "first" else own.offset
+        found: NDArray[Any] = self.columns[output] - rest + self.zeros[output].value
+        return found
+
     @property
     def judged(self) -> bool:
         """Whether any output was measured over the rows that are judged."""

@@ -27,7 +27,9 @@ COMMANDS: dict[str, str] = {
     "superpose": "The sum of several models.",
     "regularize": "Design the estimator from the model and the measured noise.",
     "invert": "Time-domain kernel of the inverse model, with its singular weights.",
+    "present": "What is in models: gains, time constants, delays, effects, estimator.",
     "simulate": "Outputs of a model for the drives in a log.",
+    "compare": "Models side by side on a log: errors of each, one figure.",
     "estimate": "Heat and deflection from measured temperatures.",
     "compensate": "Stream: sensor lines in, setpoint lines out.",
     "fcc": "Stream: error lines in, commands that act ahead of their own delay out.",
@@ -38,6 +40,7 @@ COMMANDS: dict[str, str] = {
     "diagnose": "What a model gets wrong, why, and what knowing it is worth.",
     "plot": "Figure of any log or result.",
     "plant": "Write a test log from a simulated machine.",
+    "completion": "Script that completes commands and options in bash, zsh or fish.",
 }
 
 INTERRUPTED, CLOSED_PIPE = 128 + signal.SIGINT, 141

@@ -56,12 +56,37 @@ def residual_tests(model: OutputModel, data: TrainingData) -> ResidualTests:
         list(model.residuals(data)),
         dict(zip(model.names, model.sample_delays, strict=True)),
     )
-    long = [runs[k] for k in long_runs([error for error, _ in runs])]
+    inputs = {name: [u[k] for _, u in runs] for k, name in enumerate(delays)}
+    return correlation_tests(
+        [error for error, _ in runs], inputs, delays, model.residual_parameters
+    )
+
+
+def correlation_tests(
+    errors: list[Array],
+    inputs: Mapping[str, list[Array]],
+    delays: Mapping[str, int],
+    fitted: int = 0,
+) -> ResidualTests:
+    """Whether errors are white, and independent of inputs.
+
+    Parameters
+    ----------
+    errors : list of ndarray, shape (n_i,)
+        Runs without a hole; the short ones are left out.
+    inputs : mapping of channel to list of ndarray, shape (n_i,)
+    delays : mapping of channel to int
+        First lag of each input [samples].
+    fitted : int
+        Parameters that were fitted to the correlation of the errors.
+    """
+    runs = [(error, [u[i] for u in inputs.values()]) for i, error in enumerate(errors)]
+    long = [runs[k] for k in long_runs(errors)]
     lags = min(MAX_LAGS, min((len(error) for error, _ in long), default=0) // ROWS_PER_LAG)
     if lags < 2:
         return ResidualTests(0, float("nan"), dict.fromkeys(delays, float("nan")))
     errors = [error - np.mean(error) for error, _ in long]
-    white = ljung_box(errors, lags, model.residual_parameters).p_value
+    white = ljung_box(errors, lags, fitted).p_value
     whitened, independent = _whitened(errors), {}
     for k, (name, delay) in enumerate(delays.items()):
         acts = _whitened([u[k] - np.mean(u[k]) for _, u in long])

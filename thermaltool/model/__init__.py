@@ -1,6 +1,6 @@
 """The model document: what a calibration writes and every later command reads."""
 
-from thermaltool.model.characteristics import Characteristics, characteristics
+from thermaltool.model.characteristics import Characteristics, characteristics, deviations
 from thermaltool.model.document import (
     Drive,
     Model,
@@ -61,6 +61,7 @@ __all__ = [
     "away_from_rest",
     "beside",
     "characteristics",
+    "deviations",
     "drive_rests",
     "dumps",
     "excursions",

@@ -1,27 +1,31 @@
-"""What a person asks of a response: its static gain and its time constants, with intervals."""
+"""What a person asks of a response: gain, time constants, oscillations, delay, with intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from thermaltool.errors import ModelError
 from thermaltool.model.document import Term
-from thermaltool.responses import parameter_names
-from thermaltool.signals.intervals import (
-    Estimate,
-    log_normal_estimate,
-    normal_estimate,
-    standard_error,
-)
+from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
 from thermaltool.units import parse_channel, per, printed
 
 # Step of a derivative, as a share of the parameter.
 STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class OscillatoryMode:
+    """A pair of complex poles: 2π/ω [s], and its damping ratio ζ."""
+
+    period: Estimate
+    damping: Estimate
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,10 @@ class Characteristics:
     gain : Estimate
         Steady state of the output per unit of the drive, with its 95 % interval.
     time_constants : tuple of Estimate [s]
+        The slowest first; of a diffusive response the slowest alone, of oscillations none.
+    oscillations : tuple of OscillatoryMode
         The slowest first.
-    delay : float [s]
+    delay : Estimate [s]
     """
 
     drive: str
@@ -43,7 +49,8 @@ class Characteristics:
     kind: str
     gain: Estimate
     time_constants: tuple[Estimate, ...]
-    delay: float
+    oscillations: tuple[OscillatoryMode, ...]
+    delay: Estimate
 
     @property
     def may_be_zero(self) -> bool:
@@ -51,20 +58,28 @@ class Characteristics:
         return self.gain.low <= 0 <= self.gain.high
 
     def document(self) -> dict[str, Any]:
-        """As JSON."""
-        return {
+        """As JSON: each number with the ends of its interval."""
+        found = {
             "drive": self.drive,
             "output": self.output,
             "kind": self.kind,
-            "gain": [self.gain.value, self.gain.low, self.gain.high],
+            "gain": _ends(self.gain),
             "gain_unit": self.gain.unit,
-            "time_constants_s": [[t.value, t.low, t.high] for t in self.time_constants],
-            "delay_s": self.delay,
+            "time_constants_s": [_ends(each) for each in self.time_constants],
+            "delay_s": self.delay.value,
         }
+        if self.delay.high > self.delay.low:
+            found["delay_interval_s"] = [self.delay.low, self.delay.high]
+        if self.oscillations:
+            found["oscillations"] = [
+                {"period_s": _ends(each.period), "damping": _ends(each.damping)}
+                for each in self.oscillations
+            ]
+        return found
 
 
 def characteristics(term: Term) -> Characteristics:
-    """Static gain and time constants of a term.
+    """Static gain, time constants, oscillations and delay of a term.
 
     Parameters
     ----------
@@ -72,31 +87,98 @@ def characteristics(term: Term) -> Characteristics:
         Without a covariance the intervals have no width.
     """
     unit = printed(per(parse_channel(term.output).unit, parse_channel(term.drive).unit))
-    gain = term.response.dc_gain()
-    constants = [
-        log_normal_estimate(of(term.response), _error(term, of) / of(term.response), "s")
-        for of in _time_constants(term.response)
-    ]
+    response: Any = term.response
+    delays = hasattr(response, "delay")
     return Characteristics(
         term.drive,
         term.output,
-        term.response.kind,
-        normal_estimate(gain, _error(term, lambda response: response.dc_gain()), unit),
-        tuple(sorted(constants, key=lambda each: -each.value)),
-        getattr(term.response, "delay", 0.0),
+        response.kind,
+        normal_estimate(response.dc_gain(), _error(term, lambda each: each.dc_gain()), unit),
+        _slowest_first(_positive(term, of, "s") for of in _time_constants(response)),
+        tuple(_oscillations(term)),
+        normal_estimate(
+            response.delay if delays else 0.0,
+            _error(term, attrgetter("delay")) if delays else 0.0,
+            "s",
+        ),
     )
+
+
+def deviations(term: Term, of: Callable[[Any], NDArray[Any]]) -> NDArray[Any]:
+    """Derivatives of an array that a response gives, times the root of the parameters' covariance.
+
+    Sums of squares over the last axis are variances, to first order.
+
+    Parameters
+    ----------
+    term : Term
+    of : callable
+        Takes a response, gives an ndarray of shape (n,).
+
+    Returns
+    -------
+    ndarray, shape (n, p)
+        Without a covariance p is 0.
+    """
+    response: Any = term.response
+    empty = np.asarray(of(response))[..., None][..., :0]
+    if term.covariance is None or not term.covariance_names:
+        return empty
+    # Parameters that are not identified have variances of any size: an eigenvalue of rounding
+    # may be below zero.
+    values, vectors = np.linalg.eigh(np.asarray(term.covariance, float))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    slopes = [_slope(response, name, of) for name in term.covariance_names]
+    return np.asarray(np.stack(slopes, axis=-1) @ root)
+
+
+def _slope(response: Any, name: str, of: Callable[[Any], NDArray[Any]]) -> NDArray[Any]:
+    """Derivative in a parameter, by a central difference; one-sided at the end of its range."""
+    value = getattr(response, name)
+    # Far below the spread: parameters that are not identified one by one stay in their range.
+    step = STEP * abs(value) or STEP
+    ends = []
+    for end in (value + step, value - step):
+        try:
+            ends.append((end, of(replace(response, **{name: end}))))
+        except ModelError:
+            ends.append((value, of(response)))
+    (high, ahead), (low, behind) = ends
+    return np.asarray((ahead - behind) / (high - low))
+
+
+def _error(term: Term, of: Callable[[Any], float]) -> float:
+    """Standard error of a number of a response; 0 without a covariance."""
+    return float(np.linalg.norm(deviations(term, lambda response: np.array([of(response)]))))
+
+
+def _positive(term: Term, of: Callable[[Any], float], unit: str) -> Estimate:
+    value = of(term.response)
+    return log_normal_estimate(value, _error(term, of) / value, unit)
+
+
+def _slowest_first(found: Iterator[Estimate]) -> tuple[Estimate, ...]:
+    return tuple(sorted(found, key=lambda each: -each.value))
 
 
 def _time_constants(response: Any) -> Iterator[Callable[[Any], float]]:
     """What gives each time constant of a response."""
-    if response.kind.startswith("rational"):
-        for name in response.searched:
-            yield attrgetter(name)
+    if response.kind.startswith(("rational", "oscillation")):
+        yield from (attrgetter(name) for name in response.searched if name.startswith("tau"))
     elif response.kind.endswith("deflection"):
-        for name in response.searched:
-            yield partial(_inverse, name)
+        yield from (partial(_inverse, name) for name in response.searched)
     else:
         yield lambda each: float(each.slowest())
+
+
+def _oscillations(term: Term) -> Iterator[OscillatoryMode]:
+    names = [name for name in term.response.searched if name.startswith("omega")]
+    for name in sorted(names, key=lambda each: float(getattr(term.response, each))):
+        damping = normal_estimate(
+            getattr(term.response, name.replace("omega", "zeta")),
+            _error(term, attrgetter(name.replace("omega", "zeta"))),
+        )
+        yield OscillatoryMode(_positive(term, partial(_period, name), "s"), damping)
 
 
 def _inverse(name: str, response: Any) -> float:
@@ -104,17 +186,10 @@ def _inverse(name: str, response: Any) -> float:
     return 1 / float(getattr(response, name))
 
 
-def _error(term: Term, of: Callable[[Any], float]) -> float:
-    """Standard error of a function of a response, to first order; 0 without a covariance."""
-    if term.covariance is None:
-        return 0.0
-    response: Any = term.response
-    values = {name: getattr(response, name) for name in parameter_names(response.kind)}
-    slope = []
-    for name in term.covariance_names:
-        step = STEP * abs(values[name]) or STEP
-        ahead, behind = (
-            type(response)(**{**values, name: values[name] + h}) for h in (step, -step)
-        )
-        slope.append((of(ahead) - of(behind)) / (2 * step))
-    return standard_error(np.array(slope), np.asarray(term.covariance))
+def _period(name: str, response: Any) -> float:
+    """Natural period of an angular frequency [s]."""
+    return 2 * np.pi / float(getattr(response, name))
+
+
+def _ends(estimate: Estimate) -> list[float]:
+    return [estimate.value, estimate.low, estimate.high]

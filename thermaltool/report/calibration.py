@@ -8,13 +8,11 @@ from typing import Any
 from thermaltool.effects.effect import Effect
 from thermaltool.fitting.discrepancy import MAX_OVER_NOISE
 from thermaltool.fitting.response_choice import LEFT_OUT
-from thermaltool.model import Characteristics, Model, Output, characteristics, to_document
+from thermaltool.model import Model, Output, characteristics, to_document
+from thermaltool.report.presentation import duration, responses_table
 from thermaltool.report.text import aligned
-from thermaltool.signals.intervals import Estimate, normal_estimate
+from thermaltool.signals.intervals import normal_estimate
 from thermaltool.units import ABSOLUTE_ZERO, hold_of, is_absolute, parse_channel, printed
-
-# From here on a time constant is told in minutes, and in hours [s].
-MINUTES_FROM, HOURS_FROM = 120.0, 7200.0
 
 
 def calibration_table(model: Model) -> str:
@@ -34,39 +32,12 @@ def calibration_table(model: Model) -> str:
                 kinds[0] if len(set(kinds)) == 1 else " + ".join(kinds),
             ]
         )
-    parts = [aligned(rows), _responses([characteristics(term) for term in model.terms])]
+    parts = [aligned(rows), responses_table([characteristics(term) for term in model.terms])]
     for output in model.outputs:
         candidates = output.fit.get("candidates")
         if candidates:
             parts.append(_candidates(output.channel, candidates))
     return "\n\n".join(parts)
-
-
-def _responses(found: Sequence[Characteristics]) -> str:
-    rows = [["drive", "output", "static gain", "", "time constants"]]
-    for each in found:
-        delay = f"; delay {_duration(each.delay)}" if each.delay else ""
-        rows.append(
-            [
-                each.drive,
-                each.output,
-                f"{each.gain.value:.4g} {each.gain.unit}".strip(),
-                f"({each.gain.low:.4g} to {each.gain.high:.4g})",
-                ", ".join(map(_constant, each.time_constants)) + delay,
-            ]
-        )
-    return aligned(rows)
-
-
-def _constant(constant: Estimate) -> str:
-    low, high = (_duration(each) for each in (constant.low, constant.high))
-    return f"{_duration(constant.value)} ({low} to {high})"
-
-
-def _duration(seconds: float) -> str:
-    if seconds < MINUTES_FROM:
-        return f"{seconds:.3g} s"
-    return f"{seconds / 60:.3g} min" if seconds < HOURS_FROM else f"{seconds / 3600:.3g} h"
 
 
 def _candidates(channel: str, candidates: Sequence[Mapping[str, Any]]) -> str:
@@ -117,7 +88,7 @@ def calibration_warnings(model: Model) -> list[str]:
             hold = 3 * term.response.slowest()
             found.append(
                 f"{each.output}: the gain of {each.drive} may be zero ({each.gain}): change it "
-                f"alone, while the other drives rest, and hold it for {_duration(hold)}"
+                f"alone, while the other drives rest, and hold it for {duration(hold)}"
             )
     return found
 

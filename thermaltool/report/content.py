@@ -11,13 +11,14 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from thermaltool.documents import MODEL, NOISE
+from thermaltool.documents import ARMA, DIAGNOSIS, MODEL, NOISE
 from thermaltool.errors import LogError, ModelError
 from thermaltool.logs import Log, read_log
 from thermaltool.logs.table import UNFINISHED, read_source
 from thermaltool.model import loads
 from thermaltool.parsing import parse_json
-from thermaltool.report.records import RESIDUAL, SETPOINT
+from thermaltool.report.records import FORECAST, RESIDUAL, SETPOINT
+from thermaltool.timeseries import model as arma
 
 Kind = Literal[
     "trade-off",
@@ -25,9 +26,14 @@ Kind = Literal[
     "noise",
     "inversion",
     "model",
+    "models",
     "log",
     "simulation",
     "setpoints",
+    "forecast",
+    "diagnosis",
+    "orders",
+    "arma",
     "reference",
 ]
 
@@ -36,6 +42,7 @@ REPORTS: dict[Kind, frozenset[str]] = {
     "trade-off": frozenset({"chosen", "forms"}),
     "kernel": frozenset({"time_s", "weight", "A0", "A1_s"}),
     "inversion": frozenset({"time_s", "value_1", "error_1"}),
+    "orders": frozenset({"best", "table"}),
 }
 
 
@@ -90,12 +97,16 @@ def read_document(source: str) -> Content:
             return Content("noise", name, NOISE.check(document, name))
         except ModelError as error:
             raise LogError(str(error)) from error
+    if ARMA.matches(document):
+        return Content("arma", name, arma.loads(text, name))
+    if DIAGNOSIS.matches(document):
+        return Content("diagnosis", name, DIAGNOSIS.check(document, name))
     for kind, fields in REPORTS.items():
         if fields <= document.keys():
             return Content(kind, name, document)
     raise LogError(
-        "no figure for this document: it is neither a model, nor noise, nor what regularize, "
-        "invert or laplace report with --json",
+        "no figure for this document: it is neither a model (of a machine or of a series), nor "
+        "noise, nor a diagnosis, nor what regularize, invert, laplace or order report with --json",
         name,
     )
 
@@ -138,6 +149,8 @@ def read_table(source: str, options: Mapping[str, Any], need: Sequence[str] = ()
         return Content("inversion", log.name, {"time_s": log.time, **columns})
     if any(RESIDUAL + name in columns for name in columns):
         return Content("simulation", log.name, log)
+    if any(name.startswith(FORECAST) for name in columns):
+        return Content("forecast", log.name, log)
     if any(name.startswith(SETPOINT) for name in columns):
         return Content("setpoints", log.name, log)
     return Content("log", log.name, log)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from thermaltool.report.clock_axis import time_unit
 from thermaltool.report.diagnosis_advice import (
     ruled_out_sentence,
     severity_sentence,
@@ -32,7 +33,7 @@ from thermaltool.report.diagnosis_words import (
     with_unit,
     written_chains,
 )
-from thermaltool.report.style import channel_unit, time_unit
+from thermaltool.report.style import channel_unit
 from thermaltool.report.text import aligned
 
 # A smaller share is told as hardly any.

@@ -12,7 +12,8 @@ import numpy as np
 
 from thermaltool.files import file_words
 from thermaltool.record import Record
-from thermaltool.report.diagnosis_words import DECISIVE_EVIDENCE, Document, called, number
+from thermaltool.report.clock_axis import record_axis
+from thermaltool.report.diagnosis_words import DECISIVE_EVIDENCE, Document, called, names_of, number
 from thermaltool.report.style import (
     COMPUTED,
     ERROR,
@@ -26,14 +27,13 @@ from thermaltool.report.style import (
     plain,
     quantity_label,
     render,
-    span_of,
-    time_unit,
     trace_record,
     with_unit,
 )
 from thermaltool.units import parse_channel
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Figures of curves in a report, those of the largest residuals, and bars of the evidence chart.
@@ -103,7 +103,7 @@ def draw_curves(output: str, record: Record, document: Document) -> Figure:
     document : mapping
         The diagnosis as JSON.
     """
-    unit, label = channel_unit(output), time_unit(span_of(record.time))[0]
+    unit = channel_unit(output)
     measured = record.column("measured")
     figure, (top, bottom) = panels(f"{output} in {Path(record.name).name}", (3.0, 2.0), 6.5)
     top.set(title="Measured and computed, the zero fitted",
@@ -123,7 +123,8 @@ def draw_curves(output: str, record: Record, document: Document) -> Figure:
             trace_record(ax, record, curve, color=color, lw=width, label=what)
     legend_beside(top)
     bottom.set(title=f"Residual, measured − computed.  RMS about the mean: {', '.join(spreads)}",
-               ylabel=f"residual [{unit}]", xlabel=f"time [{label}]")  # fmt: skip
+               ylabel=f"residual [{unit}]")  # fmt: skip
+    record_axis(record).mark(bottom)
     report = document["residuals"].get(output)
     if report is not None:
         noise = 2 * report["noise"]["white"]
@@ -147,11 +148,77 @@ def draw_evidence(document: Document) -> Figure:
     document : mapping
         The diagnosis as JSON.
     """
+    shown = len(document["tried"][:MAX_BARS])
+    figure = new_figure("Evidence of each cause, tried alone", 9.0, 1.6 + 0.34 * shown)
+    _draw_evidence_bars(figure.subplots(), document)
+    return figure
+
+
+def draw_diagnosis(document: Document) -> Figure:
+    """What a model leaves of each output beside its noise, before and after; the evidence.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    """
+    shown, outputs = len(document["tried"][:MAX_BARS]), list(document["residuals"])
+    heights = [0.9 + 0.5 * len(outputs), *([1.2 + 0.3 * shown] if shown else [])]
+    logs = names_of(document["logs"])
+    figure = new_figure(f"The model is {document['verdict']} for {logs}", 11.0, 1.0 + sum(heights))
+    top, *below = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    _draw_residuals(top, document, outputs)
+    for ax in below:
+        ax.set(title="Evidence of each cause, tried alone")
+        _draw_evidence_bars(ax, document)
+    return figure
+
+
+def _draw_residuals(ax: Axes, document: Document, outputs: Sequence[str]) -> None:
+    """RMS of the residuals in units of the noise of a reading."""
+    diagnosed = {log["sha256"] for log in document["logs"]}
+    chains: dict[str, dict[int, list[tuple[float, int]]]] = {output: {} for output in outputs}
+    for row in document["written"]:
+        if row["log"] in diagnosed and row["output"] in chains:
+            steps = chains[row["output"]].setdefault(row["step"], [])
+            steps.append((row["rmse_zero_free"], row["rows"]))
+    places = np.arange(len(outputs))[::-1].tolist()
+    causes = [cause["name"] for cause in document["causes"] if cause["location"] is None]
+    for place, output in zip(places, outputs, strict=True):
+        report = document["residuals"][output]
+        noise = report["noise"]["white"] or float("nan")
+        last = max(chains[output], default=0)
+        before, after = (_pooled(chains[output].get(k, ())) for k in (0, last))
+        sizes = [("model as it is", report["spread"] if before is None else before, ERROR)]
+        if after is not None and last:
+            sizes.append((f"with {', '.join(dict.fromkeys(causes))}", after, COMPUTED))
+        for k, (label, size, color) in enumerate(sizes):
+            middle = place + 0.18 * (len(sizes) - 1) - 0.36 * k
+            ax.barh(middle, size / noise, height=0.32, color=color,
+                    label="" if place < len(outputs) - 1 else label)  # fmt: skip
+            ax.annotate(with_unit(size, channel_unit(output)), (size / noise, middle), (4, 0),
+                        textcoords="offset points", va="center", fontsize=9)  # fmt: skip
+    ax.axvline(1.0, color=MARK, lw=0.9, ls="--", label="noise of a reading")
+    ax.set_yticks(places, [plain(output) for output in outputs])
+    ax.tick_params(axis="y", length=0)
+    ax.grid(visible=False, axis="y")
+    ax.margins(x=0.12)
+    ax.set_xlim(left=0.0)
+    ax.set(title="What the model leaves of each output, the zero free",
+           xlabel="RMS of the residual / noise of a reading")  # fmt: skip
+    legend_beside(ax)
+
+
+def _pooled(parts: Sequence[tuple[float, int]]) -> float | None:
+    """RMS over several stretches of so many rows; None where there is none."""
+    rows = sum(count for _, count in parts)
+    return float(np.sqrt(sum(rms**2 * count for rms, count in parts) / rows)) if rows else None
+
+
+def _draw_evidence_bars(ax: Axes, document: Document) -> None:
     decisive = DECISIVE_EVIDENCE
     tried = document["tried"][:MAX_BARS]
     accepted = {(cause["name"], cause["channel"]) for cause in document["causes"]}
-    figure = new_figure("Evidence of each cause, tried alone", 9.0, 1.6 + 0.34 * len(tried))
-    ax = figure.subplots()
     values = np.array([each["evidence"] for each in tried], float)
     rows = np.arange(len(tried))[::-1]
     inside = np.array([(each["name"], each["channel"]) in accepted for each in tried], bool)
@@ -172,4 +239,3 @@ def draw_evidence(document: Document) -> Figure:
     ax.grid(visible=False, axis="y")
     ax.set(xlabel="evidence (fall of BIC), linear below the dashed line, logarithmic above")
     legend_beside(ax)
-    return figure

@@ -6,20 +6,27 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from thermaltool.errors import LogError, ThermalToolError
+from thermaltool.report.comparison import draw_models_on_log
 from thermaltool.report.content import Content
+from thermaltool.report.diagnosis_figures import draw_diagnosis
 from thermaltool.report.kernels import draw_inversion, draw_kernel
-from thermaltool.report.models import draw_model, draw_trade_off
 from thermaltool.report.noise import draw_document
 from thermaltool.report.pairs import (
-    draw_comparison,
     draw_compensation,
     draw_estimate,
     draw_simulation,
 )
 from thermaltool.report.records import draw_log, draw_setpoints
+from thermaltool.report.residuals import draw_comparison
+from thermaltool.report.responses import draw_model, draw_step_responses
+from thermaltool.report.series_figures import draw_arma, draw_forecast_table, draw_orders
+from thermaltool.report.trade_off import draw_trade_off
+from thermaltool.timeseries.model import ArmaModel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from thermaltool.model import Model
 
 # What a figure is made of, in this order, and what draws it.
 FIGURES: dict[tuple[str, ...], Callable[..., Figure]] = {
@@ -44,7 +51,36 @@ FIGURES: dict[tuple[str, ...], Callable[..., Figure]] = {
         kernel.data, kernel.name, model.data, channels
     ),
     ("inversion",): lambda result, channels: draw_inversion(result.data, result.name, channels),
+    ("arma",): lambda model, channels: draw_arma(model.data),
+    ("orders",): lambda orders, channels: draw_orders(orders.data),
+    ("diagnosis",): lambda found, channels: draw_diagnosis(found.data),
+    ("forecast",): lambda ahead, channels: draw_forecast_table(ahead.data, None, channels),
+    ("forecast", "log"): lambda ahead, log, channels: draw_forecast_table(
+        ahead.data, log.data, channels
+    ),
+    ("models",): lambda models, channels: draw_step_responses(models.data, channels),
+    ("log", "models"): lambda log, models, channels: draw_models_on_log(
+        models.data, log.data, channels
+    ),
 }
+
+
+def draw_models(models: Mapping[str, Model | ArmaModel]) -> Figure:
+    """One model from all sides, or the step responses of several.
+
+    Parameters
+    ----------
+    models : mapping of name to Model or ArmaModel
+
+    Raises
+    ------
+    LogError
+        Several models, not all of machines.
+    """
+    return draw([
+        Content("arma" if isinstance(model, ArmaModel) else "model", name, model)
+        for name, model in models.items()
+    ])  # fmt: skip
 
 
 def draw(contents: Sequence[Content], channels: Sequence[str] = ()) -> Figure:
@@ -56,13 +92,19 @@ def draw(contents: Sequence[Content], channels: Sequence[str] = ()) -> Figure:
         Contents that make no figure together, a part of a document missing, and what the figure
         itself raises.
     """
-    ordered = sorted(contents, key=lambda content: (content.kind == "reference", content.kind))
+    models = {content.name: content.data for content in contents if content.kind == "model"}
+    ordered = list(contents)
+    if len(models) > 1:
+        rest = [content for content in contents if content.kind != "model"]
+        ordered = [*rest, Content("models", ", ".join(models), models)]
+    ordered = sorted(ordered, key=lambda content: (content.kind == "reference", content.kind))
     kinds = tuple(content.kind for content in ordered)
     if kinds not in FIGURES:
         given = " and ".join(f"{content.name} ({content.kind})" for content in contents)
         raise LogError(
-            f"no figure of {given}: draw one file, or a model with a log, a kernel or a trade-off, "
-            "or a result of estimate or compensate --against a log"
+            f"no figure of {given}: draw one file, models with a log, a model with a kernel or a "
+            "trade-off, a forecast with its log, or a result of estimate or compensate --against a "
+            "log"
         )
     try:
         return FIGURES[kinds](*ordered, channels)

@@ -10,6 +10,7 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.model import Model, Term
+from thermaltool.report.clock_axis import ClockAxis, clock_axis
 from thermaltool.report.style import (
     COMPUTED,
     ERROR,
@@ -17,7 +18,6 @@ from thermaltool.report.style import (
     Array,
     choose,
     panels,
-    time_unit,
     trace,
 )
 from thermaltool.units import parse_channel, per, printed
@@ -109,18 +109,19 @@ def draw_inversion(result: Mapping[str, Any], name: str, channels: Sequence[str]
     time, value, error = time[order], value[order], error[order]
     title = f"Inverse Laplace transform, {Path(name).name}"
     figure, (top, bottom) = panels(title, (2.0, 1.0), 6.0)
-    unit, per = ("s", 1.0) if _geometric(time) else time_unit(float(time[-1] - time[0]))
+    axis = ClockAxis("time [s]", 1.0) if _geometric(time) else clock_axis(time)
     top.set(title="Value", ylabel="value [1]")
-    trace(top, time, value, per=per, color=COMPUTED)
+    trace(top, time, value, axis=axis, color=COMPUTED)
     positive = np.where(error > 0, error, np.nan)
-    trace(bottom, time, positive, per=per, color=ERROR)
+    trace(bottom, time, positive, axis=axis, color=ERROR)
     worst = "" if np.isnan(error).all() else f", at most {np.nanmax(error):.1e}"
-    bottom.set(title=f"Estimated error{worst}", ylabel="error [1]", xlabel=f"time [{unit}]")
+    bottom.set(title=f"Estimated error{worst}", ylabel="error [1]")
+    axis.mark(bottom)
     if np.isfinite(positive).any():
         bottom.set_yscale("log")
     if "wanted" in result:
         wanted = np.array(result["wanted"], dtype=float)[order]
-        trace(bottom, time, wanted, per=per, color=MARK, lw=0.9, ls="--", label="wanted")
+        trace(bottom, time, wanted, axis=axis, color=MARK, lw=0.9, ls="--", label="wanted")
         bottom.legend()
     if _geometric(time):
         bottom.set_xscale("log")

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from thermaltool.documents import NOISE, jsonable
 from thermaltool.errors import LogError
+from thermaltool.report.clock_axis import clock_axis
 from thermaltool.report.style import (
     COMPUTED,
     ERROR,
@@ -21,8 +23,6 @@ from thermaltool.report.style import (
     new_figure,
     plain,
     say,
-    span_of,
-    time_unit,
     trace,
 )
 from thermaltool.report.text import aligned
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 Results = Mapping[str, "NoiseEstimate | str"]  # a string says why there is no estimate
 
 MAX_LISTED_OUTLIERS = 100
+# Heights of a page, and of the largest and the smallest row [inch]: eight rows are a page.
+PAGE, MAX_ROW, MIN_ROW = 15.0, 3.0, 1.8
 
 
 def noise_document(
@@ -222,15 +224,24 @@ class _Curves:
 
 
 def draw_figure(log: str, units: Mapping[str, str], results: Results) -> Figure:
-    """Residual, Allan deviation and spectrum, one channel per row."""
+    """Residual, Allan deviation and spectrum, one channel per row; eight on a page.
+
+    A channel without noise is named below them.
+    """
     estimates = {name: r for name, r in results.items() if isinstance(r, NoiseEstimate)}
-    figure = new_figure(f"Noise of {Path(log).name}", 13.0, 0.6 + 3.0 * len(estimates))
-    axes = figure.subplots(len(estimates), 3, squeeze=False)
-    for row, (name, result) in zip(axes, estimates.items(), strict=True):
+    noisy = {name: r for name, r in estimates.items() if r.residual.any()} or estimates
+    figure, rows, bottom = _page(
+        f"Noise of {Path(log).name}", noisy, ("Residual", "Allan deviation", "Spectrum")
+    )
+    for row, (name, result) in zip(rows, noisy.items(), strict=True):
         curves = _Curves.of_estimate(units[name], result)
-        _draw_residual(row[0], name, curves.unit, result)
-        _draw_allan(row[1], "Allan deviation", curves)
-        _draw_spectrum(row[2], "Spectrum", curves)
+        _draw_residual(row[0], curves.unit, result)
+        _draw_allan(row[1], curves)
+        _draw_spectrum(row[2], curves)
+    _finish(figure, rows, [name for name in results if name not in noisy])
+    clock_axis(next(iter(noisy.values())).time).mark(bottom[0])
+    bottom[1].set(xlabel="averaging time τ [s]")
+    bottom[2].set(xlabel="frequency [Hz]")
     return figure
 
 
@@ -250,58 +261,102 @@ def draw_document(document: Mapping[str, Any], name: str, channels: Sequence[str
         chosen = {n: channel for n, channel in chosen.items() if channel["drift"]["allan"]}
     if not chosen:
         raise LogError("no noise to draw", name)
-    figure = new_figure(f"Noise of {Path(document['log']).name}", 11.0, 0.6 + 2.8 * len(chosen))
-    axes = figure.subplots(len(chosen), 2, squeeze=False)
-    for row, (channel, part) in zip(axes, chosen.items(), strict=True):
+    title = f"Noise of {Path(document['log']).name}"
+    figure, rows, bottom = _page(title, chosen, ("Allan deviation", "Spectrum"))
+    for row, part in zip(rows, chosen.values(), strict=True):
         curves = _Curves.of_document(part)
-        _draw_allan(row[0], f"{channel}: Allan deviation", curves)
-        _draw_spectrum(row[1], f"{channel}: spectrum", curves)
+        _draw_allan(row[0], curves)
+        _draw_spectrum(row[1], curves)
+    _finish(figure, rows, [] if channels else [n for n in known if n not in chosen])
+    bottom[0].set(xlabel="averaging time τ [s]")
+    bottom[1].set(xlabel="frequency [Hz]")
     return figure
 
 
-def _draw_residual(ax: Axes, name: str, unit: str, result: NoiseEstimate) -> None:
-    what = "about the mean" if result.separation_cutoff is None else "without slow signal"
-    label, per = time_unit(span_of(result.time))
-    ax.set(title=plain(f"{name}, {what}"), xlabel=f"time [{label}]", ylabel=f"residual [{unit}]")
+def _page(title: str, channels: Iterable[str], headings: Sequence[str]) -> tuple[Figure, Any, Any]:
+    """A figure of a row for each channel, its axes, and those that have a label for x."""
+    names = list(channels)
+    each = min(MAX_ROW, max(MIN_ROW, PAGE / len(names)))
+    figure = new_figure(title, 13.0, 1.3 + each * len(names))
+    rows = figure.subplots(len(names), len(headings), squeeze=False, sharex="col")
+    for row, name in zip(rows, names, strict=True):
+        row[0].set_title(plain(name), fontsize=10, fontweight="bold")
+    for ax, heading in zip(rows[0], headings, strict=True):
+        ax.set_title(heading, loc="right", fontsize=10)
+    return figure, rows, rows[-1]
+
+
+def _finish(figure: Figure, rows: Any, without: Sequence[str]) -> None:
+    """One legend for all rows, and the channels that show no noise."""
+    entries: dict[str, Any] = {}
+    for ax in rows.flat:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    if entries:
+        figure.legend(list(entries.values()), list(entries), loc="outside lower center",
+                      ncols=len(entries))  # fmt: skip
+    if without:
+        names = shorten(", ".join(without), 110, placeholder=" …")
+        figure.text(0.99, 0.995, plain(f"no noise seen: {names}"), ha="right", va="top",
+                    fontsize=9, color="0.4")  # fmt: skip
+
+
+def _draw_residual(ax: Axes, unit: str, result: NoiseEstimate) -> None:
+    ax.set(ylabel=f"[{unit}]")
     if not result.residual.any():
         say(ax, result.notes[0].replace(": ", ":\n"))
         return
-    trace(ax, result.time, result.residual, per=per, lw=0.5, color=COMPUTED)
+    if result.separation_cutoff is not None:
+        ax.text(0.01, 0.97, "slow signal taken off", transform=ax.transAxes, va="top", fontsize=8,
+                color="0.4")  # fmt: skip
+    trace(ax, result.time, result.residual, axis=clock_axis(result.time), lw=0.5, color=COMPUTED)
     if result.drift.white_sigma > 0.0:
         for side in (-2.0, 2.0):
-            ax.axhline(side * result.drift.white_sigma, color=ERROR, lw=1.2, ls="--")
-        ax.plot([], [], color=ERROR, lw=1.2, ls="--", label="±2 white σ")
-        ax.legend(loc="upper right", fontsize=8)
+            ax.axhline(side * result.drift.white_sigma, color=ERROR, lw=1.2, ls=":",
+                       label="±2 white σ")  # fmt: skip
 
 
-def _draw_allan(ax: Axes, title: str, curves: _Curves) -> None:
-    ax.set(title=plain(title), xlabel="averaging time τ [s]", ylabel=f"deviation [{curves.unit}]")
+def _draw_allan(ax: Axes, curves: _Curves) -> None:
+    ax.set(ylabel=f"[{curves.unit}]")
     if curves.allan is None or curves.allan_model is None or not curves.allan[1].all():
         say(ax, "not available")
         return
     tau, deviation, low, high = curves.allan
-    label = "measured" if curves.cutoff is None else "measured, signal included"
     ax.fill_between(tau, low, high, color=COMPUTED, alpha=0.2, lw=0, label="95 %")
-    ax.loglog(tau, deviation, ".-", ms=4, lw=1.0, color=COMPUTED, label=label)
+    ax.loglog(tau, deviation, ".-", ms=4, lw=1.0, color=COMPUTED, label="measured")
     ax.loglog(tau, curves.allan_model, "--", lw=1.4, color=ERROR, label="white + drift, fitted")
-    ax.legend(loc="best", fontsize=8)
+    if curves.cutoff is not None:
+        ax.text(0.5, 0.97, "signal included", transform=ax.transAxes, va="top", ha="center",
+                fontsize=8, color="0.4")  # fmt: skip
+    _few_ticks(ax)
 
 
-def _draw_spectrum(ax: Axes, title: str, curves: _Curves) -> None:
-    ax.set(title=plain(title), xlabel="frequency [Hz]", ylabel=f"density [{curves.unit}²/Hz]")
+def _draw_spectrum(ax: Axes, curves: _Curves) -> None:
+    ax.set(ylabel=f"[{curves.unit}²/Hz]")
     if curves.spectrum is None or curves.density_model is None or not curves.spectrum[1].any():
         say(ax, "not available")
         return
     frequency, density = curves.spectrum
-    ax.loglog(frequency, density, lw=0.7, color=COMPUTED, label="Welch")
-    ax.loglog(
-        frequency, curves.density_model, "--", lw=1.4, color=ERROR, label="white + drift, fitted"
-    )
-    ax.xaxis.set_minor_formatter("")
+    ax.loglog(frequency, density, lw=0.7, color=COMPUTED)
+    ax.loglog(frequency, curves.density_model, "--", lw=1.4, color=ERROR)
     if curves.cutoff is not None:
         right = max(curves.cutoff, frequency[0])
         ax.axvspan(frequency[0], right, color="0.9", label="taken as signal")
     if curves.lines.size:
         height = np.interp(curves.lines, frequency, density)
         ax.loglog(curves.lines, height, "v", ms=6, mfc="none", color=MARK, label="line")
-    ax.legend(loc="best", fontsize=8)
+    _few_ticks(ax)
+
+
+def _few_ticks(ax: Axes) -> None:
+    """Decades alone where there are two of them, else few numbers: rows are low."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    low, high = ax.get_ylim()
+    if high / low > 30:
+        ax.yaxis.set_minor_formatter(NullFormatter())
+    else:
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+        ax.yaxis.set_major_formatter("{x:.0e}")
+        ax.yaxis.set_minor_formatter(NullFormatter())

@@ -1,45 +1,31 @@
-"""Orders and fits of ARMA models as text tables, JSON document and figure."""
+"""Orders and fits of ARMA models as text tables and JSON documents."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from thermaltool.record import Record
-from thermaltool.report.style import (
-    COMPUTED,
-    CYCLE,
-    MARK,
-    Array,
-    new_figure,
-    plain,
-    span_of,
-    time_unit,
-)
 from thermaltool.report.text import aligned
-from thermaltool.signals.intervals import Estimate
+from thermaltool.signals.intervals import NORMAL_95, Estimate
 from thermaltool.timeseries.cancellation import NeedlessPair, needless_pairs
 from thermaltool.timeseries.criteria import CRITERIA, OrderCriteria
 from thermaltool.timeseries.likelihood import ArmaLikelihood
 from thermaltool.timeseries.model import ArmaModel
 from thermaltool.timeseries.order import OrderTable
-from thermaltool.timeseries.polynomials import characteristic_roots
 from thermaltool.timeseries.roots import Mode, modes, near_unit
 from thermaltool.timeseries.screening import DICKEY_FULLER, unit_root_statistic
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-_NAMES = {"aic": "AIC", "aicc": "AICc", "bic": "BIC", "gao": "Gao's AIC"}
 _LISTED = 6  # entries of the text table for each criterion
 
 
-def order_document(table: OrderTable, names: Sequence[str]) -> dict[str, Any]:
-    """The orders as plain data."""
+def order_document(series: str, table: OrderTable, names: Sequence[str]) -> dict[str, Any]:
+    """The orders of a series as plain data."""
     best = {name: table.best(name) for name in names}
     return {
+        "series": series,
         "best": {
             name: {"p": e.p, "q": e.q, "value": CRITERIA[name](e)} for name, e in best.items()
         },
@@ -169,6 +155,40 @@ def fit_table(model: ArmaModel, level: float = 0.95) -> str:
     return "\n".join(lines)
 
 
+def arma_document(model: ArmaModel) -> dict[str, Any]:
+    """What a person asks of a model: coefficients and modes with their intervals."""
+    errors = iter((NORMAL_95 * model.errors).tolist())
+    coefficients = {
+        name: [[v, v - half, v + half] for v in values.tolist() for half in [next(errors)]]
+        for name, values in (("ar", model.ar), ("ma", model.ma))
+    }
+    return {
+        "channel": model.channel,
+        "sample_period_s": model.period_s,
+        "difference": model.difference,
+        **coefficients,
+        "trend": list(model.trend),
+        "sigma": float(np.sqrt(model.sigma2)),
+        "bic": model.entry.criteria.bic,
+        "logs": [str(log.get("name", "")) for log in model.provenance.get("logs", ())],
+        "modes": [
+            {
+                "root_size": abs(mode.root),
+                "natural_frequency_Hz": _ends(mode.natural, 0.5 / np.pi),
+                "damping": _ends(mode.damping),
+                "time_constant_s": _ends(mode.time_constant),
+            }
+            for mode in modes(model)
+        ],
+    }
+
+
+def _ends(estimate: Estimate | None, scale: float = 1.0) -> list[float] | None:
+    if estimate is None:
+        return None
+    return [scale * each for each in (estimate.value, estimate.low, estimate.high)]
+
+
 _MODE_HEAD = ["AR root", "|root|", "omega_n [rad/s]", "f_n [Hz]", "damping", "time constant [s]"]
 
 
@@ -192,57 +212,3 @@ def _interval(estimate: Estimate | None, scale: float = 1.0) -> str:
 
 def _error(value: float) -> str:
     return f"± {value:.6f}" if value >= 1e-4 else f"± {value:.3g}"
-
-
-def draw_orders(title: str, table: OrderTable, names: Sequence[str]) -> Figure:
-    """Criteria above their best against the AR order, one curve for each MA order; exact ones."""
-    figure = new_figure(f"Orders of {title}", 4.6 * len(names), 4.2)
-    axes = figure.subplots(1, len(names), squeeze=False)[0]
-    for ax, name in zip(axes, names, strict=True):
-        best = table.best(name)
-        least = CRITERIA[name](best)
-        shown = {(e.p, e.q): CRITERIA[name](e) - least for e in table.entries if e.exact}
-        orders = np.arange(table.max_p + 1)
-        for k, q in enumerate(sorted({q for _, q in shown})):
-            # What lies between two orders that are exact is not: no line over it.
-            line = [shown.get((p, q), np.nan) for p in orders.tolist()]
-            style = ("-", "--", ":")[k // len(CYCLE) % 3]
-            ax.plot(orders, line, style, marker=".", color=CYCLE[k % len(CYCLE)], label=f"q = {q}")
-        ax.plot(best.p, 0.0, "o", ms=9, mfc="none", color=MARK, label="best")
-        title = f"{_NAMES.get(name, name)}: best {best.p},{best.q}"
-        ax.set(title=plain(title), xlabel="AR order p", ylabel="above the best",
-               xlim=(-0.5, table.max_p + 0.5))  # fmt: skip
-        ax.xaxis.get_major_locator().set_params(integer=True)
-        ax.set_yscale("symlog", linthresh=10.0)
-        ax.set_ylim(-1.5, 2.0 * max(*shown.values(), 5.0))
-    axes[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
-    return figure
-
-
-def draw_roots(model: ArmaModel) -> Figure:
-    """AR and MA roots of a model in the unit circle."""
-    figure = new_figure(f"Roots of {model.channel}", 5.0, 4.6)
-    ax = figure.subplots()
-    angle = np.linspace(0.0, 2.0 * np.pi, 200)
-    ax.plot(np.cos(angle), np.sin(angle), color="0.6", lw=0.8)
-    for label, style, roots in (
-        ("AR", "x", characteristic_roots(model.ar)),
-        ("MA", "o", characteristic_roots(-model.ma)),
-    ):
-        ax.plot(roots.real, roots.imag, style, mfc="none", label=label)
-    title = f"{model.channel}: ARMA({model.ar.size},{model.ma.size})"
-    ax.set(title=plain(title), xlabel="real part", ylabel="imaginary part", aspect="equal")
-    ax.legend(loc="best", fontsize=8)
-    return figure
-
-
-def draw_forecast(channel: str, time: Array, value: Array, low: Array, high: Array) -> Figure:
-    """Forecasts of a channel with their interval against the time [s]."""
-    figure = new_figure(f"Forecast of {channel}", 8.0, 3.6)
-    ax = figure.subplots()
-    label, per = time_unit(span_of(time))
-    ax.fill_between(time / per, low, high, color=COMPUTED, alpha=0.2, lw=0, label="interval")
-    ax.plot(time / per, value, ".-", color=COMPUTED, label="forecast")
-    ax.set(xlabel=f"time [{label}]", ylabel=plain(channel))
-    ax.legend(loc="best", fontsize=8)
-    return figure

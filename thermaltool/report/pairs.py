@@ -11,8 +11,9 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs import Log
-from thermaltool.model import Model, beside, from_rest, relative
-from thermaltool.report.records import RESIDUAL, SETPOINT, deflection_of, label_time
+from thermaltool.model import beside, relative
+from thermaltool.report.clock_axis import record_axis
+from thermaltool.report.records import RESIDUAL, SETPOINT, deflection_of
 from thermaltool.report.style import (
     COMPUTED,
     ERROR,
@@ -58,27 +59,6 @@ def draw_simulation(log: Log, channels: Sequence[str] = ()) -> Figure:
         measured = None if residual is None else computed + residual
         pairs.append(Pair(name, _unit(name), computed, measured))
     return draw_pairs(f"Simulated and measured, {Path(log.name).name}", log, pairs, "simulated")
-
-
-def draw_comparison(model: Model, log: Log, channels: Sequence[str] = ()) -> Figure:
-    """A model's outputs for the drives in a log, against the measured ones.
-
-    Raises
-    ------
-    ModelError
-        A drive of the model is not in the log.
-    LogError
-        A channel that is no output of the model.
-    """
-    outputs = {output.channel: output for output in model.outputs}
-    simulated = model.simulate(log)
-    pairs = []
-    for name in choose(outputs, channels, log.name):
-        measured = None
-        if name in log.columns:
-            measured = from_rest(log, outputs[name], simulated[name])
-        pairs.append(Pair(f"{name}, from rest", _unit(name), simulated[name], measured))
-    return draw_pairs(f"The model on {Path(log.name).name}", log, pairs, "simulated")
 
 
 def draw_estimate(log: Log, reference: Log, channels: Sequence[str] = ()) -> Figure:
@@ -155,19 +135,23 @@ def draw_pairs(
     figure, axes = panels(title, heights, 0.8 + 1.35 * sum(heights))
     following = iter(axes)
     for pair in pairs:
-        _draw_both(next(following), log, pair, what)
+        draw_both(next(following), log, pair, what)
         if pair.measured is not None:
-            error = pair.measured - pair.computed
-            label = difference or f"measured − {what}"
-            ax = next(following)
-            trace_record(ax, log, error, color=ERROR, lw=0.8, label=label)
-            _mark_band(ax, pair.unit, pair.measured, pair.computed)
-    label_time(axes[-1], log)
+            draw_error(next(following), log, pair, difference or f"measured − {what}")
+    record_axis(log).mark(axes[-1])
     return figure
 
 
-def _draw_both(ax: Axes, log: Log, pair: Pair, what: str) -> None:
-    """Both traces, the rougher one below so that neither hides the other."""
+def draw_both(ax: Axes, log: Log, pair: Pair, what: str) -> None:
+    """Both traces, the rougher one below so that neither hides the other.
+
+    Parameters
+    ----------
+    log : Log
+        The clock of the pair.
+    what : str
+        What the computed channel is called.
+    """
     ax.set(title=plain(pair.title), ylabel=quantity_label(pair.unit))
     above = 0.0
     if pair.measured is not None:
@@ -178,7 +162,19 @@ def _draw_both(ax: Axes, log: Log, pair: Pair, what: str) -> None:
     legend_beside(ax)
 
 
-def _mark_band(ax: Axes, unit: str, measured: Array, computed: Array) -> None:
+def draw_error(ax: Axes, log: Log, pair: Pair, label: str) -> None:
+    """Measured minus computed, with its band.
+
+    Parameters
+    ----------
+    log : Log
+        The clock of the pair, which was measured.
+    label : str
+        What the error is called.
+    """
+    unit, measured, computed = pair.unit, pair.measured, pair.computed
+    assert measured is not None
+    trace_record(ax, log, measured - computed, color=ERROR, lw=0.8, label=label)
     judged = agreement(measured, computed)
     ax.set(ylabel=f"error [{symbol(unit)}]")
     ax.margins(y=0.15)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from thermaltool.errors import LogError
 from thermaltool.logs import Log
+from thermaltool.report.clock_axis import record_axis
 from thermaltool.report.style import (
     COMPUTED,
     CYCLE,
@@ -16,8 +17,6 @@ from thermaltool.report.style import (
     legend_beside,
     panels,
     quantity_label,
-    span_of,
-    time_unit,
     trace_record,
 )
 from thermaltool.units import parse_channel
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# How simulate and compensate name their columns.
-RESIDUAL, SETPOINT = "residual_", "offset_"
+# How simulate, compensate and forecast name their columns.
+RESIDUAL, SETPOINT, FORECAST = "residual_", "offset_", "forecast_"
 
 
 def draw_log(log: Log, channels: Sequence[str] = ()) -> Figure:
@@ -44,7 +43,7 @@ def draw_log(log: Log, channels: Sequence[str] = ()) -> Figure:
     units = _by_unit(names)
     figure, axes = panels(Path(log.name).name, [1.0] * len(units), 1.0 + 2.4 * len(units))
     _draw_units(axes, log, units)
-    label_time(axes[-1], log)
+    record_axis(log).mark(axes[-1])
     return figure
 
 
@@ -71,19 +70,13 @@ def draw_setpoints(log: Log, channels: Sequence[str] = ()) -> Figure:
         ax.set(ylabel=quantity_label(parse_channel(name).unit))
         legend_beside(ax)
     _draw_units(axes[len(setpoints) :], log, units)
-    label_time(axes[-1], log)
+    record_axis(log).mark(axes[-1])
     return figure
 
 
 def deflection_of(setpoint: str) -> str:
     """The deflection that a setpoint cancels: ``offset_x_um`` gives ``d_x_um``."""
     return "d_" + setpoint.removeprefix(SETPOINT)
-
-
-def label_time(ax: Axes, log: Log) -> None:
-    """Name the clock under the lowest panel."""
-    since = f" since {log.epoch}" if log.epoch else ""
-    ax.set(xlabel=f"time{since} [{time_unit(span_of(log.time))[0]}]")
 
 
 def _draw_units(axes: Iterable[Axes], log: Log, units: dict[str, list[str]]) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from thermaltool.documents import write_whole
 from thermaltool.errors import LogError, OutputError
 from thermaltool.record import Record, hint
+from thermaltool.report.clock_axis import ClockAxis, record_axis
 from thermaltool.units import UNITS, parse_channel, symbol
 
 if TYPE_CHECKING:
@@ -53,8 +54,6 @@ MAX_BINS = 1500
 OUTAGE_PERIODS = 10.0
 
 _QUANTITIES = {"length": "displacement", "ratio": "relative value"}
-# Up to this span [s] -> unit of the axis, and its length [s].
-_TIME_UNITS = ((600.0, "s", 1.0), (4 * 3600.0, "min", 60.0), (np.inf, "h", 3600.0))
 
 
 def figure_format(path: str) -> str:
@@ -157,11 +156,6 @@ def choose(known: Iterable[str], wanted: Sequence[str], name: str) -> list[str]:
     return list(dict.fromkeys(wanted)) or known
 
 
-def time_unit(span: float) -> tuple[str, float]:
-    """Unit for an axis of this span [s], and its length [s]."""
-    return next((unit, length) for limit, unit, length in _TIME_UNITS if span <= limit)
-
-
 def envelope(time: Array, values: Array, bins: int = MAX_BINS) -> tuple[Array, Array]:
     """The least and the largest value of every bin, and both ends, so that no peak is lost.
 
@@ -215,16 +209,18 @@ def trace(
     values: Array,
     segments: Sequence[slice] = (),
     *,
-    per: float = 1.0,
+    axis: ClockAxis | None = None,
     label: str = "",
     **style: Any,
 ) -> None:
-    """Draw a channel against time in units of `per` [s]."""
+    """Draw a channel against time, in seconds without an `axis`."""
     t, v = visible(time, values, segments)
     if len(t) < 30:
         style = {"marker": ".", **style}
     text = plain(label) if len(t) else f"{plain(label)} (no values)"
-    ax.plot(t / per, v, label=text, rasterized=len(t) > 2 * MAX_BINS, **style)
+    ax.plot(
+        t if axis is None else axis.of(t), v, label=text, rasterized=len(t) > 2 * MAX_BINS, **style
+    )
 
 
 def panels(title: str, heights: Sequence[float], height: float) -> tuple[Figure, list[Axes]]:
@@ -235,14 +231,8 @@ def panels(title: str, heights: Sequence[float], height: float) -> tuple[Figure,
 
 
 def trace_record(ax: Axes, record: Record, values: Array, **style: Any) -> None:
-    """Draw values on the clock of a record, in the unit that suits its length."""
-    per = time_unit(span_of(record.time))[1]
-    trace(ax, record.time, values, record.segments, per=per, **style)
-
-
-def span_of(time: Array) -> float:
-    """Length of a clock [s]."""
-    return float(time[-1] - time[0]) if len(time) else 0.0
+    """Draw values on the clock of a record, in the unit that suits its length, or on dates."""
+    trace(ax, record.time, values, record.segments, axis=record_axis(record), **style)
 
 
 def legend_beside(ax: Axes) -> None:

@@ -109,6 +109,45 @@ def cumulated_periodogram(residuals: Array) -> PeriodogramTest:
     return PeriodogramTest(distance * (root + 0.12 + 0.11 / root) / root, count)
 
 
+def correlation_function(
+    first: Sequence[Array], second: Sequence[Array], lags: int
+) -> tuple[Array, float]:
+    """Correlation of one signal with another that is earlier by −lags … lags samples.
+
+    Parameters
+    ----------
+    first, second : sequence of ndarray, shape (n_i,)
+        Both without their mean; pairs do not reach across pieces.
+    lags : int
+
+    Returns
+    -------
+    correlation : ndarray, shape (2 lags + 1,)
+        NaN where one of the two does not vary.
+    deviation : float
+        Standard deviation of each where the two are independent, whatever their own correlation:
+        √(Σ ρ₁ ρ₂ / N) (M. S. Bartlett, J. R. Stat. Soc. 98 (1935) 536).
+    """
+    rows = sum(len(each) for each in first)
+    products, own, other = (
+        np.sum([_products(a, b, lags) for a, b in zip(x, y, strict=True)], axis=0)
+        for x, y in ((first, second), (first, first), (second, second))
+    )
+    power = np.sqrt(own[lags] * other[lags])
+    if not power > 0:
+        return np.full(2 * lags + 1, np.nan), float("nan")
+    # The sum of noise is noise, too: it is not let fall below that of white signals.
+    spread = max(float(np.sum(own * other)) / power**2, 1.0)
+    return products / power, float(np.sqrt(spread / rows))
+
+
+def _products(a: Array, b: Array, lags: int) -> Array:
+    """Σ a_{t} b_{t−k} for k from −lags to lags, by way of the spectra."""
+    size = 1 << (len(a) + lags).bit_length()
+    whole = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
+    return np.asarray(np.concatenate([whole[size - lags :], whole[: lags + 1]]))
+
+
 def _lagged(e: Array, lag: int) -> float:
     return float(e[lag:] @ e[: len(e) - lag]) if lag < len(e) else 0.0
 
