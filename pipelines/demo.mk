@@ -21,7 +21,9 @@ BOTH := $(foreach log,$(LOGS),$(foreach design,$(DESIGNS),$(log).$(design)))
 FIGURES := noise fit kernel triangle.far_kalman.setpoints \
     $(foreach log,$(LOGS),$(log).far_kalman $(log).far_kernel)
 
-all: $(OUT)/bands.md $(OUT)/setpoints.md $(FIGURES:%=$(OUT)/figures/%.png)
+# What is soon made comes first, so that there is something to look at.
+all: $(OUT)/figures/noise.png $(OUT)/figures/fit.png $(OUT)/bands.md $(OUT)/setpoints.md \
+    $(FIGURES:%=$(OUT)/figures/%.png)
 	@echo
 	@echo "Deflection estimated from noisy temperatures; calibrated on step100 alone (bands.md):"
 	@echo
@@ -53,15 +55,18 @@ $(OUT)/all_%.json: $(OUT)/model.json $(OUT)/noise.json
 $(OUT)/kernel.parquet: $(OUT)/far_kernel.json
 	$(THERMALTOOL) invert $< -o $@
 
+# What a logger writes.
+$(OUT)/%.csv: $(SAMPLES)/frame_%.parquet | $(OUT)
+	$(THERMALTOOL) check $< -o $@ > $(@:.csv=.check.txt)
+
 # One log through one design: LOG.DESIGN.estimate.parquet at once, LOG.DESIGN.setpoints.csv as a
 # stream of lines.
 define through
 $(OUT)/$(1).$(2).estimate.parquet: $(OUT)/$(2).json $(SAMPLES)/frame_$(1).parquet
 	$(THERMALTOOL) estimate $$^ -q -o $$@
 
-$(OUT)/$(1).$(2).setpoints.csv: $(OUT)/$(2).json $(SAMPLES)/frame_$(1).parquet
-	$(THERMALTOOL) check $$(lastword $$^) -o - 2> $$(@:.csv=.check.txt) | \
-	    $(THERMALTOOL) compensate $$< --step 0.5 -q > $$@.part
+$(OUT)/$(1).$(2).setpoints.csv: $(OUT)/$(2).json $(OUT)/$(1).csv
+	cat $$(lastword $$^) | $(THERMALTOOL) compensate $$< --step 0.5 -q > $$@.part
 	@mv $$@.part $$@
 endef
 $(foreach log,$(LOGS),$(foreach design,$(DESIGNS),$(eval $(call through,$(log),$(design)))))
