@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Unpack
 
 from thermaltool.api.inputs import Reading, reads
-from thermaltool.api.result import Notice, Result, notice, to_frame
+from thermaltool.api.result import Notice, Result, notice, silent, to_frame
 from thermaltool.errors import LogError
 from thermaltool.logs import read_log
 from thermaltool.units import names, parse_channel
@@ -80,6 +80,7 @@ def noise(
     start: float | None = None,
     stop: float | None = None,
     warn: Notice = notice,
+    progress: Notice = silent,
     **reading: Unpack[Reading],
 ) -> NoiseReport:
     """Noise of every channel: resolution, white, drift, lines, outliers.
@@ -96,6 +97,8 @@ def noise(
         A stretch without signal, which is then taken whole.
     warn : callable
         Takes a sentence about each channel without an estimate. Default: a `ThermalToolWarning`.
+    progress : callable
+        Takes the name of the channel that is looked at.
     **reading
         See `read_log`.
 
@@ -124,6 +127,7 @@ def noise(
     idle = start is not None or stop is not None
     estimates: dict[str, NoiseEstimate | str] = {}
     for name in names(channels) or log.columns:
+        progress(name)
         values = log.column(name)
         try:
             estimates[name] = estimate_noise(
