@@ -139,7 +139,7 @@ def to_json(document: Mapping[str, Any], indent: int | None = 1) -> str:
         raise ModelError(f"cannot be written: {fault}") from error
 
 
-def to_compact_json(value: Any, width: int = 160, indent: int = 0) -> str:
+def to_compact_json(value: Any, width: int = 240, indent: int = 0) -> str:
     """A document as text, sorted: what is as short as a line on one, everything else item by item.
 
     Parameters
