@@ -32,12 +32,15 @@ class NoiseReport(Result):
     units : mapping of channel to unit
     estimates : mapping of channel to NoiseEstimate or str
         A string says why there is no estimate.
+    epoch : str or None
+        The moment at which the clock is 0, where it is known.
     """
 
     log: str
     period: float
     units: Mapping[str, str]
     estimates: Mapping[str, NoiseEstimate | str]
+    epoch: str | None = None
 
     def document(self) -> dict[str, Any]:
         """What ``thermaltool noise -o`` writes and `regularize` reads."""
@@ -55,7 +58,7 @@ class NoiseReport(Result):
         """Residual, Allan deviation and spectrum, one channel per row."""
         from thermaltool.report.noise import draw_figure
 
-        return draw_figure(self.log, self.units, self.estimates)
+        return draw_figure(self.log, self.units, self.estimates, self.epoch)
 
     @property
     def frame(self) -> pandas.DataFrame:
@@ -139,4 +142,4 @@ def noise(
     if all(isinstance(found, str) for found in estimates.values()):
         raise LogError("no channel has a usable record", log.name)
     units = {name: parse_channel(name).unit for name in estimates}
-    return NoiseReport(whole.name, whole.period, units, estimates)
+    return NoiseReport(whole.name, whole.period, units, estimates, whole.epoch)
