@@ -139,17 +139,21 @@ def to_json(document: Mapping[str, Any], indent: int | None = 1) -> str:
         raise ModelError(f"cannot be written: {fault}") from error
 
 
-def to_compact_json(value: Any, width: int = 160, indent: int = 0) -> str:
-    """A document as text, sorted: what is as short as a line on one, everything else item by item.
+# Of a line of compact JSON: of one with objects in it, and of one without.
+SHORT_LINE, LONG_LINE = 100, 400
+
+
+def to_compact_json(value: Any, indent: int = 0) -> str:
+    """A document as text, sorted, as few lines as a person reads: an object without others on one.
 
     Parameters
     ----------
     value : JSON-ready, without NaN
-    width : int
-        Of a line.
     """
     line = json.dumps(value, sort_keys=True, allow_nan=False, ensure_ascii=False)
-    if len(line) + indent <= width or not isinstance(value, dict | list):
+    if not isinstance(value, dict | list):
+        return line
+    if len(line) + indent <= (SHORT_LINE if "{" in line[1:] else LONG_LINE):
         return line
     inside = " " * (indent + 1)
     if isinstance(value, dict):
@@ -158,7 +162,7 @@ def to_compact_json(value: Any, width: int = 160, indent: int = 0) -> str:
     else:
         pairs = (("", each) for each in value)
         ends = "[]"
-    rows = [f"{inside}{name}{to_compact_json(v, width, indent + 1)}" for name, v in pairs]
+    rows = [f"{inside}{name}{to_compact_json(v, indent + 1)}" for name, v in pairs]
     return "\n".join([ends[0], ",\n".join(rows), f"{' ' * indent}{ends[1]}"])
 
 

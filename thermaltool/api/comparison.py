@@ -134,7 +134,7 @@ def compare(
     found = _named(all_of(models))
     common = common_outputs({n: [o.channel for o in m.outputs] for n, m in found.items()})
     # A pipe is read once; each model then says which of its columns must be there.
-    if data == "-":
+    if isinstance(data, str) and data == "-":
         columns, source = reading.pop("columns", None), reading.pop("from_format", None)
         data = read_log(data, columns=columns, from_format=source,
                         duplicates=reading.pop("duplicates", None))  # fmt: skip

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Unpack
 
 from thermaltool.api.inputs import Reading, reads
-from thermaltool.api.result import Notice, Result, notice, to_frame
+from thermaltool.api.result import Notice, Result, notice, silent, to_frame
 from thermaltool.errors import LogError
 from thermaltool.logs import read_log
 from thermaltool.units import names, parse_channel
@@ -32,12 +32,15 @@ class NoiseReport(Result):
     units : mapping of channel to unit
     estimates : mapping of channel to NoiseEstimate or str
         A string says why there is no estimate.
+    epoch : str or None
+        The moment at which the clock is 0, where it is known.
     """
 
     log: str
     period: float
     units: Mapping[str, str]
     estimates: Mapping[str, NoiseEstimate | str]
+    epoch: str | None = None
 
     def document(self) -> dict[str, Any]:
         """What ``thermaltool noise -o`` writes and `regularize` reads."""
@@ -55,7 +58,7 @@ class NoiseReport(Result):
         """Residual, Allan deviation and spectrum, one channel per row."""
         from thermaltool.report.noise import draw_figure
 
-        return draw_figure(self.log, self.units, self.estimates)
+        return draw_figure(self.log, self.units, self.estimates, self.epoch)
 
     @property
     def frame(self) -> pandas.DataFrame:
@@ -80,6 +83,7 @@ def noise(
     start: float | None = None,
     stop: float | None = None,
     warn: Notice = notice,
+    progress: Notice = silent,
     **reading: Unpack[Reading],
 ) -> NoiseReport:
     """Noise of every channel: resolution, white, drift, lines, outliers.
@@ -96,6 +100,8 @@ def noise(
         A stretch without signal, which is then taken whole.
     warn : callable
         Takes a sentence about each channel without an estimate. Default: a `ThermalToolWarning`.
+    progress : callable
+        Takes the name of the channel that is looked at.
     **reading
         See `read_log`.
 
@@ -124,6 +130,7 @@ def noise(
     idle = start is not None or stop is not None
     estimates: dict[str, NoiseEstimate | str] = {}
     for name in names(channels) or log.columns:
+        progress(name)
         values = log.column(name)
         try:
             estimates[name] = estimate_noise(
@@ -135,4 +142,4 @@ def noise(
     if all(isinstance(found, str) for found in estimates.values()):
         raise LogError("no channel has a usable record", log.name)
     units = {name: parse_channel(name).unit for name in estimates}
-    return NoiseReport(whole.name, whole.period, units, estimates)
+    return NoiseReport(whole.name, whole.period, units, estimates, whole.epoch)

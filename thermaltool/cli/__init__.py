@@ -155,6 +155,14 @@ def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:
         click.echo(str(message), err=True)
 
 
+def _show_error(name: str, message: str) -> None:
+    """One line on stderr, the name of the command in red where a terminal has colours."""
+    from thermaltool.cli.progress import coloured
+
+    line = message.replace("\n", " ")
+    click.echo(f"{coloured(f'{name}:', fg='red', bold=True)} {line}", err=True)
+
+
 def _end_by_signals() -> None:
     """SIGTERM and SIGHUP as exceptions, so that a half-written file is taken away."""
     for name in ("SIGTERM", "SIGHUP"):  # Windows has no SIGHUP
@@ -190,23 +198,23 @@ def main() -> None:
     except ThermalToolError as error:
         if debug:
             raise
-        click.echo(f"{name}: {error}".replace("\n", " "), err=True)
+        _show_error(name, str(error))
         code = 1
     except MemoryError:
         if debug:
             raise
-        click.echo(f"{name}: {OUT_OF_MEMORY}", err=True)
+        _show_error(name, OUT_OF_MEMORY)
         code = 1
     except OSError as error:
         if debug:
             raise
         place = f"{error.filename}: " if error.filename else ""
-        click.echo(f"{name}: {place}{error.strerror or error}", err=True)
+        _show_error(name, f"{place}{error.strerror or error}")
         code = 1
     except Exception as error:
         if debug:
             raise
-        message = f"{type(error).__name__}: {error}".replace("\n", " ")
-        click.echo(f"{name}: unexpected {message} (thermaltool --debug shows where)", err=True)
+        message = f"{type(error).__name__}: {error}"
+        _show_error(name, f"unexpected {message} (thermaltool --debug shows where)")
         code = 1
     sys.exit(code if isinstance(code, int) else 0)

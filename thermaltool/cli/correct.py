@@ -9,6 +9,7 @@ import click
 from thermaltool.api.inputs import read_for_fit, read_model, write_model
 from thermaltool.cli import shared
 from thermaltool.cli.messages import command_line, warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import InputPath
 from thermaltool.documents import write_json
 from thermaltool.report.text import aligned
@@ -81,7 +82,9 @@ def command(
         for sentence in correction_warnings(document, read[-1]):
             warn(sentence)
     fresh = None if validation is None else read.pop()
+    progress = terminal_progress("correct")
     found = correct(document, read, at, Form.usual(curve, size), refit)
+    progress("done\n")
     # The file last: where anything before it fails, the old one stays.
     table = aligned(correction_table(found, document, fresh))
     if as_json:

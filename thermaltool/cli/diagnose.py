@@ -8,11 +8,14 @@ from typing import Any
 import click
 
 from thermaltool.cli import shared
-from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progress, warn
+from thermaltool.cli.messages import DID_NOT_PASS, command_line, warn
+from thermaltool.cli.progress import coloured, terminal_progress
 from thermaltool.cli.types import InputPath, NumberRange
 from thermaltool.documents import write_json
 
-EXIT_CODES = {"adequate": 0, "not adequate": DID_NOT_PASS, "cannot judge": 4}
+# Exit code and colour of each verdict.
+OUTCOMES = {"adequate": (0, "green"), "not adequate": (DID_NOT_PASS, "red"),
+            "cannot judge": (4, "yellow")}  # fmt: skip
 
 
 @click.command(
@@ -21,15 +24,9 @@ EXIT_CODES = {"adequate": 0, "not adequate": DID_NOT_PASS, "cannot judge": 4}
 )
 @shared.model_argument
 @shared.logs_argument
-@click.option(
-    "--validate",
-    "validate",
-    multiple=True,
-    type=InputPath(),
-    metavar="LOG",
-    help="A log that no fit sees: causes have to hold on it, gains are told on it; repeatable.  "
-    "[default: stretches of the LOGs are held out in turn]",
-)
+@click.option("--validate", multiple=True, type=InputPath(), metavar="LOG",
+              help="A log that no fit sees: causes have to hold on it, gains are told on it; "
+              "repeatable.  [default: stretches of the LOGs are held out in turn]")  # fmt: skip
 @click.option(
     "-o",
     "--output",
@@ -109,11 +106,12 @@ def command(
         found.write(report, lambda figure: shared.keep_inputs(figure, *inputs, *calibration))
     if output is not None and not refused:
         found.write_extended(output, model, command_line())
+    code, color = OUTCOMES[found.diagnosis.verdict]
     if not quiet:
-        warn(table)
+        first, newline, rest = table.partition("\n")
+        warn(coloured(first, fg=color, bold=True) + newline + rest)
     if refused:
         warn(f"{output} is not written: {refused} would be worse than by {model}")
-    code = EXIT_CODES[found.diagnosis.verdict]
     if fail_above is not None:
         code = DID_NOT_PASS if found.exceeds(fail_above) else 0
     sys.exit(DID_NOT_PASS if refused else code)

@@ -55,13 +55,16 @@ def command(log: str, order: tuple[int, int] | None, method: str, long_order: in
     shared.one_thread()
     from thermaltool import api
     from thermaltool.cli.messages import command_line, warn
+    from thermaltool.cli.progress import terminal_progress
     from thermaltool.documents import write_json
 
     shared.check_files(output, log)
+    progress = terminal_progress("fit")
     result = api.fit(
         log, column_of(options), order, method=method, long_order=long_order,
         correct=regressions == "3", level=level, command=command_line(), warn=warn, **options,
     )  # fmt: skip
+    progress("done\n")
     # The file last: where anything before it fails, the old one stays.
     if as_json:
         write_json(result.document(), "-")

@@ -8,7 +8,8 @@ from typing import Any
 import click
 
 from thermaltool.cli import shared
-from thermaltool.cli.messages import DID_NOT_PASS, command_line, terminal_progress, warn
+from thermaltool.cli.messages import DID_NOT_PASS, command_line, warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import (
     MAX_TRANSFER_ORDER,
     POSITIVE,

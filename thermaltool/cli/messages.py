@@ -7,9 +7,10 @@ import os
 import select
 import sys
 from collections.abc import Callable, Iterator
-from time import monotonic
 
 import click
+
+from thermaltool.cli import progress
 
 # Exit code where a command ran and what it checked did not pass.
 DID_NOT_PASS = 3
@@ -22,6 +23,7 @@ def command_line() -> str:
 
 def warn(message: str) -> None:
     """One line on stderr."""
+    progress.clear_line()
     click.echo(message, err=True)
 
 
@@ -55,16 +57,3 @@ def _takes_more(descriptor: int) -> bool:
     poll = select.poll()
     poll.register(descriptor, select.POLLOUT)
     return any(event & select.POLLOUT for _, event in poll.poll(0))
-
-
-def terminal_progress(label: str) -> Callable[[str], None]:
-    """A line that is overwritten and says how long it has been, on a terminal only."""
-    if not sys.stderr.isatty():
-        return lambda message: None
-    start = monotonic()
-
-    def say(message: str) -> None:
-        seconds = monotonic() - start
-        click.echo(f"\r\033[K{label}, {seconds:.0f} s: {message}", nl=False, err=True)
-
-    return say

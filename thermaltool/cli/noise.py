@@ -8,6 +8,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import NUMBER
 
 
@@ -45,10 +46,12 @@ def command(
     if plot is not None:
         figure_format(plot)
     shared.check_files(output, log)
-    result = api.noise(log, **options, warn=warn)
+    progress = terminal_progress("noise")
+    result = api.noise(log, **options, warn=warn, progress=progress)
     document = to_json(result.document())
     # The files last: where anything before them fails, the old ones stay.
     figure = None if plot is None else render(result.draw, figure_format(plot))
+    progress("done\n")
     if as_json:
         write_whole(document, "-")
     else:

@@ -46,6 +46,7 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
     shared.one_thread()
     from thermaltool import api
     from thermaltool.cli.messages import warn
+    from thermaltool.cli.progress import terminal_progress
     from thermaltool.documents import write_json
     from thermaltool.report.style import figure_format, write_figure
     from thermaltool.timeseries.criteria import criteria_named
@@ -55,10 +56,12 @@ def command(log: str, max_p: int, max_q: int, criterion: str, effort: float,
     if figure is not None:
         figure_format(figure)
         shared.check_files(figure, log)
+    progress = terminal_progress("order")
     result = api.order(
         log, column_of(options), max_p=max_p, max_q=max_q, criteria=criteria, effort=effort,
         warn=warn, **options,
     )  # fmt: skip
+    progress("done\n")
     # The file last: where anything before it fails, the old one stays.
     if as_json:
         write_json(result.document(), "-")

@@ -38,10 +38,13 @@ def command(
 ) -> None:
     """Figure of any log or result, PNG, SVG or PDF by the suffix of -o; stdout is PNG.
 
-    FILE is recognized by its content: a log; what noise -o writes; a model; what regularize --json
-    reports; a table of invert, simulate, estimate, compensate or laplace. A model and a log show
-    measured, simulated and residual; a model beside a kernel or a trade-off names its parts.
-    Stdin is a JSON document where it starts with {, else a log as --from says.
+    FILE is recognized by its content: a log; a model (step and frequency response with 95 % bands,
+    poles and zeros) or one of fit (spectrum, roots); what noise -o writes, what diagnose, order and
+    regularize --json report; a table of invert, simulate, estimate, compensate, forecast or
+    laplace. A model and a log show measured, simulated and residual with tests of its whiteness and
+    independence, several models and a log what compare shows; a forecast and its log the history
+    before it; a model beside a kernel or a trade-off names its parts. Stdin is a JSON document
+    where it starts with {, else a log as --from says.
     """
     from thermaltool.errors import LogError
     from thermaltool.logs import Log

@@ -8,6 +8,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import command_line, warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import PROPER_SHARE, InputPath
 from thermaltool.documents import write_json
 
@@ -53,8 +54,10 @@ def command(
     shared.check_files(model_file, *logs, options["validate"], as_json=as_json)
     if model_file is not None:
         shared.keep_inputs(model_file, *networks)
+    progress = terminal_progress("rc")
     with shared.usage_errors():
         found = api.rc(logs, networks, warn=warn, **options)
+    progress("done\n")
     # The file last: where anything before it fails, the old one stays.
     if as_json:
         write_json(found.document(), "-")

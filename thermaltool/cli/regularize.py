@@ -7,7 +7,8 @@ from typing import Any
 import click
 
 from thermaltool.cli import shared
-from thermaltool.cli.messages import terminal_progress, warn
+from thermaltool.cli.messages import warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import NOT_NEGATIVE, NUMBER, POSITIVE, InputPath
 from thermaltool.documents import write_json
 

@@ -8,6 +8,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import command_line, warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import NUMBER
 
 
@@ -71,10 +72,12 @@ def command(
         if each is not None and each in files[:k]:
             raise click.UsageError(f"{each}: two results cannot go to one file")
         shared.check_files(each, log)
+    progress = terminal_progress("spectrum")
     found = api.spectrum(log, input, channel, reference=rest, **options)
     whole = table_file is not None and table_file.endswith(".json")
     document = found.document() if as_json or whole else {}
     figure = None if kind is None else render(found.draw, kind)
+    progress("done\n")
     # The files last: where anything before them fails, the old ones stay.
     if as_json:
         write_json(document, "-")

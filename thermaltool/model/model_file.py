@@ -148,12 +148,20 @@ def _load_term(part: Part) -> Term:
                 raise ModelError(f"{response.kind} has no parameter {name!r:.60}")
         return found
 
+    fitted = part.read("covariance_names", names, ())
+
+    def covariance(rows: Any) -> Float:
+        found = _covariance(rows)
+        if len(found) != len(fitted):
+            raise ModelError(f"{len(found)} rows for {len(fitted)} covariance_names")
+        return found
+
     return Term(
         part.read("drive", documents.text),
         part.read("output", documents.text),
         response,
-        part.read("covariance", _covariance, None),
-        part.read("covariance_names", names, ()),
+        part.read("covariance", covariance, None),
+        fitted,
         part.read("band", _band, None),
     )
 

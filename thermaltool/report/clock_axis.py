@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 _TIME_UNITS = ((600.0, "s", 1.0), (4 * 3600.0, "min", 60.0), (np.inf, "h", 3600.0))
 # Seconds between these count from 1970: they are dates of 2001 to 2128.
 EPOCH_SECONDS = (1e9, 5e9)
-DAY = 86400.0
+HOUR, DAY = 3600.0, 86400.0
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,17 @@ class ClockAxis:
         """Times [s] as places on the axis, ndarray (n,)."""
         return time / self.per + self.offset
 
-    def mark(self, ax: Axes) -> None:
-        """Name the axis; where it is dated, its ticks are dates."""
+    def mark(self, ax: Axes, ticks: int = 8) -> None:
+        """Name the axis; where it is dated, its ticks are dates, so many at most."""
         ax.set(xlabel=self.label)
         if self.dated:
             from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-            locator = AutoDateLocator()
+            locator = AutoDateLocator(maxticks=ticks)
             ax.xaxis.set_major_locator(locator)
+            first, last = ax.dataLim.intervalx
+            if first == last:  # one moment, about which a figure would show years
+                ax.set_xlim(first - HOUR / DAY, last + HOUR / DAY)
             ax.xaxis.set_major_formatter(ConciseDateFormatter(locator))
 
 

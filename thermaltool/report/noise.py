@@ -13,7 +13,8 @@ import numpy as np
 
 from thermaltool.documents import NOISE, jsonable
 from thermaltool.errors import LogError
-from thermaltool.report.clock_axis import clock_axis
+from thermaltool.logs.clock import segments
+from thermaltool.report.clock_axis import ClockAxis, clock_axis
 from thermaltool.report.style import (
     COMPUTED,
     ERROR,
@@ -223,23 +224,26 @@ class _Curves:
         )
 
 
-def draw_figure(log: str, units: Mapping[str, str], results: Results) -> Figure:
+def draw_figure(
+    log: str, units: Mapping[str, str], results: Results, epoch: str | None = None
+) -> Figure:
     """Residual, Allan deviation and spectrum, one channel per row; eight on a page.
 
-    A channel without noise is named below them.
+    Channels without noise are named at the top. `epoch` is the moment at which the clock is 0.
     """
     estimates = {name: r for name, r in results.items() if isinstance(r, NoiseEstimate)}
     noisy = {name: r for name, r in estimates.items() if r.residual.any()} or estimates
-    figure, rows, bottom = _page(
-        f"Noise of {Path(log).name}", noisy, ("Residual", "Allan deviation", "Spectrum")
-    )
+    figure, rows, bottom = _page(f"Noise of {Path(log).name}", noisy, 3)
+    # Each channel has the stretch on which it is level: one axis for all.
+    ends = [time for result in noisy.values() for time in result.time[[0, -1]].tolist()]
+    axis = clock_axis(np.array([min(ends), max(ends)]), epoch)
     for row, (name, result) in zip(rows, noisy.items(), strict=True):
         curves = _Curves.of_estimate(units[name], result)
-        _draw_residual(row[0], curves.unit, result)
+        _draw_residual(row[0], curves.unit, result, axis)
         _draw_allan(row[1], curves)
         _draw_spectrum(row[2], curves)
     _finish(figure, rows, [name for name in results if name not in noisy])
-    clock_axis(next(iter(noisy.values())).time).mark(bottom[0])
+    axis.mark(bottom[0], ticks=4)
     bottom[1].set(xlabel="averaging time τ [s]")
     bottom[2].set(xlabel="frequency [Hz]")
     return figure
@@ -262,7 +266,7 @@ def draw_document(document: Mapping[str, Any], name: str, channels: Sequence[str
     if not chosen:
         raise LogError("no noise to draw", name)
     title = f"Noise of {Path(document['log']).name}"
-    figure, rows, bottom = _page(title, chosen, ("Allan deviation", "Spectrum"))
+    figure, rows, bottom = _page(title, chosen, 2)
     for row, part in zip(rows, chosen.values(), strict=True):
         curves = _Curves.of_document(part)
         _draw_allan(row[0], curves)
@@ -273,15 +277,15 @@ def draw_document(document: Mapping[str, Any], name: str, channels: Sequence[str
     return figure
 
 
-def _page(title: str, channels: Iterable[str], headings: Sequence[str]) -> tuple[Figure, Any, Any]:
+def _page(title: str, channels: Iterable[str], columns: int) -> tuple[Figure, Any, Any]:
     """A figure of a row for each channel, its axes, and those that have a label for x."""
     names = list(channels)
     each = min(MAX_ROW, max(MIN_ROW, PAGE / len(names)))
     figure = new_figure(title, 13.0, 1.3 + each * len(names))
-    rows = figure.subplots(len(names), len(headings), squeeze=False, sharex="col")
+    rows = figure.subplots(len(names), columns, squeeze=False, sharex="col")
     for row, name in zip(rows, names, strict=True):
         row[0].set_title(plain(name), fontsize=10, fontweight="bold")
-    for ax, heading in zip(rows[0], headings, strict=True):
+    for ax, heading in zip(rows[0][-2:], ("Allan deviation", "Spectrum"), strict=True):
         ax.set_title(heading, loc="right", fontsize=10)
     return figure, rows, rows[-1]
 
@@ -301,15 +305,16 @@ def _finish(figure: Figure, rows: Any, without: Sequence[str]) -> None:
                     fontsize=9, color="0.4")  # fmt: skip
 
 
-def _draw_residual(ax: Axes, unit: str, result: NoiseEstimate) -> None:
-    ax.set(ylabel=f"[{unit}]")
+def _draw_residual(ax: Axes, unit: str, result: NoiseEstimate, axis: ClockAxis) -> None:
+    ax.set(ylabel=f"residual [{unit}]")
     if not result.residual.any():
         say(ax, result.notes[0].replace(": ", ":\n"))
         return
     if result.separation_cutoff is not None:
         ax.text(0.01, 0.97, "slow signal taken off", transform=ax.transAxes, va="top", fontsize=8,
                 color="0.4")  # fmt: skip
-    trace(ax, result.time, result.residual, axis=clock_axis(result.time), lw=0.5, color=COMPUTED)
+    parts = segments(result.time)
+    trace(ax, result.time, result.residual, parts, axis=axis, lw=0.5, color=COMPUTED)
     if result.drift.white_sigma > 0.0:
         for side in (-2.0, 2.0):
             ax.axhline(side * result.drift.white_sigma, color=ERROR, lw=1.2, ls=":",
@@ -317,7 +322,7 @@ def _draw_residual(ax: Axes, unit: str, result: NoiseEstimate) -> None:
 
 
 def _draw_allan(ax: Axes, curves: _Curves) -> None:
-    ax.set(ylabel=f"[{curves.unit}]")
+    ax.set(ylabel=f"deviation [{curves.unit}]")
     if curves.allan is None or curves.allan_model is None or not curves.allan[1].all():
         say(ax, "not available")
         return
@@ -332,7 +337,7 @@ def _draw_allan(ax: Axes, curves: _Curves) -> None:
 
 
 def _draw_spectrum(ax: Axes, curves: _Curves) -> None:
-    ax.set(ylabel=f"[{curves.unit}²/Hz]")
+    ax.set(ylabel=f"density [{curves.unit}²/Hz]")
     if curves.spectrum is None or curves.density_model is None or not curves.spectrum[1].any():
         say(ax, "not available")
         return
