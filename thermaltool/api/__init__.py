@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from thermaltool.api.orders import *  # noqa: F403
     from thermaltool.api.result import *  # noqa: F403
     from thermaltool.api.simulation import *  # noqa: F403
+    from thermaltool.api.thermal_ranges import *  # noqa: F403
     from thermaltool.api.transient import *  # noqa: F403
     from thermaltool.logs.reader import read_log as read_log
     from thermaltool.record import Record as Record
@@ -43,6 +44,7 @@ PUBLIC = {
     "api.orders": ("OrderReport", "order"),
     "api.result": ("to_frame",),
     "api.simulation": ("Simulation", "simulate"),
+    "api.thermal_ranges": ("ThermalTest", "iso230"),
     "api.transient": ("SpectrumReport", "spectrum"),
     "logs.reader": ("read_log",),
     "record": ("Record",),

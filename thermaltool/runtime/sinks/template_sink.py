@@ -127,11 +127,7 @@ def _found(name: str, known: Sequence[str]) -> tuple[int, float]:
     """Which value a field is, and times what; ValueError where it is none."""
     if (found := _place(name, known)) is not None:
         return found
-    # Imported for the message alone: a stream starts without it.
-    from thermaltool.record import hint
-
-    hinted = hint(name, known)
-    raise ValueError(f"--template: no field {name!r}{hinted}: there are {', '.join(known)}")
+    raise ValueError(f"--template: no field {name!r}: there are {', '.join(known)}")
 
 
 def _place(name: str, known: Sequence[str]) -> tuple[int, float] | None:
