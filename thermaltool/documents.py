@@ -18,8 +18,9 @@ from math import isfinite
 from typing import Any, BinaryIO, Literal
 
 from thermaltool.errors import ModelError, OutputError
-from thermaltool.files import read_whole, replaced_file
+from thermaltool.files import replaced_file
 from thermaltool.parsing import first_fault, parse_json
+from thermaltool.sources import read_input
 
 
 @dataclass(frozen=True)
@@ -193,10 +194,7 @@ def read_text(path: str) -> tuple[str, str]:
         It cannot be read.
     """
     try:
-        if path == "-":
-            return read_whole(sys.stdin.buffer, source_name(path)).decode(), source_name(path)
-        with open(path, "rb") as stream:
-            return read_whole(stream, path).decode(), path
+        return read_input(path).decode(), source_name(path)
     except UnicodeDecodeError as error:
         raise ModelError(f"{path}: not a text file") from error
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import re
 import stat
@@ -21,37 +20,6 @@ STALE_AFTER = 60.0
 MAX_NAME = 255
 # Bytes that a word of the user's data may take of it.
 MAX_WORD = 100
-# Bytes of a line: a hundred thousand columns fit, an input without lines does not.
-MAX_LINE = 2**24
-# How files begin that have no lines: Parquet, a workbook, TDMS, MATLAB files of both kinds.
-WITHOUT_LINES = (b"PAR1", b"PK\x03\x04", b"TDSm", b"MATLAB ", b"\x89HDF\r\n")
-READ_AT_ONCE = 2**20
-
-
-def read_whole(stream: BinaryIO, name: str) -> bytes:
-    """All bytes of an input, unless it is one that has no lines and no end.
-
-    Parameters
-    ----------
-    stream : binary file
-    name : str
-        What messages call it.
-
-    Raises
-    ------
-    OSError
-        A line longer than `MAX_LINE` in a file that has lines.
-    """
-    pieces: list[bytes] = []
-    length = 0  # of the last line so far
-    while piece := stream.read(READ_AT_ONCE):
-        pieces.append(piece)
-        end = max(piece.rfind(b"\n"), piece.rfind(b"\r"))
-        length = length + len(piece) if end < 0 else len(piece) - end - 1
-        if length > MAX_LINE and not pieces[0].startswith(WITHOUT_LINES):
-            size = f"{MAX_LINE // 2**20} MiB"
-            raise OSError(errno.EFBIG, f"a line longer than {size}: no log and no document", name)
-    return b"".join(pieces)
 
 
 @contextlib.contextmanager

@@ -238,8 +238,8 @@ def test_an_input_without_lines_and_without_end(thermaltool, files, line) -> Non
 def test_long_lines_are_bounded_and_long_logs_are_not(thermaltool, files, monkeypatch) -> None:
     def check():
         # The command takes back what was set.
-        monkeypatch.setattr("thermaltool.files.READ_AT_ONCE", 100)
-        monkeypatch.setattr("thermaltool.files.MAX_LINE", 200)
+        monkeypatch.setattr("thermaltool.sources.READ_AT_ONCE", 100)
+        monkeypatch.setattr("thermaltool.sources.MAX_LINE", 200)
         return thermaltool("check", files.log)
 
     assert check().code == 0
@@ -247,6 +247,80 @@ def test_long_lines_are_bounded_and_long_logs_are_not(thermaltool, files, monkey
     result = check()
     assert result.code == 1
     assert "a line longer than 0 MiB" in result.err
+
+
+def test_an_input_with_lines_and_without_end(thermaltool, files) -> None:
+    log = files.log.read_bytes()
+    refused = "<stdin>: cannot be read: more than 1000 bytes"
+    result = thermaltool("--max-bytes", "1kB", "check", "-", stdin=log)
+    assert result.code == 1
+    assert refused in result.err
+    assert "thermaltool --max-bytes 20GB COMMAND ... reads as much" in result.err
+    assert result.err.count("\n") == 1
+    # What was set is of that command.
+    assert thermaltool("check", files.log).code == 0
+    assert thermaltool("--max-bytes", "4MB", "check", files.log).code == 0
+
+
+@pytest.mark.parametrize("line", ENDLESS)
+def test_a_file_is_refused_by_its_size_before_it_is_read(thermaltool, files, line) -> None:
+    large = files.folder / "large.csv"
+    with large.open("wb") as stream:
+        stream.truncate(10**12)  # of holes
+    words = {"LOG": files.log, "MODEL": files.model, "OUT": files.folder / "out.png", "{}": large}
+    result = thermaltool(*(words.get(word, word) for word in line.split()))
+    assert result.code == 1
+    assert "more than 2 GiB" in result.err
+    assert result.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("size", ["x", "0", "-1", "1e9", "nan", "9999999TB"])
+def test_a_size_that_is_none(thermaltool, files, size) -> None:
+    result = thermaltool("--max-bytes", size, "check", files.log)
+    assert result.code == 2
+    assert "--max-bytes" in result.err
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("line", ["check {}", "simulate {} LOG", "check LOG --columns {}"])
+def test_a_pipe_that_nobody_writes_to(thermaltool, files, monkeypatch, line) -> None:
+    fifo = files.folder / "fifo"
+    os.mkfifo(fifo)
+    monkeypatch.setattr("thermaltool.sources.TOLD_AFTER", 0.05)
+    monkeypatch.setattr("thermaltool.sources.GIVEN_UP_AFTER", 0.1)
+    words = {"LOG": files.log, "{}": fifo}
+    result = thermaltool(*(words.get(word, word) for word in line.split()))
+    assert result.code == 1
+    told, refused = result.err.splitlines()
+    assert told == f"{fifo}: nothing has come for 0.05 s: waits for who writes it"
+    assert refused.endswith("nobody has written to this pipe for 0.1 s")
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("after", [0.0, 0.3])
+def test_a_pipe_whose_writer_is_slow_is_waited_for(thermaltool, files, monkeypatch, after) -> None:
+    fifo = files.folder / "fifo"
+    os.mkfifo(fifo)
+    monkeypatch.setattr("thermaltool.sources.TOLD_AFTER", 0.05)
+    monkeypatch.setattr("thermaltool.sources.GIVEN_UP_AFTER", 0.1 if after else 5.0)
+    shell = f"exec 3> '{fifo}'; sleep {after}; cat '{files.log}' >&3"
+    with subprocess.Popen(["sh", "-c", shell]) as writer:
+        # Where the writer only starts, the pipe has to be there for it longer.
+        if after:
+            time.sleep(0.1)
+        result = thermaltool("check", fifo)
+        assert writer.wait() == 0
+    assert result.code == 0
+    assert "nothing wrong" in result.out
+
+
+def test_a_pipe_whose_writer_leaves_without_a_word(thermaltool, files) -> None:
+    fifo = files.folder / "fifo"
+    os.mkfifo(fifo)
+    with subprocess.Popen(["sh", "-c", f"exec 3> '{fifo}'"]):
+        result = thermaltool("check", fifo)
+    assert result.code == 1
+    assert "the file is empty" in result.err
 
 
 FAILING = [

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from thermaltool.api.presentation import *  # noqa: F403
     from thermaltool.api.result import *  # noqa: F403
     from thermaltool.api.simulation import *  # noqa: F403
+    from thermaltool.api.thermal_ranges import *  # noqa: F403
     from thermaltool.api.transient import *  # noqa: F403
     from thermaltool.logs.reader import read_log as read_log
     from thermaltool.record import Record as Record
@@ -47,6 +48,7 @@ PUBLIC = {
     "api.presentation": ("Presentation", "present"),
     "api.result": ("to_frame",),
     "api.simulation": ("Simulation", "simulate"),
+    "api.thermal_ranges": ("ThermalTest", "iso230"),
     "api.transient": ("SpectrumReport", "spectrum"),
     "logs.reader": ("read_log",),
     "record": ("Record",),

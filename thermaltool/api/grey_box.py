@@ -199,10 +199,10 @@ def rc(
 def as_network(network: Network) -> RcNetwork:
     """A network: itself, what is declared, or the declaration in a file (ModelError)."""
     from thermaltool.errors import ModelError
-    from thermaltool.files import read_whole
     from thermaltool.fitting.rc.declaration import load_network
     from thermaltool.fitting.rc.network import RcNetwork
     from thermaltool.parsing import parse_toml
+    from thermaltool.sources import read_input
 
     if isinstance(network, RcNetwork):
         return network
@@ -210,8 +210,7 @@ def as_network(network: Network) -> RcNetwork:
         return load_network(network, "network", "<network>")
     path = os.fspath(network)
     try:
-        with open(path, "rb") as stream:
-            document = parse_toml(read_whole(stream, path), path)
+        document = parse_toml(read_input(path), path)
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror or error}") from error
     return load_network(document, os.path.splitext(os.path.basename(path))[0], path)

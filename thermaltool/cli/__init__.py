@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from thermaltool import __version__
+from thermaltool.cli.types import SizeType
 from thermaltool.errors import ThermalToolError
 
 # The help table: no command is imported to print it.
@@ -22,6 +23,7 @@ COMMANDS: dict[str, str] = {
     "identify": "Transfer functions from measured logs: ARX, ARMAX, OE, BJ.",
     "spectrum": "Time constants, Foster and Cauer networks of a thermal transient.",
     "rc": "Networks of heat capacities and conductances from logs: grey box, stochastic.",
+    "iso230": "Thermal tests of ISO 230-3: ranges and tilts with intervals.",
     "correct": "A static curve in front of a linear model or behind it, from logs.",
     "schedule": "Several models by level, switched without a bump.",
     "superpose": "The sum of several models.",
@@ -98,19 +100,28 @@ class LazyGroup(click.Group):
     metavar="FILE.toml",
     help="Defaults per command: [calibrate] loss = 'huber' (flag over environment over file).",
 )
+@click.option(
+    "--max-bytes",
+    type=SizeType(),
+    help="A larger log or model is refused (500MB, 20GB); a stream is not.  [default: 2GiB]",
+)
 @click.pass_context
-def group(ctx: click.Context, debug: bool, config: str | None) -> None:
+def group(ctx: click.Context, debug: bool, config: str | None, max_bytes: int | None) -> None:
     """From a measured log of a warming machine to a calibrated model and a compensated stream.
 
     Logs are tables (CSV, Parquet, NDJSON) whose columns are named <quantity>_<place>_<unit>.
     """
+    if max_bytes is not None:
+        from thermaltool import sources
+
+        before = sources.max_bytes.set(max_bytes)
+        ctx.call_on_close(lambda: sources.max_bytes.reset(before))
     if config:
-        from thermaltool.files import read_whole
         from thermaltool.parsing import parse_toml
+        from thermaltool.sources import read_input
 
         try:
-            with open(config, "rb") as stream:
-                tables = parse_toml(read_whole(stream, config), config)
+            tables = parse_toml(read_input(config), config)
         except OSError as error:
             raise click.UsageError(f"{config}: {error.strerror or error}") from error
         except ThermalToolError as error:

@@ -41,6 +41,7 @@ BATCH_OPTIONS = (
 @click.option("--timeout", type=POSITIVE, metavar="S",
               help="With --stream: a longer silence is told [s].")  # fmt: skip
 @streaming.to_option
+@streaming.text_options
 @shared.output_option
 @shared.quiet_option
 def command(model: str, log: str, stream: bool, output: str, quiet: int, **options: Any) -> None:
@@ -67,6 +68,8 @@ def command(model: str, log: str, stream: bool, output: str, quiet: int, **optio
         _stream(fitted, log, quiet, options)
     elif options["to_format"] not in (None, *FORMATS):
         raise click.UsageError(f"--to {options['to_format']} goes with --stream")
+    elif options["no_header"] or options["template"] is not None:
+        raise click.UsageError("--no-header and --template go with --stream")
     else:
         _batch(fitted, log, output, options)
 

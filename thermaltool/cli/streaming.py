@@ -40,6 +40,13 @@ class Once(click.Option):
         return super().consume_value(ctx, {**opts, str(self.name): given[0]} if given else opts)
 
 
+# How the lines that are written look.
+text_options = shared.together(
+    click.option("--no-header", is_flag=True, help="CSV without the line of names."),
+    click.option("--template", metavar="TEXT",
+                 help="Lines of this form: 'Z={offset_z_mm:.4f}', with names that are written (in "
+                 "their unit or another), {time}, {time_s} and {status}."),
+)  # fmt: skip
 # How lines are read and written.
 line_options = shared.together(
     shared.columns_option,
@@ -48,6 +55,7 @@ line_options = shared.together(
     click.option("--to", "to_format", type=click.Choice(
         [name for name in SINKS if name not in RECORDING_SINKS]), default="csv",
                  help="Format of the output."),
+    text_options,
 )  # fmt: skip
 
 
@@ -120,6 +128,15 @@ def settings_of(options: dict[str, Any], **changed: Any) -> Settings:
 
     if options.get("as_json"):
         changed["to_format"] = "ndjson"
+    if (template := options.get("template")) is not None:
+        if options.get("to_format", "csv") not in (None, "csv", "template") or options["no_header"]:
+            raise click.UsageError("--template has neither --to of another format nor a header")
+        changed["to_format"] = "template"
+        changed["status"] = changed.get("status") or "{status" in template
+    if options.get("no_header"):
+        if changed.get("to_format", options.get("to_format")) not in (None, "csv"):
+            raise click.UsageError("--no-header is for CSV: other formats have none")
+        changed["header"] = False
     if options.get("safe") == "hold":
         changed["safe"] = None
     names = [name for name in Settings.__dataclass_fields__ if options.get(name) is not None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from math import inf, isfinite
@@ -135,6 +136,22 @@ class IntervalType(Parsed):
         if not (colon and ends[0] <= ends[1] and bool(equals) == self.channel):
             raise ValueError
         return (channel, ends) if self.channel else ends
+
+
+class SizeType(Parsed):
+    """Bytes, with a decimal or binary prefix or without."""
+
+    name, form = "BYTES", "a size: 500MB, 20GB or 4GiB"
+
+    def parse(self, text: str) -> int:
+        found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(?:([kMGT])(i?))?B?\s*", text, re.ASCII)
+        if found is None:
+            raise ValueError
+        number, prefix, binary = found.groups()
+        size = float(number) * (1024 if binary else 1000) ** " kMGT".index(prefix or " ")
+        if not 1 <= size < 2**63:
+            raise ValueRefusedError(": needs 1 byte or more, and fewer than 2^63")
+        return int(size)
 
 
 class SafeType(Parsed):

@@ -13,11 +13,11 @@ import numpy as np
 
 from thermaltool.documents import finite
 from thermaltool.errors import LogError, ModelError, UnitError
-from thermaltool.files import read_whole
 from thermaltool.logs.computed import Angle, Computed, Difference, Power, difference_fits
 from thermaltool.logs.foreign_units import to_unit
 from thermaltool.parsing import parse_toml
 from thermaltool.record import Array, hint
+from thermaltool.sources import read_input
 from thermaltool.units import UNITS, clock_unit, parse_channel
 
 # Where a column map is: in a file, or the entries of its table ``[columns]``, the clock among them.
@@ -187,8 +187,7 @@ def read_map(source: Columns) -> ColumnMap:
 
 def _toml(path: str) -> dict[str, Any]:
     try:
-        with open(path, "rb") as stream:
-            return parse_toml(read_whole(stream, path), path)
+        return parse_toml(read_input(path), path)
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror or error}", path) from error
     except ModelError as error:

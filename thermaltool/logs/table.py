@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -12,10 +11,10 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.documents import MAX_NUMBER
+from thermaltool.documents import MAX_NUMBER, source_name
 from thermaltool.errors import LogError
-from thermaltool.files import read_whole
 from thermaltool.record import Array
+from thermaltool.sources import read_input
 
 # How a column is wanted: as numbers, as text (an ISO clock), or not at all.
 Kind = Literal["number", "text"] | None
@@ -132,14 +131,12 @@ def beyond_range(
 def read_source(source: str) -> InputBytes:
     """All bytes of a file, or of stdin for ``-``; a file that cannot be read is a LogError."""
     try:
-        if source == "-":
-            return InputBytes("<stdin>", read_whole(sys.stdin.buffer, "<stdin>"))
-        with open(source, "rb") as stream:
-            return InputBytes(source, read_whole(stream, source))
+        return InputBytes(source_name(source), read_input(source))
     except IsADirectoryError as error:
         raise LogError("this is a folder, not a log", source) from error
     except OSError as error:
-        raise LogError(f"cannot be read: {error.strerror or error}", source) from error
+        message = f"cannot be read: {error.strerror or error}"
+        raise LogError(message, source_name(source)) from error
 
 
 def _marked_missing(values: Array, words: Sequence[str]) -> Array:

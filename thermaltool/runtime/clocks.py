@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import Any
 
 from thermaltool.runtime.messages import Report
@@ -17,16 +18,35 @@ GAPS, LIVE, EVEN = 20, 0.05, 0.9
 Fields = Any  # list of bytes (CSV) or dict (NDJSON)
 
 
+class Stamp(str):
+    """A time as the lines have it, and its `seconds` from the first [s]."""
+
+    __slots__ = ("seconds",)
+    seconds: float
+
+    def __new__(cls, text: str, seconds: float) -> Stamp:
+        stamp = super().__new__(cls, text)
+        stamp.seconds = seconds
+        return stamp
+
+
 class LineClock:
     """Gives each line its time [s], and can go on where an earlier run stopped.
 
     Attributes
     ----------
+    written_name : str
+        What a column of its times is called.
     nothing_waited : bool
         The next line has come by itself: the one before was the last that waited.
     """
 
+    written_name = "time_s"
     nothing_waited = False
+
+    def written(self, seconds: float) -> float | Stamp:
+        """A time as it is written."""
+        return seconds
 
     def stamp(self, fields: Fields) -> float:
         """Time of a line [s].
@@ -74,6 +94,8 @@ class StampClock(LineClock):
     key: Any
     pattern: str | None = None
     epoch: datetime | None = None
+    written_name = "time"
+    _last: Stamp | None = None
 
     def stamp(self, fields: Fields) -> float:
         text = fields[self.key]
@@ -83,7 +105,23 @@ class StampClock(LineClock):
         )
         if self.epoch is None:
             self.epoch = moment
-        return (moment - self.epoch).total_seconds()
+        seconds = (moment - self.epoch).total_seconds()
+        self._last = Stamp(text, seconds)
+        return seconds
+
+    def written(self, seconds: float) -> float | Stamp:
+        """The stamp of the last line, else one in its style; ISO 8601 for other patterns, too."""
+        last = "" if self._last is None or self.pattern else self._last
+        if isinstance(last, Stamp) and last.seconds == seconds:
+            return last
+        if self.epoch is None:
+            return seconds
+        try:
+            moment = self.epoch + timedelta(seconds=seconds)
+        except OverflowError:  # no such year
+            return Stamp("", seconds)
+        text = moment.isoformat(" " if last[10:11] == " " else "T", _digits(last))
+        return Stamp(text.replace("+00:00", "Z") if last[-1:] == "Z" else text, seconds)
 
     def state(self) -> dict[str, Any]:
         return {} if self.epoch is None else {"epoch": self.epoch.isoformat()}
@@ -91,6 +129,14 @@ class StampClock(LineClock):
     def resume(self, state: dict[str, Any], last: float, age: float = 0.0) -> None:
         if "epoch" in state:
             self.epoch = datetime.fromisoformat(state["epoch"])
+
+
+def _digits(stamp: str) -> str:
+    """How many digits of a second a stamp has, as `isoformat` calls it."""
+    fraction = re.search(r"[.,](\d+)", stamp)
+    if fraction is None:
+        return "auto"
+    return "milliseconds" if len(fraction[1]) <= 3 else "microseconds"
 
 
 @dataclass

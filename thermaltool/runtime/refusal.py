@@ -6,9 +6,11 @@ import contextlib
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 from thermaltool.runtime.compensation import setpoint_name
 from thermaltool.runtime.pipe import LinePipe
+from thermaltool.runtime.process import STATUS
 from thermaltool.runtime.settings import Settings
 from thermaltool.runtime.sinks import open_sink
 
@@ -50,9 +52,13 @@ def write_safe_line(names: list[str], settings: Settings, source: int, sink: int
     if not names:
         return
     with LinePipe(source, sink) as pipe:
-        out = open_sink(settings.to_format, pipe)
+        values: list[Any] = [(settings.safe or 0.0) + 0.0] * len(names)
+        for name in settings.template_fields(names):
+            # Of what is estimated nothing is known.
+            names, values = [*names, name], [*values, "safe" if name == STATUS else 0.0]
+        out = open_sink(settings.to_format, pipe, **settings.sink_options(names))
         out.open(("time_s", *names))
         # Where the last set point is to be held, no line holds it.
         if settings.safe is not None and settings.end != "hold":
-            out.write([(None, [settings.safe + 0.0] * len(names))])
+            out.write([(None, values)])
         out.close()

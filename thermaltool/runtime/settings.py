@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.errors import ModelError
@@ -37,6 +37,10 @@ class Settings:
     ----------
     from_format, to_format : str
         Keys of `runtime.rows.ROW_FORMATS` and `runtime.sinks.SINKS`.
+    header : bool
+        Whether CSV begins with a line of names.
+    template : str or None
+        Pattern of the lines that are written, of the format ``template``.
     columns : str or None
         File of a column map.
     period : float or None
@@ -80,6 +84,8 @@ class Settings:
 
     from_format: str = "csv"
     to_format: str = "csv"
+    header: bool = True
+    template: str | None = None
     columns: str | None = None
     period: float | None = None
     clock: Literal["column", "count", "arrival"] = "column"
@@ -101,6 +107,20 @@ class Settings:
     checkpoint_every: float = 10.0
     checkpoint_max_age: float = 3600.0
     audit: str | None = None
+
+    def sink_options(self, names: Sequence[str]) -> dict[str, Any]:
+        """What the sink is made with, beside its output, for these names behind the time."""
+        if self.to_format == "template":
+            return {"template": self.template, "names": names}
+        return {} if self.header else {"header": False}
+
+    def template_fields(self, names: Sequence[str]) -> list[str]:
+        """Fields of the template beside the time and `names`; ValueError where it is none."""
+        if self.template is None:
+            return []
+        from thermaltool.runtime.sinks.template_sink import other_fields
+
+        return other_fields(self.template, names)
 
     def wanted(self, columns: tuple[str, ...], clock_advice: str) -> Wanted:
         """What is looked for in the lines; LogError where the column map cannot be read."""

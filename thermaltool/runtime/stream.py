@@ -20,7 +20,8 @@ from thermaltool.runtime.restart.keeper import Restart, open_restart
 from thermaltool.runtime.rows import open_rows
 from thermaltool.runtime.rows.row import RowReader
 from thermaltool.runtime.settings import Settings
-from thermaltool.runtime.sinks import Sink, open_sink
+from thermaltool.runtime.sinks import open_sink
+from thermaltool.runtime.sinks.timed import TimedSink
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 # Time between two lines of a stream that has no period and is silent [s].
@@ -56,7 +57,10 @@ def open_stream(
     return Stream(
         pipe,
         open_rows(settings.from_format, settings.wanted(process.columns, process.clock_advice)),
-        open_sink(settings.to_format, pipe),
+        TimedSink(
+            open_sink(settings.to_format, pipe, **settings.sink_options(process.names)),
+            process.names,
+        ),
         process,
         messages,
         open_restart(process, settings, messages),
@@ -75,7 +79,7 @@ class Stream:
     ----------
     pipe : LinePipe
     rows : RowReader
-    sink : Sink
+    sink : TimedSink
     process : Process
     messages : Messages
     timeout : float [s]
@@ -89,7 +93,7 @@ class Stream:
 
     pipe: LinePipe
     rows: RowReader
-    sink: Sink
+    sink: TimedSink
     process: Process
     messages: Messages
     restart: Restart
@@ -116,7 +120,10 @@ class Stream:
         """
         # Estimates that overflow are caught by the process.
         with self.pipe, np.errstate(all="ignore"), contextlib.closing(self.sink):
-            self.sink.open(("time_s", *self.process.names))
+            if self.rows.wanted.time_name is not None:
+                self.sink.open(self.rows.wanted.time_name)
+            # The first line shows what the time is called; who has left is known before.
+            self.pipe.wait(0.0)
             try:
                 self._begin()
                 self.heartbeat.ready()
@@ -196,13 +203,14 @@ class Stream:
         if (row.time is None or all(row.faults)) and self.rows.is_header(line):
             if message := self.rows.reopen(line, self.process.time):
                 self.messages("", message)
+                self.sink.follow(self.rows.clock)
             return None
         reply = self.process.take(row)
         if reply is not None:
             self._replied_at = reply[0]
         if self.process.status != self._status:
             self._changed()
-        return reply
+        return None if reply is None else self.sink.timed(reply)
 
     def _changed(self) -> None:
         """The process is in another state: kept at once, and noted."""
@@ -220,6 +228,8 @@ class Stream:
         if self.rows.clock is not None:
             self.rows.clock.tell(self.messages)
             self.restart.resume_clock(self.rows.clock)
+            if not self.sink.follow(self.rows.clock):
+                self.messages("", "times are written in seconds: so is the first line")
         return is_row
 
     def _save(self) -> None:
@@ -252,7 +262,7 @@ class Stream:
         reply = self.process.silence(elapsed)
         if reply is not None:
             self._replied_at = reply[0]
-            self._put(reply, before)
+            self._put(self.sink.timed(reply), before)
         if self.process.status != self._status:
             self._changed()
             self._save()
@@ -261,7 +271,7 @@ class Stream:
     def _approach(self) -> None:
         """After the last line, to what is safe at the slew rate; a second signal ends it."""
         # Where another stream has the actuators, this one leaves them alone.
-        if not self.ramps or self.process.at_safe or self.restart.taken:
+        if not self.ramps or self.process.at_safe or self.restart.taken or self.sink.refused:
             return
         self.messages.emit("ends: to the safe setpoint at the slew rate")
         tick = min(self.process.period or USUAL_TICK, USUAL_TICK)
@@ -289,10 +299,12 @@ class Stream:
         before, values, last = self.process.values(), self.process.finish(), self._replied_at
         try:
             # Where another stream has the actuators, this one leaves them alone.
-            if values is not None and not self.restart.taken:
+            if values is not None and not self.restart.taken and not self.sink.refused:
                 # A row of its own moment, so that the output is a log whose clock only goes on.
                 after = None if last is None else last + (self.process.period or 0.0)
-                self._put((after, values), before)
+                self._put(self.sink.timed((after, values)), before)
+            elif not self.sink.refused:
+                self.sink.write([])
         finally:
             # A sink that has failed may fail again: messages and checkpoint come all the same.
             self.messages.close()

@@ -35,6 +35,16 @@ class Wanted:
     clock: LineClock | None = None
     clock_advice: str = "--period gives one to a stream without"
 
+    @property
+    def time_name(self) -> str | None:
+        """What the time is called where it is written; None where the first line shows it."""
+        clock = self.mapping.clock if self.mapping else None
+        if self.clock is not None or (clock is not None and clock.period is not None):
+            return "time_s"
+        if clock is not None and clock.column is not None:
+            return "time" if clock.unit == "iso" else "time_s"
+        return None
+
 
 @dataclass(frozen=True)
 class Sensed:

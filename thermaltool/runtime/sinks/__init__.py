@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from thermaltool.runtime.registry import load
 
@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 SINKS = {
     "csv": "thermaltool.runtime.sinks.line_sinks:CsvSink",
     "ndjson": "thermaltool.runtime.sinks.line_sinks:NdjsonSink",
+    "values": "thermaltool.runtime.sinks.values_sink:ValuesSink",
+    "template": "thermaltool.runtime.sinks.template_sink:TemplateSink",
     "parquet": "thermaltool.runtime.sinks.parquet_sink:ParquetSink",
 }
 
@@ -35,7 +37,7 @@ class Sink(Protocol):
     """
 
     def open(self, names: Sequence[str]) -> None:
-        """The names of what is written: the first is ``time_s``."""
+        """The names of what is written: the first is ``time_s``, or ``time`` of ISO 8601 stamps."""
 
     def write(self, replies: Sequence[Reply]) -> None:
         """Put replies out, at once if something acts on them."""
@@ -44,13 +46,20 @@ class Sink(Protocol):
         """Nothing comes any more."""
 
 
-def open_sink(name: str, output: ByteOutput) -> Sink:
+def open_sink(name: str, output: ByteOutput, **options: Any) -> Sink:
     """The sink of that name; nothing is written yet.
+
+    Parameters
+    ----------
+    name : str
+    output : ByteOutput
+    **options
+        Of this sink alone.
 
     Raises
     ------
     ValueError
-        There is none.
+        There is none, or it refuses an option.
     """
-    sink: Sink = load(SINKS, name, "no stream is written as")(output)
+    sink: Sink = load(SINKS, name, "no stream is written as")(output, **options)
     return sink

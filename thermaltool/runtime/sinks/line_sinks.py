@@ -32,20 +32,35 @@ class LineSink:
         """One line each, at once."""
         self._output.write("".join([self._text(*reply) for reply in replies]).encode())
 
-    def _text(self, time: float | None, values: Sequence[float]) -> str:
-        stamp = self._no_time if time is None else repr(time)
+    def _text(self, time: float | str | None, values: Sequence[float]) -> str:
+        stamp = self._no_time if time is None else self._stamp(time)
         return self._line % (stamp, *values)
+
+    def _stamp(self, time: float | str) -> str:
+        return time if isinstance(time, str) else repr(time)
 
     def close(self) -> None:
         """Every line is out already."""
 
 
 class CsvSink(LineSink):
-    """A line of names, then a line per reply; a missing time is an empty field."""
+    """A line of names, then a line per reply; a missing time is an empty field.
+
+    Parameters
+    ----------
+    output : ByteOutput
+    header : bool
+        Whether the names are written.
+    """
+
+    def __init__(self, output: ByteOutput, header: bool = True) -> None:
+        super().__init__(output)
+        self._header = header
 
     def _layout(self, names: Sequence[str]) -> tuple[str, str, str]:
         fields = ["%s", *("%s" if name == STATUS else "%r" for name in names[1:])]
-        return ",".join(names) + "\n", ",".join(fields) + "\n", ""
+        header = ",".join(names) + "\n" if self._header else ""
+        return header, ",".join(fields) + "\n", ""
 
 
 class NdjsonSink(LineSink):
@@ -56,3 +71,6 @@ class NdjsonSink(LineSink):
         values = ["%s", *('"%s"' if name == STATUS else "%r" for name in names[1:])]
         fields = [f"{key}: {value}" for key, value in zip(keys, values, strict=True)]
         return "", "{" + ", ".join(fields) + "}\n", "null"
+
+    def _stamp(self, time: float | str) -> str:
+        return json.dumps(time)

@@ -6,6 +6,8 @@ import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from thermaltool.runtime.process import STATUS
+
 if TYPE_CHECKING:
     from thermaltool.runtime.process import Reply
     from thermaltool.runtime.sinks import ByteOutput
@@ -27,11 +29,13 @@ class ParquetSink:
         self._writer: Any = None
 
     def open(self, names: Sequence[str]) -> None:
-        """The schema: a column of numbers for each name."""
+        """The schema: a column of numbers for each name, and of texts for time stamps."""
         import pyarrow
         from pyarrow import parquet
 
-        self._schema = pyarrow.schema([(name, pyarrow.float64()) for name in names])
+        text, number = pyarrow.string(), pyarrow.float64()
+        kinds = [text if name in ("time", STATUS) else number for name in names]
+        self._schema = pyarrow.schema(list(zip(names, kinds, strict=True)))
         self._writer = parquet.ParquetWriter(self._file, self._schema)
 
     def write(self, replies: Sequence[Reply]) -> None:
@@ -53,7 +57,8 @@ class ParquetSink:
         self._rows = []
         if rows:
             columns = [
-                pyarrow.array(column, pyarrow.float64()) for column in zip(*rows, strict=True)
+                pyarrow.array(column, kind)
+                for column, kind in zip(zip(*rows, strict=True), self._schema.types, strict=True)
             ]
             self._writer.write_table(pyarrow.table(columns, schema=self._schema))
 

@@ -1,0 +1,195 @@
+"""Ranges of a slow signal over stretches of time, with the interval that noise and drift leave."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.signal import lfilter, savgol_filter
+
+from thermaltool.signals.intervals import Estimate
+
+Array = NDArray[np.float64]
+
+# Points that a stretch is averaged to at the most: a maximum is found to a thousandth of it.
+MAX_POINTS = 2000
+# Points that lie within the time over which readings are averaged.
+POINTS_IN_AVERAGE = 4
+# Repetitions of the noise: a 95 % interval then holds 95 ± 1 %.
+REPEATS = 500
+LEVEL = 0.95
+# Above so many ranges of the noise alone a level has the shape of the signal.
+SMALL_NOISE = 4.0
+# Parabolas through so large a part of the points on either side: of a level that shows above its
+# noise, and of one that does not, which is tried in so many sizes.
+SMOOTH_PART, SLOW_PART, SIZES = 20, 8, 13
+
+
+@dataclass(frozen=True, eq=False)
+class EvenLevel:
+    """A signal averaged to an even clock, and smoothed by parabolas.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,) [s]
+        Around which each bin lies: the first reading, and on to the last.
+    step : float [s]
+    readings : float
+        In a bin, in the mean.
+    half : int
+        Bins on either side over which a parabola goes.
+    level : ndarray, shape (n,)
+    """
+
+    time: Array
+    step: float
+    readings: float
+    half: int
+    level: Array
+
+
+def even_level(time: Array, values: Array, average: float) -> EvenLevel:
+    """Average readings over `average` [s] around each moment, without a lag where they rise.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,) [s], increasing
+    values : ndarray, shape (n,)
+        NaN is left out.
+    average : float [s]
+
+    Raises
+    ------
+    ValueError
+        Fewer than two readings.
+    """
+    known = np.isfinite(values)
+    time, values = time[known], values[known]
+    if len(time) < 2:
+        raise ValueError("fewer than two readings")
+    span = float(time[-1] - time[0])
+    period = float(np.median(np.diff(time)))
+    step = max(period, average / POINTS_IN_AVERAGE, span / MAX_POINTS)
+    # Bins around moments that begin with the first reading and end with the last.
+    bins = max(2, 1 + round(span / step))
+    step = span / (bins - 1)
+    moments = time[0] + step * np.arange(bins)
+    place = np.rint((time - time[0]) / step).astype(np.intp)
+    count = np.bincount(place, minlength=bins)
+    there = count > 0
+    # Where the readings of a bin lie, and not its middle: those at the ends are halves.
+    at = np.bincount(place, time, bins)[there] / count[there]
+    mean = np.bincount(place, values, bins)[there] / count[there]
+    even = np.interp(moments, at, mean)
+    even[0] += (moments[0] - at[0]) * (mean[1] - mean[0]) / (at[1] - at[0])
+    even[-1] += (moments[-1] - at[-1]) * (mean[-1] - mean[-2]) / (at[-1] - at[-2])
+    half = max(0, min(round(average / step / 2), (bins - 1) // 2))
+    return EvenLevel(moments, step, len(time) / (bins - 1), half, local_parabolas(even, half))
+
+
+def local_parabolas(values: Array, half: int) -> Array:
+    """The value of parabolas through `half` neighbours on either side (Savitzky and Golay 1964).
+
+    A curve that bends evenly keeps its extremes, at its ends too, where the outermost parabola goes
+    on to the last value.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., n)
+    half : int
+        Below 2 the values stay as they are.
+    """
+    if half < 2:
+        return values
+    return np.asarray(savgol_filter(values, 2 * half + 1, 2, axis=-1, mode="interp"))
+
+
+def noise_repeats(
+    like: EvenLevel, white: float, drift: float, drift_time: float, rng: np.random.Generator
+) -> Array:
+    """What noise adds to a level, drawn `REPEATS` times, shape (repeats, n).
+
+    Parameters
+    ----------
+    like : EvenLevel
+    white : float
+        Standard deviation of a reading.
+    drift, drift_time : float
+        Standard deviation of an Ornstein-Uhlenbeck process, and its time constant [s].
+    rng : Generator
+    """
+    shape = (REPEATS, len(like.time))
+    added = white / math.sqrt(like.readings) * rng.standard_normal(shape)
+    if drift > 0:
+        keeps = math.exp(-like.step / drift_time)
+        pushes = rng.standard_normal(shape)
+        pushes[:, 1:] *= math.sqrt(1 - keeps**2)
+        added += drift * lfilter([1.0], [1.0, -keeps], pushes, axis=1)
+    return local_parabolas(added, like.half)
+
+
+def range_estimate(level: Array, noise: Array, unit: str, rows: int | None = None) -> Estimate:
+    """The largest minus the least value, and its 95 % interval.
+
+    Noise widens a range: what it adds is found by adding it once more, and is taken off (basic
+    bootstrap, Davison and Hinkley 1997, section 5.2). Where the noise is not small against the
+    range, the extremes of the level are mostly noise: then the interval holds the ranges of its
+    slow part, made smaller or larger, that with noise lead to what was found.
+
+    Parameters
+    ----------
+    level : ndarray, shape (n,) [unit]
+    noise : ndarray, shape (repeats, n) [unit]
+    unit : str
+    rows : int, optional
+        The largest range within so many rows that follow each other. Default: within all.
+    """
+    found = float(_ranges(level[None], rows)[0])
+    ends = (1 - LEVEL) / 2, (1 + LEVEL) / 2
+    alone = _ranges(noise, rows)
+    if found < SMALL_NOISE * alone.mean():
+        slow = local_parabolas(level, len(level) // SLOW_PART)
+        slow = slow / (float(_ranges(slow[None], rows)[0]) or 1.0)
+        sizes = np.linspace(0.0, found + np.quantile(alone, ends[1]), SIZES)
+        with_noise = np.array([_ranges(size * slow + noise, rows) for size in sizes])
+        quantiles = np.quantile(with_noise, [ends[1], 0.5, ends[0]], axis=1)
+        rising = np.maximum.accumulate(quantiles, axis=1)
+        least, middle, most = (float(np.interp(found, each, sizes)) for each in rising)
+        return Estimate(middle, least, most, unit)
+    # Without the noise that is in the level, whose extremes would hide what more noise adds.
+    smooth = local_parabolas(level, len(level) // SMOOTH_PART)
+    more = _ranges(smooth + noise, rows) - _ranges(smooth[None], rows)
+    low, high = np.quantile(more, ends)
+    value = max(0.0, found - float(more.mean()))
+    return Estimate(value, max(0.0, found - float(high)), max(0.0, found - float(low)), unit)
+
+
+def _ranges(levels: Array, rows: int | None) -> Array:
+    n = levels.shape[1]
+    if rows is None or rows >= n:
+        return np.ptp(levels, axis=1)
+    # Windows that lie within the record whole.
+    first, last = rows // 2, n - (rows - 1) // 2
+    high = maximum_filter1d(levels, rows, axis=1)[:, first:last]
+    low = minimum_filter1d(levels, rows, axis=1)[:, first:last]
+    return np.asarray((high - low).max(axis=1))
+
+
+def constant_stretches(values: Array, shortest: int) -> Sequence[slice]:
+    """Stretches of at least so many rows over which a commanded value stays as it is.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        NaN goes on as the value before.
+    shortest : int
+    """
+    known = np.isfinite(values)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(values)), 0))
+    edges = [0, *(np.flatnonzero(np.diff(values[last])) + 1).tolist(), len(values)]
+    return [slice(a, b) for a, b in itertools.pairwise(edges) if b - a >= shortest]
