@@ -71,7 +71,7 @@ def command(
         if each is not None and each in files[:k]:
             raise click.UsageError(f"{each}: two results cannot go to one file")
         shared.check_files(each, log)
-    found = api.spectrum(log, input, channel, reference=rest, **options)
+    found = api.spectrum(log, input, channel, reference=rest, **options, warn=warn)
     whole = table_file is not None and table_file.endswith(".json")
     document = found.document() if as_json or whole else {}
     figure = None if kind is None else render(found.draw, kind)
