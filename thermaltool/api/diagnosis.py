@@ -7,11 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
-from thermaltool.api.inputs import Reading, all_of, as_model, reads, warn_pauses, write_model
+from thermaltool.api.inputs import Reading, all_of, as_model, read, reads, warn_pauses, write_model
 from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.documents import source_name, write_whole
 from thermaltool.errors import LogError, ModelError
-from thermaltool.logs import read_log
 from thermaltool.record import hint
 
 if TYPE_CHECKING:
@@ -239,8 +238,10 @@ def diagnose(
     found = as_model(model)
     allowed = tolerances_of(_typed(tolerance), [output.channel for output in found.outputs])
 
-    def read(each: Data) -> Log:
-        log = read_log(each, **reading, need=found.needs())
+    def judged(each: Data) -> Log:
+        # Those of an output are found beside the model, left out and named: the cause `outliers`.
+        outputs = [output.channel for output in found.outputs]
+        log = read(each, found.needs(), keep_spikes=outputs, warn=warn, **reading)
         _check(log, found)
         for output in found.outputs:
             if output.channel not in log.columns:
@@ -251,7 +252,7 @@ def diagnose(
         warn_pauses(log, warn)
         return log
 
-    logs, unseen = (tuple(read(each) for each in several) for several in (all_of(data), validate))
+    logs, unseen = (tuple(judged(each) for each in several) for several in (all_of(data), validate))
     _check_different([*logs, *unseen])
     calibration = _calibration_logs(found, [*logs, *unseen], reading)
     able = limits_of(limits, [name for log in logs for name in log.columns])
@@ -274,6 +275,7 @@ def _calibration_logs(
 ) -> tuple[Log, ...]:
     """Logs that the model was calibrated on, where they still are what they were."""
     found, seen = [], {log.digest for log in given}
+    outputs = [output.channel for output in model.outputs]
     sources = model.provenance.get("logs")
     for source in sources if isinstance(sources, list | tuple) else ():
         # A document of another program may hold anything here.
@@ -284,7 +286,7 @@ def _calibration_logs(
         if not digest or digest in seen or not os.path.isfile(name):
             continue
         try:
-            log = read_log(name, **reading, need=model.needs())
+            log = read(name, model.needs(), keep_spikes=outputs, warn=silent, **reading)
             _check(log, model)
         except LogError:  # other columns or units than the logs that are diagnosed
             continue

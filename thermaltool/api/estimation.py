@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from thermaltool.api.inputs import Reading, as_model, read_noise, reads, warn_pauses
+from thermaltool.api.inputs import Reading, as_model, read, read_noise, reads, warn_pauses
 from thermaltool.api.result import Notice, Result, notice, silent, to_frame
 from thermaltool.errors import ModelError
-from thermaltool.logs import read_log
 from thermaltool.units import names
 
 if TYPE_CHECKING:
@@ -278,7 +277,7 @@ def estimate(
 
     model = as_model(model)
     pipeline = EstimatorPipeline.of(model)
-    log = read_log(data, **reading, need=pipeline.columns)
+    log = read(data, pipeline.columns, warn=warn, **reading)
     found = estimate_record(model, pipeline, log, initial == "settled")
     for column, value in found.not_at_rest.items():
         warn(row_message(log, 0, f"{column}: {value:.4g} at the start {NOT_AT_REST}"))

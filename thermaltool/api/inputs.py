@@ -41,6 +41,7 @@ class Reading(TypedDict, total=False):
     nan_policy: str
     max_gap: float | None
     duplicates: str | None
+    faults: str
 
 
 def reads(options: type) -> Callable[[Stage], Stage]:
@@ -75,6 +76,32 @@ HELD_OVER_PAUSES = "the drive is taken as held over it"
 BOUNDED_DRIFT_TIME = 3600.0
 
 
+def read(
+    data: Data,
+    need: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    *,
+    keep_spikes: Sequence[str] = (),
+    warn: Notice = notice,
+    **reading: Unpack[Reading],
+) -> Log:
+    """A log without the faults of its sensors, with a word on what was left out.
+
+    Raises
+    ------
+    LogError
+        As `read_log`.
+    """
+    from thermaltool.logs import read_log
+    from thermaltool.report.text import fault_message
+
+    reading = {"faults": "omit", **reading}
+    log = read_log(data, **reading, keep_spikes=keep_spikes, need=need, outputs=outputs)
+    if told := fault_message(log, (*need, *outputs) if outputs else None):
+        warn(told)
+    return log
+
+
 def read_for_fit(
     data: Data,
     need: Sequence[str],
@@ -88,7 +115,7 @@ def read_for_fit(
     warn: Notice = notice,
     **reading: Unpack[Reading],
 ) -> Log:
-    """A log over a `span` of time [s], with a word on what its pauses mean.
+    """A log as by `read` over a `span` of time [s], with a word on what its pauses mean.
 
     With `whole` all rows are returned, and those of the span checked. Where missing values are
     omitted, a row in which an output alone is missing stays: what drives acts there, too.
@@ -96,15 +123,10 @@ def read_for_fit(
     Raises
     ------
     LogError
-        As `read_log`; no such output, too few rows to say anything of the `subject`.
+        As `read_log`; too few rows to say anything of the `subject`.
     """
-    from thermaltool.logs import read_log
-
-    omits = reading.get("nan_policy") == "omit"
-    log = read_log(data, **reading, need=need if omits else (*need, *outputs))
+    log = read(data, need, outputs, warn=warn, **reading)
     part = log.between(*span)
-    for name in outputs:
-        log.column(name)
     if len(part) < min_rows:
         raise LogError(f"{len(part)} rows say nothing of a {subject}", log.name)
     warn_pauses(part, warn, pauses)

@@ -26,6 +26,7 @@ class LogCheck(Result):
     Attributes
     ----------
     log : Log
+        Without the faults that are left out.
     inspection : Inspection
         Rows, clock, channels and findings.
     """
@@ -55,7 +56,8 @@ class LogCheck(Result):
     def document(self) -> dict[str, Any]:
         """The check as JSON-ready data; null for what is not finite."""
         log = {"log": self.log.name, "sha256": self.log.digest, "epoch": self.log.epoch}
-        document: dict[str, Any] = jsonable({**log, **asdict(self.inspection)})
+        found = {k: v for k, v in asdict(self.inspection).items() if k != "faults"}
+        document: dict[str, Any] = jsonable({**log, **found})
         return document
 
     def table(self) -> str:
@@ -97,7 +99,10 @@ def check(data: Data, **reading: Unpack[Reading]) -> LogCheck:
     >>> [finding.message for finding in tt.check(frame).findings]
     ['-300 degC is below absolute zero']
     """
+    from thermaltool.logs.faults import without
     from thermaltool.logs.inspect import inspect
 
+    policy = reading.pop("faults", "omit")
     log = read_log(data, **reading, strict=False)
-    return LogCheck(log, inspect(log))
+    inspection = inspect(log)
+    return LogCheck(without(log, inspection.faults) if policy == "omit" else log, inspection)

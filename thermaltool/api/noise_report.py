@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
-from thermaltool.api.inputs import Reading, reads
+import numpy as np
+
+from thermaltool.api.inputs import Reading, read, reads
 from thermaltool.api.result import Notice, Result, notice, silent, to_frame
 from thermaltool.errors import LogError
-from thermaltool.logs import read_log
 from thermaltool.units import names, parse_channel
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
+    from thermaltool.logs import Log
     from thermaltool.logs.reader import Data
     from thermaltool.signals.noise import NoiseEstimate
 
@@ -125,7 +127,7 @@ def noise(
     """
     from thermaltool.signals.noise import estimate_noise
 
-    whole = read_log(data, **reading)
+    whole = read(data, warn=warn, **reading)
     log = whole.between(start, stop)
     idle = start is not None or stop is not None
     estimates: dict[str, NoiseEstimate | str] = {}
@@ -133,9 +135,8 @@ def noise(
         progress(name)
         values = log.column(name)
         try:
-            estimates[name] = estimate_noise(
-                log.time, values, idle=idle, max_gap=reading.get("max_gap")
-            )
+            found = estimate_noise(log.time, values, idle=idle, max_gap=reading.get("max_gap"))
+            estimates[name] = _with_spikes(found, name, whole, log)
         except ValueError as error:
             estimates[name] = str(error)
             warn(f"{log.name}: {name}: {error}")
@@ -143,3 +144,22 @@ def noise(
         raise LogError("no channel has a usable record", log.name)
     units = {name: parse_channel(name).unit for name in estimates}
     return NoiseReport(whole.name, whole.period, units, estimates, whole.epoch)
+
+
+def _with_spikes(estimate: NoiseEstimate, channel: str, whole: Log, part: Log) -> NoiseEstimate:
+    """The estimate with the spikes that reading has left out, as outliers."""
+    spikes = [each for each in whole.faults if each.channel == channel and each.kind == "spike"]
+    if not spikes:
+        return estimate
+    time = whole.time[np.concatenate([each.rows for each in spikes])]
+    values = np.concatenate([each.values for each in spikes])
+    inside = (time >= part.time[0]) & (time <= part.time[-1])
+    time = np.concatenate([estimate.outlier_time, time[inside]])
+    values = np.concatenate([estimate.outlier_value, values[inside]])
+    order = np.argsort(time)
+    return replace(
+        estimate,
+        samples=estimate.samples + int(inside.sum()),
+        outlier_time=time[order],
+        outlier_value=values[order],
+    )

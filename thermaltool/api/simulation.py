@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from thermaltool.api.inputs import Reading, as_model, reads, warn_pauses
+from thermaltool.api.inputs import Reading, as_model, read, reads, warn_pauses
 from thermaltool.api.result import Notice, Result, notice, to_frame
-from thermaltool.logs import read_log
 
 if TYPE_CHECKING:
     import pandas
@@ -158,7 +157,7 @@ def simulate(
 
     model = as_model(model)
     need = model.needs()
-    log = read_log(data, **reading, need=need)
+    log = read(data, need, warn=warn, **reading)
     for excursion in excursions(model, log.columns):
         warn(excursion_message(log, excursion))
     warn_pauses(log, warn)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack
 
-from thermaltool.api.inputs import Reading, reads
-from thermaltool.api.result import Result, to_frame
-from thermaltool.logs import read_log
+from thermaltool.api.inputs import Reading, read, reads
+from thermaltool.api.result import Notice, Result, notice, to_frame
 from thermaltool.units import drive_reference
 
 if TYPE_CHECKING:
@@ -99,6 +98,7 @@ def spectrum(
     reference: Reference | None = None,
     start: float | None = None,
     stop: float | None = None,
+    warn: Notice = notice,
     **reading: Unpack[Reading],
 ) -> SpectrumReport:
     """Time-constant spectrum of a thermal transient: lines, Foster and Cauer networks.
@@ -121,6 +121,8 @@ def spectrum(
         What counts as no power in the model. Default: 0.
     start, stop : float, optional [s]
         The stretch that is fitted.
+    warn : callable
+        Takes a sentence where a sensor's faults are left out. Default: a `ThermalToolWarning`.
     **reading
         See `read_log`.
 
@@ -151,6 +153,6 @@ def spectrum(
     """
     from thermaltool.fitting.spectrum.find import thermal_spectrum
 
-    log = read_log(data, **reading, need=(input, output)).between(start, stop)
+    log = read(data, (input,), (output,), warn=warn, **reading).between(start, stop)
     found = thermal_spectrum(log, input, output, lines, before, step_at)
     return SpectrumReport(found, log, input, reference)

@@ -60,10 +60,11 @@ def actuator_of(
     if trial is not None and (plays is None or delay is None):
         import numpy as np
 
+        from thermaltool.api.inputs import read
+        from thermaltool.cli.messages import warn
         from thermaltool.fitting.actuator import identify_actuator
-        from thermaltool.logs import read_log
 
-        table = read_log(trial, need=(options["command"], channel))
+        table = read(trial, (options["command"], channel), warn=warn)
         step = float(np.median(np.diff(table.time))) if len(table) > 1 else options["period"]
         if abs(step / options["period"] - 1) > SAME_PERIOD:
             raise click.UsageError(

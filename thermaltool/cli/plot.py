@@ -23,7 +23,9 @@ from thermaltool.documents import write_json
 @click.option(
     "--channel", "channels", multiple=True, metavar="NAME", help="Only this one; repeat for more."
 )
-@shared.log_options
+@shared.reading_options
+@shared.nan_option
+@shared.faults_option("keep")
 @shared.output_option
 @shared.json_option
 @click.pass_context

@@ -101,9 +101,21 @@ def span_options(start: str, stop: str) -> Decorator:
     )
 
 
+def faults_option(default: str) -> Decorator:
+    """``--faults``: what becomes of readings that are a sensor's fault."""
+    return click.option(
+        "--faults",
+        type=click.Choice(["omit", "keep"]),
+        default=default,
+        help="Readings that are a sensor's fault (85.0 and -127 of a DS18B20, spikes, …): left out "
+        "as missing values, or taken as they are.",
+    )
+
+
 # How a table is read, and what reading a log takes beside that.
-table_options = together(columns_option, from_option, gap_option, duplicates_option)
-log_options = together(columns_option, from_option, nan_option, gap_option, duplicates_option)
+reading_options = together(columns_option, from_option, gap_option, duplicates_option)
+table_options = together(reading_options, faults_option("omit"))
+log_options = together(table_options, nan_option)
 
 
 def one_thread() -> None:

@@ -73,7 +73,7 @@ def command(
             raise click.UsageError(f"{each}: two results cannot go to one file")
         shared.check_files(each, log)
     progress = terminal_progress("spectrum")
-    found = api.spectrum(log, input, channel, reference=rest, **options)
+    found = api.spectrum(log, input, channel, reference=rest, **options, warn=warn)
     whole = table_file is not None and table_file.endswith(".json")
     document = found.document() if as_json or whole else {}
     figure = None if kind is None else render(found.draw, kind)

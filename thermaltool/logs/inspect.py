@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs.clock import BURST_PERIODS, Sampling, far_from_neighbours, sampling
+from thermaltool.logs.faults import MEASURED, Fault, find_faults, runs_of, spikes
 from thermaltool.logs.log import Log
 from thermaltool.logs.table import MAX_LISTED
 from thermaltool.record import Array, ChannelSummary
-from thermaltool.units import ABSOLUTE_ZERO
 
 # Steps may differ by this share of the period before the clock counts as uneven.
 MAX_JITTER_SHARE = 0.1
-# A sample is a spike when it stands out by this many median steps from row to row.
-MIN_SPIKE_STEPS = 10.0
-# Quantities of sensors; heat, speed, voltage and the like are commanded and may stand still.
-MEASURED = ("T", "dT", "d")
 # Equal values in a row that are no chance, where noise moves the last digit at every sample.
 MIN_FROZEN_ROWS = 20
 
@@ -36,7 +32,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What is in a log (`rows`, `duration` [s], `clock`, `channels`) and its `findings`."""
+    """What is in a log (`rows`, `duration` [s], `clock`, `channels`), its `findings` and `faults`.
+
+    The faults of its sensors are among the findings, too.
+    """
 
     rows: int
     duration: float
@@ -44,6 +43,7 @@ class Inspection:
     clock: Sampling
     channels: tuple[ChannelSummary, ...]
     findings: tuple[Finding, ...]
+    faults: tuple[Fault, ...] = ()
 
 
 def inspect(log: Log) -> Inspection:
@@ -59,16 +59,19 @@ def inspect(log: Log) -> Inspection:
     findings += _capped(_gaps(log, clock))
     findings += _jitter(log, clock)
     channels = log.channel_summaries()
+    faults = find_faults(log)
     for name, quantity in ((channel.name, channel.quantity) for channel in channels):
         values = log.columns[name]
         findings += _capped(_missing(log, name, values))
         present = np.flatnonzero(np.isfinite(values))
-        lines, values = log.lines[present], values[present]
-        if quantity == "T":
-            findings += _capped(_too_cold(lines, name, values))
         if quantity in MEASURED:
-            findings += _capped(_standstill(lines, name, values))
-        findings += _capped(_spikes(log.time[present], lines, name, values, clock))
+            findings += _capped(_standstill(log.lines[present], name, values[present]))
+            own: Iterable[Fault] = (each for each in faults if each.channel == name)
+        else:
+            own = spikes(log, name, present)
+        found = [_fault(log, each) for each in own]
+        for kind in dict.fromkeys(each.kind for each in found):
+            findings += _capped(each for each in found if each.kind == kind)
     finite = log.time[np.isfinite(log.time)]
     return Inspection(
         rows=len(log),
@@ -77,6 +80,7 @@ def inspect(log: Log) -> Inspection:
         clock=clock,
         channels=channels,
         findings=tuple(findings),
+        faults=faults,
     )
 
 
@@ -84,7 +88,7 @@ def _reading(problem: LogError) -> Finding:
     return Finding("reading", problem.message, problem.line, problem.column)
 
 
-def _capped(findings: Iterator[Finding]) -> list[Finding]:
+def _capped(findings: Iterable[Finding]) -> list[Finding]:
     """The first few findings, and how many more there are."""
     kept = list(findings)
     if len(kept) <= MAX_LISTED:
@@ -130,17 +134,10 @@ def _jitter(log: Log, clock: Sampling) -> list[Finding]:
 def _missing(log: Log, name: str, values: Array) -> Iterator[Finding]:
     # A cell that reading has already complained about is not listed again.
     known = [problem.line for problem in log.problems if problem.column == name and problem.line]
-    for start, stop in _runs_of(np.isnan(values) & ~np.isin(log.lines, known)):
+    for start, stop in runs_of(np.isnan(values) & ~np.isin(log.lines, known)):
         count = stop - start
         message = "missing value" if count == 1 else f"{count} missing values in a row"
         yield Finding("missing", message, int(log.lines[start]), name)
-
-
-def _too_cold(lines: np.ndarray, name: str, values: Array) -> Iterator[Finding]:
-    for start, stop in _runs_of(values < ABSOLUTE_ZERO):
-        low = values[start:stop].min()
-        message = f"{low:g} degC is below absolute zero"
-        yield Finding("implausible", message, int(lines[start]), name)
 
 
 def _standstill(lines: np.ndarray, name: str, values: Array) -> Iterator[Finding]:
@@ -164,32 +161,5 @@ def _standstill(lines: np.ndarray, name: str, values: Array) -> Iterator[Finding
         yield Finding(kind, message, int(lines[starts[k]]), name)
 
 
-def _spikes(
-    time: Array, lines: np.ndarray, name: str, values: Array, clock: Sampling
-) -> Iterator[Finding]:
-    """Single samples far outside the range of the two before and the two after.
-
-    A step or a slope stays within that range, so it is no spike. Places beside a pause say
-    nothing.
-    """
-    if len(values) < 11:
-        return
-    neighbours = [values[:-4], values[1:-3], values[3:-1], values[4:]]
-    here = values[2:-2]
-    beyond = np.maximum(here - np.max(neighbours, axis=0), np.min(neighbours, axis=0) - here)
-    beyond[time[4:] - time[:-4] > 4 * BURST_PERIODS * clock.period] = 0.0
-    steps = np.abs(np.diff(values))
-    # Where rounding hides the noise, the resolution takes its place.
-    resolution = float(np.min(steps[steps > 0], initial=np.inf))
-    limit = MIN_SPIKE_STEPS * max(float(np.median(steps)), resolution)
-    for k in np.flatnonzero(beyond > limit).tolist():
-        # The channel may be livelier here than elsewhere: compare with the steps around, too.
-        if beyond[k] > MIN_SPIKE_STEPS * float(np.median(steps[max(0, k - 23) : k + 27])):
-            message = f"spike: {here[k]:g}, {beyond[k]:.3g} beyond its neighbours"
-            yield Finding("spike", message, int(lines[k + 2]), name)
-
-
-def _runs_of(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Start and stop of each stretch where `mask` holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+def _fault(log: Log, fault: Fault) -> Finding:
+    return Finding(fault.kind, fault.message, int(log.lines[fault.rows[0]]), fault.channel)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import LogError
+from thermaltool.logs.faults import Fault
 from thermaltool.record import Record, Rows
 
 
@@ -27,11 +28,15 @@ class Log(Record):
         The first time stamp of an ISO 8601 clock, as written.
     lines : ndarray of int, shape (n,)
         The line of each row in the file (in Parquet, which has no lines: its row from 1).
+    faults : tuple of Fault
+        Readings that were left out as a sensor's faults; their rows count in the log as it was
+        read.
     problems : tuple of LogError
         What a reading with ``strict=False`` found and went around.
     """
 
     epoch: str | None = None
+    faults: tuple[Fault, ...] = ()
     lines: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
     problems: tuple[LogError, ...] = ()
 

@@ -15,6 +15,7 @@ from thermaltool.errors import LogError, UnitError
 from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import Clock, ColumnMap, Columns, Rename, read_map
 from thermaltool.logs.duplicates import merged
+from thermaltool.logs.faults import FAULT_POLICIES, find_faults, without
 from thermaltool.logs.formats import load_reader
 from thermaltool.logs.log import Log
 from thermaltool.logs.table import (
@@ -50,7 +51,10 @@ def read_log(
     nan_policy: str = "raise",
     max_gap: float | None = None,
     duplicates: str | None = None,
+    faults: str = "keep",
+    keep_spikes: Sequence[str] = (),
     need: str | Sequence[str] = (),
+    outputs: Sequence[str] = (),
     strict: bool = True,
 ) -> Log:
     """A log, from a file, a data frame or a record.
@@ -76,8 +80,17 @@ def read_log(
         What rows of one time stamp become: one row (the first readings, or their means; readings
         that are missing count as none, so that messages of several sensors make one row), or as
         many, spread up to the next stamp. Default: what the column map says, else an error.
+    faults : {"omit", "keep"}
+        Whether readings of temperatures and displacements that are a sensor's fault
+        (`thermaltool.logs.faults`) become missing values. Where one is in a channel of `need`, the
+        row is left out (or the last value held, with ``hold``).
+    keep_spikes : sequence of str
+        Channels whose spikes stay, for a stage that finds them itself.
     need : str or sequence of str
         Channels that must be there.
+    outputs : sequence of str
+        Further channels that must be there. A row in which they alone are missing stays under
+        ``omit``, and where the reading is a fault.
     strict : bool
         True raises at the first fault. False reads around faults and lists them in
         `Log.problems`: a bad cell is NaN, a ragged line is left out, a clock is kept as it is. A
@@ -112,7 +125,8 @@ def read_log(
     if isinstance(data, Record):
         if columns is not None or from_format is not None:
             raise ValueError("columns and from_format say how a file or a frame is read")
-        return _of_record(data, nan_policy, max_gap, duplicates, need)
+        log = _of_record(data, max_gap, duplicates, need, outputs, nan_policy)
+        return _left_out(log, faults, keep_spikes, need, outputs, nan_policy)
     mapping = ColumnMap() if columns is None else read_map(columns)
     name, digest, table = open_source(data, from_format, mapping)
     mapping.check(table.names, name)
@@ -121,7 +135,7 @@ def read_log(
     problems = [*plan.problems, *cells.problems]
     if strict and problems:
         raise problems[0]
-    time, epoch, faults = _clock(name, table, plan, cells)
+    time, epoch, disorder = _clock(name, table, plan, cells)
     log = Log(
         name=name,
         time=time,
@@ -138,23 +152,25 @@ def read_log(
         raise beyond[0]
     problems += beyond
     log = merged(log, duplicates or mapping.duplicates, plan.clock.within)
-    log = _without_gaps(log, need, nan_policy)
+    log = _without_gaps(log, need, nan_policy, outputs)
     missing = [] if not strict else _first_missing(log, plan.clock.column)
-    faults = [*faults, *missing, *_disorder(log, plan.clock.column)]
-    if strict and faults:
-        raise faults[0]
+    disorder = [*disorder, *missing, *_disorder(log, plan.clock.column)]
+    if strict and disorder:
+        raise disorder[0]
     if cells.unfinished:
         problems.append(cells.unfinished)
-    problems += first_faults(faults)
-    return replace(log, segments=segments(log.time, max_gap), problems=tuple(problems))
+    problems += first_faults(disorder)
+    log = replace(log, segments=segments(log.time, max_gap), problems=tuple(problems))
+    return _left_out(log, faults, keep_spikes, need, outputs, nan_policy)
 
 
 def _of_record(
     record: Record,
-    nan_policy: str,
     max_gap: float | None,
     duplicates: str | None,
     need: Sequence[str],
+    outputs: Sequence[str],
+    nan_policy: str,
 ) -> Log:
     """A record as a log; it keeps its lines in a file, and its segments but for a `max_gap`."""
     if not isinstance(record, Log):
@@ -166,7 +182,7 @@ def _of_record(
             record = replace(record, digest=_samples_digest(record))
     if faults := _within_range(record, "time_s")[1]:
         raise faults[0]
-    log = _without_gaps(merged(record, duplicates), need, nan_policy)
+    log = _without_gaps(merged(record, duplicates), need, nan_policy, outputs)
     if faults := [*_first_missing(log, "time_s"), *_disorder(log, "time_s")]:
         raise faults[0]
     return log if max_gap is None else replace(log, segments=segments(log.time, max_gap))
@@ -297,19 +313,45 @@ def _within_range(log: Log, clock: str | None) -> tuple[Log, list[LogError]]:
     return log.with_columns(kept) if kept else log, faults
 
 
-def _without_gaps(log: Log, need: Sequence[str], policy: str) -> Log:
-    """Apply the policy for missing values to the channels of `need`."""
+def _left_out(
+    log: Log,
+    faults: str,
+    keep_spikes: Sequence[str],
+    need: Sequence[str],
+    outputs: Sequence[str],
+    nan_policy: str,
+) -> Log:
+    """The log without a sensor's faults, in what is needed by the policy for missing values."""
+    if faults not in FAULT_POLICIES:
+        raise ValueError(f"faults {faults!r}: one of {', '.join(FAULT_POLICIES)}")
+    found = tuple(
+        each
+        for each in (find_faults(log) if faults == "omit" else ())
+        if each.kind != "spike" or each.channel not in keep_spikes
+    )
+    if not found:
+        return log
+    log = replace(without(log, found), faults=found)
+    for name in (*need, *outputs):
+        first = next((each for each in found if each.channel == name), None)
+        if first and np.isnan(log.columns[name]).all():
+            raise LogError(f"no reading but faults: {first.message}", log.name, None, name)
+    return _without_gaps(log, need, "hold" if nan_policy == "hold" else "omit")
+
+
+def _without_gaps(log: Log, need: Sequence[str], policy: str, outputs: Sequence[str] = ()) -> Log:
+    """Apply the policy for missing values to what is needed."""
     if policy not in NAN_POLICIES:
         raise ValueError(f"nan_policy {policy!r}: one of {', '.join(NAN_POLICIES)}")
-    needed = {name: log.column(name) for name in need}
+    needed = {name: log.column(name) for name in (*need, *outputs)}
     for name, values in needed.items():
         # A fit divides by squares, which would be 0.
         if 0 < np.fmax.reduce(np.abs(values), initial=0.0) < 1 / MAX_NUMBER:
             raise LogError(f"too small, none above {1 / MAX_NUMBER:g}", log.name, None, name)
     if policy == "omit":
         bad = np.isnan(log.time)
-        for values in needed.values():
-            bad = bad | np.isnan(values)
+        for name in need:
+            bad = bad | np.isnan(needed[name])
         return log.where(~bad) if bad.any() else log
     for name, values in needed.items():
         missing = np.isnan(values)

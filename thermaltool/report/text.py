@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -43,6 +43,34 @@ def excursion_message(log: Log, e: Excursion) -> str:
         f"{e.channel}: {e.value:.4g} is outside the calibrated range {e.low:.4g} to {e.high:.4g} "
         f"({e.rows} rows): the model extrapolates",
     )
+
+
+def fault_message(log: Log, channels: Container[str] | None = None) -> str | None:
+    """How many readings of which channels were left out as faults, and why; None for none.
+
+    Parameters
+    ----------
+    log : Log
+    channels : container of str, optional
+        Those that matter. Default: all.
+    """
+    counts: dict[str, dict[str, int]] = {}
+    for fault in log.faults:
+        if channels is not None and fault.channel not in channels:
+            continue
+        why = "spikes" if fault.kind == "spike" else fault.why
+        if fault.kind == "fault":
+            why = f"at {fault.values[0]:g} degC, {why}"
+        reasons = counts.setdefault(fault.channel, {})
+        reasons[why] = reasons.get(why, 0) + len(fault.rows)
+    if not counts:
+        return None
+    told = [
+        f"{sum(reasons.values())} of {channel} "
+        f"({'; '.join(f'{n} {why}' if len(reasons) > 1 else why for why, n in reasons.items())})"
+        for channel, reasons in counts.items()
+    ]
+    return f"{log.name}: faults of sensors left out: {', '.join(told)}; --faults keep takes them"
 
 
 def pause_messages(log: Log, meaning: str) -> Iterator[str]:

@@ -46,6 +46,7 @@ def spectrum_model(
     term = Term(drive, output, rational_kind(n, 0)(**values),
                 found.fit.covariance() * np.outer(turn, turn), tuple(values))  # fmt: skip
     u, y = record.column(drive), record.column(output)
+    y = y[np.isfinite(y)]
     rest = float(u[0]) if reference == "first" else reference
     level = found.fit.offset / kelvin + float(gains.sum()) * rest
     fit = agreement(y, found.fitted / kelvin)

@@ -114,7 +114,7 @@ def transient_of(
     Parameters
     ----------
     record : Record
-        Without missing values in either channel.
+        Without missing values of the drive; rows in which the output is missing say when it steps.
     drive, output : str
         A power, held between its rows; a temperature or a difference of two.
     before : float, optional [unit of the drive]
@@ -151,7 +151,9 @@ def transient_of(
             "no step: the same in every row; where it changed before, say from what level with "
             "--before", record.name, column=drive,
         )  # fmt: skip
-    if not np.ptp(rise):
+    there = np.isfinite(rise)
+    time, rise = time[there], rise[there]
+    if len(time) < MIN_ROWS or not np.ptp(rise):
         raise LogError("does not move", record.name, column=output)
     rows_before = bool(np.any(time < changes[0]))
     found = Transient(time, rise, changes, levels, first, rows_before or is_absolute(output),
