@@ -190,7 +190,6 @@ def test_shares_add_up_to_one():
     ("levels", "index", "message"),
     [
         ([20.0, 10.0], 0, "rise"),
-        ([-1.0, 10.0], 0, "from 0 on"),
         ([1.0], 1, "no number 1"),
         ([np.nan], 0, "not a finite number: nan"),
     ],
