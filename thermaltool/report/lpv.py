@@ -163,6 +163,8 @@ def lpv_table(fits: Sequence[Fit]) -> str:
             for k in range(max(len(form.levels), 1)):
                 level = _level(form, k)
                 gains.append([own.target, name, level, with_interval(own.level_gain(i, k)), unit])
+    if not form.channel:
+        gains = [[*row[:2], *row[3:]] for row in gains]
     parts = [head, aligned(shared), aligned(gains), aligned(agreement_rows(fits))]
     if lines := repeated(fits[0]):
         parts.append("\n".join(lines))
@@ -174,7 +176,8 @@ def lpv_table(fits: Sequence[Fit]) -> str:
 def _level(form: LpvForm, k: int) -> str:
     if not form.channel:
         return ""
-    return f"{form.levels[k]:.4g} {printed(parse_channel(form.channel).unit)} of {form.channel}"
+    unit = printed(parse_channel(form.channel).unit)
+    return " ".join(filter(None, (f"{form.levels[k]:.4g}", unit, f"of {form.channel}")))
 
 
 def _listed(candidates: Sequence[Candidate[Lpv]]) -> str:

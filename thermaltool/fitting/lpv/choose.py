@@ -228,8 +228,9 @@ class _Room:
         powers = [tuple(n for n in self.data.inputs if (n in form.powers) != (n == own))
                   for own in size]  # fmt: skip
         for chosen in dict.fromkeys([*powers, tuple(size)]):
-            sizes = tuple((name, size[name]) for name in chosen)
-            yield replace(form, powers=chosen, sizes=sizes)
+            # Gains by the level of an input are a curve of it already.
+            if not (form.gain and form.channel in chosen):
+                yield replace(form, powers=chosen, sizes=tuple((n, size[n]) for n in chosen))
         if self.modes is None:
             for modes in (form.modes - 1, form.modes + 1):
                 if 1 <= modes <= MAX_LPV_MODES:
@@ -245,4 +246,7 @@ class _Room:
             for loss, gain in ((True, False), (False, True), (True, True)):
                 if gain and not (graded or len(self.data.inputs) > 1):
                     continue
-                yield replace(form, channel=name, levels=levels, loss=loss, gain=gain)
+                kept = tuple(n for n in form.powers if not (gain and n == name))
+                sizes = tuple(pair for pair in form.sizes if pair[0] in kept)
+                yield replace(form, channel=name, levels=levels, loss=loss, gain=gain,
+                              powers=kept, sizes=sizes)  # fmt: skip

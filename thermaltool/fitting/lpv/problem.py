@@ -22,8 +22,8 @@ from thermaltool.signals.gauss_newton import solve
 from thermaltool.units import Hold, Reference
 
 Index = NDArray[np.intp]
-# Half the step by which slopes are taken.
-LOG_DIFFERENCE = 1e-5
+# Step by which slopes are taken.
+LOG_DIFFERENCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -97,14 +97,17 @@ def lag_columns(form: LpvForm, scales: Scales, theta: Array, driven: Array,
     kept, half = np.exp(-rises), np.exp(-rises / 2)
     held = np.repeat([hold == "zero" for hold in scales.holds], form.shares)[:, None]
     found = []
+    lines = not held.all()
     for tau in form.time_constants(theta).tolist():
         pole = np.array([-1.0 / tau])
         phi, whole, _ = propagate(pole, scales.dt, "zero")
-        _, before, now = propagate(pole, scales.dt, "first")
-        added = np.where(held, whole * half, before * kept) * driven[:, :-1]
-        added += np.where(held, 0.0, now) * driven[:, 1:]
+        added = whole.real * half * driven[:, :-1]
+        if lines:
+            _, before, now = propagate(pole, scales.dt, "first")
+            joined = before.real * kept * driven[:, :-1] + now.real * driven[:, 1:]
+            added = np.where(held, added, joined)
         factor = np.broadcast_to(phi.real * kept, added.shape)
-        found.append(recursion_of(factor, added.real) / tau)
+        found.append(recursion_of(factor, added) / tau)
     if form.direct:
         found.append(driven)
     return np.vstack(found)
@@ -258,10 +261,9 @@ class LpvProblem:
         """How piece j of each output follows the vector, shape (p, searched, n); zero in holes."""
         place, _ = point.columns[j]
         linear, found = point.linear[:, place], []
-        for k in range(len(point.theta)):
-            step = LOG_DIFFERENCE * np.eye(len(point.theta))[k]
-            ahead, behind = (self.columns(point.theta + s * step, j)[1] for s in (1, -1))
-            found.append(linear @ (ahead - behind) / (2 * LOG_DIFFERENCE))
+        for step in LOG_DIFFERENCE * np.eye(len(point.theta)):
+            ahead = self.columns(point.theta + step, j)[1]
+            found.append(linear @ (ahead - point.columns[j][1]) / LOG_DIFFERENCE)
         slopes = np.array(found).transpose(1, 0, 2)
         return np.where(np.isfinite(self.measured[j])[:, None], slopes, 0.0)
 

@@ -15,6 +15,8 @@ from thermaltool.signals.gauss_newton import minimize
 # A step that raises the logarithm of the likelihood by no more is the last one, of a final fit and
 # of a candidate; the largest step of a logarithm; linearizations.
 LIKELIHOOD_TOLERANCE, ROUGH_TOLERANCE, MAX_STEP, MAX_ITERATIONS = 1e-4, 0.1, 1.0, 30
+# Logarithms of time constants are no nearer to each other.
+MIN_APART = 0.2
 # Fastest and slowest time constant of the grid of starts, in sample periods and in records.
 START_PERIODS, START_RECORDS = 2.0, 0.2
 
@@ -54,10 +56,10 @@ def refine(
 
     def stepped(here: LpvPoint, step: Array) -> LpvPoint:
         moved = here.theta + np.clip(step, -MAX_STEP, MAX_STEP)
-        return problem.project(np.clip(moved, low, high))
+        return problem.project(_apart(np.clip(moved, low, high), problem.form.modes))
 
     end = minimize(
-        problem.project(np.clip(theta, low, high)),
+        problem.project(_apart(np.clip(theta, low, high), problem.form.modes)),
         lambda here: 2 * here.criterion,
         normal_equations,
         stepped,
@@ -65,6 +67,20 @@ def refine(
         MAX_ITERATIONS,
     )
     return LpvSearchResult(end.point, end.converged)
+
+
+def _apart(theta: Array, modes: int) -> Array:
+    """The vector with its time constants in order, none too near to the next.
+
+    Gains of two that fall together grow without end, and say nothing.
+    """
+    taus = np.sort(theta[:modes])[::-1]
+    for k in range(1, modes):
+        lacking = MIN_APART - (taus[k - 1] - taus[k])
+        if lacking > 0:
+            taus[k - 1] += lacking / 2 if k == 1 else 0.0
+            taus[k] = taus[k - 1] - MIN_APART
+    return np.concatenate([taus, theta[modes:]])
 
 
 def search(
