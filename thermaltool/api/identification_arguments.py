@@ -70,8 +70,9 @@ def check_arguments(
         raise ValueError(f"--noise-orders go with --structure {' and '.join(having)}")
     if real_poles and shared:
         raise ValueError(
-            f"--real-poles: {form} has real poles" if structure != SUBSPACE else
-            "--real-poles: those of a subspace model are any"
+            f"--real-poles: {form} has real poles"
+            if structure != SUBSPACE
+            else "--real-poles: those of a subspace model are any"
         )
     if initial != "auto" and not shared and not STRUCTURES[structure].load().estimates_start:
         raise ValueError(f"--initial: {structure} takes its first rows as they are, from any state")

@@ -92,9 +92,7 @@ def _course(model: Model, record: Record) -> tuple[Float, Float]:
     return course.clock - course.clock[0], course.cooling
 
 
-def free_decays(
-    model: Model, channel: str, elapsed: Float, cooling: Float | None = None
-) -> Float:
+def free_decays(model: Model, channel: str, elapsed: Float, cooling: Float | None = None) -> Float:
     """How an output can come to rest with all drives at rest, shape (k, n).
 
     Each mode of its terms, or, where these are many, each term from a level of its drive at which

@@ -87,5 +87,3 @@ class LpvPlan(Plan):
         ]  # fmt: skip
         least = tuple(min(own[i] for own in each) for i in range(m)) if each else (0,) * m
         return list(dict.fromkeys([(0,) * m, least]))
-
-

@@ -213,9 +213,7 @@ class LpvProblem:
     def columns(self, theta: Array, j: int) -> tuple[Index, Array]:
         """Places among all, and the columns, of piece j."""
         record, form = self.data.records[j], self.form
-        driven, cooling = drive_columns(
-            form, self.scales, theta, record, self.rests[record.origin]
-        )
+        driven, cooling = drive_columns(form, self.scales, theta, record, self.rests[record.origin])
         parts = [lag_columns(form, self.scales, theta, driven, cooling)]
         place = [np.arange(self.weights)]
         if j in self.free:
