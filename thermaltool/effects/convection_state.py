@@ -36,6 +36,7 @@ class ConvectionState(Effect):
 
     name: ClassVar[str] = "convection_state"
     side: ClassVar[Side] = "state"
+    bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "the machine loses heat at another rate in some state: coolant on, spindle turning, fan, "
         "or the drive off (cooling down differs from warming up)"
