@@ -210,10 +210,12 @@ def processes(seed: int, repeats: int, only: str, limit: float) -> None:
             continue
         for k in range(repeats):
             run = plant(np.random.default_rng([seed, k]))
+            usual = structure_of("oe")
             plans = {"subspace": SubspacePlan(), "network": NetworkPlan(),
-                     "defaults (oe)": TransferPlan(structure=structure_of("oe"))}  # fmt: skip
+                     "oe": TransferPlan(structure=usual),
+                     "defaults": TransferPlan(structure=usual, linear=False)}  # fmt: skip
             if len(run.u) >= MANY_INPUTS:
-                del plans["defaults (oe)"]
+                del plans["oe"], plans["defaults"]
             programs: dict[str, Callable[[], Found]] = {
                 each: partial(ours, run, plan) for each, plan in plans.items()
             }

@@ -154,6 +154,42 @@ def test_convection_decays_at_the_sum_of_the_rates_while_it_lasts():
         np.testing.assert_allclose(y[output][~at], plain[output][~at], rtol=1e-9)
 
 
+def test_convection_by_levels_goes_along_straight_lines():
+    speed = np.where(TIME < 2500, 0.0, 1.5)
+    table = {"level0": 0.0, "rate0": 0.0, "level1": 1.0, "rate1": 1 / 500, "level2": 2.0}
+    effect = make("convection_state", COOLANT, **table, rate2=1 / 250)
+    drive = np.where(TIME < 2000, 1.0, 0.0)
+    y, plain = run([effect], drive, **{COOLANT: speed}), run([], drive)
+    for output in y:
+        expected = plain[output] * np.exp(-np.maximum(TIME - 2500, 0) * 0.003)
+        np.testing.assert_allclose(y[output], expected, rtol=1e-9)
+
+
+def watched():
+    drive = np.where(TIME < 2000, 1.0, 0.0)
+    return scene((TIME, {HEAT: drive, COOLANT: drive, **run([], drive)}))
+
+
+@pytest.mark.parametrize(("share", "seconds"), [(-0.5, 1.0), (50.0, 1.0), (2.0, 1e-3), (2.0, 1e5)])
+def test_a_rate_is_plausible_by_the_time_scale_of_the_machine(share, seconds):
+    at = watched()
+    scale = seconds / max(at.slowest.values())
+    at = replace(
+        at,
+        logs=tuple(replace(log, time=scale * log.time) for log in at.logs),
+        slowest={name: scale * tau for name, tau in at.slowest.items()},
+    )
+    slowest = max(at.slowest.values())
+    fixed = {"level": 1.0, "idle": 0.0}
+    assert make("convection_state", COOLANT, rate=share / slowest, **fixed).plausible(at)
+    assert not make("convection_state", COOLANT, rate=-1.1 / slowest, **fixed).plausible(at)
+
+
+def test_a_speed_may_cool_while_it_turns_or_while_it_stands():
+    probes = effect_class("convection_state").probes(watched())
+    assert {(e.channel, e.parameters["idle"]) for e in probes} >= {(HEAT, 0.0), (HEAT, 1.0)}
+
+
 def radiating(rate, a, gain, rest):
     """One body: its own loss at rest, the radiative part of it by Stefan and Boltzmann."""
     cold = rest + 273.15

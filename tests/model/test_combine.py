@@ -184,13 +184,14 @@ def test_shares_add_up_to_one():
     np.testing.assert_allclose(np.sum(shares, axis=0), 1.0)
     np.testing.assert_allclose(shares[0], shares[0][::-1], atol=1e-12)
     assert ScheduleBand(HEAT, (10.0, 20.0), 1).share(np.array(20.0)) == 1.0
+    # A level below zero: the sign counts.
+    assert ScheduleBand(HEAT, (-20.0, 20.0), 1).share(np.array(-10.0)) == 0.25
 
 
 @pytest.mark.parametrize(
     ("levels", "index", "message"),
     [
         ([20.0, 10.0], 0, "rise"),
-        ([-1.0, 10.0], 0, "from 0 on"),
         ([1.0], 1, "no number 1"),
         ([np.nan], 0, "not a finite number: nan"),
     ],
@@ -209,6 +210,7 @@ CURVED = member(30.0, effects=(OutputCurve(ANGLE, {"level": 9.0, "c1": 1.0}),))
         (MEMBERS[:1], HEAT, None, "two models or more"),
         (MEMBERS, "T_room_degC", None, "is no drive of the models: give the levels"),
         (MEMBERS, HEAT, [1.0, 2.0], "3 models, 2 levels"),
+        (MEMBERS, HEAT, [-1.0, 2.0, 3.0], "sizes, without sign: from 0 on"),
         ([MEMBERS[0], MEMBERS[0]], HEAT, None, "two models of one level"),
         ([MEMBERS[0], member(50.0, drive=OTHER)], HEAT, None, "same drives and outputs"),
         ([MEMBERS[0], CURVED], HEAT, None, "correct the schedule"),

@@ -8,9 +8,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
+from thermaltool.api.identification_arguments import (
+    BILINEAR,
+    COMPONENTS,
+    LPV,
+    NETWORK,
+    SUBSPACE,
+    USUAL,
+    Orders,
+    check_arguments,
+)
 from thermaltool.api.inputs import Reading, all_of, read_for_fit, reads
 from thermaltool.api.result import Notice, Result, notice, silent
-from thermaltool.fitting.transfer.registry import CONTINUOUS, MAX_MODES, STRUCTURES
 from thermaltool.units import names
 
 if TYPE_CHECKING:
@@ -25,14 +34,10 @@ if TYPE_CHECKING:
     from thermaltool.record import Record
     from thermaltool.units import Reference
 
-NETWORK, SUBSPACE, COMPONENTS = "network", "subspace", "components"
 # What missing readings of an output mean to the structures that do not simulate over them.
 REGRESSED = "a reading counts only where all those before it that the equation takes are there"
 PARTED = "they part the record, and each part begins in a state of its own"
 HOLES = {"arx": REGRESSED, "armax": REGRESSED, SUBSPACE: PARTED, COMPONENTS: PARTED}
-# What is fitted where nothing is said and the inputs do not say much the same.
-USUAL = "oe"
-Orders = tuple[int, int, int]
 
 
 @dataclass(frozen=True, repr=False)
@@ -152,11 +157,14 @@ def identify(
         What drives: power, speed, temperature.
     outputs : str or sequence of str
         What follows: displacement, angle, temperature.
-    structure : {"oe", "bj", "arx", "armax", "network", "subspace", "components"}, optional
+    structure : {"oe", "bj", "arx", "armax", "network", "subspace", "lpv", "bilinear", \
+"components"}, optional
         Where the noise enters; or first-order modes that all outputs share (network), or poles,
-        real or complex (subspace); or few components of many inputs, through lags (components).
+        real or complex (subspace); or modes whose rate and gains go by the level of an input
+        (lpv), along one straight line (bilinear); or few components of many inputs, through lags.
         Default: components for six or more inputs of which half as many components hold 99 % of
-        what they vary, where no option of another structure is given; else oe.
+        what they vary, where no option of another structure is given; else oe, and lpv where the
+        test of linearity and rows held out speak for it.
     reduce : {"pca", "pls", "none", "pca:k", "pls:k"}, optional
         Components of the scaled inputs: principal, of partial least squares, or all. Default:
         principal ones, so many as held-out blocks and the evidence speak for.
@@ -221,6 +229,8 @@ def identify(
     from thermaltool.fitting.components.plan import ComponentPlan
     from thermaltool.fitting.components.reduction import Reduction, parse_reduction
     from thermaltool.fitting.identification import identify as fit
+    from thermaltool.fitting.lpv.choose import LEVEL_COUNTS
+    from thermaltool.fitting.lpv.plan import LpvPlan
     from thermaltool.fitting.network.plan import NetworkPlan
     from thermaltool.fitting.search_budget import SearchBudget
     from thermaltool.fitting.subspace.plan import SubspacePlan
@@ -233,6 +243,7 @@ def identify(
                     real_poles=real_poles, initial=initial, split=split,
                     validate=validate)  # fmt: skip
     plain = not (orders or noise_orders or continuous or real_poles)
+    usual = structure is None and plain
     logs: list[Log] = []
     parts: list[Log] = []
     for each in [*all_of(data), *([] if validate is None else [validate])]:
@@ -261,12 +272,15 @@ def identify(
         plan = NetworkPlan(modes=modes, delay=delay or 0.0, **common)
     elif structure == SUBSPACE:
         plan = SubspacePlan(modes=modes, **common)
+    elif structure in (LPV, BILINEAR):
+        counts = (2,) if structure == BILINEAR else LEVEL_COUNTS
+        plan = LpvPlan(modes=modes, level_counts=counts, reference=reference, **common)
     elif structure == COMPONENTS:
         reduction = Reduction() if reduce is None else parse_reduction(reduce)
         plan = ComponentPlan(reduction=reduction, **common)
     else:
         form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
-        plan = TransferPlan(structure=form, orders=tuple(orders), **common)
+        plan = TransferPlan(structure=form, orders=tuple(orders), linear=not usual, **common)
     fits = fit(logs, inputs, outputs, plan, fresh, reference)
     progress("done\n")
     if search.ended:
@@ -322,78 +336,3 @@ def _check_clock(log: Record, period: float, warn: Notice) -> None:
             f"{log.name}: {uneven} of {steps} steps are not {period:g} s: straight lines "
             "between the readings are taken on an even clock, longer steps part the record"
         )
-
-
-def check_arguments(
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    *,
-    structure: str | None = None,
-    reduce: str | None = None,
-    orders: Sequence[Orders | None] = (),
-    modes: int | None = None,
-    delay: float | str | None = None,
-    noise_orders: tuple[int, int] | None = None,
-    continuous: bool = False,
-    real_poles: bool = False,
-    initial: str = "auto",
-    split: float | None = None,
-    validate: Any = None,
-    **others: Any,
-) -> None:
-    """Refuse arguments of `identify` that contradict each other; named as options of the command.
-
-    Raises
-    ------
-    ValueError
-    """
-    _check_reduction(reduce, structure, len(inputs))
-    if structure is None:
-        structure = USUAL if reduce is None else COMPONENTS
-    network, shared = structure == NETWORK, structure in (*MAX_MODES, COMPONENTS)
-    if split is not None and validate is not None:
-        raise ValueError("--split and --validate both name the validation data: take one")
-    for name in (*inputs, *outputs):
-        if (*inputs, *outputs).count(name) > 1:
-            raise ValueError(f"{name} is named twice: a channel has one role")
-    if len(orders) > 1 and len(orders) != len(inputs):
-        raise ValueError("--orders: once for all inputs, or once for each")
-    if continuous and structure not in CONTINUOUS:
-        raise ValueError(f"--continuous goes with --structure {' and '.join(CONTINUOUS)}")
-    if structure == COMPONENTS and orders:
-        raise ValueError("--orders: components take --reduce")
-    form = "a network" if network else "a subspace model"
-    if shared and orders:
-        raise ValueError(f"--orders: {form} takes --modes{' and --delay' * network}")
-    if structure not in MAX_MODES and modes is not None:
-        raise ValueError("--modes goes with --structure network and subspace")
-    if modes is not None and modes > MAX_MODES[structure]:
-        raise ValueError(f"--modes: {form} has up to {MAX_MODES[structure]}")
-    if not network and delay is not None:
-        raise ValueError("--delay goes with --structure network")
-    if noise_orders is not None and (shared or not STRUCTURES[structure].load().noise_orders):
-        having = sorted(n for n, entry in STRUCTURES.items() if entry.load().noise_orders)
-        raise ValueError(f"--noise-orders go with --structure {' and '.join(having)}")
-    if real_poles and shared:
-        raise ValueError(
-            "--real-poles: those of a network and of components are always real, of a subspace any"
-        )
-    if initial != "auto" and not shared and not STRUCTURES[structure].load().estimates_start:
-        raise ValueError(f"--initial: {structure} takes its first rows as they are, from any state")
-
-
-def _check_reduction(reduce: str | None, structure: str | None, inputs: int) -> None:
-    """Refuse a reduction that is none, or that goes with another structure (ValueError)."""
-    if reduce is None:
-        return
-    # Imported on use: most calls reduce nothing.
-    from thermaltool.fitting.components.reduction import parse_reduction
-
-    if structure not in (None, COMPONENTS):
-        raise ValueError(f"--reduce goes with --structure components, not {structure}")
-    try:
-        reduction = parse_reduction(reduce)
-    except ValueError as error:
-        raise ValueError(f"--reduce: {error}") from error
-    if (reduction.components or 0) > inputs:
-        raise ValueError(f"--reduce {reduce}: there are {inputs} inputs")

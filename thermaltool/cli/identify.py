@@ -34,9 +34,10 @@ from thermaltool.fitting.transfer.registry import MAX_MODES, STRUCTURES, describ
               help="What follows: displacement, angle, temperature; repeatable.")  # fmt: skip
 @click.option("--structure", type=click.Choice([*STRUCTURES, *MAX_MODES, "components"]),
               help=f"Where the noise enters: {described()}; or first-order modes that all outputs "
-              "share (network), or poles, real or complex (subspace), or few components of many "
-              "inputs.  [default: oe; components where six or more inputs say much the "
-              "same]")  # fmt: skip
+              "share (network), or poles, real or complex (subspace), or modes whose rate and "
+              "gains go by the level of an input (lpv; bilinear: in a straight line), or few "
+              "components of many inputs.  [default: oe; lpv where the machine is not linear; "
+              "components where six or more inputs say much the same]")  # fmt: skip
 @click.option("--reduce", metavar="pca[:k]|pls[:k]|none",
               help="Components of the scaled inputs, or all inputs, through lags with a ridge.  "
               "[default: pca, k chosen by held-out blocks]")  # fmt: skip
@@ -45,8 +46,8 @@ from thermaltool.fitting.transfer.registry import MAX_MODES, STRUCTURES, describ
               f"{MAX_TRANSFER_ORDER} each, and samples of delay; once for all inputs or once for "
               "each. auto chooses by held-out data.  [default: auto]")  # fmt: skip
 @click.option("--modes", type=click.IntRange(1, max(MAX_MODES.values())), metavar="N",
-              help="Shared modes of a network (up to 6) or poles of a subspace model (up to "
-              "12).  [default: chosen by held-out data]")  # fmt: skip
+              help="Shared modes of a network (up to 6) or lpv (4), poles of a subspace model "
+              "(12).  [default: chosen by held-out data]")  # fmt: skip
 @click.option("--delay", type=DeadTime(), metavar="SECONDS|auto",
               help="Dead time of a network; auto finds it for each input and output.  "
               "[default: 0]")  # fmt: skip
@@ -98,7 +99,7 @@ def command(
     """
     shared.one_thread()
     from thermaltool import api
-    from thermaltool.api.identification import check_arguments
+    from thermaltool.api.identification_arguments import check_arguments
 
     with shared.usage_errors():
         check_arguments(inputs, outputs, **options)

@@ -28,6 +28,7 @@ from thermaltool.diagnosis.no_signature import (
     outliers_of,
     too_short,
 )
+from thermaltool.diagnosis.nonlinearity import stand_ins
 from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.result import Cause, Diagnosis
 from thermaltool.diagnosis.select import (
@@ -109,6 +110,7 @@ def diagnose(
     start = first if outliers is None else first.with_masked(outliers.masked)
     search = _second_look(task, _forward(task, SearchState(start, start, unseen)))
     search = _of_no_harm(task, _of_use(task, _backward(search)))
+    search = _of_no_curve(task, search)
     if task.readings is not None:
         search = _with_outliers_of(task.readings, search, search.written(task))
     elif outliers is not None:
@@ -317,6 +319,13 @@ def _dropped(search: SearchState, cause: Cause, why: str) -> SearchState:
         causes=tuple(c for c in search.causes if c is not cause),
         hypothesis=last.with_model(without(last.model, cause.effect)).fitted(),
     )
+
+
+def _of_no_curve(task: DiagnosisTask, search: SearchState) -> SearchState:
+    """The search without causes that stand for a nonlinearity which is none of them."""
+    for cause, why in stand_ins(task, search):
+        search = _dropped(search, cause, f"stands for what it is not: {why}")
+    return search
 
 
 def _of_no_harm(task: DiagnosisTask, search: SearchState) -> SearchState:

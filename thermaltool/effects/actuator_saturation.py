@@ -18,6 +18,7 @@ class ActuatorSaturation(Effect):
 
     name: ClassVar[str] = "actuator_saturation"
     side: ClassVar[Side] = "drive"
+    bends: ClassVar[bool] = True
     defect: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "the actuator gives all it has: a heater at full power, an amplifier at its rail"

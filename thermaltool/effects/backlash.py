@@ -17,6 +17,7 @@ class Backlash(Effect):
 
     name: ClassVar[str] = "backlash"
     side: ClassVar[Side] = "drive"
+    bends: ClassVar[bool] = True
     defect: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "play between command and actuator: a gear, a spindle nut, a valve stem"

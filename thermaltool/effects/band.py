@@ -29,7 +29,7 @@ class ScheduleBand:
     channel : str
         What chooses: a drive of the model (relative to its reference), or another channel.
     levels : tuple of float [unit of the channel]
-        All levels of the schedule, rising; sizes, without sign.
+        All levels of the schedule, rising; sizes, without sign, unless one is below zero.
     index : int
         The level of this term.
     """
@@ -40,8 +40,8 @@ class ScheduleBand:
 
     def __post_init__(self) -> None:
         levels = np.array(self.levels, float)
-        if not np.all(np.isfinite(levels)) or np.any(np.diff(levels) <= 0) or np.any(levels < 0):
-            raise ModelError("the levels of a schedule rise, from 0 on")
+        if not np.all(np.isfinite(levels)) or np.any(np.diff(levels) <= 0):
+            raise ModelError("the levels of a schedule rise")
         if self.index not in range(len(levels)):
             raise ModelError(f"a schedule of {len(levels)} levels has no number {self.index}")
 
@@ -49,7 +49,8 @@ class ScheduleBand:
         """Share of the drive at each value of the channel; beyond the ends that of the end."""
         own = np.zeros(len(self.levels))
         own[self.index] = 1.0
-        return np.asarray(np.interp(np.abs(values), self.levels, own))
+        at = np.asarray(values) if self.levels[0] < 0 else np.abs(values)
+        return np.asarray(np.interp(at, self.levels, own))
 
     def document(self) -> dict[str, Any]:
         """As JSON."""

@@ -19,16 +19,24 @@ from thermaltool.effects.effect import (
 )
 from thermaltool.record import Record
 
+# Levels of a table, at most, and what its numbers are called.
+MAX_LEVELS, NUMBERED = 9, ("level", "rate")
+# What is lost faster is no more than this share in a sample.
+MAX_SAMPLE_LOSS = 1.0
+
 
 class ConvectionState(Effect):
     """Heat is lost faster by `rate` in proportion to a channel (over its largest value).
 
     A uniform rise of the film coefficient raises the rate of every thermal mode alike. The
-    channel is a state of the log, or a drive: then it is the drive's absence that counts.
+    channel is a state of the log, or a drive: a speed that moves the air, or, where `idle` is 1,
+    one whose absence counts. Or the rate goes by levels of the channel (`level0`, `rate0`,
+    `level1`, ...), along straight lines between them: with two of them x' = A x + B u − r x u.
     """
 
     name: ClassVar[str] = "convection_state"
     side: ClassVar[Side] = "state"
+    bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "the machine loses heat at another rate in some state: coolant on, spindle turning, fan, "
         "or the drive off (cooling down differs from warming up)"
@@ -44,19 +52,31 @@ class ConvectionState(Effect):
     source: ClassVar[str] = "Mize 1998 (coolant on or off); Zhu, Ni & Shih 2008 (cool-down)"
     causal: ClassVar[bool] = True
     known: ClassVar = {
-        "rate": Parameter("1/s", low=-0.1, high=0.1),
+        "rate": Parameter("1/s"),
         "level": Parameter("{channel}", fixed=True),
         "idle": Parameter("1", fixed=True),
+        **{f"level{k}": Parameter("{channel}", fixed=True) for k in range(MAX_LEVELS)},
+        **{f"rate{k}": Parameter("1/s") for k in range(MAX_LEVELS)},
     }
 
     def needs(self) -> tuple[str, ...]:
         return (self.channel,)
 
     def loss(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:
-        share = np.abs(np.nan_to_num(needed(record, self.channel))) / self.parameters["level"]
+        values = np.nan_to_num(needed(record, self.channel))
+        if "level0" in self.parameters:
+            numbers = [k for k in range(MAX_LEVELS) if f"level{k}" in self.parameters]
+            levels, rates = ([self.parameters[f"{n}{k}"] for k in numbers] for n in NUMBERED)
+            return np.interp(values, levels, rates)
+        share = np.abs(values) / self.parameters["level"]
         if self.parameters["idle"]:
             share = (share < 0.02).astype(float)
         return self.parameters["rate"] * np.minimum(share, 1.0)
+
+    def plausible(self, scene: Scene) -> bool:
+        # Nothing gains heat by itself; and a rate that no sample shows is none.
+        slowest, rate = max(scene.slowest.values()), self.parameters["rate"]
+        return -1.0 / slowest < rate <= MAX_SAMPLE_LOSS / scene.period
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
@@ -67,6 +87,6 @@ class ConvectionState(Effect):
             level = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
             if not level or np.ptp(values[np.isfinite(values)]) < 0.5 * level:
                 continue
-            fixed = {"level": level, "idle": float(channel in scene.drives)}
-            for rate in (-0.3 / slowest, 0.3 / slowest, 1.0 / slowest):
-                yield cls(channel, {"rate": rate, **fixed})
+            for idle in (1.0, 0.0) if channel in scene.drives else (0.0,):
+                for rate in (-0.3 / slowest, 0.3 / slowest, 1.0 / slowest):
+                    yield cls(channel, {"rate": rate, "level": level, "idle": idle})

@@ -137,6 +137,7 @@ class Curve(Effect):
     """
 
     memoryless: ClassVar[bool] = True
+    bends: ClassVar[bool] = True
     known: ClassVar = {
         "level": Parameter("{channel}", fixed=True),
         **{f"c{k}": Parameter("1", linear=True) for k in range(1, MAX_DEGREE + 1)},

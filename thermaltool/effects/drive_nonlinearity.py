@@ -21,6 +21,7 @@ class DriveNonlinearity(Effect):
 
     name: ClassVar[str] = "drive_nonlinearity"
     side: ClassVar[Side] = "drive"
+    bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "heat is not proportional to what is logged: power goes with voltage squared, friction "
         "with a power of the speed, a regulator has a dead band"

@@ -200,6 +200,7 @@ class Effect:
     event: ClassVar[bool] = False
     # Whether it is over soon after the first row: no later rows can say how large it was.
     at_start: ClassVar[bool] = False
+    bends: ClassVar[bool] = False  # Whether outputs are no longer in proportion to drives.
     # Whether it is a defect rather than how such a machine works.
     defect: ClassVar[bool] = False
     # Whether `drive` and `output` look at the value of the moment alone.

@@ -27,6 +27,7 @@ class HeatCapacity(Effect):
 
     name: ClassVar[str] = "heat_capacity"
     side: ClassVar[Side] = "state"
+    bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "heat capacity or conductivity change with temperature: a hot machine answers slower (or "
         "faster) than a cold one"

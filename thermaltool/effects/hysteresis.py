@@ -26,6 +26,7 @@ class Hysteresis(Effect):
 
     name: ClassVar[str] = "hysteresis"
     side: ClassVar[Side] = "drive"
+    bends: ClassVar[bool] = True
     defect: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "an actuator follows a rising command otherwise than a falling one: a piezo, a magnetic "

@@ -24,6 +24,7 @@ class JointContact(Effect):
 
     name: ClassVar[str] = "joint_contact"
     side: ClassVar[Side] = "structure"
+    bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "a joint closes or opens as the parts expand, and passes on heat and displacement "
         "otherwise than at rest"

@@ -27,6 +27,7 @@ class LatentHeat(Effect):
 
     name: ClassVar[str] = "latent_heat"
     side: ClassVar[Side] = "state"
+    bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "something melts, freezes or dries at one temperature, which stays there until it is done"
     )

@@ -30,6 +30,7 @@ class Radiation(Effect):
 
     name: ClassVar[str] = "radiation"
     side: ClassVar[Side] = "state"
+    bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "a hot machine radiates: it loses heat faster than in proportion to its temperature"
     )

@@ -20,6 +20,7 @@ class SensorConversion(Effect):
 
     name: ClassVar[str] = "sensor_conversion"
     side: ClassVar[Side] = "sensor"
+    bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "a signal is converted by the wrong curve: another thermistor's constants, another type "
         "of thermocouple, a straight line for a bent characteristic; or the material conducts "

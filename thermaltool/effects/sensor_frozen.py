@@ -25,6 +25,7 @@ class SensorFrozen(Effect):
 
     name: ClassVar[str] = "sensor_frozen"
     side: ClassVar[Side] = "sensor"
+    bends: ClassVar[bool] = True
     event: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "one reading keeps its value: a hung converter, a lost bus, a probe at its stop"

@@ -21,6 +21,7 @@ class StickSlip(Effect):
 
     name: ClassVar[str] = "stick_slip"
     side: ClassVar[Side] = "structure"
+    bends: ClassVar[bool] = True
     defect: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "a slide, a nut or a clamp sticks, and follows the expansion only beyond its play"

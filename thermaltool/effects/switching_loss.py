@@ -33,6 +33,7 @@ class SwitchingLoss(Effect):
 
     name: ClassVar[str] = "switching_loss"
     side: ClassVar[Side] = "state"
+    bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "a fan, a pump or a valve that is not logged is switched by a thermostat"
     )

@@ -15,7 +15,7 @@ import numpy as np
 from thermaltool.effects.band import ScheduleBand
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator, load_estimator
-from thermaltool.estimation.known_inputs import KnownInput, KnownInputEstimator
+from thermaltool.estimation.known_inputs import Feedforward, KnownInput, KnownInputEstimator
 from thermaltool.estimation.permanent_effects import (
     InputColumn,
     StaticMap,
@@ -25,7 +25,11 @@ from thermaltool.estimation.permanent_effects import (
     reading_columns,
     reading_maps,
 )
-from thermaltool.estimation.variable_cooling import VariableCoolingEstimator, cooling_effects
+from thermaltool.estimation.variable_cooling import (
+    VariableCoolingEstimator,
+    VariableFeedforward,
+    cooling_effects,
+)
 from thermaltool.model import Model, relative
 from thermaltool.responses.modes import Float
 
@@ -243,8 +247,10 @@ def _with_cooling(model: Model, linear: Estimator) -> Estimator:
     if not effects:
         return linear
     kalman = linear.inner if isinstance(linear, KnownInputEstimator) else linear
+    if isinstance(kalman, Feedforward):
+        return VariableFeedforward(linear=linear, losses=effects)
     if not isinstance(kalman, KalmanEstimator):
         raise ModelError(
             f"{effects[0].name} takes the Kalman form: run thermaltool regularize again"
         )
-    return VariableCoolingEstimator(linear, kalman, effects)
+    return VariableCoolingEstimator(linear=linear, kalman=kalman, losses=effects)

@@ -7,13 +7,14 @@ that of the model's own loss. A sample in which the machine's own time goes fast
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from thermaltool.effects.effect import Effect
+from thermaltool.effects.effect import Effect, Memory
 from thermaltool.errors import FitError, ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.known_inputs import KnownInputEstimator
@@ -61,7 +62,12 @@ def check_cooling_supported(model: Model, measured: tuple[str, ...]) -> None:
     ModelError
     """
     outputs, drives = ([each.channel for each in ends] for ends in (model.outputs, model.drives))
+    fed = set(drives) <= set(measured)
     for effect in cooling_effects(model):
+        if fed:
+            if not effect.needs() or any(channel in outputs for channel in effect.needs()):
+                refuse(effect, "where every drive is measured, no column tells the state")
+            continue
         if measured:
             refuse(effect, f"not supported beside a measured drive ({measured[0]})")
         if any(channel in drives for channel in effect.needs()):
@@ -75,29 +81,26 @@ def check_cooling_supported(model: Model, measured: tuple[str, ...]) -> None:
                 refuse(effect, f"not supported beside a lag of the sensor {sensor.channel}")
 
 
-@dataclass(frozen=True, eq=False)
-class VariableCoolingEstimator:
-    """A Kalman form whose modes decay faster by the rate that `losses` tell.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VariableLossEstimator(ABC):
+    """An estimator whose modes decay faster by the rate that `losses` tell.
 
     Attributes
     ----------
     linear : Estimator
-        The same at the model's own loss: `kalman`, with known columns or without.
-    kalman : KalmanEstimator
+        The same at the model's own loss, with known columns or without.
     losses : tuple of Effect
     """
 
     linear: Estimator
-    kalman: KalmanEstimator
     losses: tuple[Effect, ...]
     _columns: dict[str, int] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        known = self.linear.known if isinstance(self.linear, KnownInputEstimator) else ()
-        first = len(self.kalman.sensors)
-        states = {k.channel: first + i for i, k in enumerate(known) if k.role == "state"}
-        self._columns.update(states)
-        object.__setattr__(self, "_parts", lru_cache(maxsize=64)(self._take_apart))
+        if isinstance(self.linear, KnownInputEstimator):
+            first = len(self.linear.inner.sensors)
+            known = enumerate(self.linear.known, first)
+            self._columns.update({k.channel: i for i, k in known if k.role == "state"})
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -127,6 +130,120 @@ class VariableCoolingEstimator:
         """As JSON: the document of `linear`."""
         return self.linear.document()
 
+    @abstractmethod
+    def advance(self, ticks: int, x: Float, first: Float, before: Float, now: Float) -> Float:
+        """The state after a sample of `ticks` clock steps that ends with the readings `now`.
+
+        Parameters
+        ----------
+        ticks : int
+            Length of the sample [clock steps].
+        x : ndarray, shape (n,)
+        first, before, now : ndarray, shape (m,)
+            The columns that are read at the first sample, before this one and at its end.
+
+        Raises
+        ------
+        FitError
+            The loss is not a finite number any more.
+        """
+
+    @abstractmethod
+    def settled(self, dt: float, readings: Float) -> Float:
+        """The state in which a machine that has stood at `readings` for ever is.
+
+        Parameters
+        ----------
+        dt : float [s]
+        readings : ndarray, shape (m,)
+
+        Raises
+        ------
+        ModelError
+            There is none that the loss leaves alone.
+        """
+
+    def run(self, time: Float, readings: Float, settled: bool = False) -> Float:
+        """Estimates for a whole record; see `LinearEstimator.run`.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,) [s]
+        readings : ndarray, shape (n, m)
+        settled : bool
+            At the first readings; else at rest there.
+        """
+        ticks = np.round(np.diff(time) / CLOCK_STEP).astype(np.int64).tolist()
+        out = np.zeros((len(time), len(self.estimates)))
+        if len(time) < 2:
+            return out
+        dt = ticks[0] * CLOCK_STEP
+        x = self.settled(dt, readings[0]) if settled else np.zeros(len(self.recursion(dt).F))
+        C = self.recursion(dt).C
+        out[0] = C @ x
+        for k, each in enumerate(ticks):
+            x = self.advance(each, x, readings[0], readings[k], readings[k + 1])
+            out[k + 1] = C @ x
+        return out
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VariableFeedforward(VariableLossEstimator):
+    """Deflections of measured drives, through responses that decay faster by a state.
+
+    In a sample e^(-λ dt) becomes e^(-λ dt - r dt); a held input acts, on the mean, half a sample
+    later than its first moment: as `run_with_loss`.
+    """
+
+    def advance(self, ticks: int, x: Float, first: Float, before: Float, now: Float) -> Float:
+        exponent = self._rate(first, before) * ticks * CLOCK_STEP
+        r, kept = self.recursion(ticks * CLOCK_STEP), math.exp(-_followed(exponent))
+        added = r.G0 @ (self._weights(exponent) * before) + r.G1 @ now
+        return np.asarray(kept * (r.F @ x) + added)
+
+    def settled(self, dt: float, readings: Float) -> Float:
+        exponent = _followed(self._rate(readings, readings) * dt)
+        r = self.recursion(dt)
+        F = math.exp(-exponent) * r.F
+        pushed = r.G0 @ (self._weights(exponent) * readings) + r.G1 @ readings
+        return np.asarray(np.linalg.solve(np.eye(len(F)) - F, pushed))
+
+    def _weights(self, exponent: float) -> Float:
+        """What of each column that is read before a sample acts at its end."""
+        linear = self.linear
+        known = linear.known if isinstance(linear, KnownInputEstimator) else ()
+        shares = [0.5 if each.hold == "zero" else 1.0 for each in known]
+        return np.exp(-exponent * np.array(shares))
+
+    def _rate(self, first: Float, now: Float) -> float:
+        columns = {name: np.array([first[k], now[k]]) for name, k in self._columns.items()}
+        each: list[tuple[Effect, Memory]] = [(effect, None) for effect in self.losses]
+        return float(state_rates(each, Record(np.arange(2.0), columns), {})[0][-1])
+
+
+def _followed(exponent: float) -> float:
+    """The exponent of a sample, refused where it cannot be followed (FitError)."""
+    if not abs(exponent) < MAX_EXPONENT:
+        raise FitError(f"the loss of heat cannot be followed: e^{exponent:g} in a sample")
+    return exponent
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VariableCoolingEstimator(VariableLossEstimator):
+    """A Kalman form whose modes decay faster by the rate that `losses` tell.
+
+    Attributes
+    ----------
+    kalman : KalmanEstimator
+        What `linear` is, without known columns.
+    """
+
+    kalman: KalmanEstimator
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "_parts", lru_cache(maxsize=64)(self._take_apart))
+
     def _take_apart(self, ticks: int) -> tuple[Recursion, Float, dict[str, Float]]:
         """The recursion, its part from heat to modes, and what reads outputs off the modes."""
         dt = ticks * CLOCK_STEP
@@ -154,28 +271,11 @@ class VariableCoolingEstimator:
         return float(rate[-1]), float(pace[-1])
 
     def advance(self, ticks: int, x: Float, first: Float, before: Float, now: Float) -> Float:
-        """The state after a sample of `ticks` clock steps that ends with the readings `now`.
-
-        Parameters
-        ----------
-        ticks : int
-            Length of the sample [clock steps].
-        x : ndarray, shape (n,)
-        first, before, now : ndarray, shape (m,)
-            The columns that are read at the first sample, before this one and at its end.
-
-        Raises
-        ------
-        FitError
-            The loss is not a finite number any more.
-        """
         _, _, rows = self._parts(ticks)  # type: ignore[attr-defined]
         rate, pace = self.rate(x, first, before, rows)
         own = round(ticks * math.exp(PACE_STEP * round(math.log(pace) / PACE_STEP)))
         r, heated, _ = self._parts(max(own, 1))  # type: ignore[attr-defined]
-        exponent = rate * ticks * CLOCK_STEP
-        if not abs(exponent) < MAX_EXPONENT:
-            raise FitError(f"the loss of heat cannot be followed: e^{exponent:g} in a sample")
+        exponent = _followed(rate * ticks * CLOCK_STEP)
         state: Float = self._matrix(r.F, heated, exponent) @ x + r.G0 @ before + r.G1 @ now
         return state
 
@@ -188,18 +288,6 @@ class VariableCoolingEstimator:
         return lossy
 
     def settled(self, dt: float, readings: Float) -> Float:
-        """The state in which a machine that has stood at `readings` for ever is.
-
-        Parameters
-        ----------
-        dt : float [s]
-        readings : ndarray, shape (m,)
-
-        Raises
-        ------
-        ModelError
-            There is none that the loss leaves alone.
-        """
         r, heated, rows = self._parts(round(dt / CLOCK_STEP))  # type: ignore[attr-defined]
         x, pushed = r.settled(readings), (r.G0 + r.G1) @ readings
         for _ in range(MAX_STEADY_STATE_ITERATIONS):
@@ -210,26 +298,3 @@ class VariableCoolingEstimator:
                 return new
             x = (x + new) / 2
         raise ModelError("no settled state: the loss of heat depends too much on it")
-
-    def run(self, time: Float, readings: Float, settled: bool = False) -> Float:
-        """Estimates for a whole record; see `LinearEstimator.run`.
-
-        Parameters
-        ----------
-        time : ndarray, shape (n,) [s]
-        readings : ndarray, shape (n, m)
-        settled : bool
-            At the first readings; else at rest there.
-        """
-        ticks = np.round(np.diff(time) / CLOCK_STEP).astype(np.int64).tolist()
-        out = np.zeros((len(time), len(self.estimates)))
-        if len(time) < 2:
-            return out
-        dt = ticks[0] * CLOCK_STEP
-        x = self.settled(dt, readings[0]) if settled else np.zeros(len(self.recursion(dt).F))
-        C = self.recursion(dt).C
-        out[0] = C @ x
-        for k, each in enumerate(ticks):
-            x = self.advance(each, x, readings[0], readings[k], readings[k + 1])
-            out[k + 1] = C @ x
-        return out

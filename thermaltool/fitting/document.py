@@ -42,10 +42,13 @@ def model_document(
             extent = _extent(data, [u[k] for u in data.u], rest, hold)
             begins = _level(data, [u[k] for u in data.u], hold) if rest == "first" else None
             drives[name] = Drive(name, hold, rest, extent, begins)
-        for name, term in zip(model.names, fit.terms, strict=True):
+        for k, (name, term) in enumerate(zip(model.names, fit.terms, strict=True)):
             if isinstance(term, str):
                 raise ModelError(term)
-            terms.append(Term(name, model.target, term.response, term.covariance, term.names))
+            terms += [
+                Term(name, model.target, each.response, each.covariance, each.names, each.band)
+                for each in ((term,) if model.is_linear else model.level_terms(k))
+            ]
         outputs.append(_output(fit, data, drives))
     redundancy = None
     if fits[0].model.redundant:
@@ -54,7 +57,8 @@ def model_document(
         data = fits[0].data.driven_by(names)
         redundancy = redundancy_of(data, [drives[name].reference for name in names])
     return Model(tuple(drives.values()), tuple(outputs), tuple(terms),
-                 fits[0].model.dt, provenance, redundancy=redundancy)  # fmt: skip
+                 fits[0].model.dt, provenance, effects=fits[0].model.effects,
+                 redundancy=redundancy)  # fmt: skip
 
 
 def agreement_from_rest(model: Model, data: TrainingData) -> Agreement:

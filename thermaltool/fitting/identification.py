@@ -60,6 +60,17 @@ class Plan(ABC):
     def fit(self, data: TrainingData) -> tuple[Sequence[OutputModel], tuple[Candidate[Any], ...]]:
         """A model for each output, and the candidates where the orders were chosen."""
 
+    def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Plan | None:
+        """What is tried where the fits say that the machine is not linear; None for nothing.
+
+        Parameters
+        ----------
+        fits : sequence of Fit
+        reference : "first", float or None
+            As for `identify`.
+        """
+        return None
+
     def data_sets(
         self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
     ) -> list[TrainingData]:
@@ -96,6 +107,29 @@ def identify(
     FitError
         Data that the plan's form does not fit, or that are too few to validate.
     """
+    found = _planned(logs, inputs, outputs, plan, fresh, reference)
+    further = plan.beyond(found, reference)
+    if further is None or plan.budget.is_over:
+        return found
+    try:
+        better = _planned(logs, inputs, outputs, further, fresh, reference)
+    except FitError:
+        return found
+    # What was said of the linear models is why there are others.
+    return tuple(
+        replace(fit, linearity=linear.linearity) for fit, linear in zip(better, found, strict=True)
+    )
+
+
+def _planned(
+    logs: Sequence[Record],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    plan: Plan,
+    fresh: Sequence[Record],
+    reference: Reference | None,
+) -> tuple[Fit, ...]:
+    """Fits of one plan."""
     parts, others = ([log.between(*plan.span) for log in each] for each in (logs, fresh))
     sets = plan.data_sets(parts, inputs, outputs)
     held = plan.data_sets(others, inputs, outputs) if fresh else [None] * len(sets)
@@ -135,7 +169,8 @@ def _judged(
         own = data.only(k).driven_by(model.names)
         fit = Fit(
             model, tuple(_term(model, i) for i in range(len(model.names))), model.fit(own), own,
-            residual_tests(model, own), linearity_test(model, own), None, candidates,
+            residual_tests(model, own), linearity_test(model, own) if model.is_linear else None,
+            None, candidates,
         )  # fmt: skip
         whole = _document(fit, reference)
         if split is not None:

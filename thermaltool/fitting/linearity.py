@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,6 @@ from scipy.special import fdtrc
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.error_model import MAX_AR_ORDER, ROWS_PER_COEFFICIENT, known_runs
 from thermaltool.fitting.joint import with_absorbed
-from thermaltool.fitting.output_model import OutputModel
 from thermaltool.record import Record
 from thermaltool.signals.gauss_newton import solve
 from thermaltool.timeseries.ar import burg
@@ -54,6 +54,21 @@ MIN_RELATIVE_ERROR, MAX_RELATIVE_RUN = 1e-16, 1e3
 SURE_P_VALUE, MAX_DRAWS, ENOUGH_LARGER, SETTLING_ROWS = 0.1, 99, 10, 500
 # "Nonlinear" needs a p-value of no more, and this share of the squared error explained.
 MAX_P_VALUE, MIN_EXPLAINED = 0.01, 0.1
+
+
+class TestedModel(Protocol):
+    """What is asked of a model to test what it leaves of its output."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def target(self) -> str: ...
+    @property
+    def zeros(self) -> tuple[float, ...]: ...
+    @property
+    def sample_delays(self) -> tuple[int, ...]: ...
+    def simulate(self, record: Record) -> Array: ...
+    def response_to(self, record: Record) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -107,12 +122,12 @@ class ErrorRegression:
         return np.split(rows, self.ends[:-1], axis=-1)
 
 
-def linearity_test(model: OutputModel, data: TrainingData) -> LinearityTest | None:
+def linearity_test(model: TestedModel, data: TrainingData) -> LinearityTest | None:
     """Test of the errors of a free run; None where the data are too few.
 
     Parameters
     ----------
-    model : OutputModel
+    model : TestedModel
     data : TrainingData
         With the one output of the model.
     """
@@ -261,7 +276,7 @@ def _orthonormal(rows: Array, least: float) -> Array:
     return np.asarray((vectors[:, used] / np.sqrt(values[used])).T @ rows)
 
 
-def _regression(model: OutputModel, data: TrainingData) -> tuple[list[str], ErrorRegression | None]:
+def _regression(model: TestedModel, data: TrainingData) -> tuple[list[str], ErrorRegression | None]:
     """Names of the other terms, and all rows, in groups where they are many; None: too few."""
     runs = [model.simulate(record) for record in data.records]
     zeros = [model.zeros[record.origin] for record in data.records]
@@ -321,7 +336,7 @@ def _bank(longest: int, inputs: int) -> Array:
 
 
 def _linear_terms(
-    model: OutputModel, record: Record, u: Array, v: Array, taus: Array
+    model: TestedModel, record: Record, u: Array, v: Array, taus: Array
 ) -> Iterator[Array]:
     """What a linear machine may answer with beside the model, one column at a time."""
     yield v
@@ -335,7 +350,7 @@ def _linear_terms(
 
 
 def _other_terms(
-    model: OutputModel, record: Record, u: Array, v: Array
+    model: TestedModel, record: Record, u: Array, v: Array
 ) -> Iterator[tuple[str, Array]]:
     """Powers and products of the model's output and its inputs, with their names."""
     yield "y^2", v**2
@@ -353,13 +368,13 @@ def _other_terms(
                     yield f"{name} {second}", _response_to(model, record, i, u[i] * u[k])
 
 
-def _delayed(model: OutputModel, u: Array) -> Iterator[Array]:
+def _delayed(model: TestedModel, u: Array) -> Iterator[Array]:
     """Each input by its delay later."""
     for own, delay in zip(u, model.sample_delays, strict=True):
         yield np.concatenate([np.zeros(min(delay, len(own))), own])[: len(own)]
 
 
-def _response_to(model: OutputModel, record: Record, i: int, x: Array) -> Array:
+def _response_to(model: TestedModel, record: Record, i: int, x: Array) -> Array:
     """What the model gives of input i alone."""
     columns = {name: np.zeros(len(x)) for name in model.names}
     return model.response_to(Record(record.time, {**columns, model.names[i]: x}))

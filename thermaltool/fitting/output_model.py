@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.effects.band import ScheduleBand
+from thermaltool.effects.effect import Effect
 from thermaltool.fitting.data import Array, Split, TrainingData, Zero
 from thermaltool.record import Record
 from thermaltool.responses import Response
@@ -31,12 +33,15 @@ class ContinuousTerm:
     covariance : ndarray, or None
         Of the response's parameters, in the order of `names`, where it was found in this form.
     names : tuple of str
+    band : ScheduleBand, optional
+        Which share of the input it takes, where terms go by level.
     """
 
     response: Response
     mismatch: float = 0.0
     covariance: Array | None = None
     names: tuple[str, ...] = ()
+    band: ScheduleBand | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +82,25 @@ class OutputModel(ABC):
     converged: bool
     rows: int
     loss: float
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the response to the sum of two inputs is the sum of those to each."""
+        return True
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Effects of the model document, of all outputs that were fitted together."""
+        return ()
+
+    def level_terms(self, k: int) -> tuple[ContinuousTerm, ...]:
+        """Responses to input k, one for each level by which they go; `term` where there is none.
+
+        Parameters
+        ----------
+        k : int
+        """
+        return (self.term(k),)
 
     @property
     def redundant(self) -> bool:

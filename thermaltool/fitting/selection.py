@@ -183,6 +183,20 @@ def first_that_fits(candidates: Iterable[C], fit: Callable[[C], M]) -> M:
     raise problem or FitError("there is no candidate")
 
 
+def held_out_level(model: Ranked, split: Split) -> float:
+    """Score of rows held out as if their errors were white (`held_out_scores`).
+
+    Parameters
+    ----------
+    model : Ranked
+    split : Split
+    """
+    held, runs = split.held, model.carried_on(split)
+    errors = [agreement(held.output(k), run).rmse for k, run in enumerate(runs)]
+    cost = model.parameters / len(errors) * np.log(held.rows) / held.rows
+    return float(2 * np.mean(np.log(np.maximum(errors, 1e-300))) + cost)
+
+
 def held_out_scores(
     held: TrainingData, computed: Sequence[Array], parameters: Sequence[float]
 ) -> list[float]:

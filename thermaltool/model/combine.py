@@ -112,6 +112,8 @@ def scheduled(
     at = [_level(model, by) for model in models] if levels is None else list(map(float, levels))
     if len(at) != len(models):
         raise ModelError(f"{len(models)} models, {len(at)} levels")
+    if min(at) < 0:
+        raise ModelError("the levels of a schedule are sizes, without sign: from 0 on")
     if len(set(at)) < len(at):
         raise ModelError(f"two models of one level of {by}: {', '.join(f'{x:g}' for x in at)}")
     order = sorted(range(len(at)), key=at.__getitem__)

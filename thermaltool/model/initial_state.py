@@ -14,6 +14,7 @@ from scipy.linalg import lstsq
 
 from thermaltool.errors import LogError
 from thermaltool.model.rest import Zero, zero_of
+from thermaltool.model.simulate import Course, acting_effects, sum_terms
 from thermaltool.record import Record, Rows
 from thermaltool.responses.modes import Float
 
@@ -63,7 +64,7 @@ def with_initial_state(
     time, measured = record.time, record.column(output.channel)
     if initial == "rest":
         return simulated, zero_of(time, measured, simulated, output.offset)
-    decays = free_decays(model, output.channel, record.elapsed)
+    decays = free_decays(model, output.channel, *_course(model, record))
     columns = np.vstack([decays, np.ones((int(output.offset == "first"), len(time)))])
     stated = 0.0 if output.offset == "first" else output.offset
     left = measured - simulated - stated
@@ -81,7 +82,17 @@ def with_initial_state(
     return computed, Zero(stated if output.offset != "first" else float(weights[-1]))
 
 
-def free_decays(model: Model, channel: str, elapsed: Float) -> Float:
+def _course(model: Model, record: Record) -> tuple[Float, Float]:
+    """The machine's own time since the first row [s], and Γ there [1]."""
+    states = [e for e in acting_effects(model, record.digest) if e.side == "state"]
+    if not states:
+        return record.elapsed, np.zeros(len(record))
+    effects = acting_effects(model, record.digest)
+    course = Course.of(states, record, sum_terms(model, effects, record))
+    return course.clock - course.clock[0], course.cooling
+
+
+def free_decays(model: Model, channel: str, elapsed: Float, cooling: Float | None = None) -> Float:
     """How an output can come to rest with all drives at rest, shape (k, n).
 
     Each mode of its terms, or, where these are many, each term from a level of its drive at which
@@ -93,6 +104,8 @@ def free_decays(model: Model, channel: str, elapsed: Float) -> Float:
     channel : str
     elapsed : ndarray, shape (n,) [s]
         Since the first row.
+    cooling : ndarray, shape (n,), optional
+        Γ, the integral of the rate by which all decays faster.
     """
     responses = [t.response for t in model.terms if t.output == channel]
     modes = [each.modes(model.sample_period) for each in responses]
@@ -107,4 +120,5 @@ def free_decays(model: Model, channel: str, elapsed: Float) -> Float:
                 columns += [elapsed * decay.real] if double else []
     if len(columns) > MAX_FREE_MODES:
         columns = [each.dc_gain() - each.step(elapsed) for each in responses]
-    return np.array(columns).reshape(-1, len(elapsed))
+    found_decays = np.array(columns).reshape(-1, len(elapsed))
+    return found_decays if cooling is None else found_decays * np.exp(-cooling)

@@ -19,6 +19,7 @@ from thermaltool.model.rest import drive_rests, relative, rest_shifts
 from thermaltool.record import Record
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Float, Hold, Modes
+from thermaltool.responses.varying_loss import run_with_loss
 
 if TYPE_CHECKING:
     from thermaltool.model.document import Model, Term
@@ -31,8 +32,8 @@ LAWS_OF_DRIVES = ("drive_nonlinearity", "drive_curve")
 STATE_TOLERANCE, MAX_STATE_ITERATIONS = 1e-7, 12
 # The same beside a model that differs little.
 NEAR_TOLERANCE = 1e-5
-# Beyond this span of the integral of a varying loss [1] the weights e^Γ overflow.
-MAX_COOLING_SPAN = 300.0
+# Beyond this rise of the integral of a varying loss [1] in one sample nothing is followed.
+MAX_SAMPLE_COOLING = 50.0
 
 
 def simulate(model: Model, record: Record) -> dict[str, Float]:
@@ -306,16 +307,12 @@ def simulate_response(
     modes = _modes(known, float(np.min(np.diff(time))))
     if course is None:
         return modes.at(time, u, hold, time - dead_time) if dead_time else modes.run(time, u, hold)
-    if not np.ptp(course.cooling) < MAX_COOLING_SPAN:
-        raise ModelError("the loss of heat changes too much over this log to be followed")
-    centred = course.cooling - (course.cooling.max() + course.cooling.min()) / 2
+    if not np.max(np.abs(np.diff(course.cooling))) < MAX_SAMPLE_COOLING:
+        raise ModelError("the loss of heat changes too much in a sample to be followed")
     moments, u = _acting_clock(time, u, hold, dead_time) if dead_time else (time, u)
-    along, own = np.interp(moments, time, centred), np.interp(moments, time, course.clock)
-    # A held drive acts, on the mean, half a sample later than its first moment.
-    inside = np.append((along[1:] + along[:-1]) / 2, along[-1])
-    y = modes.proper.run(own, u * np.exp(inside if hold == "zero" else along), hold)
+    along, own = np.interp(moments, time, course.cooling), np.interp(moments, time, course.clock)
     rows = np.searchsorted(moments, time)
-    return y[rows] * np.exp(-centred) + modes.direct * u[rows]
+    return run_with_loss(modes, own, u, hold, along)[rows] + modes.direct * u[rows]
 
 
 def _acting_clock(time: Float, u: Float, hold: Hold, dead_time: float) -> tuple[Float, Float]:

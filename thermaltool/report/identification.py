@@ -11,6 +11,7 @@ from thermaltool.fitting.components.model import ComponentOutput
 from thermaltool.fitting.document import agreement_from_rest
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.linearity import MAX_P_VALUE, LinearityTest
+from thermaltool.fitting.lpv.model import LpvOutput
 from thermaltool.fitting.network.model import NetworkOutput
 from thermaltool.fitting.subspace.model import SubspaceOutput
 from thermaltool.fitting.transfer.model import TransferModel
@@ -20,6 +21,7 @@ from thermaltool.report.components import (
     component_table,
     component_warnings,
 )
+from thermaltool.report.lpv import lpv_fields, lpv_table, lpv_warnings
 from thermaltool.report.network import network_fields, network_table, network_warnings
 from thermaltool.report.subspace import subspace_fields, subspace_table, subspace_warnings
 from thermaltool.report.transfer import (
@@ -59,6 +61,7 @@ def _each_transfer_warnings(fits: Sequence[Fit]) -> list[str]:
 FORMS = {
     NetworkOutput: FormReport(network_fields, network_table, network_warnings),
     SubspaceOutput: FormReport(subspace_fields, subspace_table, subspace_warnings),
+    LpvOutput: FormReport(lpv_fields, lpv_table, lpv_warnings),
     ComponentOutput: FormReport(component_fields, component_table, component_warnings),
     TransferModel: FormReport(transfer_fields, _each_transfer_table, _each_transfer_warnings),
 }
@@ -121,10 +124,13 @@ def identification_warnings(fits: Sequence[Fit]) -> list[str]:
 def _linearity_line(fit: Fit) -> str:
     """Whether products and powers explain the errors."""
     test, target = fit.linearity, fit.model.target
+    if test is None and not fit.model.is_linear:
+        return f"linearity of {target}: not tested, the model itself is not linear"
     if test is None:
         return f"linearity of {target}: too few rows, or too little error, to test"
     if test.nonlinear:
-        return f"linearity of {target}: nonlinear (p {test.p_value:.2g}), {_reached(test)}"
+        said = f"linearity of {target}: nonlinear (p {test.p_value:.2g}), {_reached(test)}"
+        return said if fit.model.is_linear else f"{said}: hence this model"
     verdict = "no products or powers in the errors"
     if test.p_value <= MAX_P_VALUE:
         verdict = "hardly anything in the errors is products or powers"
@@ -143,7 +149,7 @@ def _nonlinear(fits: Sequence[Fit]) -> list[str]:
     return [
         f"{fit.model.target}: nonlinear: {_reached(fit.linearity)}"
         for fit in fits
-        if fit.linearity is not None and fit.linearity.nonlinear
+        if fit.linearity is not None and fit.linearity.nonlinear and fit.model.is_linear
     ]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from thermaltool.estimation.estimator import Estimator
 from thermaltool.estimation.settling_time import settling_time
-from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
+from thermaltool.estimation.variable_cooling import VariableLossEstimator
 from thermaltool.responses.modes import Float
 from thermaltool.responses.sample_clock import CLOCK_STEP
 
@@ -172,11 +172,11 @@ class VariableCoolingStepper(Stepper):
 
     Parameters
     ----------
-    estimator : VariableCoolingEstimator
+    estimator : VariableLossEstimator
     sample_period : float [s]
     """
 
-    def __init__(self, estimator: VariableCoolingEstimator, sample_period: float) -> None:
+    def __init__(self, estimator: VariableLossEstimator, sample_period: float) -> None:
         super().__init__(estimator, sample_period)
         self._lossy, self._C = estimator, estimator.recursion(sample_period).C
         self._first = np.zeros(self._sensors)
@@ -210,6 +210,6 @@ class VariableCoolingStepper(Stepper):
 
 def stepper_of(estimator: Estimator, sample_period: float) -> Stepper:
     """The stepper that an estimator takes; see `Stepper`."""
-    if isinstance(estimator, VariableCoolingEstimator):
+    if isinstance(estimator, VariableLossEstimator):
         return VariableCoolingStepper(estimator, sample_period)
     return Stepper(estimator, sample_period)

@@ -10,7 +10,7 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, Split, TrainingData
 from thermaltool.fitting.search_budget import SearchBudget
-from thermaltool.fitting.selection import FITTED_SHARE, Candidate, rank
+from thermaltool.fitting.selection import FITTED_SHARE, Candidate, held_out_level, rank
 from thermaltool.fitting.start_state import StartErrors
 from thermaltool.fitting.subspace.identify import identify_subspace, problem_of
 from thermaltool.fitting.subspace.model import Subspace
@@ -19,7 +19,6 @@ from thermaltool.fitting.subspace.realization import realizations
 from thermaltool.fitting.subspace.search import ROUGH_TOLERANCE, search
 from thermaltool.fitting.subspace.sections import PoleSection
 from thermaltool.responses.rational import MAX_POLES
-from thermaltool.signals.agreement import agreement
 
 # The choice ends where so many orders in a row have not lowered the error of the rows held out by
 # what their parameters cost in white errors.
@@ -67,7 +66,7 @@ def choose_order(
                     since += 1
                 else:
                     any_fits = True
-                    beside, level = [model.sections], _held_out_level(model, split)
+                    beside, level = [model.sections], held_out_level(model, split)
                     best, since = (level, 0) if level < best else (best, since + 1)
                     yield model
                 if since >= PATIENCE:
@@ -104,14 +103,6 @@ class _ByPoles:
     def carried_on(self, split: Split) -> Array:
         """As that of the model."""
         return self.model.carried_on(split)
-
-
-def _held_out_level(model: Subspace, split: Split) -> float:
-    """Score of rows held out as if their errors were white (`held_out_scores`)."""
-    held, runs = split.held, model.carried_on(split)
-    errors = [agreement(held.output(k), run).rmse for k, run in enumerate(runs)]
-    cost = model.parameters / len(errors) * np.log(held.rows) / held.rows
-    return float(2 * np.mean(np.log(np.maximum(errors, 1e-300))) + cost)
 
 
 def start_errors(data: TrainingData) -> StartErrors | None:

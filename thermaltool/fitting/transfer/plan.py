@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.data import TrainingData
+from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.identification import Plan
+from thermaltool.fitting.lpv.plan import LpvPlan
 from thermaltool.fitting.selection import Candidate, first_that_fits
 from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.structure import Structure
+from thermaltool.units import Reference
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,10 +27,21 @@ class TransferPlan(Plan):
     structure : Structure
     orders : tuple of (nb, nf, nk) or None
         For all inputs or one for each; empty, or None among them: chosen by held-out data.
+    linear : bool
+        Whether linear models are wanted, even where the machine is not linear.
     """
 
     structure: Structure
     orders: tuple[tuple[int, int, int] | None, ...] = ()
+    linear: bool = True
+
+    def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Plan | None:
+        models = tuple(fit.model for fit in fits if isinstance(fit.model, TransferModel))
+        tests = [fit.linearity for fit in fits]
+        if self.linear or not any(test is not None and test.nonlinear for test in tests):
+            return None
+        return LpvPlan(initial=self.initial, split=self.split, span=self.span, budget=self.budget,
+                       reference=reference, linear=models)  # fmt: skip
 
     def start(self, data: TrainingData) -> TrainingData:
         return self.structure.start(data, self.initial)

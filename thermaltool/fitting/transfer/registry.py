@@ -42,7 +42,7 @@ STRUCTURES = {
     "armax": StructureEntry("equation_error", "ArmaxStructure", "that with a moving average"),
 }
 # Forms in which all outputs share their poles, and how many each has at most.
-MAX_MODES = {"network": 6, "subspace": 12}
+MAX_MODES = {"network": 6, "subspace": 12, "lpv": 4, "bilinear": 4}
 # Those that have a form in continuous time.
 CONTINUOUS = {"oe": StructureEntry("continuous", "ContinuousOeStructure", "at the output")}
 

@@ -1,0 +1,74 @@
+"""A machine that is not linear: what is left is called so, and no cause stands for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from machines.stateful import levels
+
+from thermaltool.diagnosis.diagnose import diagnose
+from thermaltool.diagnosis.nonlinearity import is_bent, nonlinearity, stands_for_another
+from thermaltool.effects import effect_class
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.model import Drive, Model, Output, Term
+from thermaltool.record import Record
+from thermaltool.responses.rational import rational_kind
+
+HEAT, READ = "Q_main_1", "dT_pair1_K"
+
+
+def logged(seed: int, bent: bool, rows: int = 1000) -> Record:
+    """Two lags in a row behind a heater, read by a sensor that is steep in the middle, or not."""
+    generator = np.random.default_rng(seed)
+    heat = levels(generator, rows, 0, 1, 15, 80)
+    heat[:15] = 0.0
+    x, found = np.zeros(2), np.empty(rows)
+    for k, q in enumerate(heat):
+        found[k] = x[1]
+        x = x + 3.0 * np.array([(q - x[0]) / 100, (x[0] - x[1]) / 50])
+    read = 10 + 8 * np.tanh(5 * (found - 0.5)) if bent else 20 * found
+    read = read - read[0] + 0.05 * generator.standard_normal(rows)
+    return Record(3.0 * np.arange(rows), {HEAT: heat, READ: read}, digest=f"log {seed} {bent}")
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    response = rational_kind(2, 0, False)(tau1=100.0, tau2=50.0, K1=40.0, K2=-20.0)
+    return Model(
+        (Drive(HEAT, "zero", 0.0, (0.0, 1.0)),),
+        (Output(READ, "sensor", 0.0, (0.0, 20.0)),),
+        (Term(HEAT, READ, response),),
+        3.0,
+    )
+
+
+def test_a_curve_behind_the_dynamics_is_seen(model: Model) -> None:
+    bent, straight = (nonlinearity(model, [logged(4, curved)], READ) for curved in (True, False))
+    assert is_bent(bent)
+    assert not is_bent(straight)
+
+
+def test_what_bends_nothing_stands_for_another(model: Model) -> None:
+    before = nonlinearity(model, [logged(4, True)], READ)
+    swings = effect_class("periodic")("", {"period": 100.0})
+    bends = effect_class("drive_nonlinearity")(HEAT, {"exponent": 2.0, "level": 1.0})
+    assert stands_for_another(swings, before, None)
+    # It has taken all of that, or nothing.
+    assert not stands_for_another(bends, before, None)
+    assert stands_for_another(bends, before, before)
+    straight = nonlinearity(model, [logged(4, False)], READ)
+    assert not stands_for_another(swings, straight, straight)
+
+
+def test_too_few_rows_say_nothing(model: Model) -> None:
+    log = logged(4, True).rows(slice(0, 30))
+    assert nonlinearity(model, [log], READ) is None
+
+
+@pytest.mark.slow
+def test_no_period_is_named_for_a_curve() -> None:
+    log = logged(1, True)
+    model = calibrate([log], CalibrationPlan((HEAT,), (READ,), (), {READ: "rational2"}))
+    found = diagnose(model, [log])
+    assert not found.adequate
+    assert {cause.effect.name for cause in found.causes} <= {"unknown"}

@@ -1,0 +1,162 @@
+"""What a model leaves that only products and powers of drives and output explain.
+
+A search among causes finds something for every misfit: a period for a curve, a conversion for a
+reaction. Of a machine that is not linear the test of linearity says so at once, and what a cause
+takes of that says whether it is the reason or stands for another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermaltool.diagnosis.result import Cause
+from thermaltool.diagnosis.state import DiagnosisTask, SearchState
+from thermaltool.effects.effect import Effect
+from thermaltool.errors import FitError, LogError, ModelError
+from thermaltool.fitting.data import Array, even_training_data
+from thermaltool.fitting.linearity import LinearityTest, linearity_test
+from thermaltool.model import Model
+from thermaltool.model.initial_state import with_initial_state
+from thermaltool.record import Record
+
+# The column that holds what a model simulates.
+SIMULATED = "x_simulated_1"
+# Share of what linear terms leave that products and powers explain where a machine is not linear
+# in the first place; and what a cause may leave of that power.
+MIN_NONLINEAR, MAX_LEFT = 0.5, 0.5
+# Of single readings, of the record, of its clock: nothing of these stands for a curve.
+BESIDE = frozenset(("outliers", "noise_state", "record_too_short", "unknown"))
+
+
+@dataclass(frozen=True)
+class _SimulatedOutput:
+    """One output of a model document as the test of linearity takes it."""
+
+    model: Model
+    names: tuple[str, ...]
+    target: str
+    zeros: tuple[float, ...]
+
+    @property
+    def sample_delays(self) -> tuple[int, ...]:
+        return (0,) * len(self.names)
+
+    def simulate(self, record: Record) -> Array:
+        """What the model gave over the log, effects included."""
+        return record.column(SIMULATED)
+
+    def response_to(self, record: Record) -> Array:
+        """Of the terms alone, drives counting from zero."""
+        return self.model.simulate(record)[self.target]
+
+
+def nonlinearity(model: Model, logs: Sequence[Record], output: str) -> LinearityTest | None:
+    """Test of what a model leaves of one output; None where the logs are too few.
+
+    Parameters
+    ----------
+    model : Model
+    logs : sequence of Record
+    output : str
+    """
+    own = next(o for o in model.outputs if o.channel == output)
+    names = tuple(dict.fromkeys(t.drive for t in model.terms if t.output == output))
+    parts = []
+    try:
+        for log in logs:
+            if output in log.columns:
+                computed = model.simulate(log)[output]
+                rows = np.ones(len(log), bool)
+                computed, zero = with_initial_state(model, own, log, computed, "rest", rows)
+                parts.append(log.with_columns({SIMULATED: computed + zero.value}))
+        data = even_training_data(parts, (*names, SIMULATED), (output,)).driven_by(names)
+        moved = np.ptp(np.hstack(data.u), axis=1)
+        data = data.driven_by([n for n, span in zip(names, moved, strict=True) if span > 0])
+        drives = tuple(replace(d, reference=0.0, rest=None) for d in model.drives)
+        terms = tuple(t for t in model.terms if t.output == output and t.drive in data.inputs)
+        linear = replace(
+            model,
+            drives=tuple(d for d in drives if d.channel in data.inputs),
+            outputs=(own,), terms=terms, effects=(), redundancy=None,
+        )  # fmt: skip
+        zeros = (0.0,) * data.experiments
+        return linearity_test(_SimulatedOutput(linear, data.inputs, output, zeros), data)
+    except (FitError, LogError, ModelError, IndexError):
+        return None
+
+
+def nonlinear_power(test: LinearityTest | None) -> float:
+    """Share of the output's power that products and powers explain of the error; 0 for none.
+
+    Parameters
+    ----------
+    test : LinearityTest or None
+    """
+    if test is None or not test.nonlinear:
+        return 0.0
+    linear, whole = (1 - fit / 100 for fit in (test.linear_fit_percent, test.nonlinear_fit_percent))
+    return max(linear**2 - whole**2, 0.0)
+
+
+def is_bent(test: LinearityTest | None) -> bool:
+    """Whether most of what linear terms leave is products and powers.
+
+    Parameters
+    ----------
+    test : LinearityTest or None
+    """
+    return test is not None and test.nonlinear and test.explained >= MIN_NONLINEAR
+
+
+def stands_for_another(
+    effect: Effect, before: LinearityTest | None, after: LinearityTest | None
+) -> bool:
+    """Whether a cause is none, for what a model leaves is bent otherwise.
+
+    Parameters
+    ----------
+    effect : Effect
+    before, after : LinearityTest or None
+        Of the model without any cause, and with all of them.
+    """
+    if effect.name in BESIDE or not is_bent(before):
+        return False
+    if not effect.bends:
+        return True
+    return nonlinear_power(after) > MAX_LEFT * nonlinear_power(before)
+
+
+def stand_ins(task: DiagnosisTask, search: SearchState) -> list[tuple[Cause, str]]:
+    """Causes that stand for a curve which is none of them, and what the record says of it.
+
+    Parameters
+    ----------
+    task : DiagnosisTask
+    search : SearchState
+    """
+    causes = [cause for cause in search.causes if cause.effect.name not in BESIDE]
+    if not causes:
+        return []
+    before = {o: nonlinearity(task.model, task.logs, o) for o in search.hypothesis.groups}
+    bent = {o: test for o, test in before.items() if test is not None and is_bent(test)}
+    if not bent:
+        return []
+    written = search.written(task)
+    after = {o: nonlinearity(written, task.logs, o) for o in bent}
+    found = []
+    for cause in causes:
+        for output, test in bent.items():
+            if stands_for_another(cause.effect, test, after[output]):
+                found.append((cause, f"{output} is not linear, {_reached(test)}"))
+                break
+    return found
+
+
+def _reached(test: LinearityTest) -> str:
+    return (
+        f"linear models reach {test.linear_fit_percent:.3g} %, with products and powers "
+        f"{test.nonlinear_fit_percent:.3g} % (most: {test.term}): see what identify says of it"
+    )

@@ -1,0 +1,252 @@
+"""Which input schedules what, by how many levels, beside how many modes: by rows held out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.data import Array, Split, TrainingData
+from thermaltool.fitting.lpv.form import MAX_LPV_MODES, LpvForm
+from thermaltool.fitting.lpv.identify import identify_lpv
+from thermaltool.fitting.lpv.model import Lpv
+from thermaltool.fitting.search_budget import SearchBudget
+from thermaltool.fitting.selection import FITTED_SHARE, Candidate, held_out_level, rank
+from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.units import Reference, is_temperature
+
+# Rows by which the choice is made, at most.
+MAX_CHOICE_ROWS = 4000
+# Numbers of levels that are tried; two are the bilinear model.
+LEVEL_COUNTS = (2, 3, 5)
+# Modes beside which the search for levels begins; rounds of it; a round counts that lowers the
+# logarithm of the error variance of the rows held out, with its parameters, by so much.
+FIRST_MODES, MAX_ROUNDS, MIN_FALL = (1, 2, 3), 5, 0.01
+# Values beside the ends that a power, or a gain by level, takes to show [of the range].
+SAME_VALUE = 0.02
+# A model that is not linear is taken where it lowers that logarithm, over blocks held out, by so
+# much below the linear one.
+MIN_GAIN = 0.1
+
+
+@dataclass(frozen=True)
+class LinearBeside:
+    """Linear models of all outputs, beside which others are judged.
+
+    Attributes
+    ----------
+    models : tuple of TransferModel
+    """
+
+    models: tuple[TransferModel, ...]
+
+    @property
+    def parameters(self) -> int:
+        """Of all outputs."""
+        return sum(model.parameters for model in self.models)
+
+    def fitted(self, data: TrainingData) -> LinearBeside:
+        """The same structures on other rows.
+
+        Parameters
+        ----------
+        data : TrainingData
+        """
+        return LinearBeside(tuple(
+            model.structure.fit(data.only(k), model.orders) for k, model in enumerate(self.models)
+        ))  # fmt: skip
+
+    def carried_on(self, split: Split) -> Array:
+        """As `OutputModel.carried_on`, shape (p, n)."""
+        each = enumerate(self.models)
+        return np.array([model.carried_on(split.only(k)) for k, model in each])
+
+
+def choice_rows(data: TrainingData) -> TrainingData:
+    """The rows by which the choice is made.
+
+    Parameters
+    ----------
+    data : TrainingData
+    """
+    return data if data.rows <= MAX_CHOICE_ROWS else data.excerpt(MAX_CHOICE_ROWS)
+
+
+def choose_form(
+    data: TrainingData,
+    references: tuple[Reference, ...],
+    delays: Sequence[tuple[int, ...]],
+    modes: int | None = None,
+    level_counts: Sequence[int] = LEVEL_COUNTS,
+    direct: bool = False,
+    budget: SearchBudget | None = None,
+) -> tuple[Candidate[Lpv], ...]:
+    """Forms by what they predict of rows held out, the best first.
+
+    Linear modes first, with each of the delays; from the best, whatever changes one thing (a loss
+    or gains by the level of an input, more levels, a power, a mode more or less) and predicts
+    better, until nothing does.
+
+    Parameters
+    ----------
+    data : TrainingData
+    references : tuple of "first" or float
+    delays : sequence of tuple of int
+        Samples by which each input acts later.
+    modes : int, optional
+    level_counts : sequence of int
+    direct : bool
+        Whether outputs may follow inputs of the same row.
+    budget : SearchBudget, optional
+
+    Raises
+    ------
+    FitError
+        No candidate fits.
+    """
+    data.check()
+    budget = budget or SearchBudget()
+    split = choice_rows(data).split(FITTED_SHARE)
+    room = _Room(split.fitted, references, tuple(level_counts), modes)
+
+    def fit(each: Lpv, part: TrainingData) -> Lpv:
+        if part is split.fitted:
+            return each
+        return identify_lpv(part, each.form, references, [each.theta], judged=False)
+
+    def candidates() -> Iterator[Lpv]:
+        problem: FitError | None = None
+        best: tuple[float, Lpv] | None = None
+        tried: set[LpvForm] = set()
+        firsts = FIRST_MODES if modes is None else (modes,)
+        waiting = [LpvForm(n, delays=late, direct=direct) for late in delays for n in firsts]
+        for _ in range(1 + MAX_ROUNDS):
+            before = best
+            for form in waiting:
+                tried.add(form)
+                starts = () if before is None else [_start(before[1], form)]
+                try:
+                    model = identify_lpv(split.fitted, form, references, starts, judged=False)
+                except FitError as error:
+                    problem = problem or error
+                    continue
+                level = held_out_level(model, split)
+                if np.isfinite(level) and (best is None or level < best[0] - MIN_FALL):
+                    best = level, model
+                yield model
+            if best is None or best is before:
+                break
+            waiting = [form for form in room.neighbours(best[1].form) if form not in tried]
+        if best is None and problem is not None:
+            raise problem
+
+    return rank(candidates(), fit, split, "no parameter-varying model fits", budget)
+
+
+def beats(best: Lpv, beside: LinearBeside, data: TrainingData) -> bool:
+    """Whether a form predicts rows held out decisively better than linear models.
+
+    Parameters
+    ----------
+    best : Lpv
+    beside : LinearBeside
+    data : TrainingData
+        What `choose_form` had.
+    """
+    split = choice_rows(data).split(FITTED_SHARE)
+
+    def fit(each: Lpv | LinearBeside, part: TrainingData) -> Lpv | LinearBeside:
+        if isinstance(each, LinearBeside):
+            return each.fitted(part)
+        return identify_lpv(part, each.form, best.references, [each.theta], judged=False)
+
+    found = rank([best, beside], fit, split, "neither fits")
+    if len(found) < 2:
+        return isinstance(found[0].model, Lpv)
+    first, second = found
+    return isinstance(first.model, Lpv) and second.score - first.score > MIN_GAIN
+
+
+def _start(known: Lpv, form: LpvForm) -> Array:
+    """Where the search of a neighbour begins."""
+    theta, old = known.theta, known.form
+    taus = theta[: old.modes]
+    if form.modes > old.modes:
+        taus = np.append(taus, np.min(taus) - 1.0)
+    elif form.modes < old.modes:
+        # Without the mode of the least weight.
+        sizes = sum(np.abs(o.weights[: old.modes]).sum(axis=(1, 2)) for o in known.outputs)
+        taus = np.delete(taus, int(np.argmin(sizes)))
+    return replace(old, modes=form.modes).carried_over(
+        np.concatenate([taus, theta[old.modes :]]), form
+    )
+
+
+@dataclass(frozen=True)
+class _Room:
+    """What can be tried on a record."""
+
+    data: TrainingData
+    references: tuple[Reference, ...]
+    level_counts: tuple[int, ...]
+    modes: int | None
+
+    def _values(self, name: str) -> Array:
+        return np.concatenate([record.column(name) for record in self.data.records])
+
+    def _levels(self, name: str, count: int) -> tuple[float, ...]:
+        values = self._values(name)
+        return tuple(np.linspace(values.min(), values.max(), count).tolist())
+
+    def _graded(self, name: str) -> bool:
+        """Whether an input takes values between its ends."""
+        values = self._values(name)
+        low, span = float(values.min()), float(np.ptp(values))
+        share = (values - low) / span
+        return bool(np.any((share > SAME_VALUE) & (share < 1 - SAME_VALUE)))
+
+    def _chooses(self, name: str) -> bool:
+        """Whether an input can schedule others: its zero is the same in every log."""
+        return self.references[self.data.inputs.index(name)] != "first"
+
+    def _power(self, name: str) -> bool:
+        """Whether an input may act by a power: a command, with a zero, of more than two levels."""
+        return self._chooses(name) and not is_temperature(name) and self._graded(name)
+
+    def neighbours(self, form: LpvForm) -> Iterator[LpvForm]:
+        """Forms that differ by one thing."""
+        for name in self.data.inputs:
+            if self._chooses(name):
+                yield from self._scheduled(form, name)
+        size = {
+            name: float(np.max(np.abs(self._values(name) - float(rest))))
+            for name, rest in zip(self.data.inputs, self.references, strict=True)
+            if self._power(name)
+        }  # fmt: skip
+        powers = [tuple(n for n in self.data.inputs if (n in form.powers) != (n == own))
+                  for own in size]  # fmt: skip
+        for chosen in dict.fromkeys([*powers, tuple(size)]):
+            # Gains by the level of an input are a curve of it already.
+            if not (form.gain and form.channel in chosen):
+                yield replace(form, powers=chosen, sizes=tuple((n, size[n]) for n in chosen))
+        if self.modes is None:
+            for modes in (form.modes - 1, form.modes + 1):
+                if 1 <= modes <= MAX_LPV_MODES:
+                    yield replace(form, modes=modes)
+
+    def _scheduled(self, form: LpvForm, name: str) -> Iterator[LpvForm]:
+        graded = self._graded(name)
+        counts = self.level_counts if graded else self.level_counts[:1]
+        at = len(form.levels) if form.channel == name else 0
+        wanted = counts[:1] if not at else (at, *[n for n in counts if n > at][:1])
+        for count in wanted:
+            levels = self._levels(name, count)
+            for loss, gain in ((True, False), (False, True), (True, True)):
+                if gain and not (graded or len(self.data.inputs) > 1):
+                    continue
+                kept = tuple(n for n in form.powers if not (gain and n == name))
+                sizes = tuple(pair for pair in form.sizes if pair[0] in kept)
+                yield replace(form, channel=name, levels=levels, loss=loss, gain=gain,
+                              powers=kept, sizes=sizes)  # fmt: skip

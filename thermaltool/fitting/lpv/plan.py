@@ -1,0 +1,89 @@
+"""Plan of one parameter-varying model for all outputs: levels, powers, modes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.data import TrainingData, even_training_data
+from thermaltool.fitting.identification import Plan
+from thermaltool.fitting.lpv.choose import (
+    LEVEL_COUNTS,
+    LinearBeside,
+    beats,
+    choose_form,
+)
+from thermaltool.fitting.lpv.identify import identify_lpv
+from thermaltool.fitting.lpv.model import Lpv, LpvOutput, settled
+from thermaltool.fitting.network.choose import undelayed_errors
+from thermaltool.fitting.selection import Candidate, first_that_fits
+from thermaltool.fitting.start_state import with_start
+from thermaltool.fitting.transfer.model import TransferModel
+from thermaltool.record import Record
+from thermaltool.units import Reference, drive_reference
+
+
+@dataclass(frozen=True, kw_only=True)
+class LpvPlan(Plan):
+    """Loss rate and gains by levels of an input, powers of inputs.
+
+    Attributes
+    ----------
+    modes : int or None
+        None: chosen by held-out data.
+    level_counts : sequence of int
+        That are tried; two alone are the bilinear model.
+    reference : "first", float or None
+        What inputs count from, as in the model document.
+    linear : tuple of TransferModel
+        Of all outputs: where these predict as well, there is no fit.
+    """
+
+    joint: ClassVar[bool] = True
+
+    modes: int | None = None
+    level_counts: Sequence[int] = LEVEL_COUNTS
+    reference: Reference | None = None
+    linear: tuple[TransferModel, ...] = ()
+
+    def data_sets(
+        self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
+    ) -> list[TrainingData]:
+        return [even_training_data(logs, inputs, outputs)]
+
+    def _references(self, data: TrainingData) -> tuple[Reference, ...]:
+        own = self.reference
+        return tuple(drive_reference(n) if own is None else own for n in data.inputs)
+
+    def start(self, data: TrainingData) -> TrainingData:
+        return settled(with_start(data, self.initial, undelayed_errors), self._references(data))
+
+    def fit(self, data: TrainingData) -> tuple[tuple[LpvOutput, ...], tuple[Candidate[Lpv], ...]]:
+        references = self._references(data)
+        candidates = choose_form(
+            data, references, self._delays(data), self.modes, self.level_counts,
+            any(0 in model.orders.nk for model in self.linear), self.budget,
+        )  # fmt: skip
+        if self.linear:
+            best = candidates[0].model
+            varies = best.form.channel or best.form.powers
+            if not varies or not beats(best, LinearBeside(self.linear), data):
+                raise FitError("no model with states predicts better than the linear one")
+        found = first_that_fits(
+            (candidate.model for candidate in candidates),
+            lambda each: identify_lpv(data, each.form, references, [each.theta]),
+        )
+        return found.outputs, candidates
+
+    def _delays(self, data: TrainingData) -> list[tuple[int, ...]]:
+        """Samples by which inputs act later than at once: none, and those of the linear models."""
+        m = len(data.inputs)
+        each = [
+            tuple(max(k - least, 0)
+                  for k, least in zip(model.orders.nk, data.least_delays, strict=True))
+            for model in self.linear
+        ]  # fmt: skip
+        least = tuple(min(own[i] for own in each) for i in range(m)) if each else (0,) * m
+        return list(dict.fromkeys([(0,) * m, least]))
