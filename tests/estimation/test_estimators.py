@@ -17,7 +17,6 @@ from thermaltool.estimation.estimator import (
     KalmanEstimator,
     SensorNoise,
     load_estimator,
-    predicted_covariance,
 )
 from thermaltool.estimation.kernel import Regularization, invert_modes
 from thermaltool.estimation.regularization import (
@@ -26,6 +25,7 @@ from thermaltool.estimation.regularization import (
     design_kernel,
     predict,
 )
+from thermaltool.estimation.state_space import predicted_covariance
 from thermaltool.model import Drive, Model, Output, Term, dumps, loads, only_sensors
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.deflection import Deflection

@@ -230,12 +230,17 @@ def estimate(
     data: Data,
     *,
     initial: Literal["rest", "settled"] = "rest",
+    smooth: bool = False,
+    lag: float | None = None,
+    walk: float | Literal["likelihood", "design"] | None = None,
+    bands: bool = False,
     warn: Notice = notice,
     **reading: Unpack[Reading],
 ) -> LogEstimate:
     """Heat and deflection from measured temperatures.
 
-    The numbers are those that `Compensator` gives row by row, the effects of the model included.
+    The numbers are those that `Compensator` gives row by row, the effects of the model included,
+    unless they are smoothed.
 
     Parameters
     ----------
@@ -244,6 +249,17 @@ def estimate(
     data : str, path, pandas.DataFrame or Record
     initial : {"rest", "settled"}
         The machine at the first row: cold, or settled at the first readings.
+    smooth : bool
+        Each estimate rests on all readings of the record, later ones included. With `nan_policy`
+        "hold" a sensor's missing readings count as none.
+    lag : float, optional [s]
+        Each estimate rests on the readings up to so long after it, as a stream's does.
+    walk : float, "likelihood" or "design", optional
+        How fast the heat changes: a random-walk rate [share of the level per √s], at the maximum
+        of the likelihood of this record's readings, or as the design has it. Default: "likelihood"
+        with `smooth`, else "design".
+    bands : bool
+        Standard errors of all estimates, as columns ``sigma_...``.
     warn : callable
         Takes a sentence where the first reading is not rest, the model extrapolates or the log
         pauses. Default: a `ThermalToolWarning`.
@@ -257,9 +273,11 @@ def estimate(
     Raises
     ------
     ModelError
-        No design, or one for other parameters.
+        No design, or one for other parameters; no smoother for its form.
     LogError
         A log that cannot be read, or that lacks a sensor.
+    ValueError
+        `smooth` and `lag` at once, or a lag that is none.
 
     Examples
     --------
@@ -272,14 +290,24 @@ def estimate(
     True
     """
     from thermaltool.estimation.batch import estimate as estimate_record
+    from thermaltool.estimation.lookahead import Lookahead
     from thermaltool.estimation.pipeline import EstimatorPipeline
     from thermaltool.model import NOT_AT_REST
-    from thermaltool.report.text import excursion_message, row_message
+    from thermaltool.report.text import excursion_message, row_message, sizes_message
 
     model = as_model(model)
     pipeline = EstimatorPipeline.of(model)
-    log = read_log(data, **reading, need=pipeline.columns)
-    found = estimate_record(model, pipeline, log, initial == "settled")
+    if smooth and lag is not None:
+        raise ValueError("smooth takes all later readings, lag some of them: give one")
+    how = Lookahead(smooth, lag, walk, bands)
+    need = pipeline.columns
+    if smooth and reading.get("nan_policy") == "hold":
+        # A smoother needs no reading that nobody has made.
+        need = tuple(each.column for each in pipeline.input_columns if not each.sensor)
+    log = read_log(data, **reading, need=need)
+    found = estimate_record(model, pipeline, log, initial == "settled", how)
+    if found.sizes is not None:
+        warn(sizes_message(found.sizes))
     for column, value in found.not_at_rest.items():
         warn(row_message(log, 0, f"{column}: {value:.4g} at the start {NOT_AT_REST}"))
     for excursion in found.excursions:
