@@ -144,6 +144,7 @@ def regularize(
     sensors: str | Sequence[str] = (),
     dt: float | None = None,
     walk: float | None = None,
+    criterion: Literal["heat", "deflection", "both"] | None = None,
     delay: float | None = None,
     cutoff: float | None = None,
     regularization: tuple[float, float, float] | None = None,
@@ -153,7 +154,8 @@ def regularize(
     """Design the estimator from the model and the measured noise.
 
     Both forms minimize the predicted band of the deflection error after a step of the calibrated
-    level: what is missing while the estimate catches up, and what the sensors' noise leaves.
+    level: what is missing while the estimate catches up, and what the sensors' noise leaves. Of
+    the heat they minimize the root of the mean squared error.
 
     Parameters
     ----------
@@ -161,7 +163,7 @@ def regularize(
     noise : what `noise` returned, or a file of it; optional
         Not needed where every drive is measured.
     form : {"auto", "kalman", "kernel"}
-        "auto" takes the one with the narrower predicted band.
+        "auto" takes the one that fares better by the criterion.
     measured : str or sequence of str
         Drives that are read, not estimated. All, in a model without a sensor.
     sensors : str or sequence of str
@@ -170,6 +172,8 @@ def regularize(
         Sample period of the estimator. Default: that of the calibration.
     walk : float, optional
         Pins the random-walk rate of the Kalman form [share of the level per √s].
+    criterion : {"heat", "deflection", "both"}, optional
+        What the design is for. Default: the deflection where the model has one, else the heat.
     delay : float, optional [s]
         Pins the artificial delay of the kernel form.
     cutoff : float, optional [Hz]
@@ -215,12 +219,14 @@ def regularize(
         warn(sentence)
     pinned = {"delay_s": delay, "cutoff_Hz": cutoff}
     pinned |= dict(zip("ABc", regularization or (None,) * 3, strict=True))
-    plan = DesignPlan(form, walk, {name: v for name, v in pinned.items() if v is not None})
+    plan = DesignPlan(
+        form, walk, criterion, {name: v for name, v in pinned.items() if v is not None}
+    )
     design = design_estimator(model, problem, plan, progress)
     if design.choices:
         progress("done\n")
-    if design.refused is not None:
-        warn(design.refused)
+    for note in design.notes:
+        warn(note)
     return DesignReport(design)
 
 

@@ -81,8 +81,11 @@ def fit_sizes(
     def at(theta: Float) -> tuple[float, float]:
         """Minus the logarithm of the likelihood, and the variance that all sizes are scaled by."""
         try:
-            squares, logs = _innovations(_with(sensed, theta, 1.0, pinned), time, readings)
+            with np.errstate(over="ignore", invalid="ignore"):
+                squares, logs = _innovations(_with(sensed, theta, 1.0, pinned), time, readings)
         except (FitError, np.linalg.LinAlgError):
+            return np.inf, 1.0
+        if not np.isfinite(squares + logs):
             return np.inf, 1.0
         count = readings.size
         prior = (theta[-2] / DRIFT_PRIOR) ** 2 + (theta[-1] / DRIFT_TIME_PRIOR) ** 2

@@ -104,6 +104,8 @@ class _Filter:
             L = F - K @ H
             now = np.concatenate([K.ravel() / max(np.max(np.abs(K), initial=0.0), TINY),
                                   np.log(np.einsum("ij,ji->i", C, PC) + TINY)])  # fmt: skip
+            if not np.isfinite(now).all():
+                raise FitError("the covariance of the estimate is not finite")
             # By how much they change in a sample, as the stretch before tells.
             rate = np.max(np.abs(now - before)) / length if len(before) else np.inf
             held = int(min(HELD_CHANGE / max(rate, TINY), rows.stop - k))
@@ -233,10 +235,9 @@ def smooth(
     runs = list(_runs(time, readings))
     P = estimator.start_covariance(runs[0][1], level, settled)
     forward = _Filter(len(estimator.estimates), readings, np.zeros(len(P)), P)
-    for rows, dt, some in runs:
-        forward.run(rows, estimator.state_space(dt), some)
-    if not np.isfinite(forward.P).all():
-        raise FitError("the covariance of the estimate is not finite")
+    with np.errstate(over="ignore", invalid="ignore"):
+        for rows, dt, some in runs:
+            forward.run(rows, estimator.state_space(dt), some)
     return forward.back()
 
 
