@@ -314,6 +314,9 @@ def estimate(
     found = estimate_record(model, pipeline, log, initial == "settled", how)
     if found.sizes is not None:
         warn(sizes_message(found.sizes))
+    if found.parted is not None:
+        row, why = found.parted
+        warn(row_message(log, row, f"model and machine have parted: {why}"))
     for column, value in found.not_at_rest.items():
         warn(row_message(log, 0, f"{column}: {value:.4g} at the start {NOT_AT_REST}"))
     for excursion in found.excursions:

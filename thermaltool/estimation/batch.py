@@ -41,6 +41,9 @@ class EstimatedRecord:
         Standard errors, where they were asked for.
     sizes : KalmanEstimator or None
         With the sizes of walk and noise that were taken, where they are not the design's.
+    parted : (int, str) or None
+        The row from which on model and machine contradict each other, and what says so; looked for
+        where standard errors were asked for.
     """
 
     time: Float
@@ -51,6 +54,7 @@ class EstimatedRecord:
     extrapolated: tuple[Excursion, ...]
     sigma: Mapping[str, Float] = field(default_factory=dict)
     sizes: KalmanEstimator | None = None
+    parted: tuple[int, str] | None = None
 
     def columns(self) -> dict[str, Float]:
         """The table: ``time_s``, the estimates and their standard errors."""
@@ -101,7 +105,8 @@ def estimate(
             behind[name] = values + (0.0 if rest == "first" else rest)
             if not settled and len(values) and away_from_rest(values[0], column.calibrated):
                 not_at_rest[column.column] = float(values[0])
-    sigma, sizes = {}, None
+    sigma: dict[str, Float] = {}
+    sizes, parted = None, None
     names = pipeline.estimator.estimates
     if how is None or how.plain:
         found = [*pipeline.run(record.time, true_values, settled).T]
@@ -110,6 +115,7 @@ def estimate(
         looked = look(model, pipeline.estimator, record.time, taken, how, settled)
         found = pipeline.given_out([*looked.estimates.T])
         sizes = None if how.sizes == "design" else looked.estimator
+        parted = None if looked.parted is None else (looked.parted, looked.reason)
         if looked.sigma is not None:
             # Through the maps behind the estimator, which may bend.
             high, low = (pipeline.given_out([*ends.T])
@@ -127,6 +133,7 @@ def estimate(
         extrapolated(model, estimates),
         sigma,
         sizes,
+        parted,
     )
 
 

@@ -7,7 +7,9 @@ from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 from thermaltool.errors import FitError, ModelError
+from thermaltool.estimation.bands import design_bands
 from thermaltool.estimation.design_model import DesignModel
+from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.identifiability import identifiability_note
 from thermaltool.estimation.known_inputs import Feedforward
 from thermaltool.estimation.permanent_effects import reading_columns
@@ -153,6 +155,8 @@ def design_estimator(
         "settings": best.settings,
         "predicted": asdict(best.prediction),
     }
+    if isinstance(best.estimator, KalmanEstimator):
+        document["bands"] = design_bands(model, problem, best.estimator)
     notes = [hardly_seen, refused, _heat_note(best, problem)]
     return EstimatorDesign(
         model.with_design(document), problem, chosen, choices, tuple(filter(None, notes))

@@ -8,14 +8,15 @@ from typing import Literal
 
 import numpy as np
 
-from thermaltool.errors import ModelError
-from thermaltool.estimation.estimator import Estimator, KalmanEstimator, KernelEstimator
+from thermaltool.estimation.bands import model_errors
+from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.fixed_lag import fixed_lag, lag_saving
+from thermaltool.estimation.forms import linear_kalman
+from thermaltool.estimation.innovation_test import InnovationTest, first_alarm
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.likelihood import fit_sizes
 from thermaltool.estimation.parameter_error import parameter_variance
 from thermaltool.estimation.smoother import Smoothed, smooth
-from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
 from thermaltool.model import Model
 from thermaltool.responses.modes import Float
 
@@ -65,35 +66,17 @@ class Looked:
         Standard errors.
     estimator : KalmanEstimator
         With the sizes that were taken.
+    parted : int or None
+        The first row at which model and machine have parted, where standard errors were asked for.
+    reason : str
+        What says so.
     """
 
     estimates: Float
     sigma: Float | None
     estimator: KalmanEstimator
-
-
-def linear_kalman(estimator: Estimator) -> KalmanEstimator:
-    """The Kalman form in an estimator.
-
-    Raises
-    ------
-    ModelError
-        Another form, or a loss of heat that changes.
-    """
-    if isinstance(estimator, VariableCoolingEstimator):
-        raise ModelError(
-            f"{estimator.losses[0].name}: a loss of heat that changes has neither smoother nor "
-            "standard errors"
-        )
-    inner = estimator.inner if isinstance(estimator, KnownInputEstimator) else estimator
-    if isinstance(inner, KernelEstimator):
-        raise ModelError(
-            "smoothing and standard errors take the Kalman form: run thermaltool regularize "
-            "--form kalman"
-        )
-    if not isinstance(inner, KalmanEstimator):
-        raise ModelError("every drive is measured: no heat is estimated, nothing to smooth")
-    return inner
+    parted: int | None = None
+    reason: str = ""
 
 
 def look(
@@ -144,16 +127,18 @@ def look(
             return fixed_lag(kalman, time, readings, how.lag, settled)
         return kalman.run(time, readings, settled)
 
-    sigma = None
     if not how.bands:
-        estimates = estimated(readings)
-    else:
-        smoothed = smooth(kalman, time, readings, level, settled)
-        estimates = smoothed.estimates if how.smooth else estimated(readings)
-        variance = _variance(kalman, time, smoothed, how)
-        variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
-        sigma = np.sqrt(variance)
-    return Looked(estimates + behind, sigma, kalman)
+        return Looked(estimated(readings) + behind, None, kalman)
+    smoothed = smooth(kalman, time, readings, level, settled)
+    estimates = smoothed.estimates if how.smooth else estimated(readings)
+    variance = _variance(kalman, time, smoothed, how)
+    if not len(time):
+        return Looked(estimates, variance, kalman)
+    variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
+    test = InnovationTest(kalman, float(np.median(np.diff(time))), model_errors(model, kalman))
+    parted = first_alarm(test, time, readings, settled)
+    reason = "" if parted is None else test.reason
+    return Looked(estimates + behind, np.sqrt(variance), kalman, parted, reason)
 
 
 def _variance(kalman: KalmanEstimator, time: Float, smoothed: Smoothed, how: Lookahead) -> Float:
