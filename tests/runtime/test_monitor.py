@@ -106,7 +106,7 @@ def test_with_one_sensor_for_one_drive_nothing_contradicts():
 def test_a_design_without_standard_errors_and_states_of_others():
     with pytest.raises(ModelError, match="no standard errors: run regularize again"):
         Monitor(wall_estimator(), {}, DT, print, bands=True, lag=None)
-    with pytest.raises(ModelError, match="design.bands: cannot be read"):
+    with pytest.raises(ModelError, match=r"design\.bands: cannot be read"):
         Monitor(wall_estimator(), {"bands": {**DESIGN["bands"], "sigma": []}}, DT, print,
                 bands=True, lag=None)  # fmt: skip
     monitor = Monitor(wall_estimator(), DESIGN, DT, print, bands=True, lag=10.0)
