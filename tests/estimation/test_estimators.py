@@ -17,7 +17,6 @@ from thermaltool.estimation.estimator import (
     KalmanEstimator,
     SensorNoise,
     load_estimator,
-    predicted_covariance,
 )
 from thermaltool.estimation.kernel import Regularization, invert_modes
 from thermaltool.estimation.regularization import (
@@ -26,6 +25,7 @@ from thermaltool.estimation.regularization import (
     design_kernel,
     predict,
 )
+from thermaltool.estimation.state_space import predicted_covariance
 from thermaltool.model import Drive, Model, Output, Term, dumps, loads, only_sensors
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.deflection import Deflection
@@ -311,11 +311,16 @@ def test_kernel_form_takes_one_sensor():
 # ---------------------------------------------------------------- model, noise, design
 
 
-def test_a_machine_needs_sensor_deflection_and_noise():
+def test_a_machine_needs_sensors_or_deflections_and_noise():
     bare = document()
     bare = Model(bare.drives, bare.sensors, bare.terms[:2], DT)
-    with pytest.raises(ModelError, match="no deflection to estimate"):
-        DesignModel.of(bare, NOISE, DT)
+    assert DesignModel.of(bare, NOISE, DT).outputs == ()
+    with pytest.raises(ModelError, match="every drive is measured, and the model has no defl"):
+        DesignModel.of(bare, NOISE, DT, ["Q_main_1"])
+    with pytest.raises(ModelError, match="neither a deflection nor a sensor"):
+        DesignModel.of(Model(bare.drives, (), (), DT), NOISE, DT)
+    with pytest.raises(ModelError, match="the noise of dT_far_K is zero"):
+        DesignModel.of(document(), {**NOISE, "dT_far_K": SensorNoise(0.0)}, DT)
     with pytest.raises(ModelError, match="no noise for the sensor dT_far_K"):
         DesignModel.of(document(), {"dT_near_K": NOISE["dT_near_K"]}, DT)
     lost = document()

@@ -143,6 +143,7 @@ def regularize(
     sensors: str | Sequence[str] = (),
     dt: float | None = None,
     walk: float | None = None,
+    criterion: Literal["heat", "deflection", "both"] | None = None,
     delay: float | None = None,
     cutoff: float | None = None,
     regularization: tuple[float, float, float] | None = None,
@@ -152,7 +153,8 @@ def regularize(
     """Design the estimator from the model and the measured noise.
 
     Both forms minimize the predicted band of the deflection error after a step of the calibrated
-    level: what is missing while the estimate catches up, and what the sensors' noise leaves.
+    level: what is missing while the estimate catches up, and what the sensors' noise leaves. Of
+    the heat they minimize the root of the mean squared error.
 
     Parameters
     ----------
@@ -160,7 +162,7 @@ def regularize(
     noise : what `noise` returned, or a file of it; optional
         Not needed where every drive is measured.
     form : {"auto", "kalman", "kernel"}
-        "auto" takes the one with the narrower predicted band.
+        "auto" takes the one that fares better by the criterion.
     measured : str or sequence of str
         Drives that are read, not estimated. All, in a model without a sensor.
     sensors : str or sequence of str
@@ -169,6 +171,8 @@ def regularize(
         Sample period of the estimator. Default: that of the calibration.
     walk : float, optional
         Pins the random-walk rate of the Kalman form [share of the level per √s].
+    criterion : {"heat", "deflection", "both"}, optional
+        What the design is for. Default: the deflection where the model has one, else the heat.
     delay : float, optional [s]
         Pins the artificial delay of the kernel form.
     cutoff : float, optional [Hz]
@@ -214,12 +218,14 @@ def regularize(
         warn(sentence)
     pinned = {"delay_s": delay, "cutoff_Hz": cutoff}
     pinned |= dict(zip("ABc", regularization or (None,) * 3, strict=True))
-    plan = DesignPlan(form, walk, {name: v for name, v in pinned.items() if v is not None})
+    plan = DesignPlan(
+        form, walk, criterion, {name: v for name, v in pinned.items() if v is not None}
+    )
     design = design_estimator(model, problem, plan, progress)
     if design.choices:
         progress("done\n")
-    if design.refused is not None:
-        warn(design.refused)
+    for note in design.notes:
+        warn(note)
     return DesignReport(design)
 
 
@@ -229,12 +235,17 @@ def estimate(
     data: Data,
     *,
     initial: Literal["rest", "settled"] = "rest",
+    smooth: bool = False,
+    lag: float | None = None,
+    walk: float | Literal["likelihood", "design"] | None = None,
+    bands: bool = False,
     warn: Notice = notice,
     **reading: Unpack[Reading],
 ) -> LogEstimate:
     """Heat and deflection from measured temperatures.
 
-    The numbers are those that `Compensator` gives row by row, the effects of the model included.
+    The numbers are those that `Compensator` gives row by row, the effects of the model included,
+    unless they are smoothed.
 
     Parameters
     ----------
@@ -243,6 +254,17 @@ def estimate(
     data : str, path, pandas.DataFrame or Record
     initial : {"rest", "settled"}
         The machine at the first row: cold, or settled at the first readings.
+    smooth : bool
+        Each estimate rests on all readings of the record, later ones included. With `nan_policy`
+        "hold" a sensor's missing readings count as none.
+    lag : float, optional [s]
+        Each estimate rests on the readings up to so long after it, as a stream's does.
+    walk : float, "likelihood" or "design", optional
+        How fast the heat changes: a random-walk rate [share of the level per √s], at the maximum
+        of the likelihood of this record's readings, or as the design has it. Default: "likelihood"
+        with `smooth`, else "design".
+    bands : bool
+        Standard errors of all estimates, as columns ``sigma_...``.
     warn : callable
         Takes a sentence where the first reading is not rest, the model extrapolates or the log
         pauses. Default: a `ThermalToolWarning`.
@@ -256,9 +278,11 @@ def estimate(
     Raises
     ------
     ModelError
-        No design, or one for other parameters.
+        No design, or one for other parameters; no smoother for its form.
     LogError
         A log that cannot be read, or that lacks a sensor.
+    ValueError
+        `smooth` and `lag` at once, or a lag that is none.
 
     Examples
     --------
@@ -271,14 +295,27 @@ def estimate(
     True
     """
     from thermaltool.estimation.batch import estimate as estimate_record
+    from thermaltool.estimation.lookahead import Lookahead
     from thermaltool.estimation.pipeline import EstimatorPipeline
     from thermaltool.model import NOT_AT_REST
-    from thermaltool.report.text import excursion_message, row_message
+    from thermaltool.report.text import excursion_message, row_message, sizes_message
 
     model = as_model(model)
     pipeline = EstimatorPipeline.of(model)
-    log = read(data, pipeline.columns, warn=warn, **reading)
-    found = estimate_record(model, pipeline, log, initial == "settled")
+    if smooth and lag is not None:
+        raise ValueError("smooth takes all later readings, lag some of them: give one")
+    how = Lookahead(smooth, lag, walk, bands)
+    need = pipeline.columns
+    if smooth and reading.get("nan_policy") == "hold":
+        # A smoother needs no reading that nobody has made.
+        need = tuple(each.column for each in pipeline.input_columns if not each.sensor)
+    log = read(data, need, warn=warn, **reading)
+    found = estimate_record(model, pipeline, log, initial == "settled", how)
+    if found.sizes is not None:
+        warn(sizes_message(found.sizes))
+    if found.parted is not None:
+        row, why = found.parted
+        warn(row_message(log, row, f"model and machine have parted: {why}"))
     for column, value in found.not_at_rest.items():
         warn(row_message(log, 0, f"{column}: {value:.4g} at the start {NOT_AT_REST}"))
     for excursion in found.excursions:

@@ -31,10 +31,7 @@ if TYPE_CHECKING:
 @click.option("--clock", type=click.Choice(["column", "arrival"]), default="column",
               help="Time from the input, or of its arrival (to 1 ms).")  # fmt: skip
 @streaming.heater_options
-@click.option("--also", type=click.Choice(["estimates", "status"]), multiple=True,
-              help="Add columns: heat and deflections (the power wanted and the output); what "
-              "lines rest on: ok, settles, held, reduced, safe, extrapolates, "
-              "resumed.")  # fmt: skip
+@streaming.also_options
 @click.option("--sign", type=click.Choice(["-1", "1"]), default="-1",
               help="Setpoint over deflection: -1 for an offset that cancels it.")  # fmt: skip
 @click.option("--hold", type=POSITIVE, metavar="S",
@@ -99,8 +96,8 @@ def command(model: str, log: str, **options: Any) -> None:
         options,
         clock="count" if counted else options["clock"],
         ranges=dict(options["ranges"]),
-        estimates="estimates" in options["also"],
-        status="status" in options["also"],
+        **dict.fromkeys(options["also"], True),
+        lag=options["lag"],
         slew=options["slew"],
         step=options["step"],
         at=positions_of(options["at"]),

@@ -24,7 +24,7 @@ from thermaltool.documents import write_json
     help="What thermaltool noise -o wrote; not needed where every drive is measured.",
 )
 @click.option("--form", type=click.Choice(["auto", "kalman", "kernel"]), default="auto",
-              help="auto takes the one with the narrower predicted band.")  # fmt: skip
+              help="auto takes the one that fares better by the criterion.")  # fmt: skip
 @click.option("--measured", multiple=True, metavar="CHANNEL",
               help="This drive is read, not estimated.  [default: all, in a model without "
               "sensor]")  # fmt: skip
@@ -35,6 +35,9 @@ from thermaltool.documents import write_json
 @click.option("--walk", type=POSITIVE,
               help="Pin the Kalman form's random-walk rate "
               "[share of the level per √s].")  # fmt: skip
+@click.option("--criterion", type=click.Choice(["heat", "deflection", "both"]),
+              help="What the design is for.  [default: deflection where the model has one, "
+              "else heat]")  # fmt: skip
 @click.option("--delay", type=NOT_NEGATIVE, help="Pin the kernel form's artificial delay [s].")
 @click.option("--cutoff", type=POSITIVE, help="Pin the kernel form's filter [Hz].")
 @click.option("--regularization", nargs=3, type=NUMBER, metavar="A B C",
@@ -56,7 +59,8 @@ def command(
     """Design the estimator from the model and the measured noise.
 
     Both forms minimize the predicted band of the deflection error after a step of the calibrated
-    level: what is missing while the estimate catches up, and what the sensors' noise leaves. The
+    level: what is missing while the estimate catches up, and what the sensors' noise leaves. Of the
+    heat they minimize the root of the mean squared error (--criterion). The
     trade-off goes to stderr (with --json to stdout), the model with its design to -o.
 
     The model's effects become part of the design: a sensor's lag, what a channel of the log adds,
@@ -78,8 +82,9 @@ def command(
     result = api.regularize(document, noise, measured=measured, **options,
                             warn=silent if quiet else warn,
                             progress=terminal_progress("regularize"))  # fmt: skip
-    if quiet and result.design.refused is not None:
-        warn(result.design.refused)
+    if quiet:
+        for note in result.design.notes:
+            warn(note)
     # The file last: where anything before it fails, the old one stays.
     table = result.table()
     if as_json:

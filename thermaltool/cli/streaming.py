@@ -81,6 +81,16 @@ checkpoint_options = shared.together(
 )  # fmt: skip
 
 
+# What is written beside the setpoints.
+also_options = shared.together(
+    click.option("--also", type=click.Choice(["estimates", "status", "bands"]), multiple=True,
+                 help="Add columns: heat and deflections (the power wanted and the output); what "
+                 "lines rest on: ok, settles, held, reduced, safe, extrapolates, resumed, parted; "
+                 "standard errors sigma_..., with the alarm when model and machine part."),
+    click.option("--lag", type=POSITIVE, metavar="S",
+                 help="Add columns late_...: estimates of so long ago [s], which have seen the "
+                 "readings since; 0 until there are any."),
+)  # fmt: skip
 # A heater that is set in place of offsets.
 heater_options = shared.together(
     click.option("--heater", cls=Once, metavar="CHANNEL",
@@ -114,6 +124,8 @@ def check_heater(options: Mapping[str, Any]) -> None:
         if options["target"] or options["lead"]:
             raise click.UsageError("--target and --lead go with --heater")
         return
+    if "bands" in options["also"] or options["lag"]:
+        raise click.UsageError("--lag and --also bands are for offsets: a heater has no estimate")
     if options["sign"] != "-1":
         raise click.UsageError("--sign is for offsets: it does not go with --heater")
     if options["end"] == "hold":

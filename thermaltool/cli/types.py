@@ -168,6 +168,20 @@ class SafeType(Parsed):
         return number
 
 
+class RateType(Parsed):
+    """A random-walk rate above 0, or where it comes from."""
+
+    name = "likelihood|design|RATE"
+
+    def parse(self, text: str) -> float | str:
+        if text in ("likelihood", "design"):
+            return text
+        number = float(text)
+        if not 0 < number < inf:
+            raise ValueError
+        return number
+
+
 class AmountType(Parsed):
     """A number, or one with its unit; it stays a text, for its unit depends on the setpoint.
 

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from thermaltool.errors import LogError
+from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.estimation.lookahead import Lookahead, look
 from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.model import Excursion, Model, away_from_rest, beside, excursions, extrapolated
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.units import Reference
+
+# Before the name of an estimate stands this for its standard error.
+SIGMA = "sigma_"
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,13 @@ class EstimatedRecord:
         Where true values behind the readings leave what the calibration has seen,
     extrapolated : tuple of Excursion
         and where the estimates do.
+    sigma : mapping of channel to ndarray, shape (n,)
+        Standard errors, where they were asked for.
+    sizes : KalmanEstimator or None
+        With the sizes of walk and noise that were taken, where they are not the design's.
+    parted : (int, str) or None
+        The row from which on model and machine contradict each other, and what says so; looked for
+        where standard errors were asked for.
     """
 
     time: Float
@@ -40,16 +52,24 @@ class EstimatedRecord:
     not_at_rest: Mapping[str, float]
     excursions: tuple[Excursion, ...]
     extrapolated: tuple[Excursion, ...]
+    sigma: Mapping[str, Float] = field(default_factory=dict)
+    sizes: KalmanEstimator | None = None
+    parted: tuple[int, str] | None = None
 
     def columns(self) -> dict[str, Float]:
-        """The table: ``time_s`` and the estimates."""
-        return {"time_s": self.time, **self.estimates}
+        """The table: ``time_s``, the estimates and their standard errors."""
+        errors = {SIGMA + name: values for name, values in self.sigma.items()}
+        return {"time_s": self.time, **self.estimates, **errors}
 
 
 def estimate(
-    model: Model, pipeline: EstimatorPipeline, record: Record, settled: bool = False
+    model: Model,
+    pipeline: EstimatorPipeline,
+    record: Record,
+    settled: bool = False,
+    how: Lookahead | None = None,
 ) -> EstimatedRecord:
-    """Estimates of a whole record, equal to those of the stream line by line.
+    """Estimates of a whole record, equal to those of the stream line by line unless `how` says.
 
     Parameters
     ----------
@@ -57,22 +77,27 @@ def estimate(
     pipeline : EstimatorPipeline
         Of the same model.
     record : Record
-        The columns that the pipeline reads, without NaN.
+        The columns that the pipeline reads; without NaN, but for sensors where all is smoothed.
     settled : bool
         The machine has stood at the first readings for long; else it is at rest there.
+    how : Lookahead, optional
+        Which later readings count, and whether standard errors are told.
 
     Raises
     ------
     LogError
         A column is missing, or no true value gives a reading.
+    ModelError
+        A lookahead that the design's form does not have.
     """
     true_values = pipeline.true_values({name: record.column(name) for name in pipeline.columns})
     rests = {o.channel: o.offset for o in model.outputs}
     behind, not_at_rest = dict(record.columns), {}
     # Sensors come first; of a scheduled drive the estimator takes more than its one column.
-    names = zip(pipeline.estimator.sensors, pipeline.input_columns, true_values.T, strict=False)
-    for name, column, values in names:
-        if len(none := np.flatnonzero(np.isnan(values))):
+    columns = zip(pipeline.estimator.sensors, pipeline.input_columns, true_values.T, strict=False)
+    for name, column, values in columns:
+        read = np.isfinite(record.column(column.column))
+        if len(none := np.flatnonzero(np.isnan(values) & read)):
             message = f"no truth gives this reading ({len(none)} rows)"
             raise LogError(message, record.name, record.line(int(none[0])), column.column)
         if column.sensor and column.calibrated is not None:
@@ -80,8 +105,25 @@ def estimate(
             behind[name] = values + (0.0 if rest == "first" else rest)
             if not settled and len(values) and away_from_rest(values[0], column.calibrated):
                 not_at_rest[column.column] = float(values[0])
-    columns = pipeline.run(record.time, true_values, settled).T
-    estimates = dict(zip(pipeline.estimator.estimates, columns, strict=True))
+    sigma: dict[str, Float] = {}
+    sizes, parted = None, None
+    names = pipeline.estimator.estimates
+    if how is None or how.plain:
+        found = [*pipeline.run(record.time, true_values, settled).T]
+    else:
+        taken = np.column_stack(pipeline.estimator_inputs([*true_values.T]))
+        looked = look(model, pipeline.estimator, record.time, taken, how, settled)
+        found = pipeline.given_out([*looked.estimates.T])
+        sizes = None if how.sizes == "design" else looked.estimator
+        parted = None if looked.parted is None else (looked.parted, looked.reason)
+        if looked.sigma is not None:
+            # Through the maps behind the estimator, which may bend.
+            high, low = (pipeline.given_out([*ends.T])
+                         for ends in (looked.estimates + looked.sigma,
+                                      looked.estimates - looked.sigma))  # fmt: skip
+            errors = [np.abs(a - b) / 2 for a, b in zip(high, low, strict=True)]
+            sigma = dict(zip(names, errors, strict=True))
+    estimates = dict(zip(names, found, strict=True))
     return EstimatedRecord(
         record.time,
         estimates,
@@ -89,6 +131,9 @@ def estimate(
         not_at_rest,
         excursions(model, behind),
         extrapolated(model, estimates),
+        sigma,
+        sizes,
+        parted,
     )
 
 

@@ -7,17 +7,25 @@ from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 from thermaltool.errors import FitError, ModelError
+from thermaltool.estimation.bands import design_bands
 from thermaltool.estimation.design_model import DesignModel
+from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.estimation.identifiability import identifiability_note
 from thermaltool.estimation.known_inputs import Feedforward
 from thermaltool.estimation.permanent_effects import reading_columns
 from thermaltool.estimation.plausible_change import plausible_changes
 from thermaltool.estimation.regularization import (
+    Criterion,
     DesignChoice,
     best_choice,
     design_kalman,
     design_kernel,
+    relative_heat_error,
 )
 from thermaltool.model import Model
+
+# A heat that is wrong by more than this share of its level is told.
+LARGE_HEAT_ERROR = 0.5
 
 
 @dataclass(frozen=True)
@@ -27,9 +35,11 @@ class DesignPlan:
     Attributes
     ----------
     form : "auto", "kalman" or "kernel"
-        "auto" takes the one with the narrower predicted band.
+        "auto" takes the one that fares better by the criterion.
     walk : float or None
         The one random-walk rate of the Kalman form [share of the level per √s].
+    criterion : "heat", "deflection", "both" or None
+        What counts; None for the deflection where the model has one, else the heat.
     pinned : mapping
         What the kernel form does not search: any of ``A``, ``B``, ``c``, ``cutoff_Hz``,
         ``delay_s``.
@@ -37,6 +47,7 @@ class DesignPlan:
 
     form: Literal["auto", "kalman", "kernel"] = "auto"
     walk: float | None = None
+    criterion: Criterion | None = None
     pinned: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -53,15 +64,16 @@ class EstimatorDesign:
     chosen : "kalman", "kernel" or "feedforward"
     choices : mapping of form to sequence of DesignChoice
         Empty where every drive is measured: nothing is estimated.
-    refused : str or None
-        Why the kernel form is not among the choices, where it was tried.
+    notes : tuple of str
+        Why the kernel form is not among the choices, where it was tried; what of the heat is
+        hardly known.
     """
 
     model: Model
     problem: DesignModel
     chosen: str
     choices: Mapping[str, Sequence[DesignChoice]]
-    refused: str | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def best(self) -> DesignChoice | None:
@@ -119,14 +131,15 @@ def design_estimator(
         }
         model = model.with_design(document)
         return EstimatorDesign(model, problem, "feedforward", {})
+    hardly_seen = identifiability_note(problem)
     choices: dict[str, list[DesignChoice]] = {}
     refused = None
     if plan.form != "kernel":
-        choices["kalman"] = design_kalman(problem, plan.walk, progress)
+        choices["kalman"] = design_kalman(problem, plan.walk, progress, plan.criterion)
     single = len(problem.sensors) == 1 and len(problem.drives) == 1
     if plan.form == "kernel" or (plan.form == "auto" and single):
         try:
-            choices["kernel"] = design_kernel(problem, plan.pinned, progress)
+            choices["kernel"] = design_kernel(problem, plan.pinned, progress, plan.criterion)
         except FitError as error:
             if plan.form == "kernel":
                 raise
@@ -142,4 +155,22 @@ def design_estimator(
         "settings": best.settings,
         "predicted": asdict(best.prediction),
     }
-    return EstimatorDesign(model.with_design(document), problem, chosen, choices, refused)
+    if isinstance(best.estimator, KalmanEstimator):
+        document["bands"] = design_bands(model, problem, best.estimator)
+    notes = [hardly_seen, refused, _heat_note(best, problem)]
+    return EstimatorDesign(
+        model.with_design(document), problem, chosen, choices, tuple(filter(None, notes))
+    )
+
+
+def _heat_note(best: DesignChoice, problem: DesignModel) -> str | None:
+    """Where an estimator that is good for the deflection is none for the heat."""
+    error = relative_heat_error(best.prediction, problem)
+    if error <= LARGE_HEAT_ERROR:
+        return None
+    return (
+        f"the heat is wrong by {error:.2g} of its level (root mean square): this design is for the "
+        "deflection alone; --criterion heat or both weighs the heat"
+        if problem.outputs
+        else f"the heat is wrong by {error:.2g} of its level (root mean square)"
+    )

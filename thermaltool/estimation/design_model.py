@@ -128,16 +128,16 @@ class DesignModel:
         Raises
         ------
         ModelError
-            No deflection in the model, a drive that no sensor sees, the noise of a sensor not
-            given, or an effect that no estimator can follow.
+            Neither a deflection nor a sensor in the model, a drive that no sensor sees, the noise
+            of a sensor not given or zero, or an effect that no estimator can follow.
         """
         every = [d.channel for d in model.drives]
         for name in measured:
             if name not in every:
                 raise ModelError(f"no drive {name} in the model; there are: {', '.join(every)}")
         outputs = tuple(o.channel for o in model.deflections)
-        if not outputs:
-            raise ModelError("the model has no deflection to estimate")
+        if not outputs and not model.sensors:
+            raise ModelError("the model has neither a deflection nor a sensor: nothing to estimate")
         given = tuple(every if not model.sensors else measured)
         _examine_bands(model, given)
         notes, losses = check_supported(model, given), cooling_effects(model)
@@ -149,6 +149,11 @@ class DesignModel:
                 raise ModelError(
                     f"no noise for the sensor {columns[sensor]}; there is {', '.join(noise)}"
                 )
+            if not noise[columns[sensor]].white > 0:
+                raise ModelError(
+                    f"the noise of {columns[sensor]} is zero: an estimate weighs it; measure it on "
+                    "readings that move (thermaltool noise)"
+                )
         seen = [t.drive for t in model.terms if t.output in sensors]
         drives = tuple(name for name in every if name in seen and name not in given)
         lost = [t.drive for t in model.terms if t.drive not in (*drives, *given)]
@@ -158,6 +163,8 @@ class DesignModel:
                 f"measured: --measured {lost[0]}"
             )
         paths = InputPaths(model, dt, given, sensors, outputs)
+        if not drives and not outputs:
+            raise ModelError("every drive is measured, and the model has no deflection to estimate")
         if not drives and not paths.known:
             raise ModelError("nothing acts on the deflections of the model")
 

@@ -16,9 +16,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from thermaltool.documents import finite, names
-from thermaltool.errors import FitError, ModelError
+from thermaltool.errors import ModelError
 from thermaltool.estimation.known_inputs import Feedforward, load_known_inputs
 from thermaltool.estimation.linear_estimator import LinearEstimator
+from thermaltool.estimation.state_space import StateSpace
 from thermaltool.responses.modes import Float, Hold, Modes, Recursion
 from thermaltool.responses.parallel import parallel
 
@@ -108,13 +109,18 @@ class KalmanEstimator(LinearEstimator):
 
     def _build(self, dt: float) -> Recursion:
         """x ← (I − L Cs) F x + L y, for a sample of `dt` [s]."""
-        F, Cs, Cd = self._matrices(dt)
+        space = self.state_space(dt)
         gain = self._gain(round(np.log(dt) / GAIN_GRID))  # type: ignore[attr-defined]
-        kept = np.eye(len(F)) - gain @ Cs
-        return Recursion(kept @ F, np.zeros_like(gain), gain, Cd)
+        kept = np.eye(len(space.F)) - gain @ space.H
+        return Recursion(kept @ space.F, np.zeros_like(gain), gain, space.C)
 
-    def _matrices(self, dt: float) -> tuple[Float, Float, Float]:
-        """State: modes of every term, then the drives, then the sensors' drifts."""
+    def state_space(self, dt: float) -> StateSpace:
+        """Modes of every term, then the drives as random walks, then the sensors' drifts.
+
+        Parameters
+        ----------
+        dt : float [s]
+        """
         sensors, drives = len(self.sensors), len(self.drives)
         behind = [(sensors + to, drive, modes) for to, drive, modes in self.followed]
         holds: list[Hold] = ["zero"] * drives
@@ -122,15 +128,52 @@ class KalmanEstimator(LinearEstimator):
         heat = len(terms.F)
         drift = heat + drives
         n = drift + sensors
-        F, Cs, Cd = np.zeros((n, n)), np.zeros((sensors, n)), np.zeros((len(self.estimates), n))
+        F, H, C = np.zeros((n, n)), np.zeros((sensors, n)), np.zeros((len(self.estimates), n))
         F[:heat, :heat], F[:heat, heat:drift] = terms.F, terms.G0
-        Cs[:, :heat], Cd[drives:, :heat] = terms.C[:sensors], terms.C[sensors:]
-        for k in range(drives):
-            F[heat + k, heat + k] = Cd[k, heat + k] = 1.0
+        H[:, :heat], C[drives:, :heat] = terms.C[:sensors], terms.C[sensors:]
+        process = np.zeros(n)
+        for k, walk in enumerate(self.walk):
+            F[heat + k, heat + k] = C[k, heat + k] = 1.0
+            process[heat + k] = walk**2 * dt
         for k, noise in enumerate(self.noise):
             F[drift + k, drift + k] = np.exp(-dt / noise.drift_time)
-            Cs[k, drift + k] = 1.0
-        return F, Cs, Cd
+            H[k, drift + k] = 1.0
+            process[drift + k] = noise.drift**2 * -np.expm1(-2 * dt / noise.drift_time)
+        white = np.diag([noise.white**2 for noise in self.noise])
+        return StateSpace(F, H, C, np.diag(process), white)
+
+    def steady(self, dt: float) -> tuple[Float, Float]:
+        """Steady covariance of the prediction, shape (n, n), and gain of the filter.
+
+        Parameters
+        ----------
+        dt : float [s]
+        """
+        space = self.state_space(dt)
+        P = space.predicted()
+        return P, space.filter_gain(P)
+
+    def start_covariance(self, dt: float, level: Sequence[float], settled: bool) -> Float:
+        """Covariance of the state at a first reading, of which nothing is known but the start.
+
+        Parameters
+        ----------
+        dt : float [s]
+        level : sequence of float, one for each drive
+            Standard deviation of its heat there.
+        settled : bool
+            The machine has stood at that heat for long; else it is at rest.
+        """
+        F, modal, drives = self.state_space(dt).F, self.modal, len(self.drives)
+        heated = np.zeros((len(F), drives))
+        heated[modal : modal + drives] = np.diag(level)
+        if settled:
+            still = np.eye(modal) - F[:modal, :modal]
+            heated[:modal] = np.linalg.solve(still, F[:modal] @ heated)
+        P = heated @ heated.T
+        drift = np.arange(modal + drives, len(F))
+        P[drift, drift] = [noise.drift**2 for noise in self.noise]
+        return P
 
     @property
     def modal(self) -> int:
@@ -150,7 +193,8 @@ class KalmanEstimator(LinearEstimator):
             Part of ``recursion(dt).F``.
         rows : dict of channel to ndarray, shape (modal,)
         """
-        F, Cs, Cd = self._matrices(dt)
+        space = self.state_space(dt)
+        F, Cs, Cd = space.F, space.H, space.C
         modal, drives = self.modal, len(self.drives)
         # The gain sees what is added, and corrects it.
         added = np.zeros((len(F), drives))
@@ -160,16 +204,7 @@ class KalmanEstimator(LinearEstimator):
         return added - self.recursion(dt).G1 @ Cs @ added, rows
 
     def _solve_gain(self, index: int) -> Float:
-        dt = float(np.exp(index * GAIN_GRID))
-        F, Cs, _ = self._matrices(dt)
-        heat = len(F) - len(self.sensors) - len(self.drives)
-        process = np.zeros(len(F))
-        process[heat : heat + len(self.drives)] = np.square(self.walk) * dt
-        drift = [n.drift**2 * -np.expm1(-2 * dt / n.drift_time) for n in self.noise]
-        process[heat + len(self.drives) :] = drift
-        white = np.diag([n.white**2 for n in self.noise])
-        P = predicted_covariance(F, Cs, np.diag(process), white)
-        return np.asarray(np.linalg.solve(Cs @ P @ Cs.T + white, Cs @ P).T)
+        return self.steady(float(np.exp(index * GAIN_GRID)))[1]
 
     def document(self) -> dict[str, Any]:
         """As JSON."""
@@ -186,44 +221,6 @@ class KalmanEstimator(LinearEstimator):
                 for n in self.noise
             ],
         }
-
-
-def predicted_covariance(F: Float, H: Float, Q: Float, R: Float) -> Float:
-    """Steady covariance of the one-step prediction: the filter Riccati equation by doubling.
-
-    Parameters
-    ----------
-    F : ndarray, shape (n, n)
-    H : ndarray, shape (p, n)
-    Q : ndarray, shape (n, n)
-    R : ndarray, shape (p, p)
-
-    Returns
-    -------
-    P : ndarray, shape (n, n)
-        P = F P Fᵀ − F P Hᵀ (H P Hᵀ + R)⁻¹ H P Fᵀ + Q.
-
-    Raises
-    ------
-    FitError
-        Where it does not converge: a state that no sensor sees and that does not decay.
-    """
-    A, G, P = F.T.copy(), H.T @ np.linalg.solve(R, H), Q.copy()
-    eye = np.eye(len(F))
-    for _ in range(64):
-        W = np.linalg.solve(eye + G @ P, np.hstack([A, G]))
-        WA, WG = W[:, : len(F)], W[:, len(F) :]
-        with np.errstate(over="ignore", invalid="ignore"):
-            step = A.T @ P @ WA
-            G = G + A @ WG @ A.T
-            A = A @ WA
-            P = P + step
-        P = (P + P.T) / 2
-        if not np.all(np.isfinite(P)):
-            break
-        if np.max(np.abs(step)) <= 1e-13 * np.max(np.abs(P)):
-            return P
-    raise FitError("the estimator's Riccati equation has no steady solution")
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from thermaltool.estimation.linear_estimator import LinearEstimator
 from thermaltool.responses.delay import load_modes
 from thermaltool.responses.modes import Float, Hold, Modes, Recursion
 from thermaltool.responses.parallel import InputPath, parallel
+from thermaltool.responses.sample_clock import uniform_spans
 
 if TYPE_CHECKING:
     from thermaltool.estimation.estimator import Estimator
@@ -119,6 +120,25 @@ class KnownInputEstimator(LinearEstimator):
             np.block([[inner.G1, -passed @ paths.G1], [below, paths.G1]]),
             np.hstack([inner.C, D]),
         )
+
+    def contributions(self, time: Float, known: Float) -> tuple[Float, Float]:
+        """What known inputs add to the sensors, and to the estimates, of a whole record.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,) [s], increasing
+        known : ndarray, shape (n, n_known)
+
+        Returns
+        -------
+        to_sensors : ndarray, shape (n, n_sensors)
+        to_estimates : ndarray, shape (n, n_estimates)
+        """
+        sensors = len(self.inner.sensors)
+        out, x = np.zeros((len(time), sensors + len(self.estimates))), None
+        for rows, dt in uniform_spans(time):
+            out[rows], x = self._paths(dt)[0].run(known[rows], x)
+        return out[:, :sensors], out[:, sensors:]
 
     def _paths(self, dt: float) -> tuple[Recursion, Float, Float]:
         """Recursion of all paths side by side, and what sensors and estimates see of it."""

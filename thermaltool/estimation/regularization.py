@@ -1,14 +1,16 @@
 """Design of the estimator from the model and the measured noise.
 
-Both forms are judged alike, by what they do to the deflection: the error that a step of heat
-leaves while the estimate catches up (lag), and the error that the sensors' noise leaves for good.
-The design minimizes the width of the band that holds both.
+Both forms are judged alike, by what they do to the deflection or to the heat: the error that a
+step of heat leaves while the estimate catches up (lag), and the error that the sensors' noise
+leaves for good. Of the deflection the design minimizes the width of the band that holds both; a
+heat that steps is wrong by the whole step at first, so that its mean squared error counts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import minimize
@@ -19,6 +21,9 @@ from thermaltool.estimation.design_model import DesignModel
 from thermaltool.estimation.estimator import Estimator
 from thermaltool.estimation.kernel import Regularization
 from thermaltool.responses.modes import Float
+
+# What a design is for; None for the deflection where the model has one, else the heat.
+Criterion = Literal["heat", "deflection", "both"]
 
 # Half-width of the noise band [standard deviations]: 99.7 % of a normal error.
 NOISE_BAND = 3.0
@@ -49,6 +54,8 @@ class Prediction:
     noise_sigma : tuple of float
         Standard deviation of the deflection error in steady state.
     heat_sigma : tuple of float, one for each drive
+    heat_rmse : tuple of float, one for each drive
+        Root of the mean squared error after a step of the reference level, noise included.
     lag : float [s]
         Until the heat estimate passes half of a step.
     settling : float [s]
@@ -59,6 +66,7 @@ class Prediction:
     lag_error: tuple[float, ...]
     noise_sigma: tuple[float, ...]
     heat_sigma: tuple[float, ...]
+    heat_rmse: tuple[float, ...]
     lag: float
     settling: float
 
@@ -88,12 +96,14 @@ def predict(estimator: Estimator, problem: DesignModel) -> Prediction:
     sigma = np.sqrt(variance)
     high = NOISE_BAND * sigma[heats:]
     low, lag, settling = -high, 0.0, 0.0
-    worst = np.zeros(len(problem.outputs))
+    worst, squared = np.zeros(len(problem.outputs)), np.zeros(heats)
     for drive, (readings, truth) in enumerate(problem.trials):
         estimates = recursion.run(readings)[0]
         bias = estimates[:, heats:] - truth
         high, low = np.maximum(high, bias.max(axis=0)), np.minimum(low, bias.min(axis=0))
         worst = np.maximum(worst, np.abs(bias).max(axis=0))
+        missed = estimates[:, :heats] - problem.level[drive] * (np.arange(heats) == drive)
+        squared = np.maximum(squared, np.mean(missed[1:] ** 2, axis=0))
         below = estimates[:, drive] / problem.level[drive] < 0.5
         lag = max(lag, float(np.argmin(below)) * dt)
         outside = np.flatnonzero(np.any(np.abs(bias) > NOISE_BAND * sigma[heats:], axis=1))
@@ -103,6 +113,7 @@ def predict(estimator: Estimator, problem: DesignModel) -> Prediction:
         lag_error=tuple(worst.tolist()),
         noise_sigma=tuple(sigma[heats:].tolist()),
         heat_sigma=tuple(sigma[:heats].tolist()),
+        heat_rmse=tuple(np.sqrt(variance[:heats] + squared).tolist()),
         lag=lag,
         settling=settling,
     )
@@ -119,7 +130,47 @@ def relative_band(prediction: Prediction, problem: DesignModel) -> float:
     size = np.zeros(len(problem.outputs))
     for output, drive, modes in problem.followed:
         size[output] += abs(problem.level[drive] * modes.dc_gain())
-    return float(np.max(np.array(prediction.band) / np.maximum(size, 1e-300)))
+    return float(np.max(np.array(prediction.band) / np.maximum(size, 1e-300), initial=0.0))
+
+
+def relative_heat_error(prediction: Prediction, problem: DesignModel) -> float:
+    """Error of the heat as a share of the reference step, the drive that fares worst.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    problem : DesignModel
+    """
+    levels = np.maximum(np.abs(problem.level), 1e-300)
+    return float(np.max(np.array(prediction.heat_rmse) / levels))
+
+
+def objective_of(
+    prediction: Prediction, problem: DesignModel, criterion: Criterion | None
+) -> float:
+    """What a design minimizes: the relative band of the deflection, the relative error of the heat.
+
+    With "both" the larger one counts.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    problem : DesignModel
+    criterion : "heat", "deflection", "both" or None
+        None for the deflection where there is one, else the heat.
+
+    Raises
+    ------
+    FitError
+        The deflection of a model without one.
+    """
+    if criterion in ("deflection", "both") and not problem.outputs:
+        raise FitError(f"--criterion {criterion}: the model has no deflection; give heat")
+    deflection = relative_band(prediction, problem)
+    if criterion == "deflection" or (criterion is None and problem.outputs):
+        return deflection
+    heat = relative_heat_error(prediction, problem)
+    return max(heat, deflection) if criterion == "both" else heat
 
 
 @dataclass(frozen=True)
@@ -136,6 +187,7 @@ def design_kalman(
     problem: DesignModel,
     walk: float | None = None,
     progress: Callable[[str], None] = lambda message: None,
+    criterion: Criterion | None = None,
 ) -> list[DesignChoice]:
     """Kalman designs over random-walk rates; the chosen one has the smallest objective.
 
@@ -146,6 +198,8 @@ def design_kalman(
     ----------
     walk : float, optional
         The one rate to use [share of the level per √s].
+    criterion : "heat", "deflection", "both" or None
+        As for `objective_of`.
     """
 
     def at(share: float) -> DesignChoice:
@@ -153,7 +207,10 @@ def design_kalman(
         estimator = problem.kalman([share * abs(level) for level in problem.level])
         prediction = predict(estimator, problem)
         return DesignChoice(
-            {"walk_per_sqrt_s": share}, estimator, prediction, relative_band(prediction, problem)
+            {"walk_per_sqrt_s": share},
+            estimator,
+            prediction,
+            objective_of(prediction, problem, criterion),
         )
 
     if walk is not None:
@@ -170,6 +227,7 @@ def design_kernel(
     problem: DesignModel,
     pinned: Mapping[str, float] | None = None,
     progress: Callable[[str], None] = lambda message: None,
+    criterion: Criterion | None = None,
 ) -> list[DesignChoice]:
     """Kernel designs over the artificial delay; the chosen one has the smallest objective.
 
@@ -181,6 +239,8 @@ def design_kernel(
     ----------
     pinned : mapping, optional
         Any of ``A``, ``B``, ``c``, ``cutoff_Hz``, ``delay_s`` that are not to be searched.
+    criterion : "heat", "deflection", "both" or None
+        As for `objective_of`.
 
     Raises
     ------
@@ -216,7 +276,9 @@ def design_kernel(
         regularization = Regularization(values["A"], values["B"], values["c"])
         estimator = problem.kernel(regularization, values["cutoff_Hz"], values["delay_s"])
         prediction = predict(estimator, problem)
-        return DesignChoice(values, estimator, prediction, relative_band(prediction, problem))
+        return DesignChoice(
+            values, estimator, prediction, objective_of(prediction, problem, criterion)
+        )
 
     def objective(theta: Float) -> float:
         try:
@@ -248,7 +310,7 @@ def design_kernel(
 
 
 def best_choice(choices: Sequence[DesignChoice]) -> DesignChoice:
-    """The one with the narrowest relative band.
+    """The one with the smallest objective.
 
     Parameters
     ----------

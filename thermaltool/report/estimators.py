@@ -16,6 +16,7 @@ SETTINGS = {"kalman": "walk_per_sqrt_s", "kernel": "delay_s"}
 def design_table(design: EstimatorDesign) -> str:
     """Every choice with its lag, and with band and noise of each deflection."""
     heading = ["form", "setting", "lag s", "settles s"]
+    heading += [f"{name}: rmse" for name in design.problem.drives]
     for name in design.problem.outputs:
         heading += [f"{name}: band", "lag error", "noise σ"]
     rows = [heading]
@@ -25,6 +26,7 @@ def design_table(design: EstimatorDesign) -> str:
             predicted, setting = choice.prediction, SETTINGS[form]
             row = [form, f"{setting} {choice.settings[setting]:.3g}{mark}"]
             row += [f"{predicted.lag:.1f}", f"{predicted.settling:.0f}"]
+            row += [f"{error:.3g}" for error in predicted.heat_rmse]
             for k in range(len(design.problem.outputs)):
                 row += [f"{predicted.band[k]:.2f}", f"{predicted.lag_error[k]:.2f}"]
                 row.append(f"{predicted.noise_sigma[k]:.3f}")

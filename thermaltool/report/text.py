@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from thermaltool.units import parse_channel, symbol
+
 if TYPE_CHECKING:
+    from thermaltool.estimation.estimator import KalmanEstimator
     from thermaltool.logs import Log
     from thermaltool.model import Excursion, Zero
 
@@ -71,6 +74,20 @@ def fault_message(log: Log, channels: Container[str] | None = None) -> str | Non
         for channel, reasons in counts.items()
     ]
     return f"{log.name}: faults of sensors left out: {', '.join(told)}; --faults keep takes them"
+
+
+def sizes_message(found: KalmanEstimator) -> str:
+    """What the readings of a log tell of the heat's changes and of the sensors' noise."""
+    walks = [
+        f"{name} wanders by {walk:.3g} {symbol(parse_channel(name).unit)}/√s"
+        for name, walk in zip(found.drives, found.walk, strict=True)
+    ]
+    noises = []
+    for name, noise in zip(found.sensors, found.noise, strict=True):
+        unit = symbol(parse_channel(name).unit)
+        drift = f", drift {noise.drift:.3g} {unit} within {noise.drift_time:.3g} s"
+        noises.append(f"{name} has noise of {noise.white:.3g} {unit}{drift if noise.drift else ''}")
+    return f"as this log tells it, {'; '.join([*walks, *noises])}"
 
 
 def pause_messages(log: Log, meaning: str) -> Iterator[str]:

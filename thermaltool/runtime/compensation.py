@@ -11,6 +11,7 @@ from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.documents import content_digest, finite
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
+from thermaltool.estimation.forms import linear_kalman
 from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
 from thermaltool.estimation.plausible_change import plausible_changes, reach_of, white_noise_of
 from thermaltool.estimation.settling_time import REMAINDER
@@ -20,6 +21,7 @@ from thermaltool.runtime.clock_check import LONGEST_PAUSE, ClockCheck
 from thermaltool.runtime.compensator import SetpointProcess
 from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers
 from thermaltool.runtime.messages import Messages, Report
+from thermaltool.runtime.monitor import Monitor
 from thermaltool.runtime.policy import Policy
 from thermaltool.runtime.sensing.frozen import FrozenCheck
 from thermaltool.runtime.sensing.leave_one_out import LeaveOneOut
@@ -129,7 +131,24 @@ def offsets(
         reduced=[_seen(ranges[estimator.estimates[k]], sign) for k in followed]
         if watch or stands_in
         else (),
+        monitor=_monitor(pipeline, settings, messages, design, period),
     )
+
+
+def _monitor(
+    pipeline: EstimatorPipeline,
+    settings: Settings,
+    report: Report,
+    design: Mapping[str, Any],
+    period: float,
+) -> Monitor | None:
+    if not settings.bands and settings.lag is None:
+        return None
+    estimator = linear_kalman(pipeline.estimator)
+    if estimator is not pipeline.estimator or any(pipeline.estimate_maps):
+        what = "known columns" if estimator is not pipeline.estimator else "a curve"
+        raise ModelError(f"beside {what} a stream has neither standard errors nor late estimates")
+    return Monitor(estimator, design, period, report, bands=settings.bands, lag=settings.lag)
 
 
 def _offset(settings: Settings, deflection: str, seen: tuple[float, float]) -> Setpoint:

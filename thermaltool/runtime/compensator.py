@@ -11,6 +11,7 @@ from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.messages import Report
+from thermaltool.runtime.monitor import Monitor
 from thermaltool.runtime.policy import Policy
 from thermaltool.runtime.process import STATUS, Process, Reply
 from thermaltool.runtime.rows.row import Row
@@ -19,6 +20,8 @@ from thermaltool.runtime.sensing.vote import Vote
 from thermaltool.runtime.stepper import Steps
 from thermaltool.runtime.unknown_state import UnknownState
 
+# What such a row is followed by does not test the model.
+UNTESTED = ("safe", "held", "reduced", "settles")
 Pass = Callable[[list[float]], list[float]]
 
 
@@ -46,7 +49,7 @@ class SetpointProcess(Process):
         Whether the status is written too.
     patience, clock_advice, digest, summary
         As for `Process`.
-    vote : Vote or None
+    vote, monitor : Vote, Monitor or None
         Of the sensors, where the stepper predicts each from the others.
     reduced : sequence of Limits
         For each set point while a sensor is left out.
@@ -82,11 +85,13 @@ class SetpointProcess(Process):
         outputs: Pass | None = None,
         vote: Vote | None = None,
         reduced: Sequence[Limits] = (),
+        monitor: Monitor | None = None,
     ) -> None:
         self.stepper, self.sensors, self.setpoints = stepper, sensors, setpoints
         self.policy, self.clock, self.report = policy, clock, report
         self.columns = tuple(sensor.channel for sensor in sensors)
-        self.names = (*names, *estimates, *[STATUS] * with_status)
+        self._monitor, more = monitor, monitor.names if monitor else ()
+        self.names = (*names, *estimates, *more, *[STATUS] * with_status)
         self._estimates_too, self._status_too = bool(estimates), with_status
         self.period, self.patience = policy.period, patience
         self.clock_advice, self.digest, self._summary = clock_advice, digest, summary
@@ -101,7 +106,7 @@ class SetpointProcess(Process):
         self._moved_at = -math.inf
         self.begins = self._begins()
         self.status = "safe"
-        # Age [s] of a state that was resumed, until a row shows that it belongs to it.
+        # Age [s] of a resumed state, until a row shows that it belongs to it.
         self._age: float | None = None
         self._doubted = math.inf
         clock.on_set = self._shift
@@ -199,6 +204,8 @@ class SetpointProcess(Process):
             return "held"
         if self._unsure.lasts:
             return "settles"
+        if self._monitor and self._monitor.alarm:
+            return "parted"
         if self.accepted == 1 and self.status == "resumed":
             return "resumed"
         return "extrapolates" if any(s.extrapolates for s in self.sensors) else "ok"
@@ -247,6 +254,8 @@ class SetpointProcess(Process):
         inputs = self._inputs(readings) if self._inputs else readings
         if self._started:
             estimates = self.stepper.step(ticks, inputs)
+            if self._monitor is not None:
+                self._monitor.step(ticks, inputs, self.status not in UNTESTED)
             self.estimates = self._outputs(estimates) if self._outputs else estimates
             if math.isfinite(sum(self.estimates)):
                 return
@@ -258,6 +267,8 @@ class SetpointProcess(Process):
             return
         settled = self.policy.settled
         estimates = self.stepper.start(inputs, settled)
+        if self._monitor:
+            self._monitor.start(inputs, settled)
         self.estimates = self._outputs(estimates) if self._outputs else estimates
         for sensor, reading in zip(self.sensors, readings, strict=True):
             if settled or not sensor.at_rest or not away_from_rest(reading, sensor.calibrated):
@@ -292,6 +303,8 @@ class SetpointProcess(Process):
         written = [setpoint.value + 0.0 for setpoint in self.setpoints]
         if self._estimates_too:
             written += [estimate + 0.0 for estimate in self.estimates]
+        if self._monitor is not None:
+            written += self._monitor.values(self.estimates)
         return [*written, self.status] if self._status_too else written
 
     def silence(self, elapsed: float) -> Reply:
@@ -353,6 +366,7 @@ class SetpointProcess(Process):
             "setpoints": [[s.value, s.ramp] for s in self.setpoints],
             "vote": None if self._vote is None else self._vote.state(),
             "unknown": self._unsure.unknown,
+            "monitor": None if self._monitor is None else self._monitor.state(),
         }
 
     def resume(self, state: dict[str, Any], age: float = 0.0) -> None:
@@ -370,8 +384,9 @@ class SetpointProcess(Process):
             `state` is not one of this compensator.
         """
         self.stepper.resume(state["estimator"])
-        if self._vote is not None and state.get("vote"):
-            self._vote.resume(state["vote"])
+        for part, name in ((self._vote, "vote"), (self._monitor, "monitor")):
+            if part is not None and state.get(name):
+                part.resume(state[name])
         self.estimates = [float(value) for value in state["estimates"]]
         self._started = bool(state["started"])
         self._unsure.unknown = min(max(float(state.get("unknown", 0.0)), 0.0), 1.0)

@@ -69,7 +69,11 @@ class Settings:
         Whether more is written than the setpoints: what they were made of.
     status : bool
         Whether each line says what it rests on: ok, settles, held, reduced, safe, extrapolates,
-        resumed.
+        resumed, parted.
+    bands : bool
+        Whether standard errors of the estimates are written, and model and machine compared.
+    lag : float or None [s]
+        Whether estimates with so much look-ahead are written, too.
     trust : bool
         Whether every reading in range is taken: no test of its rate, its noise, or against others.
     at : mapping of set point to float, float, or None
@@ -101,6 +105,8 @@ class Settings:
     end: Literal["safe", "ramp", "hold"] = "safe"
     estimates: bool = False
     status: bool = False
+    bands: bool = False
+    lag: float | None = None
     trust: bool = False
     at: Mapping[str, float] | float | None = None
     checkpoint: str | None = None

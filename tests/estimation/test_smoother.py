@@ -1,0 +1,177 @@
+"""Smoothers against the joint normal distribution of all states, written out for a short record."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from thermaltool.errors import LogError, ModelError
+from thermaltool.estimation import smoother
+from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
+from thermaltool.estimation.fixed_lag import FixedLag, fixed_lag
+from thermaltool.estimation.likelihood import fit_sizes
+from thermaltool.estimation.smoother import smooth
+from thermaltool.responses.modes import Modes
+from thermaltool.responses.sample_clock import CLOCK_STEP
+
+LEVEL = (2.0, 1.5)
+
+
+def lag(time_constant, gain=1.0):
+    rate = 1 / np.atleast_1d(time_constant)
+    return Modes(-rate.astype(complex), (gain * rate / len(rate)).astype(complex))
+
+
+def estimator(drives=2, walk=0.3):
+    names = ("Q_a_W", "Q_b_W")[:drives]
+    sensed = [(0, 0, lag([20.0, 90.0], 3.0)), (1, 0, lag(60.0))]
+    if drives == 2:
+        sensed += [(0, 1, lag(70.0, 0.5)), (1, 1, lag(15.0, 2.0))]
+    return KalmanEstimator(
+        ("dT_a_K", "dT_b_K"),
+        names,
+        ("d_x_um",),
+        tuple(sensed),
+        ((0, 0, lag(200.0, 10.0)),),
+        (walk,) * drives,
+        (SensorNoise(0.05, 0.1, 300.0), SensorNoise(0.08)),
+    )
+
+
+def clock(rows, even):
+    steps = np.full(rows, 4.0)
+    if not even:
+        steps[5:9], steps[14] = 1.5, 60.0
+    return np.cumsum(steps)
+
+
+def dense(kalman, time, readings, settled):
+    """Mean and variance of all estimates given all readings, and the readings' density."""
+    n, dt = len(time), np.diff(time)
+    level = LEVEL[: len(kalman.drives)]
+    start = kalman.start_covariance(float(dt[0]), level, settled)
+    states = len(start)
+    joint = np.zeros((n * states, n * states))
+    joint[:states, :states] = start
+    spaces = [kalman.state_space(float(each)) for each in dt]
+    for k, space in enumerate(spaces):
+        now, then = k * states, (k + 1) * states
+        joint[then : then + states, :then] = space.F @ joint[now:then, :then]
+        joint[:then, then : then + states] = joint[then : then + states, :then].T
+        corner = space.F @ joint[now:then, now:then] @ space.F.T + space.Q
+        joint[then : then + states, then : then + states] = corner
+    H = np.kron(np.eye(n), spaces[0].H)
+    C = np.kron(np.eye(n), spaces[0].C)
+    there = np.isfinite(readings).ravel()
+    H, y = H[there], readings.ravel()[there]
+    noise = np.kron(np.eye(n), spaces[0].R)[np.ix_(there, there)]
+    S = H @ joint @ H.T + noise
+    gain = np.linalg.solve(S, H @ joint).T
+    mean, variance = C @ gain @ y, np.diag(C @ (joint - gain @ H @ joint) @ C.T)
+    shape = n, len(kalman.estimates)
+    return mean.reshape(shape), variance.reshape(shape), multivariate_normal(cov=S).logpdf(y)
+
+
+@pytest.mark.parametrize("settled", [False, True], ids=["rest", "settled"])
+@pytest.mark.parametrize("even", [True, False], ids=["even", "uneven"])
+def test_it_is_the_conditional_mean_with_its_variance(monkeypatch, settled, even):
+    monkeypatch.setattr(smoother, "HELD_CHANGE", 0.0)
+    generator = np.random.default_rng(20)
+    time = clock(25, even)
+    readings = np.cumsum(generator.normal(size=(25, 2)), axis=0)
+    readings[8:12, 0] = np.nan
+    readings[17] = np.nan
+    mean, variance, density = dense(estimator(), time, readings, settled)
+    found = smooth(estimator(), time, readings, LEVEL, settled)
+    np.testing.assert_allclose(found.estimates, mean, atol=1e-8 * np.max(np.abs(mean)))
+    np.testing.assert_allclose(found.sigma**2, variance, atol=1e-8 * np.max(variance))
+    assert found.log_likelihood == pytest.approx(density, rel=1e-9)
+
+
+def simulated(kalman, rows, generator, dt=4.0):
+    """Readings and estimates of the very state space that the estimator has."""
+    space = kalman.state_space(dt)
+    process = np.sqrt(np.diag(space.Q))
+    x, readings, truth = np.zeros(len(process)), [], []
+    white = np.sqrt(np.diag(space.R))
+    for _ in range(rows):
+        readings.append(space.H @ x + white * generator.normal(size=len(white)))
+        truth.append(space.C @ x)
+        x = space.F @ x + process * generator.normal(size=len(x))
+    return dt * np.arange(rows), np.array(readings), np.array(truth)
+
+
+def test_a_gain_that_is_held_costs_nothing_that_counts(monkeypatch):
+    generator = np.random.default_rng(21)
+    time, readings, _ = simulated(estimator(), 3000, generator)
+    quick = smooth(estimator(), time, readings, LEVEL)
+    monkeypatch.setattr(smoother, "HELD_CHANGE", 0.0)
+    exact = smooth(estimator(), time, readings, LEVEL)
+    error = np.abs(quick.estimates - exact.estimates)
+    assert np.max(error[1:] / exact.sigma[1:]) < 0.01
+    np.testing.assert_allclose(quick.sigma[1:], exact.sigma[1:], rtol=0.03)
+
+
+def test_its_bands_hold_and_its_innovations_are_white():
+    generator = np.random.default_rng(22)
+    inside, squares = [], []
+    for _ in range(12):
+        time, readings, truth = simulated(estimator(), 500, generator)
+        found = smooth(estimator(), time, readings, (0.0, 0.0))
+        inside.append(np.abs(found.estimates - truth)[1:] < 1.96 * found.sigma[1:])
+        squares.append(np.mean(found.innovations**2))
+    assert np.all(np.abs(np.mean(inside, axis=(0, 1)) - 0.95) < 0.02)
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("even", [True, False], ids=["even", "uneven"])
+def test_a_fixed_lag_in_batch_is_that_of_the_stream_over_a_restart(even):
+    generator = np.random.default_rng(23)
+    time = clock(60, even)
+    readings = np.cumsum(generator.normal(size=(60, 2)), axis=0)
+    batch = fixed_lag(estimator(), time, readings, 30.0)
+    stream = FixedLag(estimator(), 30.0, 4.0)
+    stream.start(readings[0])
+    ticks = np.round(np.diff(time) / CLOCK_STEP).astype(int)
+    for k, length in enumerate(ticks.tolist(), start=1):
+        stream.step(length, readings[k])
+        late = np.flatnonzero(time <= time[k] - 30.0 + 1e-9)
+        latest = stream.latest_due()
+        if latest is not None:
+            np.testing.assert_array_equal(latest, batch[late[-1]])
+        if k == 33:
+            kept = json.loads(json.dumps(stream.state()))
+            stream = FixedLag(estimator(), 30.0, 4.0)
+            stream.resume(kept)
+
+
+def test_a_long_lag_is_the_whole_record():
+    generator = np.random.default_rng(24)
+    time, readings, _ = simulated(estimator(), 1500, generator)
+    whole = smooth(estimator(), time, readings, LEVEL)
+    long = fixed_lag(estimator(), time, readings, 2000.0)
+    middle = slice(700, 900)
+    assert np.max(np.abs(long - whole.estimates)[middle] / whole.sigma[middle]) < 0.01
+
+
+def test_the_likelihood_finds_the_sizes_that_made_the_record():
+    generator = np.random.default_rng(25)
+    true = estimator(walk=0.3)
+    time, readings, _ = simulated(true, 4000, generator)
+    found = fit_sizes(estimator(walk=0.01), time, readings).estimator
+    np.testing.assert_allclose(found.walk, true.walk, rtol=0.2)
+    assert found.noise[0].white == pytest.approx(0.05, rel=0.1)
+    pinned = fit_sizes(estimator(walk=0.3), time, readings, pinned=True).estimator
+    assert pinned.walk == true.walk
+    assert pinned.noise[0].white == pytest.approx(0.05, rel=0.1)
+
+
+def test_what_cannot_be_smoothed_says_so():
+    with pytest.raises(LogError, match="too few to tell how fast"):
+        fit_sizes(estimator(), np.arange(5.0), np.full((5, 2), np.nan))
+    for seconds in (0.0, -1.0, 1e9, np.nan):
+        with pytest.raises(ModelError, match="a lag of"):
+            FixedLag(estimator(), seconds, 1.0)

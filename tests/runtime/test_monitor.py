@@ -1,0 +1,117 @@
+"""What a stream tells beside its estimates: late ones, standard errors, the alarm; restarts."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from machines.wall import Wall
+
+from thermaltool.errors import ModelError
+from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
+from thermaltool.estimation.fixed_lag import fixed_lag
+from thermaltool.estimation.innovation_test import InnovationTest, first_alarm
+from thermaltool.responses.modes import Modes
+from thermaltool.responses.sample_clock import CLOCK_STEP
+from thermaltool.runtime.monitor import Monitor
+
+DT = 2.0
+TICKS = round(DT / CLOCK_STEP)
+PLACES = (5, 39)
+
+
+def wall_estimator(sensors=2):
+    """A filter that knows the wall's modes: its front and its back give the flux."""
+    A, b, _ = Wall().matrices()
+    rates, vectors = np.linalg.eigh(A)
+    weights = vectors * (vectors.T @ b)
+    return KalmanEstimator(
+        ("T_in_degC", "T_back_degC")[-sensors:],
+        ("Q_front_W",),
+        (),
+        tuple(
+            (k, 0, Modes(rates.astype(complex), weights[place].astype(complex)))
+            for k, place in enumerate(PLACES[-sensors:])
+        ),
+        (),
+        (300.0,),
+        (SensorNoise(0.05, 0.02, 600.0),) * sensors,
+    )
+
+
+DESIGN = {"bands": {"sigma": [100.0], "relative": [0.02], "model_error": [0.02, 0.02]}}
+
+
+def readings(wall, rows, generator):
+    """Of a duty of the wall, with the noise that the filter knows."""
+    flux = 2e4 * np.repeat(generator.uniform(0, 1, rows // 100 + 1), 100)[:rows]
+    F, g, _ = wall.recursion(DT)
+    x, out = np.zeros(wall.cells), np.empty((rows, 2))
+    for k, q in enumerate(flux):
+        out[k] = x[list(PLACES)]
+        x = F @ x + g * q
+    out += 0.05 * generator.normal(size=out.shape)
+    return out
+
+
+def test_late_estimates_go_on_after_a_restart_and_are_those_of_the_batch():
+    generator, said = np.random.default_rng(40), []
+    y = readings(Wall(), 200, generator)
+    estimator = wall_estimator()
+    batch = fixed_lag(estimator, DT * np.arange(200), y, 30.0)[:, 0]
+
+    def fresh():
+        return Monitor(estimator, DESIGN, DT, lambda *each: said.append(each), bands=True, lag=30.0)
+
+    monitor = fresh()
+    assert monitor.names == ("sigma_Q_front_W", "late_Q_front_W")
+    monitor.start(y[0], False)
+    for k in range(1, 200):
+        monitor.step(TICKS, y[k], True)
+        sigma, late = monitor.values([5000.0])
+        assert sigma == pytest.approx(np.hypot(100.0, 100.0))
+        assert late == (batch[k - 15] if k >= 15 else 0.0)
+        if k == 90:
+            kept = json.loads(json.dumps(monitor.state()))
+            monitor = fresh()
+            monitor.resume(kept)
+    assert said == []
+
+
+def test_a_loss_that_grows_is_an_alarm_and_a_step_of_heat_is_none():
+    generator = np.random.default_rng(41)
+    rows, alarms = 5000, {}
+    for name, film in (("as calibrated", 65.0), ("half as much again", 97.5)):
+        found = []
+        for _ in range(3):
+            y = readings(Wall(film=film), rows, generator)
+            test = InnovationTest(wall_estimator(), DT, [0.02, 0.02])
+            found.append(first_alarm(test, DT * np.arange(rows), y, settled=False))
+        alarms[name] = found
+    assert alarms["as calibrated"] == [None] * 3
+    assert all(row is not None for row in alarms["half as much again"])
+
+
+def test_with_one_sensor_for_one_drive_nothing_contradicts():
+    said = []
+    Monitor(wall_estimator(1), {"bands": {**DESIGN["bands"], "model_error": [0.0]}}, DT,
+            lambda *each: said.append(each), bands=True, lag=None)  # fmt: skip
+    assert "no alarm" in said[0][1]
+    test = InnovationTest(wall_estimator(1), DT, [0.0])
+    assert not test.can_tell
+    assert first_alarm(test, DT * np.arange(9), np.ones((9, 1)), settled=False) is None
+
+
+def test_a_design_without_standard_errors_and_states_of_others():
+    with pytest.raises(ModelError, match="no standard errors: run regularize again"):
+        Monitor(wall_estimator(), {}, DT, print, bands=True, lag=None)
+    with pytest.raises(ModelError, match=r"design\.bands: cannot be read"):
+        Monitor(wall_estimator(), {"bands": {**DESIGN["bands"], "sigma": []}}, DT, print,
+                bands=True, lag=None)  # fmt: skip
+    monitor = Monitor(wall_estimator(), DESIGN, DT, print, bands=True, lag=10.0)
+    other = Monitor(wall_estimator(1), {}, DT, print, bands=False, lag=10.0)
+    other.start([0.0], False)
+    for state in ([None, None, [0.0]], other.state(), [[[1.0], []], [[1.0], 1.0, 1.0], [0.0]]):
+        with pytest.raises(ValueError, match="not a state"):
+            monitor.resume(state)

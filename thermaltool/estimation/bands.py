@@ -1,0 +1,97 @@
+"""Standard errors of the estimates of a stream, worked out with the design."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from thermaltool.documents import Part, finite, items
+from thermaltool.estimation.design_model import DesignModel
+from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.estimation.parameter_error import parameter_variance
+from thermaltool.model import Model
+
+
+def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) -> dict[str, Any]:
+    """What `stream_bands` and the innovation test read in a design.
+
+    Parameters
+    ----------
+    model : Model
+    problem : DesignModel
+        Of the same model.
+    kalman : KalmanEstimator
+
+    Returns
+    -------
+    dict
+        ``sigma``: steady standard errors of the estimates for a model that is right; ``relative``:
+        those of the parameters as shares of an estimate, after a step; ``model_error``: what the
+        calibration left of each sensor beside noise.
+    """
+    space, (P, G) = kalman.state_space(problem.dt), kalman.steady(problem.dt)
+    kept = P - G @ space.H @ P
+    sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", space.C, kept, space.C), 0.0))
+    relative = np.zeros(len(sigma))
+    recursion = kalman.recursion(problem.dt)
+    for readings, _ in problem.trials:
+        estimates = recursion.run(readings)[0]
+        variance = parameter_variance(
+            model, kalman, problem.clock, estimates, readings, lambda u: recursion.run(u)[0]
+        )
+        size = np.maximum(np.mean(estimates**2, axis=0), 1e-300)
+        relative = np.maximum(relative, np.sqrt(np.mean(variance, axis=0) / size))
+    return {
+        "sigma": sigma.tolist(),
+        "relative": np.minimum(relative, 1.0).tolist(),
+        "model_error": model_errors(model, kalman),
+    }
+
+
+def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
+    """What the calibration left of each sensor beside noise: root of the squared residual's rest.
+
+    Parameters
+    ----------
+    model : Model
+    kalman : KalmanEstimator
+    """
+    fits = {output.channel: output.fit for output in model.outputs}
+    squares = (
+        float(fit.get("rmse", 0.0)) ** 2 - float(fit.get("noise", math.inf)) ** 2
+        for fit in (fits[sensor] for sensor in kalman.sensors)
+    )
+    return [math.sqrt(max(square, 0.0)) for square in squares]
+
+
+def stream_bands(
+    design: Mapping[str, Any], estimates: int
+) -> tuple[list[float], list[float], list[float]]:
+    """Steady standard errors, those of the parameters as shares, and what the model leaves.
+
+    Parameters
+    ----------
+    design : mapping
+    estimates : int
+        How many there are.
+
+    Raises
+    ------
+    ModelError
+        Not what `design_bands` gives.
+    """
+    kept = Part(design["bands"], "design.bands")
+    sigma, relative, error = (
+        [finite(value) for value in kept.read(name, items)]
+        for name in ("sigma", "relative", "model_error")
+    )
+    kept.as_whole(lambda whole: _same_length(estimates, sigma, relative))
+    return sigma, relative, error
+
+
+def _same_length(count: int, *lists: list[float]) -> None:
+    if any(len(each) != count for each in lists):
+        raise ValueError("standard errors and estimates do not go together")

@@ -1,0 +1,187 @@
+"""Whether a model still goes with its machine: a test of the readings along the way.
+
+A Kalman filter that lets the heat change as fast as it likes runs beside the estimator: what no
+heat explains is left to the sensors' noise. Two signs say that model and machine have parted: the
+innovations squared, over what the filter expects (NIS), and drifts that the sensors would need and
+that noise and model do not account for; both as means over half an hour. It needs numpy alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.responses.modes import Float
+from thermaltool.responses.sample_clock import CLOCK_STEP
+
+# The test's heat changes faster than that of the design by this factor: a step of heat, which a
+# random walk does not expect, is no alarm.
+WALK_FACTOR = 10.0
+# Squares are averaged with weights that fall by e in this time [s]: half an hour counts.
+WINDOW = 900.0
+# Mean of the normalized innovations squared, per sensor, above which they contradict: 1 is
+# expected, and transients that the model misses raised it to 1.5 within 5 h on the frame.
+MAX_NIS = 2.0
+# Mean square of the drifts that the sensors would need, over what noise and model leave: up to 2.8
+# within 5 h on the frame as it was calibrated, 12 to 21 with a loss of heat of 150 %.
+MAX_DRIFT = 5.0
+# Sample lengths whose matrices are kept.
+MAX_CACHED_LENGTHS = 64
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """The steady filter over one length of sample.
+
+    ``root`` whitens an innovation, ``share`` is the weight of a row in the means.
+    """
+
+    F: Float
+    H: Float
+    G: Float
+    root: Float
+    share: float
+
+
+class InnovationTest:
+    """The test of one stream or record, row by row.
+
+    Parameters
+    ----------
+    estimator : KalmanEstimator
+    period : float [s]
+        The expected sample length.
+    model_error : sequence of float
+        For each sensor what the model leaves of it beside noise [unit of the sensor].
+
+    Attributes
+    ----------
+    nis : float
+        Mean of the normalized innovations squared, per sensor.
+    drift : float
+        Mean square of the sensors' drifts, over what noise and model leave of them.
+    can_tell : bool
+        Whether there are more sensors than drives: else some heat explains any reading.
+    """
+
+    def __init__(
+        self, estimator: KalmanEstimator, period: float, model_error: Sequence[float]
+    ) -> None:
+        noise = tuple(
+            replace(each, drift=math.hypot(each.drift, error) or each.white)
+            for each, error in zip(estimator.noise, model_error, strict=True)
+        )
+        walk = tuple(WALK_FACTOR * each for each in estimator.walk)
+        # What follows the heat is not read.
+        self._filter = replace(estimator, outputs=(), followed=(), walk=walk, noise=noise)
+        self._period = max(round(period / CLOCK_STEP), 1)
+        self._sample = lru_cache(MAX_CACHED_LENGTHS)(self._of_ticks)
+        self._allowed = np.array([each.drift for each in noise])
+        sample = self._sample(self._period)
+        self._sensors = len(noise)
+        self._x = np.zeros(len(sample.F))
+        self.nis = self.drift = 1.0
+        self.can_tell = self._sensors > len(estimator.drives)
+
+    def _of_ticks(self, ticks: int) -> _Sample:
+        dt = ticks * CLOCK_STEP
+        space = self._filter.state_space(dt)
+        P, G = self._filter.steady(dt)
+        S = space.H @ P @ space.H.T + space.R
+        root = np.linalg.inv(np.linalg.cholesky(S))
+        return _Sample(space.F, space.H, G, root, -math.expm1(-dt / WINDOW))
+
+    def start(self, readings: Float, settled: bool = False) -> None:
+        """Begin at the first readings: at rest, or settled at them.
+
+        Parameters
+        ----------
+        readings : ndarray, shape (n_sensors,)
+        settled : bool
+        """
+        self._x[:] = 0.0
+        if settled:
+            self._x = self._filter.recursion(self._period * CLOCK_STEP).settled(readings)
+        self.nis = self.drift = 1.0
+
+    def step(self, ticks: int, readings: Float) -> None:
+        """Take the readings after a sample of `ticks` clock steps.
+
+        Parameters
+        ----------
+        ticks : int
+        readings : ndarray, shape (n_sensors,)
+        """
+        sample = self._sample(ticks)
+        a = sample.F @ self._x
+        v = readings - sample.H @ a
+        self._x = a + sample.G @ v
+        z = sample.root @ v
+        drift = self._x[-self._sensors :] / self._allowed
+        self.nis += sample.share * (float(z @ z) / self._sensors - self.nis)
+        self.drift += sample.share * (float(drift @ drift) / self._sensors - self.drift)
+
+    @property
+    def alarm(self) -> bool:
+        """Whether model and machine have parted."""
+        return self.can_tell and (self.nis > MAX_NIS or self.drift > MAX_DRIFT)
+
+    @property
+    def reason(self) -> str:
+        """What raises the alarm."""
+        if self.nis > MAX_NIS:
+            return f"normalized innovations squared of {self.nis:.3g} (1 is expected)"
+        drift = self._x[-self._sensors :]
+        worst = int(np.argmax(np.abs(drift) / self._allowed))
+        return (
+            f"{self._filter.sensors[worst]} would have to drift by {drift[worst]:.3g}, the mean "
+            f"square of the drifts is {self.drift:.3g} (1 is expected)"
+        )
+
+    def state(self) -> list[Any]:
+        """For `resume`, as JSON."""
+        return [self._x.tolist(), self.nis, self.drift]
+
+    def resume(self, values: list[Any]) -> None:
+        """Go on from a state.
+
+        Raises
+        ------
+        ValueError
+            Not a state of this test.
+        """
+        x, nis, drift = values
+        state = np.array(x, float)
+        if state.shape != self._x.shape or not np.isfinite([*state, nis, drift]).all():
+            raise ValueError("not a state of this test")
+        self._x, self.nis, self.drift = state, float(nis), float(drift)
+
+
+def first_alarm(test: InnovationTest, time: Float, readings: Float, settled: bool) -> int | None:
+    """The first row at which the test says that model and machine have parted; None where none.
+
+    Parameters
+    ----------
+    test : InnovationTest
+        At its beginning.
+    time : ndarray, shape (n,) [s], increasing
+    readings : ndarray, shape (n, n_sensors)
+        Rows with NaN are passed over.
+    settled : bool
+    """
+    rows = np.flatnonzero(np.isfinite(readings).all(axis=1))
+    if not test.can_tell or not len(rows):
+        return None
+    test.start(readings[rows[0]], settled)
+    ticks = np.round(np.diff(time[rows]) / CLOCK_STEP).astype(np.int64).tolist()
+    for length, row in zip(ticks, rows[1:].tolist(), strict=True):
+        test.step(length, readings[row])
+        if test.alarm:
+            return int(row)
+    return None

@@ -1,0 +1,143 @@
+"""Size of the heat's random walk, and of the sensors' noise, by maximum likelihood from a record.
+
+The readings themselves say how fast their heat changes: innovations of the steady Kalman filter
+are white with the variance that it predicts where walk, drift and white noise are right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from thermaltool.errors import FitError, LogError
+from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
+from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.sample_clock import uniform_spans
+
+# The search is a simplex of these first steps [factors on a logarithmic scale] ...
+FIRST_STEP, SIZE_TOLERANCE, VALUE_TOLERANCE, MAX_EVALUATIONS = 1.0, 0.03, 0.02, 300
+# Drift and its time stay near what `noise` has measured unless the record says otherwise: the
+# standard deviation of their logarithm [1].
+DRIFT_PRIOR, DRIFT_TIME_PRIOR = 2.0, 1.0
+# Fewer readings tell no sizes.
+MIN_READINGS = 20
+
+
+@dataclass(frozen=True)
+class FittedSizes:
+    """A Kalman form with the sizes that a record tells.
+
+    Attributes
+    ----------
+    estimator : KalmanEstimator
+    log_likelihood : float
+        Of the readings in the steady filter [nats].
+    """
+
+    estimator: KalmanEstimator
+    log_likelihood: float
+
+
+def fit_sizes(
+    estimator: KalmanEstimator, time: Float, readings: Float, pinned: bool = False
+) -> FittedSizes:
+    """Walk, white noise and drift at the maximum of the likelihood.
+
+    The walk of every drive is searched, and one factor each for the drifts, their time constants
+    and the white noise of all sensors: the ratios between sensors are those that were measured.
+
+    Parameters
+    ----------
+    estimator : KalmanEstimator
+        Where the search begins.
+    time : ndarray, shape (n,) [s], increasing
+    readings : ndarray, shape (n, n_sensors)
+        Relative to rest; rows with NaN do not count.
+    pinned : bool
+        The walk is given; noise alone is searched.
+
+    Raises
+    ------
+    LogError
+        Fewer than `MIN_READINGS` rows with a reading of every sensor.
+    FitError
+        No sizes with a finite likelihood.
+    """
+    # Slow to import, and the stream needs none of it.
+    from scipy.optimize import minimize
+
+    known = np.isfinite(readings).all(axis=1)
+    if np.sum(known) < MIN_READINGS:
+        raise LogError(
+            f"{np.sum(known)} rows with a reading of every sensor: too few to tell how fast the "
+            "heat changes; pin it with --walk"
+        )
+    time, readings = time[known], readings[known]
+    # What follows the heat has no reading, and no part in the likelihood.
+    sensed = replace(estimator, outputs=(), followed=())
+
+    def at(theta: Float) -> tuple[float, float]:
+        """Minus the logarithm of the likelihood, and the variance that all sizes are scaled by."""
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                squares, logs = _innovations(_with(sensed, theta, 1.0, pinned), time, readings)
+        except (FitError, np.linalg.LinAlgError):
+            return np.inf, 1.0
+        if not np.isfinite(squares + logs):
+            return np.inf, 1.0
+        count = readings.size
+        prior = (theta[-2] / DRIFT_PRIOR) ** 2 + (theta[-1] / DRIFT_TIME_PRIOR) ** 2
+        # With all sizes free their common scale is known in closed form.
+        scale = 1.0 if pinned else squares / count
+        value = 0.5 * (count * np.log(2 * np.pi * scale) + squares / scale + logs + prior)
+        return value if np.isfinite(value) else np.inf, scale
+
+    start = np.zeros((1 if pinned else len(estimator.walk)) + 2)
+    simplex = np.vstack([start, start + FIRST_STEP * np.eye(len(start))])
+    found: Any = minimize(  # type: ignore[call-overload]
+        lambda theta: at(theta)[0], start, method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": SIZE_TOLERANCE, "fatol": VALUE_TOLERANCE,
+                 "maxfev": MAX_EVALUATIONS},
+    )  # fmt: skip
+    value, scale = at(found.x)
+    if not np.isfinite(value):
+        raise FitError("no size of the heat's changes has a likelihood; pin it with --walk")
+    return FittedSizes(_with(estimator, found.x, scale, pinned), -value)
+
+
+def _with(estimator: KalmanEstimator, theta: Float, scale: float, pinned: bool) -> KalmanEstimator:
+    """An estimator with other sizes.
+
+    Logarithms of the factors on walks (where these are given: on the white noise), on drifts and
+    on drift times.
+    """
+    root = float(np.sqrt(scale))
+    drift, drift_time = np.exp(theta[-2:]).tolist()
+    white = root * float(np.exp(theta[0])) if pinned else root
+    walk = estimator.walk
+    if not pinned:
+        walk = tuple((root * np.exp(theta[:-2]) * walk).tolist())
+    noise = tuple(
+        SensorNoise(white * each.white, root * drift * each.drift, drift_time * each.drift_time)
+        for each in estimator.noise
+    )
+    return replace(estimator, walk=walk, noise=noise)
+
+
+def _innovations(estimator: KalmanEstimator, time: Float, readings: Float) -> tuple[float, float]:
+    """Sum of the whitened innovations' squares, and of their covariances' log determinants."""
+    squares, logs, a = 0.0, 0.0, None
+    for rows, dt in uniform_spans(time):
+        space = estimator.state_space(dt)
+        P = space.predicted()
+        S = space.H @ P @ space.H.T + space.R
+        K = space.F @ space.filter_gain(P)
+        predictor = Recursion(space.F - K @ space.H, K, np.zeros_like(K), space.H)
+        seen, a = predictor.run(readings[rows], a)
+        # The row that two spans share counts in the later one.
+        v = (readings[rows] - seen)[:-1] if rows.stop < len(time) else readings[rows] - seen
+        squares += float(np.sum(v * np.linalg.solve(S, v.T).T))
+        logs += len(v) * float(np.linalg.slogdet(S)[1])
+    return squares, logs

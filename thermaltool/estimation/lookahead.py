@@ -1,0 +1,162 @@
+"""Estimates that look at later readings, and the standard errors of all estimates of a record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from thermaltool.estimation.bands import model_errors
+from thermaltool.estimation.estimator import Estimator, KalmanEstimator
+from thermaltool.estimation.fixed_lag import fixed_lag, lag_saving
+from thermaltool.estimation.forms import linear_kalman
+from thermaltool.estimation.innovation_test import InnovationTest, first_alarm
+from thermaltool.estimation.known_inputs import KnownInputEstimator
+from thermaltool.estimation.likelihood import fit_sizes
+from thermaltool.estimation.parameter_error import parameter_variance
+from thermaltool.estimation.smoother import Smoothed, smooth
+from thermaltool.model import Model
+from thermaltool.responses.modes import Float
+
+RateSource = float | Literal["likelihood", "design"]
+
+
+@dataclass(frozen=True)
+class Lookahead:
+    """Which readings an estimate of a record rests on, and what is told of it.
+
+    Attributes
+    ----------
+    smooth : bool
+        All of the record; else those up to its moment, and `lag` seconds more.
+    lag : float or None [s]
+    walk : float, "likelihood", "design" or None
+        Random-walk rate of the heat [share of the level per √s], as the record tells it, or as the
+        design has it; None for "likelihood" where all of the record counts, else "design".
+    bands : bool
+        Standard errors, too.
+    """
+
+    smooth: bool = False
+    lag: float | None = None
+    walk: RateSource | None = None
+    bands: bool = False
+
+    @property
+    def plain(self) -> bool:
+        """Whether the estimates are those of the stream, and nothing more is asked."""
+        return not (self.smooth or self.lag or self.walk or self.bands)
+
+    @property
+    def sizes(self) -> RateSource:
+        """Where the size of the walk comes from."""
+        return self.walk or ("likelihood" if self.smooth else "design")
+
+
+@dataclass(frozen=True)
+class Looked:
+    """Estimates of a record, relative to rest, before the effects behind the estimator.
+
+    Attributes
+    ----------
+    estimates : ndarray, shape (n, n_estimates)
+    sigma : ndarray, shape (n, n_estimates), or None
+        Standard errors.
+    estimator : KalmanEstimator
+        With the sizes that were taken.
+    parted : int or None
+        The first row at which model and machine have parted, where standard errors were asked for.
+    reason : str
+        What says so.
+    """
+
+    estimates: Float
+    sigma: Float | None
+    estimator: KalmanEstimator
+    parted: int | None = None
+    reason: str = ""
+
+
+def look(
+    model: Model,
+    estimator: Estimator,
+    time: Float,
+    taken: Float,
+    how: Lookahead,
+    settled: bool = False,
+) -> Looked:
+    """Estimates of a whole record as `how` asks.
+
+    Parameters
+    ----------
+    model : Model
+    estimator : Estimator
+        Of the model's design.
+    time : ndarray, shape (n,) [s], increasing
+    taken : ndarray, shape (n, m)
+        What the estimator takes; NaN where a sensor has no reading (of a smoother).
+    how : Lookahead
+    settled : bool
+        The machine has stood at the first readings for long; else it is at rest there.
+
+    Raises
+    ------
+    ModelError
+        No Kalman form.
+    LogError, FitError
+        As for `fit_sizes`.
+    """
+    kalman = linear_kalman(estimator)
+    sensors = len(kalman.sensors)
+    readings, behind = taken[:, :sensors], np.zeros((len(time), len(kalman.estimates)))
+    if isinstance(estimator, KnownInputEstimator):
+        before, behind = estimator.contributions(time, taken[:, sensors:])
+        readings = readings - before
+    level = drive_levels(model, kalman.drives)
+    if isinstance(how.sizes, float):
+        kalman = replace(kalman, walk=tuple(how.sizes * each for each in level))
+    if how.sizes != "design" and len(time):
+        kalman = fit_sizes(kalman, time, readings, pinned=how.sizes != "likelihood").estimator
+
+    def estimated(readings: Float) -> Float:
+        if how.smooth:
+            return smooth(kalman, time, readings, level, settled).estimates
+        if how.lag:
+            return fixed_lag(kalman, time, readings, how.lag, settled)
+        return kalman.run(time, readings, settled)
+
+    if not how.bands:
+        return Looked(estimated(readings) + behind, None, kalman)
+    smoothed = smooth(kalman, time, readings, level, settled)
+    estimates = smoothed.estimates if how.smooth else estimated(readings)
+    variance = _variance(kalman, time, smoothed, how)
+    if not len(time):
+        return Looked(estimates, variance, kalman)
+    variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
+    test = InnovationTest(kalman, float(np.median(np.diff(time))), model_errors(model, kalman))
+    parted = first_alarm(test, time, readings, settled)
+    reason = "" if parted is None else test.reason
+    return Looked(estimates + behind, np.sqrt(variance), kalman, parted, reason)
+
+
+def _variance(kalman: KalmanEstimator, time: Float, smoothed: Smoothed, how: Lookahead) -> Float:
+    """Of the estimates, for a model that is right."""
+    if how.smooth:
+        return np.square(smoothed.sigma)
+    filtered = np.square(smoothed.filtered_sigma)
+    if not how.lag or len(time) < 2:
+        return filtered
+    # What the lag saves in the steady filter, on the mean over the record's clock; the last rows
+    # have fewer readings after them.
+    period = float(np.median(np.diff(time)))
+    rows = round(how.lag / period)
+    ahead = np.minimum(np.arange(len(time))[::-1], rows)
+    return filtered * lag_saving(kalman, period, rows)[ahead]
+
+
+def drive_levels(model: Model, drives: Sequence[str]) -> tuple[float, ...]:
+    """The largest size of each drive in the calibration; 1 where it was none."""
+    ranges = {d.channel: max(map(abs, d.range)) for d in model.drives}
+    return tuple(float(ranges[name]) or 1.0 for name in drives)

@@ -1,0 +1,256 @@
+"""Fixed-interval smoother: estimates of a whole record that look at later readings, too.
+
+The Kalman filter runs over the record and an adjoint recursion back over its innovations (de Jong
+1989; Durbin and Koopman 2012, sec. 4.4): the estimates of Rauch, Tung and Striebel, without the
+inverse of a covariance, which is singular where a machine begins at rest. Work and memory are
+linear in the rows. Where the clock is even the covariance soon stands still; from there both ways
+are recursions with constant matrices.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thermaltool.errors import FitError
+from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.estimation.state_space import StateSpace
+from thermaltool.responses.modes import Float, Recursion
+from thermaltool.responses.sample_clock import clock_step
+
+# Indices of sensors.
+Sensors = NDArray[np.intp]
+
+# A gain is held for as many rows as it, and the variances, change by no more than this share. What
+# that costs is of the order of its square; standard errors are true to this share.
+HELD_CHANGE = 1e-3
+# What is left of a sum of later readings counts as nothing below this share.
+REMAINDER = 1e-12
+# Stretches of fewer rows are walked through.
+SHORT_STRETCH = 200
+# Below it a variance is none.
+TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """Estimates of a whole record with their covariance, and what the filter saw on its way.
+
+    Attributes
+    ----------
+    estimates, sigma : ndarray, shape (n, n_estimates)
+        With their standard errors.
+    filtered, filtered_sigma : ndarray, shape (n, n_estimates)
+        From the readings up to each row.
+    innovations : ndarray, shape (n, n_sensors)
+        Whitened: of unit covariance where the model holds; NaN where there was no reading.
+    log_likelihood : float
+        Of the readings [nats].
+    """
+
+    estimates: Float
+    sigma: Float
+    filtered: Float
+    filtered_sigma: Float
+    innovations: Float
+    log_likelihood: float
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Sensors over which the filter has the same matrices.
+
+    A row's prediction a is corrected by the innovation v and carried on, a ← F a + K v; the
+    adjoint comes the other way, r ← Hᵀ S⁻¹ v + Lᵀ r with L = F − K H.
+    """
+
+    rows: slice
+    some: Sensors
+    H: Float
+    S: Float
+    L: Float
+    PC: Float
+
+
+class _Filter:
+    """The way forward: predictions and innovations of every row, and the stretches behind them."""
+
+    def __init__(self, estimates: int, readings: Float, a: Float, P: Float) -> None:
+        n, sensors = readings.shape
+        self.readings, self.a, self.P = readings, a, P
+        self.predicted = np.empty((n, estimates))
+        self.variance = np.empty((n, estimates))
+        self.filtered = np.empty((n, estimates))
+        self.filtered_variance = np.empty((n, estimates))
+        self.v = np.zeros((n, sensors))
+        self.white = np.full((n, sensors), np.nan)
+        self.stretches: list[_Stretch] = []
+        self.log_likelihood = 0.0
+
+    def run(self, rows: slice, space: StateSpace, some: Sensors) -> None:
+        """Sensors of one length of sample, with readings of `some` sensors (their indices)."""
+        F, C = space.F, space.C
+        H, R = space.H[some], space.R[np.ix_(some, some)]
+        k, length, before = rows.start, 1, np.zeros(0)
+        while k < rows.stop:
+            PH, PC = self.P @ H.T, self.P @ C.T
+            S = H @ PH + R
+            G = np.linalg.solve(S, PH.T).T
+            K = F @ G
+            L = F - K @ H
+            now = np.concatenate([K.ravel() / max(np.max(np.abs(K), initial=0.0), TINY),
+                                  np.log(np.einsum("ij,ji->i", C, PC) + TINY)])  # fmt: skip
+            if not np.isfinite(now).all():
+                raise FitError("the covariance of the estimate is not finite")
+            # By how much they change in a sample, as the stretch before tells.
+            rate = np.max(np.abs(now - before)) / length if len(before) else np.inf
+            held = int(min(HELD_CHANGE / max(rate, TINY), rows.stop - k))
+            before, length = now, max(held, 1)
+            self._take(_Stretch(slice(k, k + length), some, H, S, L, PC), K, C @ G, C)
+            # Of the filter as it is, whether its gain is held or not.
+            self.P = _propagated(L, K @ R @ K.T + space.Q, self.P, length)
+            k += length
+
+    def _take(self, part: _Stretch, K: Float, CG: Float, C: Float) -> None:
+        rows, some = part.rows, part.some
+        y = self.readings[rows][:, some]
+        if len(y) < SHORT_STRETCH:
+            v = np.empty(y.shape)
+            for i, reading in enumerate(y):
+                self.predicted[rows.start + i], v[i] = C @ self.a, reading - part.H @ self.a
+                self.a = part.L @ self.a + K @ reading
+        else:
+            recursion = Recursion(part.L, K, np.zeros_like(K), np.vstack([part.H, C]))
+            out, a = recursion.run(y, self.a)
+            self.a = part.L @ a + K @ y[-1]
+            v, self.predicted[rows] = y - out[:, : len(some)], out[:, len(some) :]
+        variance = np.einsum("ij,ji->i", C, part.PC)
+        self.variance[rows] = variance
+        self.filtered[rows] = self.predicted[rows] + v @ CG.T
+        self.filtered_variance[rows] = variance - np.einsum("ij,jk,ik->i", CG, part.S, CG)
+        self.v[rows, some] = v
+        if len(some):
+            root = np.linalg.cholesky(part.S)
+            white = np.linalg.solve(root, v.T).T
+            self.white[rows, some] = white
+            constant = len(some) * np.log(2 * np.pi) + 2 * np.sum(np.log(np.diag(root)))
+            self.log_likelihood -= 0.5 * (constant * len(v) + float(np.sum(white**2)))
+        self.stretches.append(part)
+
+    def back(self) -> Smoothed:
+        """The way back: what later readings add to each prediction."""
+        n = len(self.a)
+        estimates, variance = self.predicted, self.variance
+        r, N = np.zeros(n), np.zeros((n, n))
+        for part in reversed(self.stretches):
+            rows, some = part.rows, part.some
+            weighed = np.asarray(np.linalg.solve(part.S, part.H), np.float64)
+            v = self.v[rows][:, some]
+            if len(v) < SHORT_STRETCH:
+                for i in range(len(v) - 1, -1, -1):
+                    r = v[i] @ weighed + r @ part.L
+                    estimates[rows.start + i] += r @ part.PC
+            else:
+                back = Recursion(part.L.T, np.zeros(weighed.T.shape), weighed.T, part.PC.T)
+                added, r = back.run(np.vstack([np.zeros((1, len(some))), v[::-1]]), r)
+                estimates[rows] += added[:0:-1]
+            W = part.H.T @ weighed
+            variance[rows] -= _told_later(part, W, N, len(v))
+            N = _propagated(part.L.T, W, N, len(v))
+        return Smoothed(
+            estimates,
+            np.sqrt(np.maximum(variance, 0.0)),
+            self.filtered,
+            np.sqrt(np.maximum(self.filtered_variance, 0.0)),
+            self.white,
+            self.log_likelihood,
+        )
+
+
+def _told_later(part: _Stretch, W: Float, N: Float, count: int) -> Float:
+    """By how much readings from each row on lower the variance of its prediction.
+
+    The diagonal of C P N P Cᵀ with N ← W + Lᵀ N L, from `N` behind the last row.
+    """
+    told = np.empty((count, part.PC.shape[1]))
+    M, within = part.PC, np.zeros(part.PC.shape[1])
+    for k in range(count - 1, -1, -1):
+        added = np.einsum("ij,ij->j", M, W @ M)
+        M = part.L @ M
+        behind = np.einsum("ij,ij->j", M, N @ M)
+        within = within + added
+        told[k] = within + behind
+        if np.all(np.maximum(added, behind) <= REMAINDER * within):
+            told[:k] = within
+            break
+    return told
+
+
+def _propagated(A: Float, added: Float, P: Float, count: int) -> Float:
+    """`P` after `count` steps P ← added + A P Aᵀ, by doubling."""
+    power, total = A, added
+    while count:
+        if count & 1:
+            P = total + power @ P @ power.T
+        count >>= 1
+        if count:
+            total = total + power @ total @ power.T
+            power = power @ power
+    return (P + P.T) / 2
+
+
+def smooth(
+    estimator: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    level: Sequence[float],
+    settled: bool = False,
+) -> Smoothed:
+    """Fixed-interval smoothing of a whole record.
+
+    Parameters
+    ----------
+    estimator : KalmanEstimator
+    time : ndarray, shape (n,) [s], increasing
+    readings : ndarray, shape (n, n_sensors)
+        Relative to rest; NaN where a sensor has none.
+    level : sequence of float, one for each drive
+        How large a heat may be at the first row (a standard deviation) [unit of the drive].
+    settled : bool
+        The machine has stood at that heat for long; else it is at rest, whatever heat acts from
+        the first row on.
+
+    Raises
+    ------
+    FitError
+        The covariance of the estimate is not finite.
+    """
+    if not len(time):
+        empty = np.empty((0, len(estimator.estimates)))
+        return Smoothed(empty, empty, empty, empty, np.empty(readings.shape), 0.0)
+    runs = list(_runs(time, readings))
+    P = estimator.start_covariance(runs[0][1], level, settled)
+    forward = _Filter(len(estimator.estimates), readings, np.zeros(len(P)), P)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for rows, dt, some in runs:
+            forward.run(rows, estimator.state_space(dt), some)
+    return forward.back()
+
+
+def _runs(time: Float, readings: Float) -> Iterator[tuple[slice, float, Sensors]]:
+    """Sensors whose next sample has one length [s], and which have readings of the same sensors."""
+    n = len(time)
+    steps, step = np.diff(time), clock_step(time)
+    ticks = np.append(np.round(steps / step).astype(np.int64), 0)
+    if n > 1:
+        ticks[-1] = ticks[-2]
+    there = np.isfinite(readings)
+    changes = (np.diff(ticks) != 0) | np.any(there[1:] != there[:-1], axis=1)
+    edges = [0, *(np.flatnonzero(changes) + 1).tolist(), n]
+    for start, stop in itertools.pairwise(edges):
+        dt = float(steps[min(start, n - 2)]) if n > 1 else 1.0
+        yield slice(start, stop), dt, np.flatnonzero(there[start])

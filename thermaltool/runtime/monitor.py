@@ -1,0 +1,137 @@
+"""What a stream tells of its estimates beside them: late ones, standard errors, the alarm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from thermaltool.errors import ModelError
+from thermaltool.estimation.bands import stream_bands
+from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.estimation.fixed_lag import FixedLag
+from thermaltool.estimation.innovation_test import InnovationTest
+from thermaltool.runtime.messages import Report
+
+# Before the names of estimates: of their standard error, and of a late one.
+SIGMA, LATE = "sigma_", "late_"
+
+
+class Monitor:
+    """Runs beside the estimator on the same readings.
+
+    Parameters
+    ----------
+    estimator : KalmanEstimator
+        That of the design, without known inputs.
+    design : mapping
+    period : float [s]
+    report : callable
+        Gets (channel, message) when model and machine part, and when they agree again.
+    bands : bool
+        Standard errors, and the alarm.
+    lag : float or None [s]
+        Late estimates.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the columns.
+    alarm : bool
+        Whether model and machine have parted.
+    """
+
+    def __init__(
+        self,
+        estimator: KalmanEstimator,
+        design: Mapping[str, Any],
+        period: float,
+        report: Report,
+        *,
+        bands: bool,
+        lag: float | None,
+    ) -> None:
+        self._report = report
+        self._late = None if lag is None else FixedLag(estimator, lag, period)
+        self._test: InnovationTest | None = None
+        self._sigma: list[float] = []
+        self._latest = [0.0] * len(estimator.estimates)
+        names: list[str] = []
+        if bands:
+            if "bands" not in design:
+                raise ModelError("the design has no standard errors: run regularize again")
+            self._sigma, self._relative, error = stream_bands(design, len(estimator.estimates))
+            test = InnovationTest(estimator, period, error)
+            if test.can_tell:
+                self._test = test
+            else:
+                report("", "no more sensors than drives: some heat explains any reading, so no "
+                       "alarm where model and machine part")  # fmt: skip
+            names += [SIGMA + name for name in estimator.estimates]
+        if self._late is not None:
+            names += [LATE + name for name in estimator.estimates]
+        self.names, self.alarm = tuple(names), False
+
+    def start(self, readings: Sequence[float], settled: bool) -> None:
+        """Begin at the first readings: at rest, or settled at them."""
+        first = np.array(readings)
+        for part in (self._late, self._test):
+            if part is not None:
+                part.start(first, settled)
+        self._latest = [0.0] * len(self._latest)
+        self.alarm = False
+
+    def step(self, ticks: int, readings: Sequence[float], good: bool) -> None:
+        """Take the readings after a sample of `ticks` clock steps.
+
+        Where they are not `good` (held, or of a sensor that is left out) nothing is tested.
+        """
+        now = np.array(readings)
+        if not np.isfinite(now).all():
+            return
+        if self._late is not None:
+            self._late.step(ticks, now)
+            late = self._late.latest_due()
+            if late is not None:
+                self._latest = late.tolist()
+        if self._test is not None and good:
+            self._test.step(ticks, now)
+            if self._test.alarm != self.alarm:
+                self.alarm = self._test.alarm
+                why = f"model and machine have parted: {self._test.reason}"
+                self._report("", why if self.alarm else "model and machine agree again")
+
+    def values(self, estimates: Sequence[float]) -> list[float]:
+        """The columns beside these estimates; late ones are at rest until there are any."""
+        written: list[float] = []
+        if self._sigma:
+            written += [
+                math.hypot(sigma, relative * estimate)
+                for sigma, relative, estimate in zip(
+                    self._sigma, self._relative, estimates, strict=True
+                )
+            ]
+        return written if self._late is None else written + self._latest
+
+    def state(self) -> list[Any]:
+        """For `resume`, as JSON."""
+        parts = [None if part is None else part.state() for part in (self._late, self._test)]
+        return [*parts, self._latest]
+
+    def resume(self, values: list[Any]) -> None:
+        """Go on from a state.
+
+        Raises
+        ------
+        ValueError
+            Not a state of this monitor.
+        """
+        for part, kept in zip((self._late, self._test), values, strict=False):
+            if (part is None) != (kept is None):
+                raise ValueError("not a state of this monitor")
+            if part is not None:
+                part.resume(kept)
+        self._latest = [float(each) for each in values[2]]
+        self.alarm = self._test is not None and self._test.alarm
