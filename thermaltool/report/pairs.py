@@ -11,7 +11,7 @@ import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs import Log
-from thermaltool.model import Model, beside, from_rest, relative
+from thermaltool.model import Model, beside, relative, started_outputs
 from thermaltool.report.records import RESIDUAL, SETPOINT, deflection_of, label_time
 from thermaltool.report.style import (
     COMPUTED,
@@ -73,11 +73,13 @@ def draw_comparison(model: Model, log: Log, channels: Sequence[str] = ()) -> Fig
     outputs = {output.channel: output for output in model.outputs}
     simulated = model.simulate(log)
     pairs = []
+    started = started_outputs(model, log, simulated)
     for name in choose(outputs, channels, log.name):
-        measured = None
-        if name in log.columns:
-            measured = from_rest(log, outputs[name], simulated[name])
-        pairs.append(Pair(f"{name}, from rest", _unit(name), simulated[name], measured))
+        computed, measured = simulated[name], None
+        if name in started:
+            computed = started[name].computed
+            measured = log.columns[name] - started[name].zero.value
+        pairs.append(Pair(f"{name}, from rest", _unit(name), computed, measured))
     return draw_pairs(f"The model on {Path(log.name).name}", log, pairs, "simulated")
 
 
