@@ -118,3 +118,13 @@ def test_the_zero_of_a_sensor_that_goes_with_the_room_is_free():
     warm = log(before=2000.0, **{T: 6.0}).with_columns({ROOM: air})
     assert begins(warm, model=model)[0][T].zero.value == pytest.approx(21.2, abs=0.1)
     assert agreements(model, [warm])[T].rmse < 1.2 * SIGMA
+
+
+def test_a_machine_that_its_calibration_found_warm_is_at_rest_nowhere():
+    # Too little of a start to say so by itself, beside a gain that is wrong.
+    hardly = log(before=60.0, gain=1.2)
+    assert begins(hardly)[1] == {"rest"}
+    warm = replace(MODEL.outputs[0], fit={"free_start": True})
+    model = replace(MODEL, outputs=(warm, MODEL.outputs[1]))
+    assert begins(hardly, model=model)[1] == {"free"}
+    assert begins(hardly.rows(slice(0, 60)), model=model)[1] == {"rest"}

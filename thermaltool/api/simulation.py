@@ -116,7 +116,8 @@ def simulate(
     initial : {"auto", "rest", "free"}
         The machine is at rest at the first row; or in a state that is estimated, for each output
         that was measured, from the rows before `start` (without one, from all). "auto": at rest,
-        unless most of what is wrong in these rows is a start that decays.
+        unless most of what is wrong in these rows is a start that decays, or the calibration
+        itself did not begin at rest.
     start, stop : float, optional [s]
         The rows that are judged where outputs were measured.
     warn : callable

@@ -46,8 +46,8 @@ START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
 # (standard deviations), and the second half of them has no more either: a drift goes on there.
 # Asked in so many of its slowest time constants, of so many readings for each state.
 MAX_LEFT_BY_STATE, MIN_TIME_CONSTANTS, MIN_ROWS_PER_STATE = 0.35, 2.0, 10
-# ... and less than this share of what any other responses to the drives leave: where a drive acts
-# once, as the log begins, a wrong gain looks like a start.
+# ... and less than this share of what any other responses to the commanded drives leave: where one
+# acts once, as the log begins, a wrong gain looks like a start.
 MAX_LEFT_BESIDE_DRIVES = 0.5
 
 
@@ -79,9 +79,9 @@ def started_outputs(
 ) -> dict[str, StartedOutput]:
     """Every measured output of a model over a log, and what each counts from.
 
-    "auto" takes the machine to be at rest at the first row unless some output says clearly that it
-    is not: most of what the model leaves of it from rest is a start that decays. A machine is at
-    rest as a whole, or not.
+    "auto" takes the machine to be at rest at the first row unless its calibration did not begin at
+    rest either, or some output says clearly that it is not: most of what the model leaves of it
+    from rest is a start that decays. A machine is at rest as a whole, or not.
 
     Parameters
     ----------
@@ -120,8 +120,11 @@ def started_outputs(
             is_zero_free = o.offset == "first" or o.channel in shifted
             state = _FreeState(model, o, record, there, is_zero_free)
             found[o.channel] = state.fit(simulated[o.channel])
-    if initial == "auto" and not any(fit.is_start for fit in found.values()):
-        return rested
+    if initial == "auto":
+        known = any(o.fit.get("free_start") for o in model.outputs)
+        seen = any(fit.is_start or (known and fit.state.is_seen) for fit in found.values())
+        if not seen:
+            return rested
     for channel, fit in found.items():
         if initial == "free" and not fit.is_determined:
             raise LogError(
@@ -241,10 +244,12 @@ class _FreeState:
         model, record = self.model, self.record
         acting = acting_drives(model, acting_effects(model, record.digest), record)
         own = {t.drive for t in model.terms if t.output == self.output.channel}
+        drives = [d for d in model.drives if d.channel in own]
+        # What is smooth, as a room is, may look like anything.
+        drives = [d for d in drives if d.hold == "zero"] or drives
         lags = [
             lagged(record.time, acting[d.channel], share * self.slowest, d.hold)[rows]
-            for d in model.drives
-            if d.channel in own
+            for d in drives
             for share in START_TIME_CONSTANTS
         ]
         table = np.column_stack([np.ones(len(rows)), *lags])
