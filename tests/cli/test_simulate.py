@@ -68,9 +68,28 @@ def test_json(thermaltool, files):
         "zero_from_s",
         "zero_to_s",
         "zero_rows",
+        "initial",
     }  # fmt: skip
     assert table(target.read_text())[0] == COLUMNS
     assert thermaltool("simulate", files.model, files.log, "--json").json == result.json
+
+
+def test_a_log_that_begins_warm_is_told_as_it_begins(thermaltool, files):
+    names, values = table(files.log.read_text())
+    since = values[:, 0] - values[0, 0]
+    for name, height in (("dT_pair1_K", 3.0), ("d_x_um", 30.0)):
+        values[:, names.index(name)] += height * np.exp(-since / 150.0)
+    text = "".join(",".join(map(str, row)) + "\n" for row in [names, *values.tolist()])
+    plain = thermaltool("simulate", files.model, files.log, "--json").json
+    found = thermaltool("simulate", files.model, "--json", stdin=text).json
+    rested = thermaltool("simulate", files.model, "--json", "--initial", "rest", stdin=text).json
+    for name in found:
+        assert plain[name]["initial"] == rested[name]["initial"] == "rest"
+        assert found[name]["initial"] == "free"
+        assert rested[name]["rmse"] > 5 * found[name]["rmse"]
+    said = thermaltool("simulate", files.model, "-", stdin=text).err
+    assert "<stdin>: does not begin at rest: the state of the machine at the first row is" in said
+    assert "does not begin" not in thermaltool("simulate", files.model, files.log).err
 
 
 def test_judged_stretch_and_limit(thermaltool, files):

@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import thermaltool as tt
 from thermaltool.diagnosis.gain import compare
 from thermaltool.diagnosis.simulation import SimulatedLogs
-from thermaltool.diagnosis.written import rezeroed, spoiled_by, steps_of
+from thermaltool.diagnosis.written import rezeroed, spoiled_by, steps_of, written_steps
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
@@ -237,7 +238,7 @@ def test_a_zero_that_moves_under_a_warm_start_is_worse():
     assert (log.digest, output) == ("warm", "d_y_um")
 
 
-def test_what_a_warm_start_hides_is_right_and_not_written():
+def test_what_a_warm_start_hides_is_right_and_written():
     calm = record(QUICK, 1)
     # A drift that makes up for part of the start until it is taken off.
     drift = effect_class("sensor_drift")("d_y_um", {"rate": 6.0})
@@ -246,13 +247,18 @@ def test_what_a_warm_start_hides_is_right_and_not_written():
     drifting, noise = replace(QUICK, effects=(drift,)), {"d_y_um": 0.1}
     left = [float(np.std(read - m.simulate(warm)["d_y_um"])) for m in (QUICK, drifting)]
     assert left[1] > 1.05 * left[0]
+    # What simulate leaves, which estimates the start, says what the drift is worth.
+    steps = written_steps([QUICK, drifting], [drift], [warm])
+    assert [tt.simulate(m, warm).agreements["d_y_um"] for m in (QUICK, drifting)] == [
+        step.agreement for step in steps
+    ]
+    assert steps[1].agreement.rmse < 0.11 < 0.2 < steps[0].agreement.rmse
     assert spoiled_by(QUICK, drifting, [warm], {}, noise) is None
-    log, output = spoiled_by(QUICK, drifting, [warm], {}, noise, as_simulated=True)
+    log, output = spoiled_by(drifting, QUICK, [warm], {}, noise)
     assert (log.digest, output) == ("warm", "d_y_um")
 
 
-def test_what_a_cause_explains_was_no_start():
-    # Alone it looks like a start, which fits better than what is told of it; with it none is left.
+def test_heat_that_goes_on_is_no_start():
     warm = replace(record(QUICK, 1), digest="warm")
     values = {"gain[d_y_um]": 40.0, "start": float(TIME[0]), "time_constant": 60.0}
     source = effect_class("second_source")("", values, "warm")
@@ -260,8 +266,7 @@ def test_what_a_cause_explains_was_no_start():
     true, told = (replace(QUICK, effects=effects) for effects in ((source,), (source, jump)))
     noise = 0.1 * np.random.default_rng(5).standard_normal(len(TIME))
     warm = warm.with_columns({"d_y_um": true.simulate(warm)["d_y_um"] + noise})
-    assert SimulatedLogs(QUICK, (warm,), {}).warm_logs == (0,)
-    assert SimulatedLogs(told, (warm,), {}).warm_logs == ()
+    assert SimulatedLogs(QUICK, (warm,), {}).warm_logs == ()
     assert spoiled_by(QUICK, told, [warm], {}, {"d_y_um": 0.1}) is None
 
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from thermaltool.api.inputs import Reading, all_of, as_model, reads
 from thermaltool.api.result import Notice, Result, notice
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from thermaltool.api.inputs import ModelLike
     from thermaltool.logs.reader import Data
-    from thermaltool.model import Model
+    from thermaltool.model import Model, Start
     from thermaltool.signals.agreement import Agreement
 
 
@@ -92,7 +92,7 @@ def compare(
     models: ModelLike | Sequence[ModelLike],
     data: Data,
     *,
-    initial: Literal["rest", "free"] = "rest",
+    initial: Start = "auto",
     start: float | None = None,
     stop: float | None = None,
     warn: Notice = notice,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from thermaltool.api.inputs import ModelLike
     from thermaltool.logs import Log
     from thermaltool.logs.reader import Data
-    from thermaltool.model import Model, Zero
+    from thermaltool.model import Model, Start, Zero
     from thermaltool.signals.agreement import Agreement
 
 
@@ -37,6 +37,8 @@ class Simulation(Result):
         Of the outputs that were measured, over the rows that are judged.
     zeros : mapping of output to Zero
         What each of them counts from, and the rows that this was taken from.
+    initial : {"rest", "free"}
+        The machine was at rest at the first row, or in a state that was estimated.
     """
 
     model: Model
@@ -44,6 +46,7 @@ class Simulation(Result):
     columns: Mapping[str, NDArray[Any]]
     agreements: Mapping[str, Agreement]
     zeros: Mapping[str, Zero]
+    initial: Literal["rest", "free"]
 
     @property
     def frame(self) -> pandas.DataFrame:
@@ -51,18 +54,19 @@ class Simulation(Result):
         return to_frame(self.columns)
 
     def document(self) -> dict[str, Any]:
-        """The agreement of every measured output, and its zero, JSON-ready."""
+        """The agreement of every measured output, its zero and its start, JSON-ready."""
         return {
-            name: each.document() | self.zeros[name].document()
+            name: each.document() | self.zeros[name].document() | {"initial": self.initial}
             for name, each in self.agreements.items()
         }
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What each output counts from that has no zero of its own, a sentence each."""
-        from thermaltool.report.text import zero_message
+        """How the log begins, and what outputs count from without a zero of their own."""
+        from thermaltool.report.text import start_message, zero_message
 
-        return tuple(
+        start = (start_message(self.log),) if self.initial == "free" else ()
+        return start + tuple(
             zero_message(name, zero, self.log) for name, zero in self.zeros.items() if zero.rows
         )
 
@@ -101,7 +105,7 @@ def simulate(
     model: ModelLike,
     data: Data,
     *,
-    initial: Literal["rest", "free"] = "rest",
+    initial: Start = "auto",
     start: float | None = None,
     stop: float | None = None,
     warn: Notice = notice,
@@ -115,9 +119,11 @@ def simulate(
     ----------
     model : Model, a result that holds one, str or path
     data : str, path, pandas.DataFrame or Record
-    initial : {"rest", "free"}
+    initial : {"auto", "rest", "free"}
         The machine is at rest at the first row; or in a state that is estimated, for each output
-        that was measured, from the rows before `start` (without one, from all).
+        that was measured, from the rows before `start` (without one, from all). "auto": at rest,
+        unless most of what is wrong in these rows is a start that decays, or the calibration
+        itself did not begin at rest.
     start, stop : float, optional [s]
         The rows that are judged where outputs were measured.
     warn : callable
@@ -149,8 +155,7 @@ def simulate(
     """
     import numpy as np
 
-    from thermaltool.model import excursions
-    from thermaltool.model.initial_state import with_initial_state
+    from thermaltool.model import excursions, started_outputs
     from thermaltool.record import Record
     from thermaltool.report.text import excursion_message
     from thermaltool.signals.agreement import agreement
@@ -172,13 +177,17 @@ def simulate(
     )
     if len(log) and not judged.any():
         log.between(start, stop)  # says which rows there are
+    started = started_outputs(model, log, simulated, initial, before)
     for output in model.outputs:
         name, level = output.channel, simulated[output.channel]
-        if name in log.columns:
-            level, zeros[name] = with_initial_state(model, output, log, level, initial, before)
+        if name in started:
+            level, zeros[name] = started[name].computed, started[name].zero
         columns[name] = level if output.offset == "first" else level + output.offset
-        if name in log.columns:
+        if name in started:
             measured = log.columns[name] - zeros[name].value
             columns[f"residual_{name}"] = measured - level
             agreements[name] = agreement(measured[judged], level[judged])
-    return Simulation(model, log, columns, agreements, zeros)
+    begins = {each.initial for each in started.values()}
+    return Simulation(
+        model, log, columns, agreements, zeros, "free" if "free" in begins else "rest"
+    )

@@ -18,9 +18,7 @@ from thermaltool.documents import write_json
 )
 @click.argument("models", type=InputPath(), nargs=-1, required=True, metavar="MODEL...")
 @click.argument("log", type=InputPath())
-@click.option("--initial", type=click.Choice(["rest", "free"]), default="rest",
-              help="State at the first row: at rest, or what fits the rows before --start best, "
-              "for each measured output.")  # fmt: skip
+@shared.initial_option
 @shared.span_options("Judge from", "Judge up to")
 @click.option("--plot", metavar="FILE", help="Figure, .png, .svg or .pdf: measured, each model, "
               "residuals.")  # fmt: skip

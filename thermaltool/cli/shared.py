@@ -93,6 +93,16 @@ def together(*options: Decorator) -> Decorator:
     return decorate
 
 
+initial_option = click.option(
+    "--initial",
+    type=click.Choice(["auto", "rest", "free"]),
+    default="auto",
+    help="State at the first row: at rest; what fits the rows before --start best (all without "
+    "it), for each measured output; or at rest unless most of what is wrong there is a start that "
+    "decays or the calibration began so.",
+)
+
+
 def span_options(start: str, stop: str) -> Decorator:
     """``--start --stop``: a stretch of a log, and what it is for."""
     return together(

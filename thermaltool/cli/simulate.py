@@ -17,9 +17,7 @@ from thermaltool.documents import write_json
 )
 @shared.model_argument
 @shared.log_argument
-@click.option("--initial", type=click.Choice(["rest", "free"]), default="rest",
-              help="State at the first row: at rest, or what fits the rows before --start best, "
-              "for each measured output.")  # fmt: skip
+@shared.initial_option
 @shared.span_options("Judge from", "Judge up to")
 @shared.rmse_option
 @shared.log_options
@@ -41,10 +39,11 @@ def command(
 
     Where the log holds the measured output too, a column residual_... (measured minus simulated)
     is written beside it, and RMSE and fit go to stderr. The machine is taken to be at rest at the
-    first row, with --initial free in a state that fits the rows before --start. A displacement has
-    no zero of its own: it counts from the median of measured minus simulated over the first rows,
-    and "zero free" is the RMSE about the mean error. --start and --stop choose the rows that are
-    judged, all rows drive the model.
+    first row, unless most of what the model leaves is a start that decays, or its calibration did
+    not begin at rest: the state is then estimated from the rows before --start, and a line says so.
+    A displacement has no zero of its own: it counts from the median of measured minus simulated
+    over the first rows, or with the state from what fits best, and "zero free" is the RMSE about
+    the mean error. --start and --stop choose the rows that are judged, all rows drive the model.
     """
     from thermaltool import api
     from thermaltool.errors import LogError

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from thermaltool.effects.effect import Effect, Float, Scene, reference_of
 from thermaltool.model import (
     Model,
+    StartedOutput,
     acting_drives,
     away_from_rest,
     drive_rests,
@@ -19,8 +20,10 @@ from thermaltool.model import (
     read_outputs,
     relative,
     rest_shifts,
+    started_outputs,
     sum_terms,
 )
+from thermaltool.model.initial_state import start_decays
 from thermaltool.model.simulate import acting_effects, dead_times
 from thermaltool.record import Record
 from thermaltool.signals.row_groups import RowGroups
@@ -45,15 +48,6 @@ def without(model: Model, effect: Effect) -> Model:
     """
     rest = tuple(e for e in model.effects if e != effect)
     return model if len(rest) == len(model.effects) else replace(model, effects=rest)
-
-
-# Time constants of an unknown start, relative to the output's slowest: so near each other that
-# their sum follows any decay to a hundredth of its height, also one slower than the model's. The
-# last ones only where the clock shows them.
-START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
-# A start is told from a drift in so many of the slowest time constants, where without it, and in
-# the second half of the log, less than this share of the misfit is left.
-LOG_OF_START, SHARE_OF_START = 4.0, 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,13 +155,9 @@ class SimulatedLogs:
         slowest = [min(self.slowest(output), max(log.duration, log.period)) for log in self.logs]
         reach = max(float(np.max(np.abs(y[output]))) for y in self.outputs)
         return [
-            [
-                reach * np.exp(-(log.time - log.time[0]) / (share * slowest[k])) * (j == k)
-                for j, log in enumerate(self.logs)
-            ]
-            for k in range(len(self.logs))
-            for share in START_TIME_CONSTANTS
-            if share * slowest[k] > self.logs[k].period
+            [reach * decay if j == k else np.zeros(len(log)) for j, log in enumerate(self.logs)]
+            for k, own in enumerate(self.logs)
+            for decay in start_decays(own.elapsed, slowest[k], own.period)
         ]
 
     def start_free(self, output: str) -> Series:
@@ -188,26 +178,36 @@ class SimulatedLogs:
         return found
 
     @cached_property
-    def warm_logs(self) -> tuple[int, ...]:
-        """Numbers of the logs in which most of what is wrong is a start away from rest.
+    def started(self) -> list[dict[str, StartedOutput]]:
+        """Measured outputs of each log as `simulate` runs them, in the state in which it begins."""
+        return [
+            started_outputs(self.model, log, outputs)
+            for log, outputs in zip(self.logs, self.outputs, strict=True)
+        ]
 
-        Only where a log is long enough to tell a start from a drift.
+    def as_simulated(self, output: str) -> list[tuple[Float, Float]]:
+        """An output as measured and as `simulate` has it, for each log; NaN where not measured.
+
+        Parameters
+        ----------
+        output : str
         """
-        warm = set()
-        for output, groups in self.groups.items():
-            long = LOG_OF_START * self.slowest(output)
-            kept = [
-                k for k, r in enumerate(groups.rows) if len(r) and self.logs[k].duration >= long
-            ]
-            residual = self.residual(output)
-            free = self.start_free(output) if kept else []
-            for k in kept:
-                rows = groups.rows[k]
-                # A drift goes on in the second half.
-                rest, late = free[k][rows], residual[k][rows[len(rows) // 2 :]]
-                if max(np.std(rest), np.std(late)) < SHARE_OF_START * np.std(residual[k][rows]):
-                    warm.add(k)
-        return tuple(sorted(warm))
+        nothing = [np.full(len(log.time), np.nan) for log in self.logs]
+        return [
+            (log.columns[output] - own[output].zero.value, own[output].computed)
+            if output in own
+            else (none, none)
+            for log, own, none in zip(self.logs, self.started, nothing, strict=True)
+        ]
+
+    @property
+    def warm_logs(self) -> tuple[int, ...]:
+        """Numbers of the logs that begin away from rest, as `simulate` has it."""
+        return tuple(
+            k
+            for k, own in enumerate(self.started)
+            if any(each.initial == "free" for each in own.values())
+        )
 
     def with_effects(self, *more: Effect, model: Model | None = None) -> list[dict[str, Float]]:
         """Outputs of every log with more effects, or with another model.

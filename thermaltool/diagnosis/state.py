@@ -230,7 +230,7 @@ class SearchState:
         logs = [log for log in (*task.logs, *task.validate) if cannot_run(model, log) is None]
         noise = {o: last.white(o) for o in last.groups}
         masked = last.simulation.masked
-        return spoiled_by(task.model, model, logs, masked, noise, as_simulated=True)
+        return spoiled_by(task.model, model, logs, masked, noise)
 
     def open(self) -> Hypothesis:
         """The accepted causes under the assumptions in which the last step ended."""

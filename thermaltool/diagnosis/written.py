@@ -41,7 +41,7 @@ class WrittenStep:
         Digest.
     output : str
     agreement : Agreement
-        The zero as the model has it: a level, or the first reading.
+        The start and the zero as `simulate` has them.
     """
 
     step: int
@@ -99,9 +99,8 @@ def written_steps(
     for step, (cause, model) in enumerate(zip([None, *causes], models, strict=True)):
         simulated = SimulatedLogs(model, tuple(logs), {})
         for k, log in enumerate(logs):
-            for output, measured in simulated.measured[k].items():
-                level = simulated.outputs[k][output]
-                fit = agreement(measured, level)
+            for output in simulated.started[k]:
+                fit = agreement(*simulated.as_simulated(output)[k])
                 found.append(WrittenStep(step, cause, log.digest, output, fit))
     return tuple(found)
 
@@ -110,7 +109,7 @@ def gains_of(
     before: SimulatedLogs,
     after: SimulatedLogs,
     zero_free: Callable[[str], bool],
-    start_free: Collection[int] = (),
+    start_free: Collection[int] | None = None,
 ) -> dict[str, Gain]:
     """Gain of every output over the same logs, both models as they stand.
 
@@ -119,14 +118,18 @@ def gains_of(
     before, after : SimulatedLogs
     zero_free : callable
         Of an output: whether its errors count about their mean in each log.
-    start_free : collection of int
-        Logs in which they count about the start that fits them best, too.
+    start_free : collection of int, optional
+        Logs in which they count about any start that fits them best, and in others from rest.
+        Without it the logs begin as `simulate` has it.
     """
 
     def errors(runs: SimulatedLogs, output: str) -> Float:
-        found, groups = runs.residual(output), before.groups[output]
-        if start_free:
-            free = runs.start_free(output)
+        groups = before.groups[output]
+        if start_free is None:
+            found = [measured - computed for measured, computed in runs.as_simulated(output)]
+        else:
+            found = runs.residual(output)
+            free = runs.start_free(output) if start_free else found
             found = [free[k] if k in start_free else each for k, each in enumerate(found)]
         if zero_free(output):
             found = [
@@ -196,14 +199,11 @@ def spoiled_by(
     masked: Mask,
     noise: Mapping[str, float],
     surely: bool = False,
-    as_simulated: bool = False,
-    starts: bool = True,
 ) -> tuple[Record, str] | None:
     """Log and output of which a model is worse than another beyond noise; None where it is not.
 
-    Worse as `simulate` counts, or with the zero of the log free; outliers do not count. What is
-    left of a warm start says nothing of a cause: there the start is free as well, and the second
-    half counts.
+    Worse as `simulate` counts, which finds out how the log begins, or with the zero of the log
+    free; outliers do not count.
 
     Parameters
     ----------
@@ -215,10 +215,6 @@ def spoiled_by(
         Of a reading; from the readings themselves where it is not there.
     surely : bool
         Worse on other logs as well, by bootstrap; on these very rows by default.
-    as_simulated : bool
-        With warm starts as they are, too.
-    starts : bool
-        Whether it is asked where a log begins warm, which takes some hundred bytes a row.
 
     Raises
     ------
@@ -230,37 +226,15 @@ def spoiled_by(
     is_worse = Gain.worse if surely else Gain.lost
     for log in logs:
         old, new = (SimulatedLogs(m, (log,), masked) for m in (before, after))
-        # What a cause explains was no start.
-        warm = set(old.warm_logs) & set(new.warm_logs) if starts else set()
-        free, counted = [], []
-        if not warm or as_simulated:
-            free.append(gains_of(old, new, lambda output: True))
-            counted.append(gains_of(old, new, lambda output: False))
-        if warm:
-            free.append(gains_of(old, new, lambda output: True, warm))
-            late = _without_start(log, old.groups, masked)
-            halves = [replace(each, masked=late) for each in (old, new)]
-            counted.append(gains_of(halves[0], halves[1], lambda output: False))
+        free = gains_of(old, new, lambda output: True)
+        counted = gains_of(old, new, lambda output: False)
         for output in old.groups:
             sigma = noise.get(output) or difference_sigma(
                 as_readings(old, output, old.residual(output))
             )
-            if any(is_worse(each[output], sigma) for each in free) or any(
-                is_worse(each[output], sigma, MIN_LOSS_COUNTED)
-                for each in counted
-                if output in each
-            ):
+            if is_worse(free[output], sigma) or is_worse(counted[output], sigma, MIN_LOSS_COUNTED):
                 return log, output
     return None
-
-
-def _without_start(log: Record, outputs: Collection[str], masked: Mask) -> Mask:
-    """What does not count in the second half of a log: its first half as well."""
-    first = np.arange(len(log)) < len(log) // 2
-    return {
-        (log.digest, o): first | masked.get((log.digest, o), np.zeros(len(log), bool))
-        for o in outputs
-    }
 
 
 @dataclass(frozen=True)
@@ -293,7 +267,6 @@ def account(
     calibration: Sequence[Record],
     masked: Mask,
     noise: Mapping[str, float],
-    starts: bool = True,
 ) -> WrittenAccount:
     """The written model beside the one that came in, on all logs.
 
@@ -305,7 +278,7 @@ def account(
     logs, validate, calibration : sequence of Record
         Diagnosed, unseen, and the calibration's. Gains are those on the unseen ones, where there
         are some; the calibration's are no veto.
-    masked, noise, starts
+    masked, noise
         As in `spoiled_by`.
     """
     models, notes, spoiled = steps_of(model, extended, causes), [], None
@@ -318,11 +291,9 @@ def account(
     )
     if len(own) < len(logs):
         spoiled = next(_name(log) for log in logs if why[id(log)] is not None)
-    elif worse := spoiled_by(
-        model, extended, [*own, *unseen], masked, noise, as_simulated=True, starts=starts
-    ):
+    elif worse := spoiled_by(model, extended, [*own, *unseen], masked, noise):
         spoiled = f"{worse[1]} in {_name(worse[0])}"
-    if worse := spoiled_by(model, extended, before, masked, noise, surely=True, starts=starts):
+    if worse := spoiled_by(model, extended, before, masked, noise, surely=True):
         notes.append(
             f"{worse[1]} in {_name(worse[0])}, a log of the calibration, is worse by the written "
             "model: the machine has changed since, or the cause is another"

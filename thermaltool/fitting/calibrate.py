@@ -33,7 +33,7 @@ from thermaltool.model import (
     drive_rests,
     relative,
     rest_shifts,
-    zeros_of,
+    started_outputs,
 )
 from thermaltool.record import Record
 from thermaltool.responses import response_class
@@ -285,7 +285,8 @@ def _with_rests(model: Model, records: Sequence[Record]) -> Model:
 
 def _as_simulated(model: Model, records: Sequence[Record]) -> Model:
     """The model with fits as `simulate` gives them; the fit itself leaves every zero free."""
-    found, zeros = agreements(model, records), [zeros_of(model, record) for record in records]
+    found = agreements(model, records)
+    zeros = [started_outputs(model, record, model.simulate(record)) for record in records]
     outputs, bent = [], {effect.channel for effect in model.effects if effect.side == "sensor"}
     for output in model.outputs:
         own, averaged = found[output.channel], "averaged_rows" in output.fit
@@ -297,7 +298,7 @@ def _as_simulated(model: Model, records: Sequence[Record]) -> Model:
             else output.fit["rmse"],
             "max_error": own.max_error,
             "fit_percent": own.fit_percent,
-            "zeros": [each[output.channel].document() for each in zeros],
+            "zeros": [each[output.channel].zero.document() for each in zeros],
         }
         outputs.append(replace(output, fit={**output.fit, **fit}))
     return replace(model, outputs=tuple(outputs))

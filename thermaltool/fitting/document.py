@@ -64,8 +64,7 @@ def model_document(
 def agreement_from_rest(model: Model, data: TrainingData) -> Agreement:
     """How far the model document, from rest, is from the output of `data`.
 
-    That is what ``simulate`` gives: it takes every log to begin at rest, where a fit may have
-    estimated the state.
+    That is what ``simulate --initial rest`` gives, where a fit may have estimated the state.
 
     Parameters
     ----------
@@ -76,7 +75,7 @@ def agreement_from_rest(model: Model, data: TrainingData) -> Agreement:
     (target,), data = data.outputs, data.measured(0)
     output = next(o for o in model.outputs if o.channel == target)
     records = [data.records[k] for k in data.begins.values()]
-    return agreements(model, records, [output])[target]
+    return agreements(model, records, [output], "rest")[target]
 
 
 def _extent(

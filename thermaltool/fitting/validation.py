@@ -1,8 +1,8 @@
 """Validation: how an identified model does on data that took no part in its fit.
 
 What counts is the free run of the model document, as ``simulate`` gives it: its state is carried on
-from the data of the fit, and from rest in another log. Beside it stands the run whose state is
-estimated from the validation data themselves.
+from the data of the fit; another log begins at rest, unless it says clearly that it does not.
+Beside it stands the run whose state is estimated from the validation data themselves.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from thermaltool.documents import jsonable
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.fitting.data import Array, Split, TrainingData, Zero
 from thermaltool.fitting.output_model import OutputModel
-from thermaltool.model import Model
-from thermaltool.model.initial_state import Start, with_initial_state
+from thermaltool.model import Model, Start, started_outputs
 from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement, improvement
 from thermaltool.signals.start_level import start_level
@@ -38,7 +37,7 @@ class HeldOut:
     ----------
     log : Record
         All of it: every row drives the model.
-    initial : {"rest", "free"}
+    initial : {"auto", "rest", "free"}
         How the log begins.
     start, stop : float or None [s]
         The rows that are judged.
@@ -166,7 +165,7 @@ def validate_on(
     FitError
     """
     zero: Zero = "free" if is_displacement(model.target) else "mean"
-    rows = [HeldOut(log, "rest", *span) for log in logs]
+    rows = [HeldOut(log, "auto", *span) for log in logs]
     return _judged(
         model, fresh, zero, rows, whole, lambda: model.run(fresh.from_rest(), zero), False
     )
@@ -177,7 +176,6 @@ Run = tuple[Array, Array]
 
 def _simulated(whole: Model, target: str, rows: Sequence[HeldOut]) -> list[Run] | None:
     """As measured and as simulated, for each log; None where one cannot be simulated."""
-    output = next(o for o in whole.outputs if o.channel == target)
     found = []
     for each in rows:
         log, time = each.log, each.log.time
@@ -185,13 +183,14 @@ def _simulated(whole: Model, target: str, rows: Sequence[HeldOut]) -> list[Run] 
             return None
         start = -np.inf if each.start is None else each.start
         try:
-            computed, zero = with_initial_state(
-                whole, output, log, whole.simulate(log)[target], each.initial, time < start
-            )
+            run = whole.simulate(log)
+            # Without rows before those that are judged these say how the log begins.
+            before = time < (np.inf if each.start is None else each.start)
+            own = started_outputs(whole, log, run, each.initial, before)[target]
         except (LogError, ModelError):
             return None
         judged = (time >= start) & (time <= (np.inf if each.stop is None else each.stop))
-        found.append((log.column(target)[judged], computed[judged] + zero.value))
+        found.append((log.column(target)[judged], own.computed[judged] + own.zero.value))
     return found
 
 

@@ -8,10 +8,10 @@ from thermaltool.model.document import (
     Role,
     Term,
 )
+from thermaltool.model.initial_state import Start, StartedOutput, agreements, started_outputs
 from thermaltool.model.model_file import dumps, loads, to_document
 from thermaltool.model.rest import (
     Zero,
-    agreements,
     beside,
     drive_rests,
     from_rest,
@@ -19,7 +19,6 @@ from thermaltool.model.rest import (
     rest_level,
     rest_shifts,
     zero_of,
-    zeros_of,
 )
 from thermaltool.model.selection import only_sensors
 from thermaltool.model.simulate import (
@@ -53,6 +52,8 @@ __all__ = [
     "ModelRecursion",
     "Output",
     "Role",
+    "Start",
+    "StartedOutput",
     "Term",
     "Zero",
     "acting_drives",
@@ -74,10 +75,10 @@ __all__ = [
     "rest_level",
     "rest_shifts",
     "simulate_response",
+    "started_outputs",
     "state_rates",
     "sum_terms",
     "term_input",
     "to_document",
     "zero_of",
-    "zeros_of",
 ]

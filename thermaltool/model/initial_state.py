@@ -1,27 +1,33 @@
-"""The state in which a log begins, where the machine was not at rest: from the rows before a time.
+"""The state in which a log begins: at rest, or one that its readings say.
 
-A machine that comes from elsewhere brings along what its modes have kept. That decays with the
-modes of the terms; how much of each there was follows from what was measured before the rows that
-are judged, by least squares.
+A machine that comes from elsewhere brings along what its modes have kept, also those that its
+drives hardly move. That decays; how much of each decay there was follows from what was measured
+before the rows that are judged, by least squares. One rule for all commands that compare a model
+with a log.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy.linalg import lstsq
+from numpy.typing import NDArray
 
+from thermaltool.effects.dynamics import lagged
 from thermaltool.errors import LogError
-from thermaltool.model.rest import Zero, zero_of
-from thermaltool.model.simulate import Course, acting_effects, sum_terms
+from thermaltool.model.rest import Zero, drive_rests, rest_shifts, zero_of
+from thermaltool.model.simulate import Course, acting_drives, acting_effects, sum_terms
 from thermaltool.record import Record, Rows
 from thermaltool.responses.modes import Float
+from thermaltool.signals.agreement import Agreement, agreement
 
 if TYPE_CHECKING:
     from thermaltool.model.document import Model, Output
 
-Start = Literal["rest", "free"]
+Start = Literal["auto", "rest", "free"]
 
 # Modes of an output above which it is taken to come from other levels of its drives, at which it
 # had settled: a state of many modes is not told by a few rows.
@@ -30,69 +36,260 @@ MAX_FREE_MODES = 8
 SAME_POLE = 1e-6
 # Directions of the state weaker than this part of the strongest are left at rest.
 MIN_SENSITIVITY = 1e-6
+# Rows that a state is taken from at most: more say no more of so few unknowns.
+MAX_STATE_ROWS = 20_000
+# Time constants of an unknown start, relative to the output's slowest: so near each other that
+# their sum follows any decay to a hundredth of its height, also one slower than the model's. The
+# last ones only where the clock shows them.
+START_TIME_CONSTANTS = (1.5, 1.0, 0.6, 0.35, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
+# A log begins away from rest where a free state leaves less than this share of an output's errors
+# (standard deviations), and the second half of them has no more either: a drift goes on there.
+# Asked in so many of its slowest time constants, of so many readings for each state.
+MAX_LEFT_BY_STATE, MIN_TIME_CONSTANTS, MIN_ROWS_PER_STATE = 0.35, 2.0, 10
+# ... and less than this share of what any other responses to the commanded drives leave: where one
+# acts once, as the log begins, a wrong gain looks like a start.
+MAX_LEFT_BESIDE_DRIVES = 0.5
 
 
-def with_initial_state(
-    model: Model, output: Output, record: Record, simulated: Float, initial: Start, rows: Rows
-) -> tuple[Float, Zero]:
-    """One output of a model over a log, relative to rest, and what it counts from.
+@dataclass(frozen=True)
+class StartedOutput:
+    """A measured output of a model over a log, with the state in which the log begins.
+
+    Attributes
+    ----------
+    computed : ndarray, shape (n,) [unit of the output]
+        Relative to rest.
+    zero : Zero
+        What the readings count from.
+    initial : {"rest", "free"}
+        At rest at the first row, or in a state that the readings say.
+    """
+
+    computed: Float
+    zero: Zero
+    initial: Literal["rest", "free"]
+
+
+def started_outputs(
+    model: Model,
+    record: Record,
+    simulated: Mapping[str, Float],
+    initial: Start = "auto",
+    rows: Rows | None = None,
+) -> dict[str, StartedOutput]:
+    """Every measured output of a model over a log, and what each counts from.
+
+    "auto" takes the machine to be at rest at the first row unless its calibration did not begin at
+    rest either, or some output says clearly that it is not: most of what the model leaves of it
+    from rest is a start that decays. A machine is at rest as a whole, or not.
 
     Parameters
     ----------
     model : Model
-    output : Output
-        That was measured.
     record : Record
-        With the output.
-    simulated : ndarray, shape (n,) [unit of the output]
+        With the drives, and outputs that were measured.
+    simulated : mapping of output to ndarray, shape (n,) [unit of the output]
         From rest, relative to it.
-    initial : {"rest", "free"}
-        The machine is at rest at the first row, or in a state that the rows say.
-    rows : ndarray of bool, shape (n,)
-        Those that count for a free state.
-
-    Returns
-    -------
-    computed : ndarray, shape (n,) [unit of the output]
-    zero : Zero
+    initial : {"auto", "rest", "free"}
+    rows : ndarray of bool, shape (n,), optional
+        Those that say how the log begins. Default: all.
 
     Raises
     ------
     LogError
-        Fewer rows than twice the states.
+        Of "free": fewer readings than twice the states.
     """
-    time, measured = record.time, record.column(output.channel)
-    if initial == "rest":
-        return simulated, zero_of(time, measured, simulated, output.offset)
-    decays = free_decays(model, output.channel, *_course(model, record))
-    columns = np.vstack([decays, np.ones((int(output.offset == "first"), len(time)))])
-    stated = 0.0 if output.offset == "first" else output.offset
-    left = measured - simulated - stated
-    there = rows & np.isfinite(left)
-    if there.sum() < 2 * len(columns):
-        raise LogError(
-            f"{output.channel}: {there.sum()} readings before the rows that are judged do not say "
-            f"in which of {len(columns)} states the log begins: judge from a later row on",
-            record.name,
+    rested = {
+        o.channel: StartedOutput(
+            simulated[o.channel],
+            zero_of(record.time, record.columns[o.channel], simulated[o.channel], o.offset),
+            "rest",
         )
-    size = np.max(np.abs(columns), axis=1, keepdims=True)
-    found = lstsq((columns / size)[:, there].T, left[there], cond=MIN_SENSITIVITY)[0]
-    weights = np.asarray(found) / size[:, 0]
-    computed = simulated + weights[: len(decays)] @ decays
-    return computed, Zero(stated if output.offset != "first" else float(weights[-1]))
+        for o in model.outputs
+        if o.channel in record.columns
+    }
+    if initial == "rest" or not rested or not len(record):
+        return rested
+    judged = np.ones(len(record), bool) if rows is None else rows
+    shifted = set(rest_shifts(model, drive_rests(model, record)))
+    found = {}
+    for o in model.outputs:
+        if o.channel in rested:
+            values = record.columns[o.channel]
+            there = np.flatnonzero(judged & np.isfinite(values - simulated[o.channel]))
+            is_zero_free = o.offset == "first" or o.channel in shifted
+            state = _FreeState(model, o, record, there, is_zero_free)
+            found[o.channel] = state.fit(simulated[o.channel])
+    if initial == "auto":
+        known = any(o.fit.get("free_start") for o in model.outputs)
+        seen = any(fit.is_start or (known and fit.state.is_seen) for fit in found.values())
+        if not seen:
+            return rested
+    for channel, fit in found.items():
+        if initial == "free" and not fit.is_determined:
+            raise LogError(
+                f"{channel}: {len(fit.state.rows)} readings before the rows that are judged do not "
+                f"say in which of {len(fit.weights)} states the log begins: judge from a later row "
+                "on",
+                record.name,
+            )
+        if fit.is_determined:
+            rested[channel] = fit.added(simulated[channel])
+    return rested
 
 
-def _course(model: Model, record: Record) -> tuple[Float, Float]:
-    """The machine's own time since the first row [s], and Γ there [1]."""
-    states = [e for e in acting_effects(model, record.digest) if e.side == "state"]
-    if not states:
-        return record.elapsed, np.zeros(len(record))
+@dataclass(frozen=True, eq=False)
+class _StateFit:
+    """What the first state of an output may be.
+
+    Attributes
+    ----------
+    state : _FreeState
+    weights : ndarray, shape (k,) [unit of the output]
+        Of the decays, and of the zero where it is free.
+    is_start : bool
+        Whether the decays are most of what the output is off by from rest.
+    """
+
+    state: _FreeState
+    weights: Float
+    is_start: bool
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether there are readings enough to tell."""
+        return len(self.state.rows) >= 2 * len(self.weights)
+
+    def added(self, simulated: Float) -> StartedOutput:
+        """The output with its state at the first row."""
+        computed, zero = simulated, self.state.stated
+        decays = self.state.decays()
+        for weight, decay in zip(self.weights, decays, strict=False):
+            computed = computed + weight * decay
+        if self.state.is_zero_free:
+            zero += float(self.weights[-1])
+        return StartedOutput(computed, Zero(zero), "free")
+
+
+@dataclass(frozen=True, eq=False)
+class _FreeState:
+    """What an output may do at first beside what its drives do.
+
+    Attributes
+    ----------
+    model : Model
+    output : Output
+    record : Record
+    rows : ndarray of int
+        That have a reading and say how the log begins.
+    is_zero_free : bool
+        No zero is stated, or it goes with a room, and the gain of the response to it is uncertain.
+    """
+
+    model: Model
+    output: Output
+    record: Record
+    rows: NDArray[np.intp]
+    is_zero_free: bool
+
+    @property
+    def stated(self) -> float:
+        """The zero from which deviations count."""
+        return 0.0 if self.output.offset == "first" else self.output.offset
+
+    @property
+    def slowest(self) -> float:
+        """Slowest time constant of the output [s]."""
+        own = (t.response for t in self.model.terms if t.output == self.output.channel)
+        return max((each.slowest() for each in own), default=0.0)
+
+    @cached_property
+    def is_seen(self) -> bool:
+        """Whether the rows are many and long enough to tell any decay, and a start from a drift."""
+        time = self.record.time[self.rows]
+        enough = len(time) >= MIN_ROWS_PER_STATE * (len(START_TIME_CONSTANTS) + self.is_zero_free)
+        return enough and float(np.ptp(time)) >= MIN_TIME_CONSTANTS * self.slowest
+
+    @cached_property
+    def course(self) -> Course:
+        """The machine's own time, and how much faster every mode has decayed."""
+        return _course(self.model, self.record)
+
+    def decays(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
+        """How the output may come to rest, shape (k, n); by few modes where few rows say so."""
+        elapsed, cooling = self.course.clock[rows], self.course.cooling[rows]
+        if not self.is_seen:
+            return free_decays(self.model, self.output.channel, elapsed, cooling)
+        return start_decays(elapsed, self.slowest, self.record.period) * np.exp(-cooling)
+
+    def fit(self, simulated: Float) -> _StateFit:
+        """The state and the zero that fit the rows best."""
+        # Imported on use: the stream reads models and needs no scipy.
+        from scipy.linalg import lstsq
+
+        rows = self.rows[:: max(-(-len(self.rows) // MAX_STATE_ROWS), 1)]
+        off = self.record.columns[self.output.channel][rows] - simulated[rows] - self.stated
+        decays = self.decays(rows)
+        columns = np.vstack([decays, np.ones((int(self.is_zero_free), len(rows)))])
+        if not 0 < 2 * len(columns) <= len(rows):
+            return _StateFit(self, np.zeros(len(columns)), False)
+        size = np.max(np.abs(columns), axis=1)
+        size[size == 0] = 1.0
+        table = columns.T / size
+        found = np.asarray(lstsq(table, off, cond=MIN_SENSITIVITY)[0])
+        left, late = off - table @ found, off[len(off) // 2 :]
+        most = MAX_LEFT_BY_STATE * float(np.std(off))
+        is_start = self.is_seen and max(float(np.std(left)), float(np.std(late))) < most
+        if is_start:
+            other = float(np.std(self._without_drives(off, rows)))
+            is_start = float(np.std(left)) < MAX_LEFT_BESIDE_DRIVES * other
+        return _StateFit(self, found / size, is_start)
+
+    def _without_drives(self, off: Float, rows: NDArray[np.intp]) -> Float:
+        """What is left of the errors where the responses to the drives are others."""
+        model, record = self.model, self.record
+        acting = acting_drives(model, acting_effects(model, record.digest), record)
+        own = {t.drive for t in model.terms if t.output == self.output.channel}
+        drives = [d for d in model.drives if d.channel in own]
+        # What is smooth, as a room is, may look like anything.
+        drives = [d for d in drives if d.hold == "zero"] or drives
+        lags = [
+            lagged(record.time, acting[d.channel], share * self.slowest, d.hold)[rows]
+            for d in drives
+            for share in START_TIME_CONSTANTS
+        ]
+        table = np.column_stack([np.ones(len(rows)), *lags])
+        table /= np.maximum(np.max(np.abs(table), axis=0), np.finfo(float).tiny)
+        return off - table @ np.linalg.lstsq(table, off, rcond=MIN_SENSITIVITY)[0]
+
+
+def start_decays(elapsed: Float, slowest: float, period: float) -> Float:
+    """Decays whose sum follows any way to rest, shape (k, n).
+
+    Parameters
+    ----------
+    elapsed : ndarray, shape (n,) [s]
+        Since the first row.
+    slowest : float [s]
+        Slowest time constant.
+    period : float [s]
+        Of the rows, which show none that is faster.
+    """
+    own = [share * slowest for share in START_TIME_CONSTANTS if share * slowest > period]
+    return np.array([np.exp(-elapsed / tau) for tau in own]).reshape(len(own), len(elapsed))
+
+
+def _course(model: Model, record: Record) -> Course:
+    """The course of the state, its clock from 0 at the first row."""
     effects = acting_effects(model, record.digest)
+    states = [e for e in effects if e.side == "state"]
+    if not states:
+        return Course(record.elapsed, np.zeros(len(record)))
     course = Course.of(states, record, sum_terms(model, effects, record))
-    return course.clock - course.clock[0], course.cooling
+    return Course(course.clock - course.clock[0], course.cooling)
 
 
-def free_decays(model: Model, channel: str, elapsed: Float, cooling: Float | None = None) -> Float:
+def free_decays(model: Model, channel: str, elapsed: Float, cooling: Float) -> Float:
     """How an output can come to rest with all drives at rest, shape (k, n).
 
     Each mode of its terms, or, where these are many, each term from a level of its drive at which
@@ -104,7 +301,7 @@ def free_decays(model: Model, channel: str, elapsed: Float, cooling: Float | Non
     channel : str
     elapsed : ndarray, shape (n,) [s]
         Since the first row.
-    cooling : ndarray, shape (n,), optional
+    cooling : ndarray, shape (n,)
         Γ, the integral of the rate by which all decays faster.
     """
     responses = [t.response for t in model.terms if t.output == channel]
@@ -115,10 +312,44 @@ def free_decays(model: Model, channel: str, elapsed: Float, cooling: Float | Non
         for pole, double in zip(each.poles, each.double, strict=True):
             if not any(abs(pole - other) <= SAME_POLE * abs(pole) for other in found):
                 found.append(complex(pole))
+                if len(found) > MAX_FREE_MODES:
+                    break
                 decay = np.exp(pole * elapsed)
                 columns += [decay.real, *([decay.imag] if pole.imag else [])]
                 columns += [elapsed * decay.real] if double else []
-    if len(columns) > MAX_FREE_MODES:
+    if len(columns) > MAX_FREE_MODES or len(found) > MAX_FREE_MODES:
         columns = [each.dc_gain() - each.step(elapsed) for each in responses]
-    found_decays = np.array(columns).reshape(-1, len(elapsed))
-    return found_decays if cooling is None else found_decays * np.exp(-cooling)
+    return np.array(columns).reshape(len(columns), len(elapsed)) * np.exp(-cooling)
+
+
+def agreements(
+    model: Model,
+    records: Sequence[Record],
+    outputs: Sequence[Output] | None = None,
+    initial: Start = "auto",
+) -> dict[str, Agreement]:
+    """Agreement of every output over all records, as `simulate` has it.
+
+    Parameters
+    ----------
+    model : Model
+    records : sequence of Record
+        With the drives, what the effects need, and the outputs.
+    outputs : sequence of Output, optional
+        Default: all of the model.
+    initial : {"auto", "rest", "free"}
+        See `started_outputs`.
+    """
+    runs = [
+        (record, started_outputs(model, record, model.simulate(record), initial))
+        for record in records
+    ]
+    return {
+        o.channel: agreement(
+            np.concatenate(
+                [record.column(o.channel) - run[o.channel].zero.value for record, run in runs]
+            ),
+            np.concatenate([run[o.channel].computed for _, run in runs]),
+        )
+        for o in (model.outputs if outputs is None else outputs)
+    }

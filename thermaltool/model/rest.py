@@ -15,7 +15,7 @@ A stream has the first reading alone, and counts from that one (`ModelRecursion`
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,6 @@ import numpy as np
 
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float, Hold
-from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.units import Reference, is_absolute
 
 if TYPE_CHECKING:
@@ -190,44 +189,4 @@ def drive_rests(model: Model, record: Record) -> dict[str, float]:
     """
     return {
         d.channel: rest_level(record.column(d.channel), d.reference, d.hold) for d in model.drives
-    }
-
-
-def zeros_of(model: Model, record: Record) -> dict[str, Zero]:
-    """What every measured output counts from in a record, the model run from rest.
-
-    Parameters
-    ----------
-    model : Model
-    record : Record
-        With the drives, and what the effects need.
-    """
-    simulated = model.simulate(record)
-    return {
-        o.channel: zero_of(record.time, record.columns[o.channel], simulated[o.channel], o.offset)
-        for o in model.outputs
-        if o.channel in record.columns
-    }
-
-
-def agreements(
-    model: Model, records: Sequence[Record], outputs: Sequence[Output] | None = None
-) -> dict[str, Agreement]:
-    """Agreement of every output over all records, the model run from rest in each.
-
-    Parameters
-    ----------
-    model : Model
-    records : sequence of Record
-        With the drives, what the effects need, and the outputs.
-    outputs : sequence of Output, optional
-        Default: all of the model.
-    """
-    runs = [(record, model.simulate(record)) for record in records]
-    return {
-        o.channel: agreement(
-            np.concatenate([from_rest(record, o, run[o.channel]) for record, run in runs]),
-            np.concatenate([run[o.channel] for _, run in runs]),
-        )
-        for o in (model.outputs if outputs is None else outputs)
     }

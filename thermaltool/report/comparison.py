@@ -11,7 +11,7 @@ import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.logs import Log
-from thermaltool.model import Model, zero_of
+from thermaltool.model import Model, started_outputs
 from thermaltool.report.clock_axis import record_axis
 from thermaltool.report.style import (
     CYCLE,
@@ -84,7 +84,7 @@ def common_outputs(outputs: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def model_curves(model: Model, name: str, log: Log) -> dict[str, ModelCurve]:
-    """The measured outputs of a model for the drives in a log, from rest.
+    """The measured outputs of a model for the drives in a log, as `simulate` has them.
 
     Parameters
     ----------
@@ -102,22 +102,19 @@ def model_curves(model: Model, name: str, log: Log) -> dict[str, ModelCurve]:
     except ModelError as error:
         raise ModelError(f"{name}: {error}") from error
     found = {}
-    for output in model.outputs:
-        channel, level = output.channel, simulated[output.channel]
-        if channel in log.columns:
-            measured = log.columns[channel]
-            zero = zero_of(log.time, measured, level, output.offset).value
-            residual = measured - zero - level
-            found[channel] = ModelCurve(
-                name, log, level + zero, zero, residual, agreement(measured - zero, level)
-            )
+    for channel, started in started_outputs(model, log, simulated).items():
+        level, zero = started.computed, started.zero.value
+        from_zero = log.columns[channel] - zero
+        found[channel] = ModelCurve(
+            name, log, level + zero, zero, from_zero - level, agreement(from_zero, level)
+        )
     return found
 
 
 def draw_models_on_log(
     models: Mapping[str, Model], log: Log, channels: Sequence[str] = ()
 ) -> Figure:
-    """Several models for the drives in a log, from rest.
+    """Several models for the drives in a log, as `simulate` has them.
 
     Raises
     ------

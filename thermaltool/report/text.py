@@ -97,6 +97,14 @@ def pause_messages(log: Log, meaning: str) -> Iterator[str]:
         yield row_message(log, part.start, f"a pause of {pause:g} s; {meaning}")
 
 
+def start_message(log: Log) -> str:
+    """Of a log that does not begin at rest, where its start was taken from."""
+    return (
+        f"{log.name}: does not begin at rest: the state of the machine at the first row is "
+        "estimated (--initial rest takes it to be at rest)"
+    )
+
+
 def zero_message(channel: str, zero: Zero, log: Log) -> str:
     """From what the zero of an output was taken that has none of its own."""
     return (

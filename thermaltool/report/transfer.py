@@ -89,7 +89,7 @@ def lost_from_rest(found: Sequence[tuple[str, Agreement, Agreement]]) -> list[st
     """
     return [
         f"{target}: the model file fits the training data to "
-        f"{from_rest.fit_percent:.3g} % where simulate takes them to begin at rest, and to "
+        f"{from_rest.fit_percent:.3g} % with simulate --initial rest, and to "
         f"{training.fit_percent:.3g} % with the state at the start estimated: if the "
         "machine was at rest there, use --initial rest"
         for target, training, from_rest in found

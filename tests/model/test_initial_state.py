@@ -1,0 +1,130 @@
+"""How a log begins: at rest, or on a machine that its own lags, computed here, leave warm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from thermaltool.errors import LogError
+from thermaltool.model import Drive, Model, Output, Term, agreements, started_outputs
+from thermaltool.record import Record
+from thermaltool.responses.rational import Rational1
+
+SIGMA = 0.02
+TIME = 10.0 * np.arange(1200)
+HEAT, ROOM, T, Z = "Q_main_1", "T_room_degC", "T_head_degC", "d_z_um"
+LEVELS = np.repeat(np.random.default_rng(20261124).choice([0.0, 0.4, 0.7, 1.0], 40), 30)
+LAGS = {T: (8.0, 1500.0), Z: (40.0, 900.0)}
+MODEL = Model(
+    (Drive(HEAT, "zero", 0.0, (0.0, 1.0)),),
+    (Output(T, "sensor", 20.0, (0.0, 8.0)), Output(Z, "deflection", "first", (0.0, 40.0))),
+    tuple(Term(HEAT, output, Rational1(*own)) for output, own in LAGS.items()),
+    10.0,
+)
+
+
+def lag(u, gain, tau, start):
+    y, x = np.empty(len(u)), start
+    for k, level in enumerate(u):
+        y[k] = x
+        x = gain * level + (x - gain * level) * np.exp(-10.0 / tau)
+    return y
+
+
+def log(before=0.0, heat=LEVELS, gain=1.0, fast=0.1, **more):
+    """`before`: how long the heat was at its full level [s]; what is off by a factor `gain`."""
+    generator = np.random.default_rng(7)
+    columns = {HEAT: heat}
+    for output, (height, tau) in LAGS.items():
+        # Behind a faster lag, which the response to the heat hardly has.
+        warm = gain * height * -np.expm1(-before / tau)
+        y = lag(heat, gain * height, tau, warm) + fast * warm * np.exp(-TIME / (0.3 * tau))
+        y = y + more.get(output, 0.0)
+        columns[output] = {T: 20.0, Z: 300.0}[output] + y + SIGMA * generator.standard_normal(1200)
+    return Record(TIME, columns, digest="log")
+
+
+def begins(record, initial="auto", model=MODEL, rows=None):
+    found = started_outputs(model, record, model.simulate(record), initial, rows)
+    return found, {each.initial for each in found.values()}
+
+
+def test_a_warm_machine_is_found_and_its_start_estimated():
+    warm = log(before=2000.0)
+    assert begins(warm)[1] == {"free"}
+    for channel, found in agreements(MODEL, [warm]).items():
+        assert found.rmse < 1.1 * SIGMA
+        assert agreements(MODEL, [warm], initial="rest")[channel].rmse > 20 * SIGMA
+    # A zero that the model states is no part of the start.
+    assert begins(warm)[0][T].zero.value == 20.0
+    assert begins(warm)[0][Z].zero.value == pytest.approx(300.0, abs=0.2)
+
+
+def test_all_outputs_begin_as_the_machine_does():
+    hardly = log(before=60.0)
+    found, how = begins(hardly.with_columns({T: log(before=2000.0).columns[T]}))
+    assert how == {"free"}
+    assert found[Z].computed[0] == pytest.approx(40.0 * 60.0 / 900.0 * 1.1, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        log(),
+        log(gain=1.2),
+        # A wrong gain of heat that is switched on once, as the log begins, looks like a start.
+        log(heat=np.ones(1200), gain=1.5),
+        # What goes on in the second half is a drift.
+        log(**{Z: 5.0 * TIME / TIME[-1], T: 2.0 * TIME / TIME[-1]}),
+        # A sensor that was moved.
+        log(**{T: 3.0}),
+    ],
+    ids=["clean", "gain", "one step", "drift", "offset"],
+)
+def test_what_is_no_start_begins_at_rest(record):
+    found, how = begins(record)
+    assert how == {"rest"}
+    rested = begins(record, "rest")[0]
+    for channel, each in found.items():
+        np.testing.assert_array_equal(each.computed, rested[channel].computed)
+        assert each.zero == rested[channel].zero
+
+
+def test_a_log_that_is_too_short_begins_at_rest():
+    warm = log(before=2000.0)
+    assert begins(warm.rows(slice(0, 60)))[1] == {"rest"}
+    assert begins(warm, rows=TIME < 600.0)[1] == {"rest"}
+    with pytest.raises(LogError, match="0 readings before the rows that are judged"):
+        begins(warm, "free", rows=TIME < 0.0)
+
+
+def test_few_rows_say_the_state_by_the_modes_of_the_model():
+    warm = log(before=2000.0, fast=0.0)
+    found = begins(warm, "free", rows=TIME < 600.0)[0]
+    late = TIME > 3000.0
+    for channel, each in found.items():
+        error = warm.columns[channel] - each.zero.value - each.computed
+        assert np.sqrt(np.mean(error[late] ** 2)) < 0.02 * LAGS[channel][0]
+
+
+def test_the_zero_of_a_sensor_that_goes_with_the_room_is_free():
+    room = Drive(ROOM, "first", "first", (-2.0, 2.0), rest=20.0)
+    terms = (*MODEL.terms, Term(ROOM, T, Rational1(0.8, 2500.0)))
+    model = replace(MODEL, drives=(*MODEL.drives, room), terms=terms)
+    air = np.full(1200, 26.0)
+    # It stands at the room's 26 degC, where the model has 20 + 0.8 (26 - 20).
+    warm = log(before=2000.0, **{T: 6.0}).with_columns({ROOM: air})
+    assert begins(warm, model=model)[0][T].zero.value == pytest.approx(21.2, abs=0.1)
+    assert agreements(model, [warm])[T].rmse < 1.2 * SIGMA
+
+
+def test_a_machine_that_its_calibration_found_warm_is_at_rest_nowhere():
+    # Too little of a start to say so by itself, beside a gain that is wrong.
+    hardly = log(before=60.0, gain=1.2)
+    assert begins(hardly)[1] == {"rest"}
+    warm = replace(MODEL.outputs[0], fit={"free_start": True})
+    model = replace(MODEL, outputs=(warm, MODEL.outputs[1]))
+    assert begins(hardly, model=model)[1] == {"free"}
+    assert begins(hardly.rows(slice(0, 60)), model=model)[1] == {"rest"}
