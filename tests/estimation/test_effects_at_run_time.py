@@ -486,7 +486,7 @@ def test_pairs_that_no_stream_can_follow_are_refused(causes, message):
         machine_of(ranged(model(*causes)))
 
 
-@pytest.mark.parametrize("cause", [DELAY, HYSTERESIS, BACKLASH, COOLING])
+@pytest.mark.parametrize("cause", [DELAY, HYSTERESIS, BACKLASH])
 def test_what_a_measured_drive_cannot_have_is_refused(cause):
     with pytest.raises(ModelError, match=f"{cause.name} of .* not supported"):
         machine_of(ranged(model(cause)), measured=(HEAT,))

@@ -161,8 +161,8 @@ def lpv_table(fits: Sequence[Fit]) -> str:
         for i, name in enumerate(own.names):
             unit = printed(gain_unit(own.target, name))
             for k in range(max(len(form.levels), 1)):
-                level = _level(form, k)
-                gains.append([own.target, name, level, with_interval(own.level_gain(i, k)), unit])
+                gain = with_interval(own.level_gain(i, k))
+                gains.append([own.target, name, _level(form, k), gain, unit])
     if not form.channel:
         gains = [[*row[:2], *row[3:]] for row in gains]
     parts = [head, aligned(shared), aligned(gains), aligned(agreement_rows(fits))]

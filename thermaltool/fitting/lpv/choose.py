@@ -162,7 +162,8 @@ def beats(best: Lpv, beside: LinearBeside, data: TrainingData) -> bool:
             return each.fitted(part)
         return identify_lpv(part, each.form, best.references, [each.theta], judged=False)
 
-    found = rank([best, beside], fit, split, "neither fits")
+    both: list[Lpv | LinearBeside] = [best, beside]
+    found = rank(both, fit, split, "neither fits")
     if len(found) < 2:
         return isinstance(found[0].model, Lpv)
     first, second = found
