@@ -18,8 +18,7 @@ from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.fitting.data import Array, even_training_data
 from thermaltool.fitting.linearity import LinearityTest, linearity_test
-from thermaltool.model import Model
-from thermaltool.model.initial_state import with_initial_state
+from thermaltool.model import Model, started_outputs
 from thermaltool.record import Record
 
 # The column that holds what a model simulates.
@@ -68,10 +67,9 @@ def nonlinearity(model: Model, logs: Sequence[Record], output: str) -> Linearity
     try:
         for log in logs:
             if output in log.columns:
-                computed = model.simulate(log)[output]
-                rows = np.ones(len(log), bool)
-                computed, zero = with_initial_state(model, own, log, computed, "rest", rows)
-                parts.append(log.with_columns({SIMULATED: computed + zero.value}))
+                started = started_outputs(model, log, model.simulate(log))[output]
+                level = started.computed + started.zero.value
+                parts.append(log.with_columns({SIMULATED: level}))
         data = even_training_data(parts, (*names, SIMULATED), (output,)).driven_by(names)
         moved = np.ptp(np.hstack(data.u), axis=1)
         data = data.driven_by([n for n, span in zip(names, moved, strict=True) if span > 0])

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thermaltool.documents import jsonable
+from thermaltool.report.clock_axis import span_of, time_unit
 from thermaltool.report.style import (
     CYCLE,
     MARK,
@@ -15,8 +16,6 @@ from thermaltool.report.style import (
     legend_beside,
     panels,
     plain,
-    span_of,
-    time_unit,
     trace_record,
 )
 from thermaltool.report.text import aligned
