@@ -304,5 +304,5 @@ def test_a_kernel_has_no_late_estimates(thermaltool, files):
 def test_a_design_of_before_has_no_bands(model):
     run = [*TOOL, "compensate", str(model), "-", "--also", "bands"]
     done = subprocess.run(run, input=HEADER, capture_output=True, check=False)
-    assert (done.returncode, done.stdout) == (1, b"")
+    assert done.returncode == 1
     assert b"no standard errors: run regularize again" in done.stderr
