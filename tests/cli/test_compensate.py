@@ -278,3 +278,31 @@ def test_json_lines(model):
     lines = [json.loads(line) for line in out.splitlines()]
     assert code == 0
     assert [line["time_s"] for line in lines] == [0.0, 1.0, 2.0, 2.5]
+
+
+def test_bands_late_estimates_and_what_they_rest_on(thermaltool, files):
+    run = ("compensate", files.kalman, files.log, "--timeout", 0)
+    beside = ("--also", "estimates", "--also", "bands", "--also", "status", "--lag", 30)
+    done = subprocess.run([*TOOL, *map(str, (*run, *beside))], capture_output=True, check=True)
+    header, *lines = (line.split(",") for line in done.stdout.decode().splitlines())
+    assert header == ["time_s", "offset_x_um", "Q_main_1", "d_x_um", "sigma_Q_main_1",
+                      "sigma_d_x_um", "late_Q_main_1", "late_d_x_um", "status"]  # fmt: skip
+    batch = thermaltool("estimate", files.kalman, files.log, "--lag", 30, "-q")
+    whole = [line.split(",") for line in batch.out.splitlines()[1:]]
+    for now, then in zip(lines[3:-1], whole, strict=False):
+        assert [float(each) for each in now[6:8]] == [float(each) for each in then[1:]]
+    assert b"so no alarm where model and machine part" in done.stderr
+    assert {line[-1] for line in lines} <= {"ok", "safe", "extrapolates", "settles"}
+
+
+def test_a_kernel_has_no_late_estimates(thermaltool, files):
+    kernel = thermaltool("compensate", files.kernel, files.log, "--lag", 30)
+    assert kernel.code == 1
+    assert "take the Kalman form" in kernel.err
+
+
+def test_a_design_of_before_has_no_bands(model):
+    run = [*TOOL, "compensate", str(model), "-", "--also", "bands"]
+    done = subprocess.run(run, input=HEADER, capture_output=True, check=False)
+    assert done.returncode == 1
+    assert b"no standard errors: run regularize again" in done.stderr

@@ -130,3 +130,71 @@ def test_a_deflection_beyond_the_calibration_is_told(thermaltool, files):
     result = thermaltool("estimate", files.kalman, "-", stdin="\n".join(hot) + "\n")
     assert "d_x_um:" in result.err
     assert "outside the calibrated range" in result.err
+
+
+LOOKS = pytest.mark.parametrize("look", [("--smooth",), ("--lag", 30), ("--walk", 0.05)], ids=str)
+
+
+@LOOKS
+def test_looking_back_is_nearer_and_says_how_sure_it_is(thermaltool, files, look):
+    plain = thermaltool("estimate", files.kalman, files.log, "--json", "-o", files.folder / "p.csv")
+    target = files.folder / "late.csv"
+    result = thermaltool(
+        "estimate", files.kalman, files.log, *look, "--bands", "--json", "-o", target
+    )
+    assert result.code == 0
+    names, values = table(target.read_text())
+    assert names == ["time_s", "Q_main_1", "d_x_um", "sigma_Q_main_1", "sigma_d_x_um"]
+    assert np.all(values[:, 3] > 0)
+    if "--walk" not in look:
+        assert result.json["Q_main_1"]["rmse"] < 0.9 * plain.json["Q_main_1"]["rmse"]
+    assert ("as this log tells it" in result.err) == ("--lag" not in look)
+
+
+@LOOKS
+def test_records_of_no_and_of_one_row(thermaltool, files, look):
+    for rows in (0, 1):
+        text = "time_s,dT_pair1_K\n" + "0,0.1\n" * rows
+        result = thermaltool("estimate", files.kalman, "-", "--bands", *look, stdin=text)
+        if rows and "--smooth" in look:
+            assert (result.code, result.out) == (1, "")
+            assert result.err.endswith("1 rows with a reading of every sensor: too few to tell how "
+                                       "fast the heat changes; pin it with --walk\n")  # fmt: skip
+        else:
+            assert (result.code, len(result.out.splitlines())) == (0, 1 + rows)
+
+
+def test_a_sensor_that_is_dead_for_a_while(thermaltool, files):
+    lines = files.log.read_text().splitlines()
+    column = lines[0].split(",").index("dT_pair1_K")
+    for k in range(100, 130):
+        cells = lines[k].split(",")
+        cells[column] = ""
+        lines[k] = ",".join(cells)
+    text = "\n".join(lines) + "\n"
+    run = ("estimate", files.kalman, "-", "--smooth", "--bands")
+    refused = thermaltool(*run, stdin=text)
+    assert refused.code == 1
+    assert "missing value (30 in all): see --nan-policy" in refused.err
+    result = thermaltool(*run, "--nan-policy", "hold", stdin=text)
+    _, values = table(result.out)
+    assert len(values) == 240
+    assert np.all(np.isfinite(values))
+    # Nobody has read it: it is less sure there.
+    assert np.min(values[110:120, 3]) > 1.2 * np.median(values[40:80, 3])
+
+
+@pytest.mark.parametrize(
+    ("form", "options", "message"),
+    [
+        ("kernel", ("--smooth",), "take the Kalman form: run thermaltool regularize --form kalman"),
+        ("kalman", ("--lag", 1e7), "a lag of 1e+07 s is 1e+06 samples of 10 s: give more than 0"),
+        ("kalman", ("--smooth", "--lag", 5), "--smooth takes all later readings"),
+        ("kalman", ("--walk", "quick"), "'quick' is not likelihood|design|RATE"),
+        ("kalman", ("--walk", -1), "'-1' is not likelihood|design|RATE"),
+    ],
+)
+def test_what_cannot_be_looked_back_at(thermaltool, files, form, options, message):
+    result = thermaltool("estimate", getattr(files, form), files.log, *options)
+    assert (result.code in (1, 2), result.out) == (True, "")
+    assert message in result.err

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from thermaltool.documents import Part, finite, items
 from thermaltool.estimation.design_model import DesignModel
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.parameter_error import parameter_variance
@@ -65,33 +63,3 @@ def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
         for fit in (fits[sensor] for sensor in kalman.sensors)
     )
     return [math.sqrt(max(square, 0.0)) for square in squares]
-
-
-def stream_bands(
-    design: Mapping[str, Any], estimates: int
-) -> tuple[list[float], list[float], list[float]]:
-    """Steady standard errors, those of the parameters as shares, and what the model leaves.
-
-    Parameters
-    ----------
-    design : mapping
-    estimates : int
-        How many there are.
-
-    Raises
-    ------
-    ModelError
-        Not what `design_bands` gives.
-    """
-    kept = Part(design["bands"], "design.bands")
-    sigma, relative, error = (
-        [finite(value) for value in kept.read(name, items)]
-        for name in ("sigma", "relative", "model_error")
-    )
-    kept.as_whole(lambda whole: _same_length(estimates, sigma, relative))
-    return sigma, relative, error
-
-
-def _same_length(count: int, *lists: list[float]) -> None:
-    if any(len(each) != count for each in lists):
-        raise ValueError("standard errors and estimates do not go together")

@@ -56,12 +56,12 @@ def fit_sizes(
     readings : ndarray, shape (n, n_sensors)
         Relative to rest; rows with NaN do not count.
     pinned : bool
-        The walk is given; noise alone is searched.
+        The walk is given; noise alone is searched, and stays as it is where rows are too few.
 
     Raises
     ------
     LogError
-        Fewer than `MIN_READINGS` rows with a reading of every sensor.
+        Fewer than `MIN_READINGS` rows with a reading of every sensor, and the walk not given.
     FitError
         No sizes with a finite likelihood.
     """
@@ -69,6 +69,8 @@ def fit_sizes(
     from scipy.optimize import minimize
 
     known = np.isfinite(readings).all(axis=1)
+    if np.sum(known) < MIN_READINGS and pinned:
+        return FittedSizes(estimator, 0.0)
     if np.sum(known) < MIN_READINGS:
         raise LogError(
             f"{np.sum(known)} rows with a reading of every sensor: too few to tell how fast the "

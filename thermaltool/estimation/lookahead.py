@@ -132,8 +132,8 @@ def look(
     smoothed = smooth(kalman, time, readings, level, settled)
     estimates = smoothed.estimates if how.smooth else estimated(readings)
     variance = _variance(kalman, time, smoothed, how)
-    if not len(time):
-        return Looked(estimates, variance, kalman)
+    if len(time) < 2:
+        return Looked(estimates + behind, np.sqrt(variance), kalman)
     variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
     test = InnovationTest(kalman, float(np.median(np.diff(time))), model_errors(model, kalman))
     parted = first_alarm(test, time, readings, settled)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from thermaltool.control.heaters import Stabilizer, parts_of
 from thermaltool.control.setpoint import Limits, Setpoint
@@ -21,7 +21,6 @@ from thermaltool.runtime.clock_check import LONGEST_PAUSE, ClockCheck
 from thermaltool.runtime.compensator import SetpointProcess
 from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers
 from thermaltool.runtime.messages import Messages, Report
-from thermaltool.runtime.monitor import Monitor
 from thermaltool.runtime.policy import Policy
 from thermaltool.runtime.sensing.frozen import FrozenCheck
 from thermaltool.runtime.sensing.leave_one_out import LeaveOneOut
@@ -36,6 +35,9 @@ from thermaltool.runtime.sensing.vote import (
 )
 from thermaltool.runtime.settings import ANYTHING, SLEW_PERIODS, Settings
 from thermaltool.runtime.stepper import Stepper, Steps, stepper_of
+
+if TYPE_CHECKING:
+    from thermaltool.runtime.monitor import Monitor
 
 # Where nothing is said, readings are held and pauses borne for this many sample periods of the
 # design, and not below this [s]: one lost line of a slow logger is no loss, nor are ten of a quick.
@@ -144,6 +146,9 @@ def _monitor(
 ) -> Monitor | None:
     if not settings.bands and settings.lag is None:
         return None
+    # Imported where it is asked for: a stream starts without it.
+    from thermaltool.runtime.monitor import Monitor
+
     estimator = linear_kalman(pipeline.estimator)
     if estimator is not pipeline.estimator or any(pipeline.estimate_maps):
         what = "known columns" if estimator is not pipeline.estimator else "a curve"

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.messages import Report
-from thermaltool.runtime.monitor import Monitor
 from thermaltool.runtime.policy import Policy
 from thermaltool.runtime.process import STATUS, Process, Reply
 from thermaltool.runtime.rows.row import Row
@@ -20,7 +19,9 @@ from thermaltool.runtime.sensing.vote import Vote
 from thermaltool.runtime.stepper import Steps
 from thermaltool.runtime.unknown_state import UnknownState
 
-# What such a row is followed by does not test the model.
+if TYPE_CHECKING:
+    from thermaltool.runtime.monitor import Monitor
+
 UNTESTED = ("safe", "held", "reduced", "settles")
 Pass = Callable[[list[float]], list[float]]
 
@@ -90,20 +91,19 @@ class SetpointProcess(Process):
         self.stepper, self.sensors, self.setpoints = stepper, sensors, setpoints
         self.policy, self.clock, self.report = policy, clock, report
         self.columns = tuple(sensor.channel for sensor in sensors)
-        self._monitor, more = monitor, monitor.names if monitor else ()
-        self.names = (*names, *estimates, *more, *[STATUS] * with_status)
+        beside = (*estimates, *(monitor.names if monitor else ()))
+        self.names = (*names, *beside, *[STATUS] * with_status)
         self._estimates_too, self._status_too = bool(estimates), with_status
         self.period, self.patience = policy.period, patience
         self.clock_advice, self.digest, self._summary = clock_advice, digest, summary
         self._inputs, self._outputs = inputs, outputs
-        self._vote, self._reduced = vote, reduced
+        self._vote, self._reduced, self._monitor = vote, reduced, monitor
         self._without: int | None = None
         self._out: set[int] = set()
         self._unsure, self._settles = UnknownState(stepper.settling_time), False
         self._targets = list(zip(followed, setpoints, strict=True))
         self.estimates: list[float] = stepper.rest()
-        self._started = False
-        self._moved_at = -math.inf
+        self._started, self._moved_at = False, -math.inf
         self.begins = self._begins()
         self.status = "safe"
         # Age [s] of a resumed state, until a row shows that it belongs to it.

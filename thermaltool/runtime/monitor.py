@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from thermaltool.errors import ModelError
-from thermaltool.estimation.bands import stream_bands
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.fixed_lag import FixedLag
 from thermaltool.estimation.innovation_test import InnovationTest
+from thermaltool.estimation.stream_bands import stream_bands
 from thermaltool.runtime.messages import Report
 
 # Before the names of estimates: of their standard error, and of a late one.
