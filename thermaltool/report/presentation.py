@@ -189,9 +189,15 @@ def _effects(effects: Sequence[Effect]) -> str:
     rows = [["effect", "channel", "parameter", "value", ""]]
     for effect in effects:
         where = f"{effect.name}, in one log alone" if effect.log else effect.name
+        knots = [k.removeprefix("x") for k in effect.parameters if k.startswith("x")]
+        if knots and all(f"y{k}" in effect.parameters for k in knots):
+            pairs = ((effect.parameters[f"x{k}"], effect.parameters[f"y{k}"]) for k in knots)
+            told = ", ".join(f"{x:.4g} → {y:.4g}" for x, y in pairs)
+            rows.append([where, effect.channel, "knots", told, ""])
+            continue
         for name, each in _parameters(effect).items() or [("", Estimate(0.0, 0.0, 0.0))]:
-            told = [name, f"{each.value:.4g} {each.unit}".strip(), _interval(each)]
-            rows.append([where, effect.channel, *(told if name else ["", "", ""])])
+            value = [name, f"{each.value:.4g} {each.unit}".strip(), _interval(each)]
+            rows.append([where, effect.channel, *(value if name else ["", "", ""])])
     return aligned(rows)
 
 
