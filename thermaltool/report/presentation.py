@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,6 +22,8 @@ from thermaltool.units import parse_channel, printed
 MINUTES_FROM, HOURS_FROM = 120.0, 7200.0
 # Digits of the numbers in the JSON: the model file has all.
 DIGITS = 6
+# Of a line of compact JSON: of one with objects in it, and of one without.
+SHORT_LINE, LONG_LINE = 100, 400
 
 
 def presented(model: Model | ArmaModel) -> str:
@@ -282,3 +285,26 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, list):
         return [_rounded(each) for each in value]
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
+def to_compact_json(value: Any, indent: int = 0) -> str:
+    """A document as text, sorted, as few lines as a person reads: an object without others on one.
+
+    Parameters
+    ----------
+    value : JSON-ready, without NaN
+    """
+    line = json.dumps(value, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    if not isinstance(value, dict | list):
+        return line
+    if len(line) + indent <= (SHORT_LINE if "{" in line[1:] else LONG_LINE):
+        return line
+    inside = " " * (indent + 1)
+    if isinstance(value, dict):
+        pairs = ((f"{json.dumps(k, ensure_ascii=False)}: ", value[k]) for k in sorted(value))
+        ends = "{}"
+    else:
+        pairs = (("", each) for each in value)
+        ends = "[]"
+    rows = [f"{inside}{name}{to_compact_json(v, indent + 1)}" for name, v in pairs]
+    return "\n".join([ends[0], ",\n".join(rows), f"{' ' * indent}{ends[1]}"])
