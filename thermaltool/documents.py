@@ -140,33 +140,6 @@ def to_json(document: Mapping[str, Any], indent: int | None = 1) -> str:
         raise ModelError(f"cannot be written: {fault}") from error
 
 
-# Of a line of compact JSON: of one with objects in it, and of one without.
-SHORT_LINE, LONG_LINE = 100, 400
-
-
-def to_compact_json(value: Any, indent: int = 0) -> str:
-    """A document as text, sorted, as few lines as a person reads: an object without others on one.
-
-    Parameters
-    ----------
-    value : JSON-ready, without NaN
-    """
-    line = json.dumps(value, sort_keys=True, allow_nan=False, ensure_ascii=False)
-    if not isinstance(value, dict | list):
-        return line
-    if len(line) + indent <= (SHORT_LINE if "{" in line[1:] else LONG_LINE):
-        return line
-    inside = " " * (indent + 1)
-    if isinstance(value, dict):
-        pairs = ((f"{json.dumps(k, ensure_ascii=False)}: ", value[k]) for k in sorted(value))
-        ends = "{}"
-    else:
-        pairs = (("", each) for each in value)
-        ends = "[]"
-    rows = [f"{inside}{name}{to_compact_json(v, indent + 1)}" for name, v in pairs]
-    return "\n".join([ends[0], ",\n".join(rows), f"{' ' * indent}{ends[1]}"])
-
-
 def write_json(document: Mapping[str, Any], target: str) -> None:
     """Write a document whole, as `to_json`; ``-`` is stdout."""
     write_whole(to_json(document).encode(), target)

@@ -136,3 +136,25 @@ def file_words(names: Sequence[str]) -> list[str]:
         taken.add(word.casefold())
         words.append(word)
     return words
+
+
+def file_names(paths: Sequence[str]) -> list[str]:
+    """Files as messages and figures call them side by side: without folders where that is enough.
+
+    Parameters
+    ----------
+    paths : sequence of str
+
+    Returns
+    -------
+    list of str
+        No two are the same: a file that comes again is counted.
+    """
+    short = [os.path.basename(path) for path in paths]
+    names = short if len(set(short)) == len(short) else paths
+    counts: dict[str, int] = {}
+    found = []
+    for name in names:
+        counts[name] = counts.get(name, 0) + 1
+        found.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
+    return found

@@ -130,6 +130,15 @@ def test_figures_of_compare_are_those_of_simulate(thermaltool, files, tmp_path, 
     assert both.json[output][f"{name}.json"] == alone.json[output]
 
 
+def test_files_of_one_name_are_told_apart(thermaltool, files, tmp_path: Path) -> None:
+    (tmp_path / "b").mkdir()
+    other = tmp_path / "b" / "good.json"
+    other.write_bytes(files["slow"].read_bytes())
+    found = thermaltool("compare", files["good"], other, files["good"], files["log"], "--json").json
+    (by_model,) = found.values()
+    assert list(by_model) == sorted([str(files["good"]), str(other), f"{files['good']} (2)"])
+
+
 def test_models_side_by_side(thermaltool, files, tmp_path: Path) -> None:
     figure = tmp_path / "compare.svg"
     result = thermaltool("compare", files["good"], files["slow"], "-", "--plot", figure,

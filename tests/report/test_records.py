@@ -54,7 +54,7 @@ def test_model_on_a_log(model, log):
     figure = draw_comparison(model, log)
     pair, error, white, independent, deflection, rest, *_ = figure.axes
     assert white.get_xlabel() == "lag [s]"
-    assert "residual behind the input" in independent.get_xlabel()
+    assert "lag behind the input" in independent.get_xlabel()
     assert pair.get_title() == "dT_pair1_K, from rest"
     np.testing.assert_allclose(data(error, "measured − simulated"), 0, atol=1e-9)
     assert data(deflection, "measured")[0] == 0.0  # the offset of 1000 µm is taken off

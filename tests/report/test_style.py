@@ -13,6 +13,7 @@ from thermaltool.report.style import (
     figure_format,
     new_figure,
     render,
+    shortened,
     trace,
     visible,
 )
@@ -68,6 +69,11 @@ def test_nothing_to_see():
 )
 def test_time_unit(span, unit, length):
     assert time_unit(span) == (unit, length)
+
+
+def test_a_long_name_keeps_both_ends():
+    assert shortened("T_column front side 12_degC", 15) == "T_colum…12_degC"
+    assert shortened("T_a_degC", 15) == "T_a_degC"
 
 
 def test_choose():

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from thermaltool.api.inputs import Reading, all_of, as_model, reads
 from thermaltool.api.result import Notice, Result, notice
 from thermaltool.api.simulation import Simulation, simulate
+from thermaltool.documents import source_name
 from thermaltool.errors import LogError, ModelError
+from thermaltool.files import file_names
 from thermaltool.logs import read_log
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     from thermaltool.api.inputs import ModelLike
     from thermaltool.logs.reader import Data
-    from thermaltool.model import Model, Start
+    from thermaltool.model import Start
     from thermaltool.signals.agreement import Agreement
 
 
@@ -131,7 +132,7 @@ def compare(
     """
     from thermaltool.report.comparison import common_outputs
 
-    found = _named(all_of(models))
+    found = {name: as_model(model) for name, model in _named(all_of(models)).items()}
     common = common_outputs({n: [o.channel for o in m.outputs] for n, m in found.items()})
     # A pipe is read once; each model then says which of its columns must be there.
     if isinstance(data, str) and data == "-":
@@ -147,8 +148,9 @@ def compare(
         except ModelError as error:
             raise ModelError(f"{name}: {error}") from error
         except LogError as error:
-            # The log may be wrong for this model alone, which reads columns of its own.
-            raise LogError(f"{error}, which {name} needs") if len(found) > 1 else error from error
+            # The log may lack what this model alone reads.
+            lacks = any(f"no column {channel}" in str(error) for channel in model.needs())
+            raise LogError(f"{error}, which {name} needs") if lacks else error from error
     for message in told:
         warn(message)
     outputs = tuple(c for c in common if all(c in run.agreements for run in runs.values())
@@ -159,16 +161,13 @@ def compare(
     return Comparison(runs, outputs, tuple(_notes(runs, outputs)))
 
 
-def _named(models: Sequence[ModelLike]) -> dict[str, Model]:
-    """Models by the names of their files, without the folder where that says which is which."""
-    paths = [os.fspath(m) if isinstance(m, str | os.PathLike) else "" for m in models]
-    short = [Path(path).name for path in paths]
-    names = short if len(set(short)) == len(short) else paths
-    found: dict[str, Model] = {}
-    for k, (name, path, model) in enumerate(zip(names, paths, models, strict=True), 1):
-        own = ("<stdin>" if path == "-" else name) or f"model {k}"
-        found[own if own not in found else f"{own} ({k})"] = as_model(model)
-    return found
+def _named(models: Sequence[ModelLike]) -> dict[str, ModelLike]:
+    """Models by the names of their files, those that have none by their place."""
+    paths = [
+        source_name(os.fspath(m)) if isinstance(m, str | os.PathLike) else f"model {k}"
+        for k, m in enumerate(models, 1)
+    ]
+    return dict(zip(file_names(paths), models, strict=True))
 
 
 def _notes(runs: Mapping[str, Simulation], outputs: Sequence[str]) -> Iterator[str]:

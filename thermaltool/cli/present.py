@@ -20,7 +20,7 @@ def command(models: tuple[str, ...], as_json: bool) -> None:
     model has a covariance. --json has the same, each model by its name, with six digits.
     """
     from thermaltool import api
-    from thermaltool.documents import to_compact_json
+    from thermaltool.report.presentation import to_compact_json
 
     shared.check_files(None, *models)
     result = api.present(models)

@@ -197,6 +197,6 @@ def _document(fit: Fit, reference: Reference | None) -> Model | None:
 
 def _term(model: OutputModel, k: int) -> ContinuousTerm | str:
     try:
-        return model.term(k)
+        return model.sure_term(k)
     except ModelError as error:
         return str(error)

@@ -150,6 +150,10 @@ class OutputModel(ABC):
     def term(self, k: int) -> ContinuousTerm:
         """Response to input k in continuous time; ModelError where it has no such form."""
 
+    def sure_term(self, k: int) -> ContinuousTerm:
+        """The same with the covariance of its parameters, where `term` leaves it to this."""
+        return self.term(k)
+
     @abstractmethod
     def residuals(self, data: TrainingData) -> Iterator[tuple[Array, Array]]:
         """One-step errors of each run (n,), and its inputs (m, at least n), which end with them."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from thermaltool.errors import LogError, ThermalToolError
+from thermaltool.files import file_names
 from thermaltool.report.comparison import draw_models_on_log
 from thermaltool.report.content import Content
 from thermaltool.report.diagnosis_figures import draw_diagnosis
@@ -92,11 +93,13 @@ def draw(contents: Sequence[Content], channels: Sequence[str] = ()) -> Figure:
         Contents that make no figure together, a part of a document missing, and what the figure
         itself raises.
     """
-    models = {content.name: content.data for content in contents if content.kind == "model"}
+    models = [content for content in contents if content.kind == "model"]
     ordered = list(contents)
     if len(models) > 1:
         rest = [content for content in contents if content.kind != "model"]
-        ordered = [*rest, Content("models", ", ".join(models), models)]
+        names = file_names([model.name for model in models])
+        data = dict(zip(names, (model.data for model in models), strict=True))
+        ordered = [*rest, Content("models", ", ".join(names), data)]
     ordered = sorted(ordered, key=lambda content: (content.kind == "reference", content.kind))
     kinds = tuple(content.kind for content in ordered)
     if kinds not in FIGURES:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,6 +22,8 @@ from thermaltool.units import parse_channel, printed
 MINUTES_FROM, HOURS_FROM = 120.0, 7200.0
 # Digits of the numbers in the JSON: the model file has all.
 DIGITS = 6
+# Of a line of compact JSON: of one with objects in it, and of one without.
+SHORT_LINE, LONG_LINE = 100, 400
 
 
 def presented(model: Model | ArmaModel) -> str:
@@ -189,9 +192,15 @@ def _effects(effects: Sequence[Effect]) -> str:
     rows = [["effect", "channel", "parameter", "value", ""]]
     for effect in effects:
         where = f"{effect.name}, in one log alone" if effect.log else effect.name
+        knots = [k.removeprefix("x") for k in effect.parameters if k.startswith("x")]
+        if knots and all(f"y{k}" in effect.parameters for k in knots):
+            pairs = ((effect.parameters[f"x{k}"], effect.parameters[f"y{k}"]) for k in knots)
+            told = ", ".join(f"{x:.4g} → {y:.4g}" for x, y in pairs)
+            rows.append([where, effect.channel, "knots", told, ""])
+            continue
         for name, each in _parameters(effect).items() or [("", Estimate(0.0, 0.0, 0.0))]:
-            told = [name, f"{each.value:.4g} {each.unit}".strip(), _interval(each)]
-            rows.append([where, effect.channel, *(told if name else ["", "", ""])])
+            value = [name, f"{each.value:.4g} {each.unit}".strip(), _interval(each)]
+            rows.append([where, effect.channel, *(value if name else ["", "", ""])])
     return aligned(rows)
 
 
@@ -276,3 +285,26 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, list):
         return [_rounded(each) for each in value]
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
+def to_compact_json(value: Any, indent: int = 0) -> str:
+    """A document as text, sorted, as few lines as a person reads: an object without others on one.
+
+    Parameters
+    ----------
+    value : JSON-ready, without NaN
+    """
+    line = json.dumps(value, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    if not isinstance(value, dict | list):
+        return line
+    if len(line) + indent <= (SHORT_LINE if "{" in line[1:] else LONG_LINE):
+        return line
+    inside = " " * (indent + 1)
+    if isinstance(value, dict):
+        pairs = ((f"{json.dumps(k, ensure_ascii=False)}: ", value[k]) for k in sorted(value))
+        ends = "{}"
+    else:
+        pairs = (("", each) for each in value)
+        ends = "[]"
+    rows = [f"{inside}{name}{to_compact_json(v, indent + 1)}" for name, v in pairs]
+    return "\n".join([ends[0], ",\n".join(rows), f"{' ' * indent}{ends[1]}"])

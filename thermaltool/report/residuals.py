@@ -27,6 +27,7 @@ from thermaltool.report.style import (
     new_figure,
     plain,
     say,
+    shortened,
 )
 from thermaltool.signals.intervals import NORMAL_95
 from thermaltool.signals.whiteness import correlation_function
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
 CURVES, ERROR_HEIGHT, CORRELATIONS = 2.7, 1.35, 2.3
 # Inputs whose correlation with a residual is drawn: those with the largest.
 MAX_INPUTS = 3
+# Letters of all titles side by side.
+TITLE_LETTERS = 90
 # Lags up to this share of the rows, and up to so many of the slowest time constants; lags at least.
 MAX_LAG_SHARE, MAX_LAG_TIMES, LEAST_LAGS = 0.25, 2.0, 25
 
@@ -119,16 +122,19 @@ def _draw_tests(figure: SubFigure, model: Model, log: Log, output: str, residual
     lag = np.arange(-lags, lags + 1, dtype=float) * (log.period / per)
     white = NORMAL_95 / np.sqrt(sum(map(len, errors)))
     _draw_correlation(axes[0], lag[lags + 1 :], own[lags + 1 :], white)
-    axes[0].set(title=f"Whiteness of the residual{_p_value(tests.white_p)}",
+    axes[0].set(title=f"Whiteness{_p_value(tests.white_p)}\nof the residual",
                 ylabel="auto-correlation", xlabel=f"lag [{unit}]")  # fmt: skip
-    more = f" ({len(shown)} of {len(found)} inputs)" if len(shown) < len(found) else ""
+    if len(shown) < len(found):
+        figure.suptitle(f"the {len(shown)} of {len(found)} inputs with the largest correlation",
+                        x=0.99, ha="right", fontsize=9, color="0.4")  # fmt: skip
     for k, (ax, name) in enumerate(zip(axes[1:], shown, strict=True)):
         correlation, deviation = found[name]
         _draw_correlation(ax, lag, correlation, NORMAL_95 * deviation)
         p_value = _p_value(tests.independent_p[name])
-        ax.set(title=plain(f"Independence of {name}{p_value}"),
-               ylabel=f"cross-correlation{more}" if not k else "",
-               xlabel=f"lag of the residual behind the input [{unit}]")  # fmt: skip
+        short = shortened(name, TITLE_LETTERS // len(axes))
+        ax.set(title=plain(f"Independence{p_value}\nof {short}"),
+               ylabel="" if k else "cross-correlation",
+               xlabel=f"lag behind the input [{unit}]")  # fmt: skip
     for ax in axes:
         ax.title.set_fontsize(9.5)
 

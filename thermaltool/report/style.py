@@ -120,6 +120,14 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
+def shortened(name: str, size: int) -> str:
+    """A name of so many letters at most, without its middle: both ends tell channels apart."""
+    if len(name) <= size:
+        return name
+    end = (size - 1) // 2
+    return f"{name[: size - 1 - end]}…{name[-end:]}"
+
+
 def quantity(unit: str) -> str:
     """What a channel of this unit measures."""
     dimension = UNITS[unit][0]

@@ -25,7 +25,7 @@ from thermaltool.fitting.transfer.polynomials import partial_fractions
 from thermaltool.fitting.transfer.search import SearchResult
 from thermaltool.fitting.transfer.structure import Structure
 from thermaltool.signals.intervals import Estimate, normal_estimate, standard_error
-from thermaltool.units import Hold
+from thermaltool.units import Hold, hold_of
 
 # A constant coefficient of A(s) below this is that of a pole at zero, s in 1/samples.
 MIN_CONSTANT_COEFFICIENT = 1e-30
@@ -98,6 +98,12 @@ class ContinuousModel(TransferModel):
     def coefficient_covariance(self) -> Array:
         scale = self.dt**self.seconds
         return self.covariance * np.outer(scale, scale)
+
+    def moved(self, j: int, by: float) -> TransferModel:
+        theta = self.theta.copy()
+        theta[j] += by
+        F, B = _discrete(theta, self.orders, [hold_of(name) for name in self.names])
+        return replace(self, theta=theta, F=F, B=B)
 
     @property
     def seconds(self) -> Array:

@@ -49,37 +49,71 @@ def continuous_term(model: TransferModel, k: int, hold: Hold) -> ContinuousTerm:
         A pole without an equivalent, or one that does not settle; more poles than a kind holds,
         no denominator.
     """
-    poles = model.poles(model.group_of(k))
     place = f"{model.names[k]} → {model.target}"
-    for z in poles:
-        _continues(z, place)
-    s = _apart(np.asarray(np.log(poles) / model.dt, complex))
-    real, pairs = s[s.imag == 0].real, s[s.imag > 0]
-    searched = {f"tau{i + 1}": float(-1 / p) for i, p in enumerate(real)}
-    for i, p in enumerate(pairs):
-        omega, zeta = oscillation_names(i + 1)[2:]
-        searched |= {omega: float(abs(p)), zeta: float(-p.real / abs(p))}
-    samples = int(
-        min(
-            STEP_TIME_CONSTANTS * max(-1 / s.real) / model.dt + model.orders.first + 10,
-            MAX_STEP_SAMPLES,
-        )
-    )
-    time, u = model.dt * np.arange(samples, dtype=float), np.ones(samples)
-    u[0] = 0.0
-    wanted = _alone(model, k, u)
+    s = rates(model, k)
+    searched = named_poles(s)
+    real, pairs = s[s.imag == 0], s[s.imag > 0]
+    time, u = unit_step(model, s)
     nk = model.orders.nk[k]
     plain = nk > 0 or hold == "first"
     direct = nk == 0 and _kind(len(real), len(pairs), True, place)
     if plain:
         cls = _kind(len(real), len(pairs), False, place)
         known = searched | {"delay": max(nk - (hold == "zero"), 0) * model.dt}
-        found, _ = _fitted(cls, known, time, u, hold, model.dt, wanted)
+        found, _ = response_of_step(cls, known, time, u, hold, model, k)
         if not direct or found.mismatch <= MAX_MISMATCH:
             return found
-    exact, weights = _fitted(direct, searched, time, u, hold, model.dt, wanted)
+    exact, weights = response_of_step(direct, searched, time, u, hold, model, k)
     least = MIN_DIRECT_ERRORS * _error(model, k, weights, u)
     return found if plain and abs(feedthrough(exact.response)) < least else exact
+
+
+def rates(model: TransferModel, k: int) -> NDArray[np.complex128]:
+    """Poles of input k in continuous time, ln z/dt, double ones drawn apart, shape (n,) [1/s].
+
+    Parameters
+    ----------
+    model : TransferModel
+    k : int
+
+    Raises
+    ------
+    ModelError
+        A pole without an equivalent, or one that does not settle.
+    """
+    poles = model.poles(model.group_of(k))
+    for z in poles:
+        _continues(z, f"{model.names[k]} → {model.target}")
+    return _apart(np.asarray(np.log(poles) / model.dt, complex))
+
+
+def named_poles(s: NDArray[np.complex128]) -> dict[str, float]:
+    """Poles as time constants [s], and as rates [rad/s] and dampings of pairs, by name.
+
+    Parameters
+    ----------
+    s : ndarray, shape (n,) [1/s]
+    """
+    named = {f"tau{i + 1}": float(-1 / p) for i, p in enumerate(s[s.imag == 0].real)}
+    for i, p in enumerate(s[s.imag > 0]):
+        omega, zeta = oscillation_names(i + 1)[2:]
+        named |= {omega: float(abs(p)), zeta: float(-p.real / abs(p))}
+    return named
+
+
+def unit_step(model: TransferModel, s: NDArray[np.complex128]) -> tuple[Array, Array]:
+    """Clock and values of a step that is long enough for these poles, shape (n,) each.
+
+    Parameters
+    ----------
+    model : TransferModel
+    s : ndarray, shape (n,) [1/s]
+    """
+    settled = STEP_TIME_CONSTANTS * max(-1 / s.real) / model.dt + model.orders.first + 10
+    samples = int(min(settled, MAX_STEP_SAMPLES))
+    time, u = model.dt * np.arange(samples, dtype=float), np.ones(samples)
+    u[0] = 0.0
+    return time, u
 
 
 def _kind(lags: int, pairs: int, direct: bool, place: str) -> Any:
@@ -109,17 +143,35 @@ def _error(model: TransferModel, k: int, weights: Array, u: Array) -> float:
     return standard_error(np.array(slopes), own)
 
 
-def _fitted(
-    cls: Any, known: dict[str, float], time: Array, u: Array, hold: Hold, dt: float, wanted: Array
+def response_of_step(
+    cls: Any,
+    known: dict[str, float],
+    time: Array,
+    u: Array,
+    hold: Hold,
+    model: TransferModel,
+    k: int,
 ) -> tuple[ContinuousTerm, Array]:
-    """The response of a kind with these poles whose step is nearest to the one that is wanted.
+    """The response of a kind with these poles whose step is nearest to that of input k.
 
     And the weights with which its last gain takes the rows of that step.
+
+    Parameters
+    ----------
+    cls : class of Response
+    known : dict of str to float
+        Its poles, and the delay.
+    time, u : ndarray, shape (n,)
+        As `unit_step` gives them.
+    hold : "zero" or "first"
+    model : TransferModel
+    k : int
     """
+    wanted = _alone(model, k, u)
     shapes = []
     for name in cls.gains:
         gains = {other: float(other == name) for other in cls.gains}
-        shapes.append(cls(**known, **gains).modes(dt).run(time, u, hold))
+        shapes.append(cls(**known, **gains).modes(model.dt).run(time, u, hold))
     rows = np.array(shapes)
     inverse = np.linalg.pinv(rows.T, rcond=1e-12)
     gains_found = inverse @ wanted

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.output_error import free_responses
 from thermaltool.fitting.transfer.polynomials import difference_basis
 from thermaltool.fitting.transfer.structure import Structure
+from thermaltool.fitting.transfer.term_covariance import with_covariance
 from thermaltool.record import Record
 from thermaltool.signals.intervals import (
     Estimate,
@@ -147,6 +148,25 @@ class TransferModel(OutputModel):
 
     def term(self, k: int) -> ContinuousTerm:
         return continuous_term(self, k, hold_of(self.names[k]))
+
+    def sure_term(self, k: int) -> ContinuousTerm:
+        hold = hold_of(self.names[k])
+        return with_covariance(self, k, hold, continuous_term(self, k, hold))
+
+    def acting_on(self, k: int) -> list[int]:
+        """Which parameters of the `covariance` the response to input k depends on."""
+        o, g = self.orders, self.group_of(k)
+        counts = [len(f) - 1 for f in self.F]
+        first, at = sum(counts[:g]), sum(counts) + sum(o.nb[:k])
+        return [*range(first, first + counts[g]), *range(at, at + o.nb[k])]
+
+    def moved(self, j: int, by: float) -> TransferModel:
+        """The model with parameter j of the `covariance` changed by an amount."""
+        values = self.coefficients + by * _lag_map(self.orders)[:, j]
+        parts = np.split(values, np.cumsum([*(len(f) - 1 for f in self.F), *self.orders.nb])[:-1])
+        count = len(self.F)
+        return replace(self, F=tuple(np.append(1.0, f) for f in parts[:count]),
+                       B=tuple(parts[count:]))  # fmt: skip
 
     def poles(self, group: int = 0) -> Array:
         """Roots of a denominator in z, the slowest first."""
