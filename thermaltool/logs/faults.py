@@ -184,16 +184,18 @@ def _of_values(values: Array, bad: Mask) -> Iterator[tuple[slice, str, str]]:
 
 def _at(values: Array, value: float, bad: Mask) -> Iterator[tuple[int, int]]:
     """Stretches at `value` that the sensor has leapt to, and from which it leaps back."""
+    if not (values.size and values.min() - KNOWN_TO <= value <= values.max() + KNOWN_TO):
+        return
     here = abs(values - value) <= KNOWN_TO
-    many = max(MAX_SHORT_ROWS, MAX_KNOWN_SHARE * len(here))
-    if not here.any() or (value > COLD and here.sum() > many):
+    most = max(MAX_SHORT_ROWS, MAX_KNOWN_SHARE * len(here)) if value > COLD else len(here)
+    if not 0 < here.sum() <= most:
         return
     others = np.flatnonzero(~here & ~bad)
     usual = _typical_step(values[others]) if len(others) > 1 else 0.0
+    leap = max(MIN_LEAP, MIN_SPIKE_STEPS * usual)
     for start, stop in runs_of(here):
         k = int(np.searchsorted(others, start))
         beside = values[others[max(0, k - 1) : k + 1]] - value
-        leap = max(MIN_LEAP, MIN_SPIKE_STEPS * usual)
         near = np.abs(beside).min(initial=np.inf) <= leap
         if _leaps(beside, stop - start, leap) if value > COLD else not near:
             yield start, stop

@@ -83,7 +83,8 @@ def read_log(
     faults : {"omit", "keep"}
         Whether readings of temperatures and displacements that are a sensor's fault
         (`thermaltool.logs.faults`) become missing values. Where one is in a channel of `need`, the
-        row is left out (or the last value held, with ``hold``).
+        row is left out (or the last value held, with ``hold``). Stages that fit, judge or estimate
+        take ``omit`` by default.
     keep_spikes : sequence of str
         Channels whose spikes stay, for a stage that finds them itself.
     need : str or sequence of str
