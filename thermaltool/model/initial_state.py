@@ -118,7 +118,7 @@ def started_outputs(
             values = record.columns[o.channel]
             there = np.flatnonzero(judged & np.isfinite(values - simulated[o.channel]))
             is_zero_free = o.offset == "first" or o.channel in shifted
-            state = _FreeState(model, o, record, there, is_zero_free)
+            state = _FreeState(model, o, record, there, is_zero_free, not judged.all())
             found[o.channel] = state.fit(simulated[o.channel])
     if initial == "auto":
         known = any(o.fit.get("free_start") for o in model.outputs)
@@ -184,6 +184,8 @@ class _FreeState:
         That have a reading and say how the log begins.
     is_zero_free : bool
         No zero is stated, or it goes with a room, and the gain of the response to it is uncertain.
+    is_forecast : bool
+        What is judged are other rows: what many decays may do there is not what they do here.
     """
 
     model: Model
@@ -191,6 +193,7 @@ class _FreeState:
     record: Record
     rows: NDArray[np.intp]
     is_zero_free: bool
+    is_forecast: bool
 
     @property
     def stated(self) -> float:
@@ -212,7 +215,7 @@ class _FreeState:
 
     def decays(self, elapsed: Float) -> Float:
         """How the output may come to rest, shape (k, n); by few modes where few rows say so."""
-        if not self.is_seen:
+        if not self.is_seen or self.is_forecast:
             return free_decays(self.model, self.output.channel, elapsed)
         return start_decays(elapsed, self.slowest, self.record.period)
 
