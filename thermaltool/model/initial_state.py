@@ -112,13 +112,14 @@ def started_outputs(
         return rested
     judged = np.ones(len(record), bool) if rows is None else rows
     shifted = set(rest_shifts(model, drive_rests(model, record)))
+    course = _course(model, record)
     found = {}
     for o in model.outputs:
         if o.channel in rested:
             values = record.columns[o.channel]
             there = np.flatnonzero(judged & np.isfinite(values - simulated[o.channel]))
             is_zero_free = o.offset == "first" or o.channel in shifted
-            state = _FreeState(model, o, record, there, is_zero_free)
+            state = _FreeState(model, o, record, there, is_zero_free, not judged.all(), course)
             found[o.channel] = state.fit(simulated[o.channel])
     if initial == "auto":
         known = any(o.fit.get("free_start") for o in model.outputs)
@@ -184,6 +185,10 @@ class _FreeState:
         That have a reading and say how the log begins.
     is_zero_free : bool
         No zero is stated, or it goes with a room, and the gain of the response to it is uncertain.
+    is_forecast : bool
+        What is judged are other rows: what many decays may do there is not what they do here.
+    course : Course
+        The machine's own time, and how much faster every mode has decayed.
     """
 
     model: Model
@@ -191,6 +196,8 @@ class _FreeState:
     record: Record
     rows: NDArray[np.intp]
     is_zero_free: bool
+    is_forecast: bool
+    course: Course
 
     @property
     def stated(self) -> float:
@@ -210,15 +217,10 @@ class _FreeState:
         enough = len(time) >= MIN_ROWS_PER_STATE * (len(START_TIME_CONSTANTS) + self.is_zero_free)
         return enough and float(np.ptp(time)) >= MIN_TIME_CONSTANTS * self.slowest
 
-    @cached_property
-    def course(self) -> Course:
-        """The machine's own time, and how much faster every mode has decayed."""
-        return _course(self.model, self.record)
-
     def decays(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
         """How the output may come to rest, shape (k, n); by few modes where few rows say so."""
         elapsed, cooling = self.course.clock[rows], self.course.cooling[rows]
-        if not self.is_seen:
+        if not self.is_seen or self.is_forecast:
             return free_decays(self.model, self.output.channel, elapsed, cooling)
         return start_decays(elapsed, self.slowest, self.record.period) * np.exp(-cooling)
 

@@ -76,8 +76,8 @@ def calibration_warnings(model: Model) -> list[str]:
     ]
     if any(o.fit.get("free_start") for o in model.outputs):
         found.append(
-            "the state at the first rows is fitted: zero free is beside it, too; simulate begins "
-            "at rest, and is off by what these logs bring along"
+            "the state at the first rows is fitted; simulate estimates it in other logs, too, "
+            "where they are long enough (--initial rest takes them to begin at rest)"
         )
     found += [_law(effect, model) for effect in model.effects]
     found += [sentence for output in model.outputs if (sentence := _coarse(output))]

@@ -184,7 +184,7 @@ def rc_warnings(comparison: RcComparison, agreements: Sequence[RcAgreement]) -> 
     fit = comparison.sufficient
     if begins_elsewhere(fit):
         sentences.append(
-            f"{fit.network.name}: a log does not begin at rest, where simulate takes it to begin"
+            f"{fit.network.name}: a log does not begin at rest, where the model file was run from"
         )
     for a in agreements:
         lost = a.one_step.fit_percent - a.simulated.fit_percent

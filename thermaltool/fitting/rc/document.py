@@ -62,7 +62,7 @@ def simulated(model: Model, logs: Sequence[Record]) -> dict[str, Agreement]:
     model : Model
     logs : sequence of Record
     """
-    return agreements(model, logs)
+    return agreements(model, logs, initial="rest")
 
 
 def fit_offset(fit: RcFit, k: int) -> float:
