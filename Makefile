@@ -113,9 +113,9 @@ docs: $(READY) $(DOCS_READY)
 	@echo "site: site/index.html"
 
 lock:
-	uv pip compile --universal --generate-hashes --no-emit-index-url --group dev pyproject.toml -o requirements.lock
-	uv pip compile --universal --generate-hashes --no-emit-index-url --group bench -c requirements.lock pyproject.toml -o requirements-bench.lock
-	uv pip compile --universal --generate-hashes --no-emit-index-url --group bench-identify pyproject.toml -o requirements-bench-identify.lock
+	uv pip compile --universal --generate-hashes --no-emit-index-url --extra all --group dev pyproject.toml -o requirements.lock
+	uv pip compile --universal --generate-hashes --no-emit-index-url --extra all --group bench -c requirements.lock pyproject.toml -o requirements-bench.lock
+	uv pip compile --universal --generate-hashes --no-emit-index-url --extra all --group bench-identify pyproject.toml -o requirements-bench-identify.lock
 	uv pip compile --universal --generate-hashes --no-emit-index-url --group docs -o requirements-docs.lock
 
 clean:

@@ -216,6 +216,14 @@ def main() -> None:
             raise
         _show_error(name, OUT_OF_MEMORY)
         code = 1
+    except ModuleNotFoundError as error:
+        from thermaltool.cli.extras import missing_package
+
+        message = missing_package(error.name, name.partition(" ")[2], sys.argv[1:])
+        if debug or message is None:
+            raise
+        click.echo(f"{name}: {message}", err=True)
+        code = 1
     except OSError as error:
         if debug:
             raise

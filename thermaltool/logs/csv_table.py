@@ -220,8 +220,11 @@ class CsvTable:
 
     def _fast(self, kinds: Sequence[Kind]) -> Cells | None:
         """The same by pyarrow; None where anything calls for the exact reader."""
-        import pyarrow
-        from pyarrow import csv as arrow_csv
+        try:
+            import pyarrow
+            from pyarrow import csv as arrow_csv
+        except ImportError:  # an install without extras
+            return None
 
         first = self.before_rows
         start = _offset(self.data, first)

@@ -20,9 +20,18 @@ def row_lines(
     if not arrays:
         return
     rows = len(arrays[0])
-    lines = _fast_lines if rows * len(arrays) > FAST_CELLS else _short_lines
+    lines = _fast_lines if rows * len(arrays) > FAST_CELLS and _has_pyarrow() else _short_lines
     for start in range(0, rows, CHUNK_ROWS):
         yield lines([a[start : start + CHUNK_ROWS] for a in arrays], before, end, null)
+
+
+def _has_pyarrow() -> bool:
+    """Whether an install has more than what streams need."""
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        return False
+    return True
 
 
 def _short_lines(arrays: Sequence[np.ndarray], before: Sequence[str], end: str, null: str) -> bytes:

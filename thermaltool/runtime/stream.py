@@ -203,7 +203,8 @@ class Stream:
         if (row.time is None or all(row.faults)) and self.rows.is_header(line):
             if message := self.rows.reopen(line, self.process.time):
                 self.messages("", message)
-                self.sink.follow(self.rows.clock)
+                if self.rows.clock is not None:
+                    self.sink.follow(self.rows.clock)
             return None
         reply = self.process.take(row)
         if reply is not None:
