@@ -60,8 +60,8 @@ def check_arguments(
     if shared and orders:
         raise ValueError(f"--orders: {form} takes --modes{' and --delay' * network}")
     if structure not in MAX_MODES and modes is not None:
-        *others, last = MAX_MODES
-        raise ValueError(f"--modes goes with --structure {', '.join(others)} and {last}")
+        *first, last = MAX_MODES
+        raise ValueError(f"--modes goes with --structure {', '.join(first)} and {last}")
     if modes is not None and modes > MAX_MODES[structure]:
         raise ValueError(f"--modes: {form} has up to {MAX_MODES[structure]}")
     if not network and delay is not None:
