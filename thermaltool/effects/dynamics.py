@@ -166,14 +166,15 @@ def play(u: Float, widths: Float, memory: Memory = None) -> Float:
 def is_plausible_rate(rate: float, scene: Scene) -> bool:
     """Whether a machine may lose heat faster by a rate, whatever its time scale.
 
-    No machine gains heat by itself, and no sample shows what is gone before it ends.
+    Not every output grows by itself (one may have a slow mode that is none), and no sample shows
+    what is gone before it ends.
 
     Parameters
     ----------
     rate : float [1/s]
     scene : Scene
     """
-    return -1.0 / max(scene.slowest.values()) < rate <= MAX_SAMPLE_LOSS / scene.period
+    return -1.0 / min(scene.slowest.values()) < rate <= MAX_SAMPLE_LOSS / scene.period
 
 
 def time_constants(period: float, duration: float, count: int = 7) -> list[float]:
