@@ -74,6 +74,7 @@ bench: $(READY) $(BENCH_READY) $(BENCH_IDENTIFY_READY)
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/streaming.py
 	@PYTHONPATH=$(CURDIR) $(BENCH_IDENTIFY)/python benchmarks/identify.py speed
 	@PYTHONPATH=$(CURDIR) $(BENCH_IDENTIFY)/python benchmarks/identify_process.py
+	@$(BIN)/python benchmarks/identify_states.py
 
 DESIGNS := demo/far_kalman.json demo/far_kernel.json demo/all_kalman.json
 

@@ -91,7 +91,7 @@ def test_validation_on_another_record_and_a_clock_that_differs() -> None:
         ({"structure": "arx", "initial": "rest"}, "arx takes its first rows as they are"),
         ({"noise_orders": (1, 1)}, "go with --structure armax and bj"),
         ({"continuous": True, "structure": "bj"}, "--continuous goes with --structure oe"),
-        ({"modes": 2}, "--modes goes with --structure network and subspace"),
+        ({"modes": 2}, "--modes goes with --structure network, subspace, lpv and bilinear"),
         (
             {"delay": 5.0, "structure": "subspace", "orders": ()},
             "--delay goes with --structure network",

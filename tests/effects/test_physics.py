@@ -182,7 +182,8 @@ def test_a_rate_is_plausible_by_the_time_scale_of_the_machine(share, seconds):
     slowest = max(at.slowest.values())
     fixed = {"level": 1.0, "idle": 0.0}
     assert make("convection_state", COOLANT, rate=share / slowest, **fixed).plausible(at)
-    assert not make("convection_state", COOLANT, rate=-1.1 / slowest, **fixed).plausible(at)
+    growing = -1.1 / min(at.slowest.values())
+    assert not make("convection_state", COOLANT, rate=growing, **fixed).plausible(at)
 
 
 def test_a_speed_may_cool_while_it_turns_or_while_it_stands():

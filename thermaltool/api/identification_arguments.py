@@ -60,7 +60,8 @@ def check_arguments(
     if shared and orders:
         raise ValueError(f"--orders: {form} takes --modes{' and --delay' * network}")
     if structure not in MAX_MODES and modes is not None:
-        raise ValueError(f"--modes goes with --structure {', '.join(MAX_MODES)}")
+        *first, last = MAX_MODES
+        raise ValueError(f"--modes goes with --structure {', '.join(first)} and {last}")
     if modes is not None and modes > MAX_MODES[structure]:
         raise ValueError(f"--modes: {form} has up to {MAX_MODES[structure]}")
     if not network and delay is not None:
@@ -70,9 +71,8 @@ def check_arguments(
         raise ValueError(f"--noise-orders go with --structure {' and '.join(having)}")
     if real_poles and shared:
         raise ValueError(
-            f"--real-poles: {form} has real poles"
-            if structure != SUBSPACE
-            else "--real-poles: those of a subspace model are any"
+            "--real-poles: those of a network, of components, of lpv and bilinear are always "
+            "real, of a subspace any"
         )
     if initial != "auto" and not shared and not STRUCTURES[structure].load().estimates_start:
         raise ValueError(f"--initial: {structure} takes its first rows as they are, from any state")

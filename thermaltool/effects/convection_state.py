@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from thermaltool.effects.dynamics import is_plausible_rate
 from thermaltool.effects.effect import (
     Effect,
     Float,
@@ -21,8 +22,6 @@ from thermaltool.record import Record
 
 # Levels of a table, at most, and what its numbers are called.
 MAX_LEVELS, NUMBERED = 9, ("level", "rate")
-# What is lost faster is no more than this share in a sample.
-MAX_SAMPLE_LOSS = 1.0
 
 
 class ConvectionState(Effect):
@@ -74,9 +73,8 @@ class ConvectionState(Effect):
         return self.parameters["rate"] * np.minimum(share, 1.0)
 
     def plausible(self, scene: Scene) -> bool:
-        # Nothing gains heat by itself; and a rate that no sample shows is none.
-        slowest, rate = max(scene.slowest.values()), self.parameters["rate"]
-        return -1.0 / slowest < rate <= MAX_SAMPLE_LOSS / scene.period
+        rates = (v for name, v in self.parameters.items() if name.startswith("rate"))
+        return all(is_plausible_rate(rate, scene) for rate in rates)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

@@ -14,6 +14,8 @@ from thermaltool.units import Hold, hold_of
 HOUR = 3600.0
 # A lag of more records than this is a trend.
 MAX_LAG_RECORDS = 1.0
+# By how much more is lost in a sample, at most [1].
+MAX_SAMPLE_LOSS = 1.0
 # A jump is looked for between the means of so many readings before and after it, and at so many
 # places for each.
 JUMP_READINGS, JUMP_PLACES = (2, 8, 32), 3
@@ -159,6 +161,20 @@ def play(u: Float, widths: Float, memory: Memory = None) -> Float:
     if memory is not None:
         memory["play"] = p[:, -1]
     return p
+
+
+def is_plausible_rate(rate: float, scene: Scene) -> bool:
+    """Whether a machine may lose heat faster by a rate, whatever its time scale.
+
+    Not every output grows by itself (one may have a slow mode that is none), and no sample shows
+    what is gone before it ends.
+
+    Parameters
+    ----------
+    rate : float [1/s]
+    scene : Scene
+    """
+    return -1.0 / min(scene.slowest.values()) < rate <= MAX_SAMPLE_LOSS / scene.period
 
 
 def time_constants(period: float, duration: float, count: int = 7) -> list[float]:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from thermaltool.effects.channels import ROOM_DEGC, is_air, is_part, rest_of
-from thermaltool.effects.dynamics import from_rest
+from thermaltool.effects.dynamics import from_rest, is_plausible_rate
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
@@ -45,7 +45,7 @@ class Radiation(Effect):
     source: ClassVar[str] = "Incropera & DeWitt, ch. 1 (radiation heat transfer coefficient)"
     causal: ClassVar[bool] = True
     known: ClassVar = {
-        "rate": Parameter("1/s", low=0.0, high=0.1),
+        "rate": Parameter("1/s", low=0.0),
         "rest": Parameter("degC", low=ABSOLUTE_ZERO, fixed=True),
     }
 
@@ -57,6 +57,9 @@ class Radiation(Effect):
         hot = np.maximum(cold + rise, 0.0)
         steeper = (hot**2 + cold**2) * (hot + cold) / (4 * cold**3) - 1
         return self.parameters["rate"] * steeper
+
+    def plausible(self, scene: Scene) -> bool:
+        return super().plausible(scene) and is_plausible_rate(self.parameters["rate"], scene)
 
     def _temperature(
         self, record: Record, outputs: Outputs, memory: dict[str, Any]

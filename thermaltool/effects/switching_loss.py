@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from thermaltool.effects.dynamics import is_plausible_rate
 from thermaltool.effects.effect import (
     Effect,
     Float,
@@ -48,7 +49,7 @@ class SwitchingLoss(Effect):
     source: ClassVar[str] = "Åström & Hägglund 1995, ch. 2 (relay with hysteresis)"
     causal: ClassVar[bool] = True
     known: ClassVar = {
-        "rate": Parameter("1/s", low=0.0, high=0.1),
+        "rate": Parameter("1/s", low=0.0),
         "on": Parameter("{channel}", place=True),
         "off": Parameter("{channel}", place=True),
     }
@@ -69,7 +70,10 @@ class SwitchingLoss(Effect):
         return self.parameters["rate"] * state
 
     def plausible(self, scene: Scene) -> bool:
-        return super().plausible(scene) and self.parameters["off"] <= self.parameters["on"]
+        rises = self.parameters["off"] <= self.parameters["on"]
+        return (
+            super().plausible(scene) and rises and is_plausible_rate(self.parameters["rate"], scene)
+        )
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:

@@ -115,6 +115,10 @@ def identify(
         better = _planned(logs, inputs, outputs, further, fresh, reference)
     except FitError:
         return found
+    except KeyboardInterrupt:
+        # The linear models are there.
+        plan.budget.interrupt()
+        return found
     # What was said of the linear models is why there are others.
     return tuple(
         replace(fit, linearity=linear.linearity) for fit, linear in zip(better, found, strict=True)

@@ -50,8 +50,13 @@ def lpv_warnings(fits: Sequence[Fit]) -> list[str]:
     return sentences
 
 
-def _described(form: LpvForm) -> str:
-    """What goes by what."""
+def described(form: LpvForm) -> str:
+    """What goes by what.
+
+    Parameters
+    ----------
+    form : LpvForm
+    """
     parts = []
     if form.channel:
         what = " and ".join(["loss rate"] * form.loss + ["gains"] * form.gain)
@@ -141,7 +146,7 @@ def lpv_table(fits: Sequence[Fit]) -> str:
     form = model.form
     targets = ", ".join(fit.model.target for fit in fits)
     head = (
-        f"{targets}: {form.modes} mode{'s' * (form.modes > 1)}, {_described(form)}; "
+        f"{targets}: {form.modes} mode{'s' * (form.modes > 1)}, {described(form)}; "
         f"{model.method}; {model.rows} rows at {model.dt:g} s"
     )
     first = f" at {form.levels[0]:.4g}" if form.loss else ""
@@ -184,6 +189,6 @@ def _listed(candidates: Sequence[Candidate[Lpv]]) -> str:
     rows = [["modes", "by level or power", "held-out fit %", "BIC"]]
     for c in candidates[:LISTED_CANDIDATES]:
         fits = " ".join(f"{fit:.2f}" for fit in c.fit_percent)
-        rows.append([str(c.model.form.modes), _described(c.model.form), fits,
+        rows.append([str(c.model.form.modes), described(c.model.form), fits,
                      f"{c.model.criteria.bic:.1f}"])  # fmt: skip
     return f"of {len(candidates)} candidates the best first:\n{aligned(rows)}"

@@ -29,6 +29,8 @@ SAME_VALUE = 0.02
 # A model that is not linear is taken where it lowers that logarithm, over blocks held out, by so
 # much below the linear one.
 MIN_GAIN = 0.1
+# No output may lose more of its fit by that [points].
+MAX_LOST = 2.0
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,11 @@ def beats(best: Lpv, beside: LinearBeside, data: TrainingData) -> bool:
     if len(found) < 2:
         return isinstance(found[0].model, Lpv)
     first, second = found
-    return isinstance(first.model, Lpv) and second.score - first.score > MIN_GAIN
+    kept = all(
+        after > before - MAX_LOST
+        for after, before in zip(first.fit_percent, second.fit_percent, strict=True)
+    )
+    return isinstance(first.model, Lpv) and kept and second.score - first.score > MIN_GAIN
 
 
 def _start(known: Lpv, form: LpvForm) -> Array:

@@ -125,7 +125,7 @@ def grid_starts(problem: LpvProblem) -> list[Array]:
     ends = START_PERIODS * data.period, max(START_RECORDS * data.duration, 4 * data.period)
     grid = np.log(np.geomspace(*ends, 2 * form.modes + 3))
     found = []
-    for first in range(0, 3 if form.modes > 1 else 5, 1):
+    for first in range(3 if form.modes > 1 else 5):
         theta = np.zeros(form.searched)
         theta[: form.modes] = grid[first : first + 2 * form.modes : 2][::-1]
         found.append(theta)
