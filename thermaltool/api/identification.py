@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from thermaltool.api.inputs import Reading, all_of, read_for_fit, reads
+from thermaltool.api.inputs import Reading, all_of, options_of, read_for_fit, reads
 from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.fitting.transfer.registry import CONTINUOUS, MAX_MODES, STRUCTURES
 from thermaltool.units import names
@@ -46,11 +46,14 @@ class Identification(Result):
     logs : tuple of Log
     reference : "first", float or None
         What counts as no input in the model document.
+    reading : tuple of str
+        Options with which the logs were read.
     """
 
     fits: tuple[Fit, ...]
     logs: tuple[Log, ...]
     reference: Reference | None = None
+    reading: tuple[str, ...] = ()
 
     @cached_property
     def model(self) -> Model:
@@ -109,7 +112,7 @@ class Identification(Result):
         """Fits, gains and time constants with their intervals, and what is left."""
         from thermaltool.report.identification import identification_table
 
-        return identification_table(self.fits)
+        return identification_table(self.fits, self.reading)
 
     def draw(self) -> Figure:
         """Measured and simulated outputs over the first log, and their difference."""
@@ -158,8 +161,7 @@ def identify(
         Default: components for six or more inputs of which half as many components hold 99 % of
         what they vary, where no option of another structure is given; else oe.
     reduce : {"pca", "pls", "none", "pca:k", "pls:k"}, optional
-        Components of the scaled inputs: principal, of partial least squares, or all. Default:
-        principal ones, so many as held-out blocks and the evidence speak for.
+        Components of the scaled inputs: principal, of partial least squares. Default: all.
     orders : sequence of (nb, nf, nk) or None
         Numerator coefficients, order of the denominator, samples of delay: once for all inputs or
         once for each. None, or nothing: chosen by held-out data.
@@ -228,10 +230,9 @@ def identify(
     from thermaltool.fitting.transfer.registry import structure_of
 
     inputs, outputs = names(inputs), names(outputs)
-    check_arguments(inputs, outputs, structure=structure, reduce=reduce, orders=orders,
-                    modes=modes, delay=delay, noise_orders=noise_orders, continuous=continuous,
-                    real_poles=real_poles, initial=initial, split=split,
-                    validate=validate)  # fmt: skip
+    check_arguments(inputs, outputs, structure=structure, reduce=reduce, orders=orders, modes=modes,
+                    delay=delay, noise_orders=noise_orders, continuous=continuous, split=split,
+                    real_poles=real_poles, initial=initial, validate=validate)  # fmt: skip
     plain = not (orders or noise_orders or continuous or real_poles)
     logs: list[Log] = []
     parts: list[Log] = []
@@ -271,7 +272,7 @@ def identify(
     progress("done\n")
     if search.ended:
         warn(f"the choice was ended: the best of {search.tried} candidates")
-    return Identification(fits, tuple(logs), reference)
+    return Identification(fits, tuple(logs), reference, options_of(reading))
 
 
 def _say_the_same(
