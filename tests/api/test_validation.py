@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 
 import thermaltool as tt
 
@@ -112,3 +113,16 @@ def test_logs_of_one_name_one_of_which_has_no_piece():
     found = tt.identify([machine(4), sparse], ["Q_main_W"], ["d_z_um"], structure="network",
                         modes=1, max_gap=7.0, split=0.6)  # fmt: skip
     assert found.fits[0].validation is not None
+
+
+@pytest.mark.parametrize("structure", ["oe", "bj"])
+def test_a_state_that_is_estimated_is_no_worse_than_the_run(structure):
+    """In noise that wanders: the zero that simulate takes is not that of the fit."""
+    log = machine(4)
+    rng = np.random.default_rng(1795570700)
+    wander = lfilter([1.0], [1, -0.98], rng.normal(0, 0.5, len(log)))
+    log["d_z_um"] += wander
+    found = tt.identify(log, "Q_main_W", "d_z_um", split=0.6, structure=structure,
+                        orders=[(1, 1, 1)])  # fmt: skip
+    held = found.fits[0].validation
+    assert held.estimated_state.fit_percent >= held.carried_on.fit_percent - 0.01

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 
 import numpy as np
 import pytest
@@ -264,3 +265,16 @@ def test_quiet_leaves_the_table(thermaltool, tmp_path):
     assert quiet.out == loud.out
     assert loud.err
     assert not quiet.err
+
+
+def test_the_command_of_a_validation_reads_as_it_was_read(thermaltool, tmp_path):
+    columns = run_of([np.exp(-10 / 300)])
+    columns["d_z_um"][40] = np.nan
+    log = write_log(tmp_path / "a log.csv", columns)
+    done = thermaltool("identify", str(log), *ONE, "--orders", "1,1,1", "--split", "0.6",
+                       "--nan-policy", "omit", "-o", str(tmp_path / "m.json"))  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    (line,) = [each for each in done.stdout.splitlines() if each.startswith("validation: ")]
+    words = shlex.split(line.removeprefix("validation: ").replace("MODEL", f"{tmp_path}/m.json"))
+    assert words[-2:] == ["--nan-policy", "omit"]
+    assert thermaltool(*words).returncode == 0

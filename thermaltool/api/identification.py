@@ -19,6 +19,7 @@ from thermaltool.api.identification_arguments import (
     check_arguments,
 )
 from thermaltool.api.inputs import Reading, all_of, read_for_fit, reads
+from thermaltool.api.inputs import Reading, all_of, options_of, read_for_fit, reads
 from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.units import names
 
@@ -51,11 +52,14 @@ class Identification(Result):
     logs : tuple of Log
     reference : "first", float or None
         What counts as no input in the model document.
+    reading : tuple of str
+        Options with which the logs were read.
     """
 
     fits: tuple[Fit, ...]
     logs: tuple[Log, ...]
     reference: Reference | None = None
+    reading: tuple[str, ...] = ()
 
     @cached_property
     def model(self) -> Model:
@@ -114,7 +118,7 @@ class Identification(Result):
         """Fits, gains and time constants with their intervals, and what is left."""
         from thermaltool.report.identification import identification_table
 
-        return identification_table(self.fits)
+        return identification_table(self.fits, self.reading)
 
     def draw(self) -> Figure:
         """Measured and simulated outputs over the first log, and their difference."""
@@ -166,8 +170,7 @@ def identify(
         what they vary, where no option of another structure is given; else oe, and lpv where the
         test of linearity and rows held out speak for it.
     reduce : {"pca", "pls", "none", "pca:k", "pls:k"}, optional
-        Components of the scaled inputs: principal, of partial least squares, or all. Default:
-        principal ones, so many as held-out blocks and the evidence speak for.
+        Components of the scaled inputs: principal, of partial least squares. Default: all.
     orders : sequence of (nb, nf, nk) or None
         Numerator coefficients, order of the denominator, samples of delay: once for all inputs or
         once for each. None, or nothing: chosen by held-out data.
@@ -238,10 +241,9 @@ def identify(
     from thermaltool.fitting.transfer.registry import structure_of
 
     inputs, outputs = names(inputs), names(outputs)
-    check_arguments(inputs, outputs, structure=structure, reduce=reduce, orders=orders,
-                    modes=modes, delay=delay, noise_orders=noise_orders, continuous=continuous,
-                    real_poles=real_poles, initial=initial, split=split,
-                    validate=validate)  # fmt: skip
+    check_arguments(inputs, outputs, structure=structure, reduce=reduce, orders=orders, modes=modes,
+                    delay=delay, noise_orders=noise_orders, continuous=continuous, split=split,
+                    real_poles=real_poles, initial=initial, validate=validate)  # fmt: skip
     plain = not (orders or noise_orders or continuous or real_poles)
     usual = structure is None and plain
     logs: list[Log] = []
@@ -285,7 +287,7 @@ def identify(
     progress("done\n")
     if search.ended:
         warn(f"the choice was ended: the best of {search.tried} candidates")
-    return Identification(fits, tuple(logs), reference)
+    return Identification(fits, tuple(logs), reference, options_of(reading))
 
 
 def _say_the_same(

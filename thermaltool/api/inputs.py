@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar, Unpack, cast
@@ -42,6 +43,26 @@ class Reading(TypedDict, total=False):
     max_gap: float | None
     duplicates: str | None
     faults: str
+
+
+def options_of(reading: Mapping[str, Any]) -> tuple[str, ...]:
+    """How a log was read, as options of a command; what is the default is left out.
+
+    Parameters
+    ----------
+    reading : mapping
+        As `Reading`.
+    """
+    found: list[str] = []
+    for name in Reading.__annotations__:
+        value = reading.get(name)
+        if value is None or (name, value) == ("nan_policy", "raise"):
+            continue
+        option = "--from" if name == "from_format" else "--" + name.replace("_", "-")
+        # Columns that no file holds are those of a call from Python.
+        own = "MAP.toml" if name == "columns" and not isinstance(value, str) else str(value)
+        found += [option, shlex.quote(own)]
+    return tuple(found)
 
 
 def reads(options: type) -> Callable[[Stage], Stage]:

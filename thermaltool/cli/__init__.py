@@ -201,6 +201,7 @@ def main() -> None:
         error.show()
         code = error.exit_code
     except (KeyboardInterrupt, click.Abort):
+        click.echo(f"{name}: interrupted", err=True)
         code = INTERRUPTED
     except BrokenPipeError:
         # The interpreter flushes stdout once more at exit: give it somewhere to go.

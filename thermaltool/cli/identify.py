@@ -40,7 +40,7 @@ from thermaltool.fitting.transfer.registry import MAX_MODES, STRUCTURES, describ
               "components where six or more inputs say much the same]")  # fmt: skip
 @click.option("--reduce", metavar="pca[:k]|pls[:k]|none",
               help="Components of the scaled inputs, or all inputs, through lags with a ridge.  "
-              "[default: pca, k chosen by held-out blocks]")  # fmt: skip
+              "[default: all of them]")  # fmt: skip
 @click.option("--orders", type=TransferOrder(), multiple=True, metavar="nb,nf,nk|auto",
               help="Numerator coefficients and order of the denominator, up to "
               f"{MAX_TRANSFER_ORDER} each, and samples of delay; once for all inputs or once for "

@@ -71,7 +71,8 @@ class Validation:
     carried_on : Agreement
         As ``simulate`` runs the model document: the state goes on from the rows before.
     estimated_state : Agreement
-        The state at the first of these rows is estimated from them.
+        The state at the first of these rows, and the zero of a displacement, are estimated from
+        them.
     improvement : float [%]
         Share by which the model, carried on, reduces the mean deviation from where its log begins
         (Mareš et al.: imp).
@@ -139,7 +140,9 @@ def validate(
         )
         for origin, k in sorted(held.begins.items())
     ]
-    return _judged(model, held, "fitted", rows, whole, lambda: model.carried_on(split), True)
+    # As simulate counts it a displacement has a zero of its own, which is not that of the fit.
+    zero: Zero = "free" if is_displacement(model.target) else "fitted"
+    return _judged(model, held, zero, rows, whole, lambda: model.carried_on(split), True)
 
 
 def validate_on(

@@ -17,7 +17,6 @@ from thermaltool.report.transfer import (
     estimate_document,
     gain_unit,
     one_or_all,
-    repeated,
     with_interval,
 )
 from thermaltool.units import printed
@@ -67,7 +66,7 @@ def _choice(each: Weighed) -> dict[str, Any]:
     return {
         "components": each.choice.components,
         "lags": len(each.choice.lags),
-        "error_time_s": each.choice.error_time,
+        "direct": each.choice.direct,
         "ridge": each.choice.ridge,
         "held_out_rmse": jsonable(each.error),
         "weight": each.weight,
@@ -117,15 +116,14 @@ def component_table(fits: Sequence[Fit]) -> str:
         parts.append(aligned(rows))
         parts.append(_choices(model))
     parts.append(aligned(agreement_rows(fits)))
-    if lines := repeated(fits[0]):
-        parts.append("\n".join(lines))
     return "\n\n".join(parts)
 
 
 def _choices(model: ComponentOutput) -> str:
-    rows = [["components", "lags", "held-out RMS", "counts"]]
+    rows = [["components", "direct", "lags", "ridge", "held-out RMS", "counts"]]
     for each in model.choices[:LISTED_CANDIDATES]:
         c = each.choice
-        rows.append([str(c.components), str(len(c.lags)), f"{each.error:.4g}",
+        rows.append([str(c.components), "yes" if c.direct else "no", str(len(c.lags)),
+                     f"{c.ridge:.3g}", f"{each.error:.4g}",
                      f"{100 * each.weight:.1f} %"])  # fmt: skip
     return f"of {len(model.choices)} choices those that count most:\n{aligned(rows)}"

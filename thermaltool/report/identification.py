@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -111,9 +112,34 @@ def _linearity_document(test: LinearityTest) -> dict[str, Any]:
     }
 
 
-def identification_table(fits: Sequence[Fit]) -> str:
-    """Fits, gains and time constants with their intervals, what is left."""
-    return f"{_form(fits).table(fits)}\n\n" + "\n".join(map(_linearity_line, fits))
+def identification_table(fits: Sequence[Fit], reading: Sequence[str] = ()) -> str:
+    """Fits, gains and time constants with their intervals, what is left.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+    reading : sequence of str
+        Options of the command line with which the logs were read.
+    """
+    lines = [*map(_linearity_line, fits), *_commands(fits, reading)]
+    return f"{_form(fits).table(fits)}\n\n" + "\n".join(lines)
+
+
+def _commands(fits: Sequence[Fit], reading: Sequence[str]) -> list[str]:
+    """Lines: the commands that give the validation of rows of a log again."""
+    found = []
+    for each in (each for fit in fits if fit.validation for each in fit.validation.logs):
+        ends = [("--start", each.start), ("--stop", each.stop)]
+        if any(end is not None for _, end in ends):
+            options = [f"{option} {end!r}" for option, end in ends if end is not None]
+            command = [
+                "simulate MODEL",
+                shlex.quote(each.log.name),
+                f"--initial {each.initial}",
+                *options,
+            ]
+            found.append("validation: " + " ".join([*command, *reading]))
+    return list(dict.fromkeys(found))
 
 
 def identification_warnings(fits: Sequence[Fit]) -> list[str]:

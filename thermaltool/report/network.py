@@ -19,7 +19,6 @@ from thermaltool.report.transfer import (
     interval_text,
     longer_than_record,
     one_or_all,
-    repeated,
     residuals_line,
     with_interval,
 )
@@ -124,8 +123,6 @@ def network_table(fits: Sequence[Fit]) -> str:
                 *([with_interval(output.direct_estimate(i))] if output.has_direct else []),
             ])  # fmt: skip
     parts = [head, aligned(modes), aligned(weights), aligned(agreement_rows(fits))]
-    if lines := repeated(fits[0]):
-        parts.append("\n".join(lines))
     if fits[0].candidates:
         parts.append(_candidates(fits[0].candidates))
     return "\n\n".join(parts)

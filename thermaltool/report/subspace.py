@@ -21,7 +21,6 @@ from thermaltool.report.transfer import (
     interval_text,
     longer_than_record,
     one_or_all,
-    repeated,
     with_interval,
 )
 from thermaltool.responses import response_class
@@ -127,8 +126,6 @@ def subspace_table(fits: Sequence[Fit]) -> str:
                 *(f"{own[gain].value:.4g}" for gain in gains),
             ])  # fmt: skip
     parts = [head, aligned(poles), aligned(weights), aligned(agreement_rows(fits))]
-    if lines := repeated(fits[0]):
-        parts.append("\n".join(lines))
     if fits[0].candidates:
         parts.append(_candidates(fits[0].candidates))
     return "\n\n".join(parts)

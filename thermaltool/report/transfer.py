@@ -218,18 +218,6 @@ def is_bounded(e: Estimate) -> bool:
     return e.high - e.low <= 2 * MAX_INTERVAL_RATIO * abs(e.value)
 
 
-def repeated(fit: Fit) -> list[str]:
-    """Lines: the commands that give the validation of rows of a log again."""
-    found = []
-    for each in fit.validation.logs if fit.validation is not None else ():
-        ends = [("--start", each.start), ("--stop", each.stop)]
-        if any(end is not None for _, end in ends):
-            options = [f"{option} {end!r}" for option, end in ends if end is not None]
-            command = ["simulate MODEL", each.log.name, f"--initial {each.initial}", *options]
-            found.append("validation: " + " ".join(command))
-    return found
-
-
 def transfer_table(fit: Fit) -> str:
     """One model: what drives what, how fast, how sure; how well it runs free; what is left."""
     m = fit.model
@@ -242,7 +230,6 @@ def transfer_table(fit: Fit) -> str:
             f"({held.estimated_state.fit_percent:.2f} % with the state estimated there; "
             f"improvement {held.improvement:.1f} %)"
         )
-        fits = "\n".join([fits, *repeated(fit)])
     rows = [["input", "nb,nf,nk", "dead time s", "gain", "unit", "time constant s", "weight"]]
     for k, name in enumerate(m.names):
         n = len(m.denominator(k)) - 1

@@ -48,7 +48,7 @@ def test_the_ridge_beats_the_inputs_as_they_are(split):
     """Held out: components of the bar against the same lags without a ridge."""
     (model,), _ = ComponentPlan().fit(split.fitted)
     problem = ComponentProblem(split.fitted, Reduction("none"))
-    plain = Choice(SENSORS, tuple(range(6)), 1.0, 1e-12)
+    plain = Choice(SENSORS, tuple(range(6)), ridge=1e-12)
     everything = np.ones(len(problem.output), bool)
     (unreduced,) = problem.fit(everything, [plain])
     raw = output_of(problem, unreduced)

@@ -1,4 +1,4 @@
-"""How many components, and through which lags: an average over what may be.
+"""Through which lags, with how strong a ridge: an average over what may be.
 
 Weights of choices that do about as well differ much, and their mean predicts rows behind a record
 better than any of them (Hoeting, Madigan, Raftery, Volinsky 1999).
@@ -7,20 +7,25 @@ better than any of them (Hoeting, Madigan, Raftery, Volinsky 1999).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from thermaltool.fitting.components.problem import Choice, ComponentProblem, Weights
 from thermaltool.fitting.data import Array
+from thermaltool.fitting.error_model import ar_error_model
 from thermaltool.fitting.selection import BLOCKS
 
-# Difference of scores, logarithms of error variances, at which a choice counts 1/e of another:
-# blocks tell choices apart less surely than they differ. On 21 stretches of one measured log the
-# mean leaves 3.4 um in the rows behind with 0.5, 3.2 um with 2.
-SCORE_SCALE = 2.0
+# Difference of scores, logarithms of error variances held out, at which a choice counts 1/e of
+# another.
+SCORE_SCALE = 0.1
+# The same between the inputs themselves and their lags: where the square of the difference counts,
+# neither is left out by less than blocks can tell.
+FORM_SCALE = 2.0
 # What counts less is left out.
 MIN_WEIGHT = 1e-3
+# Variance of an average's error over that of the weights of what varies by 1, in all that is tried.
+WEIGHT_RIDGES = (1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 
 
 @dataclass(frozen=True)
@@ -41,50 +46,85 @@ class Weighed:
     weight: float
 
 
-def choices_of(problem: ComponentProblem) -> Iterator[Choice]:
-    """All numbers of components with one lag of the grid or with all, and all error times.
+def choices_of(problem: ComponentProblem) -> tuple[list[Choice], list[Choice]]:
+    """The inputs themselves, and them through lags: with all ridges.
+
+    All time constants of the grid or every second one, with the inputs themselves or without. The
+    errors are white: what is taken for a slow error is no longer there to tell a slow response.
+
+    Parameters
+    ----------
+    problem : ComponentProblem
+    """
+    grid = tuple(range(len(problem.times)))
+    direct: list[tuple[tuple[int, ...], bool]] = [((), True)]
+    lagged = [(lags, beside) for lags in (grid, grid[::2], grid[1::2]) for beside in (True, False)]
+    rows, count = len(problem.output), problem.reduction.kept(len(problem.data.inputs))
+    static, dynamic = (
+        [
+            Choice(count, lags, beside, 0.0, rows * ridge)
+            for lags, beside in forms
+            for ridge in WEIGHT_RIDGES
+        ]
+        for forms in (direct, lagged)
+    )
+    return static, dynamic
+
+
+def evidence_choices(problem: ComponentProblem) -> Iterator[Choice]:
+    """All inputs with one lag of the grid or with all, in errors of all correlation times.
 
     Parameters
     ----------
     problem : ComponentProblem
     """
     grid = range(len(problem.times))
-    counts = problem.reduction.tried(len(problem.data.inputs))
     for time in problem.error_times.tolist():
         for lags in (*((lag,) for lag in grid), tuple(grid)):
-            for count in counts:
-                yield Choice(count, lags, time, 0.0)
+            yield Choice(len(problem.data.inputs), lags, True, time)
 
 
 def averaged(problem: ComponentProblem) -> tuple[Weights, tuple[Weighed, ...]]:
     """Weights of every input as the mean over all choices, and what each counts, the most first.
 
     Each of five blocks of every log but the first is held out in turn. The score of a choice is the
-    mean over the blocks of the logarithm of the mean square error, plus the evidence as that of an
-    error variance: blocks show what goes wrong at other temperatures, the evidence what the rows
-    between say.
+    mean over the blocks of the logarithm of the mean square error. The inputs themselves and their
+    lags are weighed less sharply: blocks say how well a choice goes on at levels that there are,
+    not at others, and the errors of the two differ there.
 
     Parameters
     ----------
     problem : ComponentProblem
     """
-    choices = list(choices_of(problem))
+    forms = choices_of(problem)
+    choices = [choice for form in forms for choice in form]
     whole = problem.fit(np.ones(len(problem.output), bool), choices)
     squares = []
     for split in problem.data.folds(BLOCKS):
         held = problem.held(split)
         if held.any() and not held.all():
-            found = problem.fit(~held, choices)
+            found = problem.fit(~held, choices, False)
             squares.append([np.mean(problem.errors(each)[held] ** 2) for each in found])
     each: Array = np.maximum(np.array(squares), 1e-300)
-    scores = np.log(each).mean(axis=0) + np.array([found.level for found in whole])
+    scores = np.log(each).mean(axis=0)
+    parts = np.split(scores, [len(forms[0])])
+    apart = np.array([own.min() for own in parts]) - scores.min()
+    weights = np.exp(-((apart / FORM_SCALE) ** 2))
+    counts = np.concatenate([
+        _counts(own) * weight for own, weight in zip(parts, weights / weights.sum(), strict=True)
+    ])  # fmt: skip
+    order = [k for k in np.argsort(-counts, kind="stable").tolist() if counts[k]]
+    errors = np.sqrt(each.mean(axis=0))
+    mean = _mean(problem, [whole[k] for k in order], counts[order])
+    weighed = [Weighed(whole[k].choice, float(errors[k]), float(counts[k])) for k in order]
+    return mean, tuple(weighed)
+
+
+def _counts(scores: Array) -> Array:
+    """What choices count by their scores, in all 1."""
     counts = np.exp(-(scores - scores.min()) / SCORE_SCALE)
     counts[counts < MIN_WEIGHT * counts.sum()] = 0.0
-    counts /= counts.sum()
-    order = [k for k in np.argsort(scores, kind="stable").tolist() if counts[k]]
-    errors = np.sqrt(each.mean(axis=0))
-    weighed = [Weighed(whole[k].choice, float(errors[k]), float(counts[k])) for k in order]
-    return _mean(problem, [whole[k] for k in order], counts[order]), tuple(weighed)
+    return np.asarray(counts / counts.sum())
 
 
 def _mean(problem: ComponentProblem, found: Sequence[Weights], counts: Array) -> Weights:
@@ -106,13 +146,28 @@ def _mean(problem: ComponentProblem, found: Sequence[Weights], counts: Array) ->
         offsets += count * each.offsets
     mean = counts @ values
     apart = (values - mean) * np.sqrt(counts)[:, None]
-    best = found[0].choice
-    return Weights(
-        Choice(best.components, tuple(lags), best.error_time, best.ridge),
+    whole = Weights(
+        replace(found[0].choice, lags=tuple(lags)),
         float(counts @ [each.level for each in found]),
         mean.reshape(1 + len(lags), m),
         decays,
         offsets,
-        covariance + apart.T @ apart,
+        covariance,
         float(counts @ [each.freedom for each in found]),
     )
+    slow = _slowness(problem, problem.errors(whole))
+    return replace(whole, covariance=slow * covariance + apart.T @ apart)
+
+
+def _slowness(problem: ComponentProblem, errors: Array) -> float:
+    """Spectral density of errors at frequency zero over that of white ones; one at least.
+
+    By so much the variance of a slope over a slow course is larger than in white errors.
+    """
+    ends = np.flatnonzero(np.diff(problem.record)) + 1
+    model = ar_error_model(np.split(errors, ends))
+    if model is None:
+        return 1.0
+    coefficients, variance = model
+    power = max(float(np.mean(errors**2)), 1e-300)
+    return max(1.0, variance / float(np.sum(coefficients)) ** 2 / power)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.fitting.components.choose import averaged, choices_of
+from thermaltool.fitting.components.choose import averaged, evidence_choices
 from thermaltool.fitting.components.model import ComponentOutput, output_of
 from thermaltool.fitting.components.problem import ComponentProblem
 from thermaltool.fitting.components.reduction import Reduction, moving_inputs
@@ -59,6 +59,8 @@ class ComponentPlan(Plan):
         levels = []
         for each in (data.from_rest(), data):
             problem = ComponentProblem(each, Reduction("none"))
-            found = problem.fit(np.ones(len(problem.output), bool), list(choices_of(problem)))
+            found = problem.fit(
+                np.ones(len(problem.output), bool), list(evidence_choices(problem)), False
+            )
             levels.append(len(problem.output) * min(weights.level for weights in found))
         return levels[0] - levels[1] > MIN_EVIDENCE

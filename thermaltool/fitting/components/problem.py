@@ -30,8 +30,8 @@ AVERAGES, AVERAGED_ROWS = (200, 2000), 20
 # Averages below which nothing is to be held out in five blocks.
 MIN_AVERAGES = 25
 # Time constants of the grid, from one average to this part of the longest record.
-GRID_TIMES, LONGEST_PART = 6, 8
-# Variance of the averages' errors over that of the weights, in all that is tried.
+GRID_TIMES, LONGEST_PART = 6, 4
+# Variance of the averages' errors over that of the weights, of which the evidence decides.
 RIDGES = 10.0 ** np.arange(-10, 5.1, 0.5)
 # Correlation times of the errors: so many, from averages to this part of the longest record.
 ERROR_TIMES, SHORTEST_ERROR, LONGEST_ERROR = 4, 4, 0.6
@@ -48,16 +48,24 @@ class Choice:
     components : int
     lags : tuple of int
         Of the grid of time constants.
+    direct : bool
+        Whether the inputs themselves count beside their lags.
     error_time : float [s]
-        Correlation time of the errors.
+        Correlation time of the errors; zero where they are white.
     ridge : float
-        Variance of what drives the errors over that of the weights.
+        Variance of what drives the errors over that of the weights; zero: by the evidence.
     """
 
     components: int
     lags: tuple[int, ...]
-    error_time: float
-    ridge: float
+    direct: bool = True
+    error_time: float = 0.0
+    ridge: float = 0.0
+
+    @property
+    def slots(self) -> tuple[int, ...]:
+        """What the weights are of: 0 the inputs themselves, 1 + k lag k."""
+        return (*((0,) if self.direct else ()), *(1 + lag for lag in self.lags))
 
 
 @dataclass(frozen=True)
@@ -188,12 +196,17 @@ class ComponentProblem:
         ----------
         weights : Weights
         """
-        lags = np.array(weights.choice.lags)
+        lags = np.array(weights.choice.lags, dtype=np.intp)
         known = np.tensordot(weights.values, self.inputs[[0, *(1 + lags)]], 2)
         known = known + weights.decays @ self.decays[lags].reshape(-1, len(self.output))
         return np.asarray(self.output - known - weights.offsets[self.origin])
 
-    def fit(self, fitted: NDArray[np.bool_], choices: Sequence[Choice]) -> list[Weights]:
+    def fit(
+        self,
+        fitted: NDArray[np.bool_],
+        choices: Sequence[Choice],
+        with_covariance: bool = True,
+    ) -> list[Weights]:
         """Weights of choices, each with the ridge of most evidence where its own is zero.
 
         Parameters
@@ -201,7 +214,9 @@ class ComponentProblem:
         fitted : ndarray of bool, shape (averages,)
             Those that count.
         choices : sequence of Choice
-            Those of one error time one after the other.
+            Those of one error time, and then those that differ in their ridge, one after the other.
+        with_covariance : bool
+            Else that of the weights is empty.
         """
         columns, output = (
             self._about_means(x, fitted)[..., fitted] for x in (self.inputs[0], self.output)
@@ -210,10 +225,15 @@ class ComponentProblem:
         loadings = self.reduction.loadings(columns, output, units)
         found = []
         whitened: _Whitened | None = None
+        solved: _Solved | None = None
         for choice in choices:
             if whitened is None or whitened.error_time != choice.error_time:
-                whitened = self._whitened(fitted, choice.error_time, loadings)
-            found.append(self._weights(whitened, choice, loadings, fitted))
+                whitened, solved = self._whitened(fitted, choice.error_time, loadings), None
+            plain = replace(choice, ridge=0.0)
+            if solved is None or solved.choice != plain:
+                solved = self._solved(whitened, plain, len(loadings))
+            weights = self._weights(whitened, solved, choice, loadings, fitted, with_covariance)
+            found.append(weights)
         return found
 
     def _about_means(self, values: Array, fitted: NDArray[np.bool_]) -> Array:
@@ -225,7 +245,7 @@ class ComponentProblem:
 
     def _whitened(self, fitted: NDArray[np.bool_], error_time: float, loadings: Array) -> _Whitened:
         """Sums over the averages, less what of each follows from the one before."""
-        kept = np.exp(-self.rows * self.data.period / error_time)
+        kept = np.exp(-self.rows * self.data.period / error_time) if error_time else 0.0
         after = np.flatnonzero(fitted[1:] & fitted[:-1] & (self.record[1:] == self.record[:-1])) + 1
         scores = np.einsum("ik,lin->lkn", loadings, self.inputs)
         columns = np.concatenate([scores.reshape(-1, scores.shape[-1]),
@@ -242,20 +262,27 @@ class ComponentProblem:
         gram = moved @ moved.T
         return _Whitened(error_time, gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), len(after))
 
-    def _weights(
-        self, whitened: _Whitened, choice: Choice, loadings: Array, fitted: NDArray[np.bool_]
-    ) -> Weights:
-        m, pieces = len(loadings), self.decays.shape[1]
-        k, n = choice.components, whitened.count
-        slots = [0, *(1 + lag for lag in choice.lags)]
-        first = m * (1 + len(self.times))
+    def _solved(self, whitened: _Whitened, choice: Choice, inputs: int) -> _Solved:
+        pieces, first = self.decays.shape[1], inputs * (1 + len(self.times))
         place = np.concatenate([
-            *(m * slot + np.arange(k) for slot in slots),
+            *(inputs * slot + np.arange(choice.components) for slot in choice.slots),
             *(first + pieces * lag + np.arange(pieces) for lag in choice.lags),
         ]).astype(np.intp)  # fmt: skip
         values, vectors = np.linalg.eigh(whitened.gram[np.ix_(place, place)])
-        values = np.maximum(values, 0.0)
         pull = vectors.T @ whitened.cross[place]
+        return _Solved(choice, np.maximum(values, 0.0), vectors, pull)
+
+    def _weights(
+        self,
+        whitened: _Whitened,
+        solved: _Solved,
+        choice: Choice,
+        loadings: Array,
+        fitted: NDArray[np.bool_],
+        with_covariance: bool,
+    ) -> Weights:
+        k, n = choice.components, whitened.count
+        values, vectors, pull = solved.values, solved.vectors, solved.pull
         ridges = RIDGES if not choice.ridge else np.array([choice.ridge])
         left = whitened.power - np.sum(pull[:, None] ** 2 / (values[:, None] + ridges), axis=0)
         left = np.maximum(left, MIN_ERROR * whitened.power)
@@ -263,16 +290,22 @@ class ComponentProblem:
         best = int(np.argmin(levels))
         spread = values + ridges[best]
         linear = vectors @ (pull / spread)
-        split = k * len(slots)
-        turn = np.kron(np.eye(len(slots)), loadings[:, :k])
-        deviation = turn @ (vectors[:split] * np.sqrt(left[best] / n / spread))
+        split = k * len(choice.slots)
+        # Of the inputs themselves and of every lag; those do not count where there are none.
+        places = [0, *(1 + lag for lag in choice.lags)]
+        put = np.eye(len(places))[:, [places.index(slot) for slot in choice.slots]]
+        covariance = np.zeros((0, 0))
+        if with_covariance:
+            turn = np.kron(put, loadings[:, :k])
+            deviation = turn @ (vectors[:split] * np.sqrt(left[best] / n / spread))
+            covariance = deviation @ deviation.T
         found = Weights(
             replace(choice, ridge=float(ridges[best])),
             float(levels[best]),
-            (turn @ linear[:split]).reshape(len(slots), m),
+            put @ linear[:split].reshape(-1, k) @ loadings[:, :k].T,
             linear[split:],
             np.zeros(self.data.experiments),
-            deviation @ deviation.T,
+            covariance,
             float(np.sum(vectors[:split] ** 2 * (values / spread))),
         )
         errors, offsets = self.errors(found), found.offsets
@@ -291,3 +324,13 @@ class _Whitened:
     cross: Array
     power: float
     count: int
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """Eigenvalues and vectors of the sums of one choice, and the output along them."""
+
+    choice: Choice
+    values: Array
+    vectors: Array
+    pull: Array

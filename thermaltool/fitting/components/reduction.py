@@ -18,8 +18,6 @@ from thermaltool.fitting.data import MIN_MOVEMENT, Array, TrainingData
 
 Method = Literal["pca", "pls", "none"]
 
-# Numbers of components that are tried: all up to six, then further apart.
-TRIED_COMPONENTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)
 # Columns whose correlation is above this say the same.
 SAME_CORRELATION = 0.999
 # So many inputs at least are many, and few components carry so much of their variance.
@@ -34,14 +32,14 @@ class Reduction:
     ----------
     method : {"pca", "pls", "none"}
     components : int or None
-        None: all numbers are weighed, by blocks held out. "none" keeps all.
+        None: all, and the ridge alone holds their weights down.
     """
 
     method: Method = "pca"
     components: int | None = None
 
-    def tried(self, inputs: int) -> tuple[int, ...]:
-        """Numbers of components that are compared; all inputs among them, which reduces nothing.
+    def kept(self, inputs: int) -> int:
+        """How many components there are of so many inputs.
 
         Parameters
         ----------
@@ -53,14 +51,13 @@ class Reduction:
             More components than inputs.
         """
         if self.components is None:
-            fewer = (k for k in TRIED_COMPONENTS if k < inputs)
-            return (inputs,) if self.method == "none" else (*fewer, inputs)
+            return inputs
         if self.components > inputs:
             raise FitError(
                 f"{self.method}:{self.components}: more components than the {inputs} inputs that "
                 "move"
             )
-        return (self.components,)
+        return self.components
 
     def loadings(self, columns: Array, output: Array, units: Sequence[str] = ()) -> Array:
         """All components by inputs: ``loadings.T @ columns`` are the scores, the first first.
