@@ -18,7 +18,6 @@ from thermaltool.api.identification_arguments import (
     Orders,
     check_arguments,
 )
-from thermaltool.api.inputs import Reading, all_of, read_for_fit, reads
 from thermaltool.api.inputs import Reading, all_of, options_of, read_for_fit, reads
 from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.units import names
