@@ -19,7 +19,6 @@ from thermaltool.report.transfer import (
     gain_unit,
     longer_than_record,
     one_or_all,
-    repeated,
     with_interval,
 )
 from thermaltool.units import parse_channel, printed
@@ -171,8 +170,6 @@ def lpv_table(fits: Sequence[Fit]) -> str:
     if not form.channel:
         gains = [[*row[:2], *row[3:]] for row in gains]
     parts = [head, aligned(shared), aligned(gains), aligned(agreement_rows(fits))]
-    if lines := repeated(fits[0]):
-        parts.append("\n".join(lines))
     if fits[0].candidates:
         parts.append(_listed(fits[0].candidates))
     return "\n\n".join(parts)
