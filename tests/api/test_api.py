@@ -141,7 +141,8 @@ def test_a_calibration_prints_its_table_and_draws_the_log(
     assert fit.frame["standard_error"].notna().any()
     assert fit.exceeds(0.001)
     assert not fit.exceeds(1.0)
-    assert [ax.get_title("left") for ax in fit.plot().axes] == ["d_z_um, from rest", ""]
+    titles = [ax.get_title("left").split(",")[0] for ax in fit.plot().axes]
+    assert titles == ["d_z_um", "", "Whiteness", "Independence"]
 
 
 def test_what_a_fit_leaves_open_is_printed_below_its_table(frame: pd.DataFrame) -> None:

@@ -33,7 +33,7 @@ def test_file_frame_and_record_give_one_model(x: np.ndarray, tmp_path: Path) -> 
     assert fits[0].whiteness.p_value > 0.01
     assert fits[0].whiteness.dof == fits[0].whiteness.lags - 3
     assert str(fits[0]).startswith("ARMA(2,1) of d_z_um, 600 samples at 0.5 s, ml")
-    assert len(fits[0].plot().axes) == 1
+    assert len(fits[0].plot().axes) == 2  # spectrum and roots
 
 
 def test_a_model_that_is_too_small_leaves_coloured_innovations(x: np.ndarray) -> None:

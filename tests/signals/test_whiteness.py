@@ -8,7 +8,12 @@ from scipy.signal import lfilter
 from scipy.stats import kstest
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from thermaltool.signals.whiteness import cross_correlation, cumulated_periodogram, ljung_box
+from thermaltool.signals.whiteness import (
+    correlation_function,
+    cross_correlation,
+    cumulated_periodogram,
+    ljung_box,
+)
 
 
 @pytest.mark.parametrize("fitted", [0, 3])
@@ -84,3 +89,37 @@ def test_cumulated_periodogram_by_hand():
     assert found.frequencies == 2
     assert found.distance == pytest.approx(1.0 * (1 + 0.12 / 2**0.5 + 0.11 / 2))
     assert np.isnan(cumulated_periodogram(np.zeros(9)).distance)
+
+
+def test_correlation_function_is_the_sum_that_defines_it() -> None:
+    rng = np.random.default_rng()
+    pieces = [rng.standard_normal(40), rng.standard_normal(25)]
+    others = [rng.standard_normal(40), rng.standard_normal(25)]
+    found, _ = correlation_function(pieces, others, 6)
+    power = np.sqrt(sum(a @ a for a in pieces) * sum(b @ b for b in others))
+    for lag in range(-6, 7):
+        products = sum(
+            a[t] * b[t - lag]
+            for a, b in zip(pieces, others, strict=True)
+            for t in range(len(a))
+            if 0 <= t - lag < len(b)
+        )
+        assert found[6 + lag] == pytest.approx(products / power, abs=1e-12)
+
+
+def test_bound_of_a_correlation_holds_for_signals_that_are_slow_themselves() -> None:
+    """Two independent AR(1) signals: 95 % of their correlations at lag 0 are within the bound."""
+    rng = np.random.default_rng()
+    inside = 0
+    for _ in range(400):
+        a, b = (lfilter([1.0], [1.0, -0.9], rng.standard_normal(1000)) for _ in range(2))
+        found, deviation = correlation_function([a - a.mean()], [b - b.mean()], 60)
+        inside += abs(found[60]) < 1.96 * deviation
+    # White signals' bound would hold about half of them; 400 draws are sure to 2 %.
+    assert 0.88 < inside / 400 < 1.0
+
+
+def test_a_signal_that_does_not_vary_has_no_correlation() -> None:
+    found, deviation = correlation_function([np.zeros(9)], [np.arange(9.0) - 4], 2)
+    assert np.isnan(found).all()
+    assert np.isnan(deviation)

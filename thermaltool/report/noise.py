@@ -284,7 +284,7 @@ def _page(title: str, channels: Iterable[str], columns: int) -> tuple[Figure, An
     figure = new_figure(title, 13.0, 1.3 + each * len(names))
     rows = figure.subplots(len(names), columns, squeeze=False, sharex="col")
     for row, name in zip(rows, names, strict=True):
-        row[0].set_title(plain(name), fontsize=10, fontweight="bold")
+        row[0].set_title(plain(name), loc="left", fontsize=10, fontweight="bold")
     for ax, heading in zip(rows[0][-2:], ("Allan deviation", "Spectrum"), strict=True):
         ax.set_title(heading, loc="right", fontsize=10)
     return figure, rows, rows[-1]

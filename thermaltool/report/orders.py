@@ -170,7 +170,6 @@ def arma_document(model: ArmaModel) -> dict[str, Any]:
         "trend": list(model.trend),
         "sigma": float(np.sqrt(model.sigma2)),
         "bic": model.entry.criteria.bic,
-        "logs": [str(log.get("name", "")) for log in model.provenance.get("logs", ())],
         "modes": [
             {
                 "root_size": abs(mode.root),

@@ -58,14 +58,18 @@ def _origin(model: Model) -> str:
         f"{d.channel} (seen {_extent(d.channel, d.range, d.reference)})" for d in model.drives
     )
     lines = [f"driven by {drives}", f"one row every {duration(model.sample_period)}"]
-    if logs := _logs(model):
+    if logs := _log_names(model.provenance):
         lines.append(f"from {', '.join(logs)}")
     return "\n".join(lines)
 
 
-def _logs(model: Model) -> list[str]:
-    names = (Path(str(log.get("name", ""))).name for log in model.provenance.get("logs", ()))
-    return [name for name in dict.fromkeys(names) if name]
+def _log_names(provenance: Mapping[str, Any]) -> list[str]:
+    """Logs that a file says it comes from, without their folders."""
+    logs = provenance.get("logs")
+    listed = logs if isinstance(logs, list | tuple) else ()
+    named = (log.get("name") for log in listed if isinstance(log, dict))
+    found = (Path(name).name for name in named if isinstance(name, str))
+    return [name for name in dict.fromkeys(found) if name]
 
 
 def _extent(channel: str, ends: tuple[float, float], rest: float | str) -> str:
@@ -240,6 +244,7 @@ def presented_document(model: Model | ArmaModel) -> dict[str, Any]:
     model : Model or ArmaModel
     """
     found = arma_document(model) if isinstance(model, ArmaModel) else _document(model)
+    found["logs"] = _log_names(model.provenance)
     rounded: dict[str, Any] = _rounded(jsonable(found))
     return rounded
 
@@ -247,7 +252,6 @@ def presented_document(model: Model | ArmaModel) -> dict[str, Any]:
 def _document(model: Model) -> dict[str, Any]:
     found: dict[str, Any] = {
         "sample_period_s": model.sample_period,
-        "logs": _logs(model),
         "drives": [{"channel": d.channel, "seen": d.range} for d in model.drives],
         "outputs": [
             {"channel": o.channel, "role": o.role, "unit": parse_channel(o.channel).unit}
