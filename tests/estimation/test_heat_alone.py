@@ -45,6 +45,10 @@ def test_the_flux_into_a_wall_from_its_other_face():
     )
     idle = wall_log(wall, time, np.zeros(len(time)), generator)
     design = tt.regularize(model, tt.noise(idle, warn=str), form="kalman")
+    assert all(design.frame["rmse_Q_front_W"] > 0)
+    assert design.frame["lag_s"].min() > 0
+    with pytest.raises(ModelError, match="there is no band of a deflection to draw"):
+        design.draw()
     time = np.arange(0.0, 1300.0, DT)
     for _ in range(2):
         log = wall_log(wall, time, reentry(time, generator, PEAK), generator)

@@ -44,7 +44,7 @@ class DesignReport(Result):
 
     @property
     def frame(self) -> pandas.DataFrame:
-        """Every choice with its settings, lag [s], and band and noise of each deflection."""
+        """Every choice with its settings, lag [s], errors of the heat and of each deflection."""
         import pandas
 
         rows = []
@@ -52,6 +52,10 @@ class DesignReport(Result):
             for choice in choices:
                 predicted = choice.prediction
                 row = {"form": form, **choice.settings, "lag_s": predicted.lag}
+                for name, error in zip(
+                    self.design.problem.drives, predicted.heat_rmse, strict=True
+                ):
+                    row[f"rmse_{name}"] = error
                 for k, name in enumerate(self.design.problem.outputs):
                     row[f"band_{name}"] = predicted.band[k]
                     row[f"noise_{name}"] = predicted.noise_sigma[k]

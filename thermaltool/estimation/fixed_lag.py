@@ -26,7 +26,7 @@ MAX_CACHED_LENGTHS = 64
 
 
 @dataclass(frozen=True)
-class _Sample:
+class _SteadySample:
     """The steady filter over one length of sample: a ← F x, v = y − H a, x ← a + G v.
 
     ``told`` is Hᵀ S⁻¹ and ``PC`` what an adjoint state adds to the estimates of its row.
@@ -81,7 +81,7 @@ class FixedLag:
         self._now, self._even = 0, 0
         self._x = np.zeros(len(self._sample(self._period).F))
 
-    def _of_ticks(self, ticks: int) -> _Sample:
+    def _of_ticks(self, ticks: int) -> _SteadySample:
         dt = ticks * CLOCK_STEP
         # As `KalmanEstimator` has it: solved for on a grid, but for the expected length.
         near = (
@@ -92,7 +92,7 @@ class FixedLag:
         space, (P, G) = self._estimator.state_space(dt), self._estimator.steady(near)
         S = space.H @ P @ space.H.T + space.R
         told = np.asarray(np.linalg.solve(S, space.H).T)
-        return _Sample(space.F, space.H, space.C, G, told, P @ space.C.T)
+        return _SteadySample(space.F, space.H, space.C, G, told, P @ space.C.T)
 
     def _of_even_rows(self, ticks: int, rows: int) -> Float:
         """Weights of `rows` innovations of one sample length, shape (n_estimates, rows·p)."""

@@ -36,7 +36,7 @@ MAX_CACHED_LENGTHS = 64
 
 
 @dataclass(frozen=True)
-class _Sample:
+class _WhitenedSample:
     """The steady filter over one length of sample.
 
     ``root`` whitens an innovation, ``share`` is the weight of a row in the means.
@@ -89,13 +89,13 @@ class InnovationTest:
         self.nis = self.drift = 1.0
         self.can_tell = self._sensors > len(estimator.drives)
 
-    def _of_ticks(self, ticks: int) -> _Sample:
+    def _of_ticks(self, ticks: int) -> _WhitenedSample:
         dt = ticks * CLOCK_STEP
         space = self._filter.state_space(dt)
         P, G = self._filter.steady(dt)
         S = space.H @ P @ space.H.T + space.R
         root = np.linalg.inv(np.linalg.cholesky(S))
-        return _Sample(space.F, space.H, G, root, -math.expm1(-dt / WINDOW))
+        return _WhitenedSample(space.F, space.H, G, root, -math.expm1(-dt / WINDOW))
 
     def start(self, readings: Float, settled: bool = False) -> None:
         """Begin at the first readings: at rest, or settled at them.

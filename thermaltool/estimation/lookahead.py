@@ -108,7 +108,7 @@ def look(
     LogError, FitError
         As for `fit_sizes`.
     """
-    kalman = linear_kalman(estimator)
+    designed = kalman = linear_kalman(estimator)
     sensors = len(kalman.sensors)
     readings, behind = taken[:, :sensors], np.zeros((len(time), len(kalman.estimates)))
     if isinstance(estimator, KnownInputEstimator):
@@ -135,7 +135,9 @@ def look(
     if len(time) < 2:
         return Looked(estimates + behind, np.sqrt(variance), kalman)
     variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
-    test = InnovationTest(kalman, float(np.median(np.diff(time))), model_errors(model, kalman))
+    # By the noise of the design: what the record itself tells has seen the contradiction.
+    errors = model_errors(model, designed)
+    test = InnovationTest(designed, float(np.median(np.diff(time))), errors)
     parted = first_alarm(test, time, readings, settled)
     reason = "" if parted is None else test.reason
     return Looked(estimates + behind, np.sqrt(variance), kalman, parted, reason)

@@ -59,7 +59,8 @@ class Prediction:
     lag : float [s]
         Until the heat estimate passes half of a step.
     settling : float [s]
-        From a step until the error of every deflection stays inside what noise leaves.
+        From a step until the error of every deflection (where there is none, of the heat) stays
+        inside what noise leaves.
     """
 
     band: tuple[float, ...]
@@ -106,7 +107,9 @@ def predict(estimator: Estimator, problem: DesignModel) -> Prediction:
         squared = np.maximum(squared, np.mean(missed[1:] ** 2, axis=0))
         below = estimates[:, drive] / problem.level[drive] < 0.5
         lag = max(lag, float(np.argmin(below)) * dt)
-        outside = np.flatnonzero(np.any(np.abs(bias) > NOISE_BAND * sigma[heats:], axis=1))
+        # Without a deflection the heat has to settle.
+        error, left = (bias, sigma[heats:]) if problem.outputs else (missed, sigma[:heats])
+        outside = np.flatnonzero(np.any(np.abs(error) > NOISE_BAND * left, axis=1))
         settling = max(settling, float(outside[-1]) * dt if len(outside) else 0.0)
     return Prediction(
         band=tuple((high - low).tolist()),

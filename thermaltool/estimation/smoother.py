@@ -26,7 +26,8 @@ from thermaltool.responses.sample_clock import clock_step
 Sensors = NDArray[np.intp]
 
 # A gain is held for as many rows as it, and the variances, change by no more than this share. What
-# that costs is of the order of its square; standard errors are true to this share.
+# that costs the estimates is of the order of its square; the standard errors, which grow within a
+# stretch, are true to 2 % in the first minutes after a start.
 HELD_CHANGE = 1e-3
 # What is left of a sum of later readings counts as nothing below this share.
 REMAINDER = 1e-12
@@ -62,7 +63,7 @@ class Smoothed:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Sensors over which the filter has the same matrices.
+    """Rows over which the filter has the same matrices.
 
     A row's prediction a is corrected by the innovation v and carried on, a ← F a + K v; the
     adjoint comes the other way, r ← Hᵀ S⁻¹ v + Lᵀ r with L = F − K H.
@@ -92,7 +93,7 @@ class _Filter:
         self.log_likelihood = 0.0
 
     def run(self, rows: slice, space: StateSpace, some: Sensors) -> None:
-        """Sensors of one length of sample, with readings of `some` sensors (their indices)."""
+        """Rows of one length of sample, with readings of `some` sensors (their indices)."""
         F, C = space.F, space.C
         H, R = space.H[some], space.R[np.ix_(some, some)]
         k, length, before = rows.start, 1, np.zeros(0)

@@ -41,12 +41,14 @@ def draw_trade_off(
     Raises
     ------
     ModelError
-        The model has other deflections than the report.
+        The model has other deflections than the report, or there is none.
     LogError
         A channel that is no deflection of the model.
     """
     forms: Mapping[str, Any] = report["forms"]
     count = len(next(iter(forms.values()))["predicted"]["band"])
+    if not count:
+        raise ModelError(f"{name} is for the heat alone: there is no band of a deflection to draw")
     names = [f"deflection {k + 1}" for k in range(count)]
     units = ["unit of the deflection"] * count
     if model is not None:
