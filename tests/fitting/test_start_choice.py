@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.calibrate import CalibrationPlan, as_simulated, calibrate
 from thermaltool.fitting.start_choice import free_where_known, rests
-from thermaltool.model import Drive
+from thermaltool.model import Drive, agreements
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_warnings
 
@@ -134,5 +134,11 @@ def test_each_output_begins_as_leaves_fewer_gains_open():
     assert [o.fit["free_start"] for o in chosen.outputs] == [False, True]
     assert [t for t in chosen.terms if t.output == a] == [t for t in rested.terms if t.output == a]
     assert [t for t in chosen.terms if t.output == b] == [t for t in free.terms if t.output == b]
+    # What is told of either is what `simulate` makes of them together.
+    told = as_simulated(chosen, [log])
+    for channel, found in agreements(chosen, [log]).items():
+        own = next(o for o in told.outputs if o.channel == channel)
+        assert own.fit["rmse"] == found.rmse
+    assert as_simulated(told, [log]).outputs == told.outputs
     # Where both know as much, all begin free.
     assert starts_free(free_where_known(free, rested)) == {True}

@@ -205,7 +205,7 @@ def calibrate(
         provenance={"logs": [record.source for record in measured if record.digest]},
     )
     model = with_seen_changes(model, measured)
-    model = _as_simulated(_with_rests(model, measured), measured)
+    model = as_simulated(_with_rests(model, measured), measured)
     if plan.choose and plan.initial == "auto":
         progress("trying whether the machine begins at rest")
         chosen = [each for each in kinds if plan.chosen(each.output)]
@@ -213,7 +213,8 @@ def calibrate(
         if not still and begins_away_from_rest(records, drives, chosen, effects, plan.fixed):
             with contextlib.suppress(FitError):
                 free = calibrate(measured, replace(plan, initial="free"), progress)
-                return free_where_known(free, model)
+                # How a log begins, `simulate` decides for all outputs.
+                return as_simulated(free_where_known(free, model), measured)
     return model
 
 
@@ -283,8 +284,15 @@ def _with_rests(model: Model, records: Sequence[Record]) -> Model:
     return moved if with_rests <= plain else model
 
 
-def _as_simulated(model: Model, records: Sequence[Record]) -> Model:
-    """The model with fits as `simulate` gives them; the fit itself leaves every zero free."""
+def as_simulated(model: Model, records: Sequence[Record]) -> Model:
+    """The model with fits as `simulate` gives them; the fit itself leaves every zero free.
+
+    Parameters
+    ----------
+    model : Model
+    records : sequence of Record
+        Those of the calibration.
+    """
     found = agreements(model, records)
     zeros = [started_outputs(model, record, model.simulate(record)) for record in records]
     outputs, bent = [], {effect.channel for effect in model.effects if effect.side == "sensor"}
@@ -295,7 +303,7 @@ def _as_simulated(model: Model, records: Sequence[Record]) -> Model:
             # ... of straightened readings where they are bent.
             "rmse_zero_free": own.rmse_zero_free
             if output.channel in bent or (averaged and not output.fit["free_start"])
-            else output.fit["rmse"],
+            else output.fit.get("rmse_zero_free", output.fit["rmse"]),
             "max_error": own.max_error,
             "fit_percent": own.fit_percent,
             "zeros": [each[output.channel].zero.document() for each in zeros],
