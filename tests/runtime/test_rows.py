@@ -191,3 +191,17 @@ def test_values_that_a_column_cannot_have():
         assert math.isnan(row.readings[0])
         assert row.faults[0].startswith(field.decode())
     assert records.row(b"1,84.9") == (1.0, [84.9], ("",))
+
+
+def test_keys_of_objects_in_objects_are_read_as_in_logs():
+    mapping = read_map({"time_s": "time_s", "status.bed.temperature": "T_bed_degC"})
+    records = NdjsonRows(Wanted(("T_bed_degC",), mapping))
+    line = b'{"time_s": 2.5, "status": {"bed": {"temperature": 60.5, "target": null}, "x": []}}'
+    assert records.open(line) is True
+    assert records.row(line)[:2] == (2.5, [60.5])
+    for other in (b'{"time_s": 3, "status": 4}', b'{"time_s": 3, "status": {"bed": {}}}'):
+        row = records.row(other)
+        assert row.time == 3
+        assert row.faults == ("missing",)
+    deep = b'{"a":' * 500 + b"1" + b"}" * 500
+    assert records.row(deep).time is None

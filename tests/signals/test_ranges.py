@@ -40,6 +40,7 @@ def test_noise_alone_has_a_range_that_may_be_zero():
     assert found.value < np.ptp(level.level)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.0, 0.05, 0.3, 1.0])
 def test_intervals_of_ranges_within_the_noise(size):
     """Beside 0.1 of noise: a range of nothing, of half of it, and more."""

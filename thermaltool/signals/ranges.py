@@ -25,9 +25,11 @@ REPEATS = 500
 LEVEL = 0.95
 # Above so many ranges of the noise alone a level has the shape of the signal.
 SMALL_NOISE = 4.0
-# Parabolas through so large a part of the points on either side: of a level that shows above its
-# noise, and of one that does not, which is tried in so many sizes.
-SMOOTH_PART, SLOW_PART, SIZES = 20, 8, 13
+# Below, so many sizes of its smooth part are tried.
+SIZES = 13
+# Smooth parts: parabolas through so large a part of the points on either side, and how often noise
+# alone may leave more.
+SMOOTH_PARTS, ACCEPTED = (3, 5, 8, 12, 20, 32, 50, 80), 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +41,8 @@ class EvenLevel:
     time : ndarray, shape (n,) [s]
         Around which each bin lies: the first reading, and on to the last.
     step : float [s]
-    readings : float
-        In a bin, in the mean.
+    readings : ndarray, shape (n,)
+        In each bin: one over the white variance of its mean, in that of a reading.
     half : int
         Bins on either side over which a parabola goes.
     level : ndarray, shape (n,)
@@ -48,7 +50,7 @@ class EvenLevel:
 
     time: Array
     step: float
-    readings: float
+    readings: Array
     half: int
     level: Array
 
@@ -75,6 +77,8 @@ def even_level(time: Array, values: Array, average: float) -> EvenLevel:
     span = float(time[-1] - time[0])
     period = float(np.median(np.diff(time)))
     step = max(period, average / POINTS_IN_AVERAGE, span / MAX_POINTS)
+    # Whole periods: bins of as many readings each.
+    step = period * math.ceil(step / period * (1 - 1e-9))
     # Bins around moments that begin with the first reading and end with the last.
     bins = max(2, 1 + round(span / step))
     step = span / (bins - 1)
@@ -86,10 +90,14 @@ def even_level(time: Array, values: Array, average: float) -> EvenLevel:
     at = np.bincount(place, time, bins)[there] / count[there]
     mean = np.bincount(place, values, bins)[there] / count[there]
     even = np.interp(moments, at, mean)
-    even[0] += (moments[0] - at[0]) * (mean[1] - mean[0]) / (at[1] - at[0])
-    even[-1] += (moments[-1] - at[-1]) * (mean[-1] - mean[-2]) / (at[-1] - at[-2])
+    readings = np.maximum(count, 1.0)
+    for end, inner in ((0, 1), (-1, -2)):
+        # On along a line, by so much of it.
+        on = (moments[end] - at[end]) / (at[end] - at[inner])
+        even[end] += on * (mean[end] - mean[inner])
+        readings[end] = 1 / ((1 + on) ** 2 / readings[end] + on**2 / readings[inner])
     half = max(0, min(round(average / step / 2), (bins - 1) // 2))
-    return EvenLevel(moments, step, len(time) / (bins - 1), half, local_parabolas(even, half))
+    return EvenLevel(moments, step, readings, half, local_parabolas(even, half))
 
 
 def local_parabolas(values: Array, half: int) -> Array:
@@ -124,7 +132,7 @@ def noise_repeats(
     rng : Generator
     """
     shape = (REPEATS, len(like.time))
-    added = white / math.sqrt(like.readings) * rng.standard_normal(shape)
+    added = white / np.sqrt(like.readings) * rng.standard_normal(shape)
     if drift > 0:
         keeps = math.exp(-like.step / drift_time)
         pushes = rng.standard_normal(shape)
@@ -139,7 +147,7 @@ def range_estimate(level: Array, noise: Array, unit: str, rows: int | None = Non
     Noise widens a range: what it adds is found by adding it once more, and is taken off (basic
     bootstrap, Davison and Hinkley 1997, section 5.2). Where the noise is not small against the
     range, the extremes of the level are mostly noise: then the interval holds the ranges of its
-    slow part, made smaller or larger, that with noise lead to what was found.
+    smooth part, made smaller or larger, that with noise lead to what was found.
 
     Parameters
     ----------
@@ -151,22 +159,40 @@ def range_estimate(level: Array, noise: Array, unit: str, rows: int | None = Non
     """
     found = float(_ranges(level[None], rows)[0])
     ends = (1 - LEVEL) / 2, (1 + LEVEL) / 2
+    smooth = smooth_part(level, noise)
+    own = float(_ranges(smooth[None], rows)[0])
     alone = _ranges(noise, rows)
     if found < SMALL_NOISE * alone.mean():
-        slow = local_parabolas(level, len(level) // SLOW_PART)
-        slow = slow / (float(_ranges(slow[None], rows)[0]) or 1.0)
-        sizes = np.linspace(0.0, found + np.quantile(alone, ends[1]), SIZES)
-        with_noise = np.array([_ranges(size * slow + noise, rows) for size in sizes])
+        # No interval is narrower than what noise alone varies by.
+        middle, largest = np.quantile(alone, [0.5, ends[1]])
+        sizes = np.linspace(0.0, found + largest, SIZES)
+        shape = smooth / (own or 1.0)
+        with_noise = np.array([_ranges(size * shape + noise, rows) for size in sizes])
         quantiles = np.quantile(with_noise, [ends[1], 0.5, ends[0]], axis=1)
         rising = np.maximum.accumulate(quantiles, axis=1)
-        least, middle, most = (float(np.interp(found, each, sizes)) for each in rising)
-        return Estimate(middle, least, most, unit)
-    # Without the noise that is in the level, whose extremes would hide what more noise adds.
-    smooth = local_parabolas(level, len(level) // SMOOTH_PART)
-    more = _ranges(smooth + noise, rows) - _ranges(smooth[None], rows)
+        low, value, high = (float(np.interp(found, each, sizes)) for each in rising)
+        return Estimate(value, low, max(high, float(largest - middle)), unit)
+    more = _ranges(smooth + noise, rows) - own
     low, high = np.quantile(more, ends)
     value = max(0.0, found - float(more.mean()))
     return Estimate(value, max(0.0, found - float(high)), max(0.0, found - float(low)), unit)
+
+
+def smooth_part(level: Array, noise: Array) -> Array:
+    """The smoothest curve beside which no more is left of a level than noise would leave.
+
+    Parameters
+    ----------
+    level : ndarray, shape (n,)
+    noise : ndarray, shape (repeats, n)
+    """
+    for part in SMOOTH_PARTS:
+        half = len(level) // part
+        smooth = local_parabolas(level, half)
+        left = np.abs(noise - local_parabolas(noise, half)).max(axis=1)
+        if np.abs(level - smooth).max() <= np.quantile(left, ACCEPTED):
+            return smooth
+    return level
 
 
 def _ranges(levels: Array, rows: int | None) -> Array:
