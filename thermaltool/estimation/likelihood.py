@@ -21,6 +21,9 @@ FIRST_STEP, SIZE_TOLERANCE, VALUE_TOLERANCE, MAX_EVALUATIONS = 1.0, 0.03, 0.02, 
 # Drift and its time stay near what `noise` has measured unless the record says otherwise: the
 # standard deviation of their logarithm [1].
 DRIFT_PRIOR, DRIFT_TIME_PRIOR = 2.0, 1.0
+# A clock of more stretches than these has its steps rounded to whole periods: sizes do not depend
+# on what is lost, and every length costs a steady covariance at every trial.
+MAX_STRETCHES = 32
 # Fewer readings tell no sizes.
 MIN_READINGS = 20
 
@@ -76,7 +79,7 @@ def fit_sizes(
             f"{np.sum(known)} rows with a reading of every sensor: too few to tell how fast the "
             "heat changes; pin it with --walk"
         )
-    time, readings = time[known], readings[known]
+    time, readings = _counted(time[known]), readings[known]
     # What follows the heat has no reading, and no part in the likelihood.
     sensed = replace(estimator, outputs=(), followed=())
 
@@ -126,6 +129,16 @@ def _with(estimator: KalmanEstimator, theta: Float, scale: float, pinned: bool) 
         for each in estimator.noise
     )
     return replace(estimator, walk=walk, noise=noise)
+
+
+def _counted(time: Float) -> Float:
+    """The clock, or where it is uneven throughout, its steps in whole median periods."""
+    if sum(1 for _ in uniform_spans(time)) <= MAX_STRETCHES:
+        return time
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    whole = period * np.maximum(np.round(steps / period), 1.0)
+    return np.concatenate([[0.0], np.cumsum(whole)])
 
 
 def _innovations(estimator: KalmanEstimator, time: Float, readings: Float) -> tuple[float, float]:
