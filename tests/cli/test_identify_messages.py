@@ -273,8 +273,8 @@ def test_the_command_of_a_validation_reads_as_it_was_read(thermaltool, tmp_path)
     log = write_log(tmp_path / "a log.csv", columns)
     done = thermaltool("identify", str(log), *ONE, "--orders", "1,1,1", "--split", "0.6",
                        "--nan-policy", "omit", "-o", str(tmp_path / "m.json"))  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    (line,) = [each for each in done.stdout.splitlines() if each.startswith("validation: ")]
+    assert done.code == 0, done.err
+    (line,) = [each for each in done.out.splitlines() if each.startswith("validation: ")]
     words = shlex.split(line.removeprefix("validation: ").replace("MODEL", f"{tmp_path}/m.json"))
     assert words[-2:] == ["--nan-policy", "omit"]
-    assert thermaltool(*words).returncode == 0
+    assert thermaltool(*words).code == 0
