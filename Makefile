@@ -81,6 +81,7 @@ DESIGNS := demo/far_kalman.json demo/far_kernel.json demo/all_kalman.json
 study: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/demo.mk $(TOOLS) $(DESIGNS)
 	@$(BIN)/python benchmarks/deflection_bands.py data_samples $(DESIGNS) --repeat 20
+	@$(BIN)/python benchmarks/smoothing.py
 	@$(BIN)/python benchmarks/boring_bar.py
 	@$(BIN)/python benchmarks/orders.py study
 	@$(BIN)/python benchmarks/identify.py coverage

@@ -93,9 +93,8 @@ def command(
     share their time constants. The offset is estimated, and the state at the start where it is not
     at rest; gaps part the record. Fits are those of free runs; validation data are not used in the
     fit, and are run as simulate runs them: the state goes on from the rows before. Where a model
-    predicts them worse than their mean does, the exit code is 3. Where refined instrumental
-    variables do not converge, Gauss-Newton goes on, and the output says so. Outputs that follow an
-    input of the same row are tried, and the output says where no linear model describes the data.
+    predicts them worse than their mean does, the exit code is 3. Outputs that follow an input of
+    the same row are tried, and the output says where no linear model describes the data.
     """
     shared.one_thread()
     from thermaltool import api
