@@ -210,7 +210,7 @@ def test_a_reading_without_a_truth_is_named(thermaltool, tmp_path, machine):
     row = lines[5].split(",")
     row[at] = "70"
     lines[5] = ",".join(row)
-    result = thermaltool("estimate", design, stdin="\n".join(lines) + "\n")
+    result = thermaltool("estimate", design, "--faults", "keep", stdin="\n".join(lines) + "\n")
     assert result.code == 1
     assert "<stdin>:6: dT_near_K: no truth gives this reading (1 rows)" in result.err
 

@@ -75,19 +75,30 @@ def test_json(thermaltool, files):
 
 
 def test_a_log_that_begins_warm_is_told_as_it_begins(thermaltool, files):
-    names, values = table(files.log.read_text())
-    since = values[:, 0] - values[0, 0]
-    for name, height in (("dT_pair1_K", 3.0), ("d_x_um", 30.0)):
-        values[:, names.index(name)] += height * np.exp(-since / 150.0)
-    text = "".join(",".join(map(str, row)) + "\n" for row in [names, *values.tolist()])
-    plain = thermaltool("simulate", files.model, files.log, "--json").json
-    found = thermaltool("simulate", files.model, "--json", stdin=text).json
-    rested = thermaltool("simulate", files.model, "--json", "--initial", "rest", stdin=text).json
+    # Long enough to tell a start from a drift: more than two of the slowest time constants.
+    time = 10.0 * np.arange(900)
+    heat = np.where((time // 1500) % 2 == 1, 1.0, 0.0)
+    text = "time_s,Q_main_1\n" + "".join(f"{t},{q}\n" for t, q in zip(time, heat, strict=True))
+    names, values = table(thermaltool("simulate", files.model, "-q", stdin=text).out)
+    noise = np.random.default_rng(20261125).standard_normal((2, len(time)))
+    logs = []
+    for start in (0.0, 1.0):
+        columns = [time, heat]
+        for name, height, sigma, each in (("dT_pair1_K", 3.0, 0.01, noise[0]),
+                                          ("d_x_um", 30.0, 0.1, noise[1])):  # fmt: skip
+            began = start * height * np.exp(-time / 150.0)
+            columns.append(values[:, names.index(name)] + began + sigma * each)
+        rows = [["time_s", "Q_main_1", "dT_pair1_K", "d_x_um"], *np.transpose(columns).tolist()]
+        logs.append("".join(",".join(map(str, row)) + "\n" for row in rows))
+    cold, warm = logs
+    plain = thermaltool("simulate", files.model, "--json", stdin=cold).json
+    found = thermaltool("simulate", files.model, "--json", stdin=warm).json
+    rested = thermaltool("simulate", files.model, "--json", "--initial", "rest", stdin=warm).json
     for name in found:
         assert plain[name]["initial"] == rested[name]["initial"] == "rest"
         assert found[name]["initial"] == "free"
         assert rested[name]["rmse"] > 5 * found[name]["rmse"]
-    said = thermaltool("simulate", files.model, "-", stdin=text).err
+    said = thermaltool("simulate", files.model, "-", stdin=warm).err
     assert "<stdin>: does not begin at rest: the state of the machine at the first row is" in said
     assert "does not begin" not in thermaltool("simulate", files.model, files.log).err
 

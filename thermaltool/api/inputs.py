@@ -45,6 +45,10 @@ class Reading(TypedDict, total=False):
     faults: str
 
 
+# What reads as without the option.
+READING_DEFAULTS = (("nan_policy", "raise"), ("faults", "omit"))
+
+
 def options_of(reading: Mapping[str, Any]) -> tuple[str, ...]:
     """How a log was read, as options of a command; what is the default is left out.
 
@@ -56,7 +60,7 @@ def options_of(reading: Mapping[str, Any]) -> tuple[str, ...]:
     found: list[str] = []
     for name in Reading.__annotations__:
         value = reading.get(name)
-        if value is None or (name, value) == ("nan_policy", "raise"):
+        if value is None or (name, value) in READING_DEFAULTS:
             continue
         option = "--from" if name == "from_format" else "--" + name.replace("_", "-")
         # Columns that no file holds are those of a call from Python.

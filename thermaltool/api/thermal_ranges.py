@@ -152,7 +152,7 @@ def iso230(
     >>> frame["d_x1_um"] = 20 * -np.expm1(-time / 1200)
     >>> frame["d_x2_um"] = 30 * -np.expm1(-time / 1200)
     >>> done = tt.iso230(frame, probes={"d_x1_um": "X:50mm", "d_x2_um": "X:150mm"})
-    >>> done.frame.set_index("symbol")["value"].round(1)["d(B)60"]
+    >>> float(done.frame.set_index("symbol")["value"].round(1)["d(B)60"])
     95.0
     """
     if not average > 0:

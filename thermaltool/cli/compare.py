@@ -18,7 +18,7 @@ from thermaltool.documents import write_json
 )
 @click.argument("models", type=InputPath(), nargs=-1, required=True, metavar="MODEL...")
 @click.argument("log", type=InputPath())
-@shared.initial_option
+@shared.start_state_option
 @shared.span_options("Judge from", "Judge up to")
 @click.option("--plot", metavar="FILE", help="Figure, .png, .svg or .pdf: measured, each model, "
               "residuals.")  # fmt: skip

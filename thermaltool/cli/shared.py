@@ -93,7 +93,7 @@ def together(*options: Decorator) -> Decorator:
     return decorate
 
 
-initial_option = click.option(
+start_state_option: Decorator = click.option(
     "--initial",
     type=click.Choice(["auto", "rest", "free"]),
     default="auto",

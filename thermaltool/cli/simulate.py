@@ -17,7 +17,7 @@ from thermaltool.documents import write_json
 )
 @shared.model_argument
 @shared.log_argument
-@shared.initial_option
+@shared.start_state_option
 @shared.span_options("Judge from", "Judge up to")
 @shared.rmse_option
 @shared.log_options

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from math import inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -58,8 +58,8 @@ def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
     kalman : KalmanEstimator
     """
     fits = {output.channel: output.fit for output in model.outputs}
-    squares = (
-        float(fit.get("rmse", 0.0)) ** 2 - float(fit.get("noise", math.inf)) ** 2
-        for fit in (fits[sensor] for sensor in kalman.sensors)
-    )
-    return [math.sqrt(max(square, 0.0)) for square in squares]
+    found = []
+    for sensor in kalman.sensors:
+        rmse, noise = (fits[sensor].get(key, value) for key, value in (("rmse", 0), ("noise", inf)))
+        found.append(sqrt(1 - (noise / rmse) ** 2) * rmse if rmse > noise else 0.0)
+    return found
