@@ -172,11 +172,17 @@ def _named(models: Sequence[ModelLike]) -> dict[str, ModelLike]:
 
 def _notes(runs: Mapping[str, Simulation], outputs: Sequence[str]) -> Iterator[str]:
     """What is left out, and what each model's outputs count from."""
-    from thermaltool.report.text import zero_message
+    from thermaltool.report.text import start_message, zero_message
 
     computed = dict.fromkeys(o.channel for run in runs.values() for o in run.model.outputs)
     if left_out := [name for name in computed if name not in outputs]:
         yield f"{', '.join(left_out)}: not in all models or not measured: left out"
+    warm = [name for name, run in runs.items() if run.from_rest]
+    for name in warm:
+        rmse = {output: each.rmse for output, each in runs[name].from_rest.items()}
+        yield f"{name}: {start_message(runs[name].log, rmse)}"
+    if 0 < len(warm) < len(runs):
+        yield "the models begin differently: --initial rest or free compares them alike"
     for name, run in runs.items():
         for output in outputs:
             if run.zeros[output].rows:

@@ -37,8 +37,10 @@ class Simulation(Result):
         Of the outputs that were measured, over the rows that are judged.
     zeros : mapping of output to Zero
         What each of them counts from, and the rows that this was taken from.
-    initial : {"rest", "free"}
+    initials : mapping of output to {"rest", "free"}
         The machine was at rest at the first row, or in a state that was estimated.
+    from_rest : mapping of output to Agreement
+        Where a state was estimated: what the agreement is from rest.
     """
 
     model: Model
@@ -46,7 +48,8 @@ class Simulation(Result):
     columns: Mapping[str, NDArray[Any]]
     agreements: Mapping[str, Agreement]
     zeros: Mapping[str, Zero]
-    initial: Literal["rest", "free"]
+    initials: Mapping[str, Literal["rest", "free"]]
+    from_rest: Mapping[str, Agreement]
 
     @property
     def frame(self) -> pandas.DataFrame:
@@ -56,7 +59,10 @@ class Simulation(Result):
     def document(self) -> dict[str, Any]:
         """The agreement of every measured output, its zero and its start, JSON-ready."""
         return {
-            name: each.document() | self.zeros[name].document() | {"initial": self.initial}
+            name: each.document()
+            | self.zeros[name].document()
+            | {"initial": self.initials[name]}
+            | ({"rmse_from_rest": self.from_rest[name].rmse} if name in self.from_rest else {})
             for name, each in self.agreements.items()
         }
 
@@ -65,7 +71,8 @@ class Simulation(Result):
         """How the log begins, and what outputs count from without a zero of their own."""
         from thermaltool.report.text import start_message, zero_message
 
-        start = (start_message(self.log),) if self.initial == "free" else ()
+        rmse = {name: each.rmse for name, each in self.from_rest.items()}
+        start = (start_message(self.log, rmse),) if rmse else ()
         return start + tuple(
             zero_message(name, zero, self.log) for name, zero in self.zeros.items() if zero.rows
         )
@@ -163,13 +170,11 @@ def simulate(
     model = as_model(model)
     need = model.needs()
     log = read(data, need, warn=warn, **reading)
-    for excursion in excursions(model, log.columns):
-        warn(excursion_message(log, excursion))
     warn_pauses(log, warn)
     drives = Record(log.time, {name: log.column(name) for name in need}, digest=log.digest)
     simulated = model.simulate(drives)
     columns: dict[str, Any] = {"time_s": log.time}
-    agreements, zeros = {}, {}
+    agreements, zeros, at_rest = {}, {}, {}
     # Where no row is kept apart, all say how the log begins.
     before = log.time < (np.inf if start is None else start)
     judged = (log.time >= (-np.inf if start is None else start)) & (
@@ -178,6 +183,9 @@ def simulate(
     if len(log) and not judged.any():
         log.between(start, stop)  # says which rows there are
     started = started_outputs(model, log, simulated, initial, before)
+    moved = {name: each.zero.value for name, each in started.items() if each.initial == "free"}
+    for excursion in excursions(model, log.columns, moved):
+        warn(excursion_message(log, excursion))
     for output in model.outputs:
         name, level = output.channel, simulated[output.channel]
         if name in started:
@@ -187,7 +195,9 @@ def simulate(
             measured = log.columns[name] - zeros[name].value
             columns[f"residual_{name}"] = measured - level
             agreements[name] = agreement(measured[judged], level[judged])
-    begins = {each.initial for each in started.values()}
-    return Simulation(
-        model, log, columns, agreements, zeros, "free" if "free" in begins else "rest"
-    )
+    if moved:
+        for name, each in started_outputs(model, log, simulated, "rest").items():
+            measured = log.columns[name] - each.zero.value
+            at_rest[name] = agreement(measured[judged], each.computed[judged])
+    initials = {name: each.initial for name, each in started.items()}
+    return Simulation(model, log, columns, agreements, zeros, initials, at_rest)

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from thermaltool.api.inputs import Reading, read_noise, reads
-from thermaltool.api.result import Result, to_frame
+from thermaltool.api.inputs import Reading, read, read_noise, reads
+from thermaltool.api.result import Notice, Result, notice, to_frame
 from thermaltool.errors import LogError, UnitError
-from thermaltool.logs import read_log
 from thermaltool.signals.ranges import constant_stretches
 from thermaltool.signals.thermal_tests import (
     AXES,
@@ -105,6 +104,7 @@ def iso230(
     average: float = 60.0,
     start: float | None = None,
     stop: float | None = None,
+    warn: Notice = notice,
     **reading: Unpack[Reading],
 ) -> ThermalTest:
     """Thermal test of ISO 230-3 from a log: ranges over the prescribed times, with intervals.
@@ -128,6 +128,8 @@ def iso230(
         Readings are averaged over so long.
     start, stop : float, optional [s]
         The stretch of the log.
+    warn : callable
+        Takes a sentence on readings that are left out. Default: a `ThermalToolWarning`.
     **reading
         See `read_log`.
 
@@ -157,7 +159,7 @@ def iso230(
     """
     if not average > 0:
         raise ValueError(f"readings are averaged over a time above 0 s, not {average:g}")
-    log = read_log(data, **reading).between(start, stop)
+    log = read(data, warn=warn, **reading).between(start, stop)
     chosen = _probes(log, probes)
     speed = _speed(log, speed, test)
     test = test or ("spindle" if speed else "etve")

@@ -58,7 +58,7 @@ def command(
     if len(dict(pairs)) < len(pairs):
         raise click.UsageError("--probe: a channel is there twice")
     with shared.usage_errors():
-        result = api.iso230(log, probes=dict(pairs), **options)
+        result = api.iso230(log, probes=dict(pairs), warn=warn, **options)
     figure = None if plot is None else render(result.draw, figure_format(plot))
     click.echo(to_json(result.document(), indent=2).rstrip() if as_json else result.table())
     for note in result.notes:

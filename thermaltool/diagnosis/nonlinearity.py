@@ -147,6 +147,8 @@ def stand_ins(task: DiagnosisTask, search: SearchState) -> list[tuple[Cause, str
     found = []
     for cause in causes:
         for output, test in bent.items():
+            if cause.effect.side == "sensor" and cause.effect.channel != output:
+                continue  # it acts on another output alone
             if stands_for_another(cause.effect, test, after[output]):
                 found.append((cause, f"{output} is not linear, {_reached(test)}"))
                 break

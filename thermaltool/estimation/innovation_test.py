@@ -31,6 +31,9 @@ MAX_NIS = 2.0
 # Mean square of the drifts that the sensors would need, over what noise and model leave: up to 2.8
 # within 5 h on the frame as it was calibrated, 12 to 21 with a loss of heat of 150 %.
 MAX_DRIFT = 5.0
+# After a pause of more than so many periods the heat may be any, which the steady gain follows in a
+# while: so long [s], and for as many periods, nothing is tested.
+MAX_PAUSE, BLIND_TIME = 5, 60.0
 # Sample lengths whose matrices are kept.
 MAX_CACHED_LENGTHS = 64
 
@@ -86,6 +89,7 @@ class InnovationTest:
         sample = self._sample(self._period)
         self._sensors = len(noise)
         self._x = np.zeros(len(sample.F))
+        self._blind = 0
         self.nis = self.drift = 1.0
         self.can_tell = self._sensors > len(estimator.drives)
 
@@ -108,6 +112,7 @@ class InnovationTest:
         self._x[:] = 0.0
         if settled:
             self._x = self._filter.recursion(self._period * CLOCK_STEP).settled(readings)
+        self._blind = 0
         self.nis = self.drift = 1.0
 
     def step(self, ticks: int, readings: Float) -> None:
@@ -122,6 +127,11 @@ class InnovationTest:
         a = sample.F @ self._x
         v = readings - sample.H @ a
         self._x = a + sample.G @ v
+        if ticks > MAX_PAUSE * self._period:
+            self._blind = max(round(BLIND_TIME / CLOCK_STEP), MAX_PAUSE * self._period)
+        if self._blind > 0:
+            self._blind -= min(ticks, self._period)
+            return
         z = sample.root @ v
         drift = self._x[-self._sensors :] / self._allowed
         self.nis += sample.share * (float(z @ z) / self._sensors - self.nis)
@@ -146,7 +156,7 @@ class InnovationTest:
 
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
-        return [self._x.tolist(), self.nis, self.drift]
+        return [self._x.tolist(), self.nis, self.drift, self._blind]
 
     def resume(self, values: list[Any]) -> None:
         """Go on from a state.
@@ -156,11 +166,11 @@ class InnovationTest:
         ValueError
             Not a state of this test.
         """
-        x, nis, drift = values
+        x, nis, drift, blind = values
         state = np.array(x, float)
         if state.shape != self._x.shape or not np.isfinite([*state, nis, drift]).all():
             raise ValueError("not a state of this test")
-        self._x, self.nis, self.drift = state, float(nis), float(drift)
+        self._x, self.nis, self.drift, self._blind = state, float(nis), float(drift), int(blind)
 
 
 def first_alarm(test: InnovationTest, time: Float, readings: Float, settled: bool) -> int | None:

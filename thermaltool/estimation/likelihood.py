@@ -143,16 +143,19 @@ def _counted(time: Float) -> Float:
 
 def _innovations(estimator: KalmanEstimator, time: Float, readings: Float) -> tuple[float, float]:
     """Sum of the whitened innovations' squares, and of their covariances' log determinants."""
-    squares, logs, a = 0.0, 0.0, None
+    squares, logs, x = 0.0, 0.0, None
     for rows, dt in uniform_spans(time):
         space = estimator.state_space(dt)
         P = space.predicted()
         S = space.H @ P @ space.H.T + space.R
-        K = space.F @ space.filter_gain(P)
+        G = space.filter_gain(P)
+        K = space.F @ G
         predictor = Recursion(space.F - K @ space.H, K, np.zeros_like(K), space.H)
-        seen, a = predictor.run(readings[rows], a)
-        # The row that two spans share counts in the later one.
-        v = (readings[rows] - seen)[:-1] if rows.stop < len(time) else readings[rows] - seen
+        # The row that two spans share belongs to the earlier one: its sample ends there.
+        y = readings[rows] if x is None else readings[rows][1:]
+        seen, a = predictor.run(y, None if x is None else space.F @ x)
+        v = y - seen
+        x = a + G @ (y[-1] - space.H @ a)
         squares += float(np.sum(v * np.linalg.solve(S, v.T).T))
         logs += len(v) * float(np.linalg.slogdet(S)[1])
     return squares, logs

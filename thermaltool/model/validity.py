@@ -47,14 +47,18 @@ def away_from_rest(value: float, seen: tuple[float, float]) -> bool:
     return abs(value) > REST_SHARE * max(abs(seen[0]), abs(seen[1]))
 
 
-def excursions(model: Model, columns: Mapping[str, Float]) -> tuple[Excursion, ...]:
+def excursions(
+    model: Model, columns: Mapping[str, Float], zeros: Mapping[str, float] | None = None
+) -> tuple[Excursion, ...]:
     """Channels that leave their calibrated range by more than `MARGIN` of its width.
 
     Parameters
     ----------
     columns : mapping of channel to ndarray, shape (n,); channels that are absent are passed over
+    zeros : mapping of output to float, optional
+        What outputs count from that did not begin at rest. Others count from their first rows.
     """
-    found = []
+    found, known_zeros = [], zeros or {}
     for drive in model.drives:
         if drive.channel in columns:
             values = relative(columns[drive.channel], drive.reference, drive.hold)
@@ -65,8 +69,11 @@ def excursions(model: Model, columns: Mapping[str, Float]) -> tuple[Excursion, .
     )
     for output in model.outputs:
         if output.channel in columns:
-            values = relative(columns[output.channel], output.offset)
-            values = values - shifts.get(output.channel, 0.0)
+            if output.channel in known_zeros:
+                values = columns[output.channel] - known_zeros[output.channel]
+            else:
+                values = relative(columns[output.channel], output.offset)
+                values = values - shifts.get(output.channel, 0.0)
             found += _excursion(output.channel, values, output.range)
     return tuple(found)
 

@@ -15,7 +15,7 @@ import numpy as np
 from thermaltool.fitting.error_model import known_runs, long_runs
 from thermaltool.fitting.residuals import correlation_tests
 from thermaltool.logs import Log
-from thermaltool.model import Model, from_rest
+from thermaltool.model import Model, started_outputs
 from thermaltool.report.clock_axis import record_axis, time_unit
 from thermaltool.report.pairs import Pair, draw_both, draw_error
 from thermaltool.report.style import (
@@ -62,6 +62,7 @@ def draw_comparison(model: Model, log: Log, channels: Sequence[str] = ()) -> Fig
     """
     outputs = {output.channel: output for output in model.outputs}
     simulated = model.simulate(log)
+    started = started_outputs(model, log, simulated)
     wanted = choose(outputs, channels, log.name)
     heights = [
         CURVES + (ERROR_HEIGHT + CORRELATIONS if name in log.columns else 0.4) for name in wanted
@@ -75,16 +76,17 @@ def draw_comparison(model: Model, log: Log, channels: Sequence[str] = ()) -> Fig
             draw_both(ax, log, Pair(title, unit, simulated[name], None), "simulated")
             record_axis(log).mark(ax)
             continue
-        measured = from_rest(log, outputs[name], simulated[name])
+        computed = started[name].computed
+        measured = log.columns[name] - started[name].zero.value
         above, below = part.subfigures(
             2, 1, height_ratios=(CURVES + ERROR_HEIGHT, CORRELATIONS)
         ).tolist()
         top, bottom = above.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
-        pair = Pair(title, unit, simulated[name], measured)
+        pair = Pair(title, unit, computed, measured)
         draw_both(top, log, pair, "simulated")
         draw_error(bottom, log, pair, "measured − simulated")
         record_axis(log).mark(bottom)
-        _draw_tests(below, model, log, name, measured - simulated[name])
+        _draw_tests(below, model, log, name, measured - computed)
     return figure
 
 

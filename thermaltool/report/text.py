@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from thermaltool.units import parse_channel, symbol
@@ -97,11 +97,14 @@ def pause_messages(log: Log, meaning: str) -> Iterator[str]:
         yield row_message(log, part.start, f"a pause of {pause:g} s; {meaning}")
 
 
-def start_message(log: Log) -> str:
-    """Of a log that does not begin at rest, where its start was taken from."""
+def start_message(log: Log, rmse: Mapping[str, float]) -> str:
+    """Of a log that does not begin at rest, and by how much outputs are off from rest."""
+    off = ", ".join(
+        f"{name} {each:.4g} {symbol(parse_channel(name).unit)}" for name, each in rmse.items()
+    )
     return (
         f"{log.name}: does not begin at rest: the state of the machine at the first row is "
-        "estimated (--initial rest takes it to be at rest)"
+        f"estimated (--initial rest takes it to be at rest, RMSE then: {off})"
     )
 
 

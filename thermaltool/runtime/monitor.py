@@ -58,6 +58,8 @@ class Monitor:
         self._test: InnovationTest | None = None
         self._sigma: list[float] = []
         self._latest = [0.0] * len(estimator.estimates)
+        # Clock steps that each has not seen.
+        self._late_ticks = self._test_ticks = 0
         names: list[str] = []
         if bands:
             if "bands" not in design:
@@ -81,6 +83,7 @@ class Monitor:
             if part is not None:
                 part.start(first, settled)
         self._latest = [0.0] * len(self._latest)
+        self._late_ticks = self._test_ticks = 0
         self.alarm = False
 
     def step(self, ticks: int, readings: Sequence[float], good: bool) -> None:
@@ -89,15 +92,19 @@ class Monitor:
         Where they are not `good` (held, or of a sensor that is left out) nothing is tested.
         """
         now = np.array(readings)
+        self._late_ticks += ticks
+        self._test_ticks += ticks
         if not np.isfinite(now).all():
             return
         if self._late is not None:
-            self._late.step(ticks, now)
+            self._late.step(self._late_ticks, now)
+            self._late_ticks = 0
             late = self._late.latest_due()
             if late is not None:
                 self._latest = late.tolist()
         if self._test is not None and good:
-            self._test.step(ticks, now)
+            self._test.step(self._test_ticks, now)
+            self._test_ticks = 0
             if self._test.alarm != self.alarm:
                 self.alarm = self._test.alarm
                 why = f"model and machine have parted: {self._test.reason}"
@@ -118,7 +125,7 @@ class Monitor:
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
         parts = [None if part is None else part.state() for part in (self._late, self._test)]
-        return [*parts, self._latest]
+        return [*parts, self._latest, self._late_ticks, self._test_ticks]
 
     def resume(self, values: list[Any]) -> None:
         """Go on from a state.
@@ -134,4 +141,5 @@ class Monitor:
             if part is not None:
                 part.resume(kept)
         self._latest = [float(each) for each in values[2]]
+        self._late_ticks, self._test_ticks = map(int, values[3:])
         self.alarm = self._test is not None and self._test.alarm
