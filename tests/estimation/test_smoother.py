@@ -169,6 +169,20 @@ def test_the_likelihood_finds_the_sizes_that_made_the_record():
     assert pinned.noise[0].white == pytest.approx(0.05, rel=0.1)
 
 
+def test_pauses_do_not_pass_for_noise():
+    generator = np.random.default_rng(26)
+    true = estimator(walk=0.3)
+    time, readings, _ = simulated(true, 4000, generator)
+    there = np.ones(4000, bool)
+    for first in range(400, 4000, 450):
+        there[first : first + 30] = False
+    whole = fit_sizes(estimator(walk=0.01), time, readings).estimator
+    parted = fit_sizes(estimator(walk=0.01), time[there], readings[there]).estimator
+    np.testing.assert_allclose(parted.walk, whole.walk, rtol=0.15)
+    for k in range(2):
+        assert parted.noise[k].white == pytest.approx(whole.noise[k].white, rel=0.1)
+
+
 def test_what_cannot_be_smoothed_says_so():
     with pytest.raises(LogError, match="too few to tell how fast"):
         fit_sizes(estimator(), np.arange(5.0), np.full((5, 2), np.nan))

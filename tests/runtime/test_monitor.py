@@ -115,3 +115,37 @@ def test_a_design_without_standard_errors_and_states_of_others():
     for state in ([None, None, [0.0]], other.state(), [[[1.0], []], [[1.0], 1.0, 1.0], [0.0]]):
         with pytest.raises(ValueError, match="not a state"):
             monitor.resume(state)
+
+
+@pytest.mark.parametrize(("film", "alarmed"), [(65.0, 0), (97.5, 3)])
+def test_a_sensor_that_drops_out_and_a_pause_are_no_alarm(film, alarmed):
+    generator, rows = np.random.default_rng(44), 5000
+    streams, records = 0, 0
+    for _ in range(3):
+        y = readings(Wall(film=film), rows, generator)
+        said = []
+        monitor = Monitor(wall_estimator(), DESIGN, DT, lambda *each, to=said: to.append(each),
+                          bands=True, lag=30.0)  # fmt: skip
+        monitor.start(y[0], False)
+        lost = slice(900, 1200)
+        for k in range(1, rows):
+            held = np.where([True, lost.start <= k < lost.stop], y[lost.start], y[k])
+            held[0] = y[k, 0]
+            monitor.step(TICKS, held, not lost.start <= k < lost.stop)
+        streams += any("have parted" in message for _, message in said)
+        there = np.r_[0 : lost.start, lost.stop : rows]
+        test = InnovationTest(wall_estimator(), DT, [0.02, 0.02])
+        records += first_alarm(test, DT * there, y[there], settled=False) is not None
+    assert (streams, records) == (alarmed, alarmed)
+
+
+def test_late_estimates_count_the_rows_without_readings():
+    y = readings(Wall(), 300, np.random.default_rng(45))
+    late = {}
+    for name, lost in (("whole", []), ("lost", range(100, 160))):
+        monitor = Monitor(wall_estimator(), DESIGN, DT, lambda *each: None, bands=False, lag=30.0)
+        monitor.start(y[0], False)
+        for k in range(1, 178):
+            monitor.step(TICKS, y[k] * (np.nan if k in lost else 1.0), True)
+        (late[name],) = monitor.values([5000.0])
+    assert late["lost"] == pytest.approx(late["whole"], rel=0.1)
