@@ -49,12 +49,13 @@ class Presentation(Result):
         """Gain and slowest time constant of every response with their intervals, a row each."""
         import pandas
 
-        from thermaltool.model import Model, characteristics
+        from thermaltool.model import Model, characteristics, rate_at_level
 
         rows = []
         for name, model in self.models.items():
             for term in model.terms if isinstance(model, Model) else ():
-                each, empty = characteristics(term), (float("nan"),) * 3
+                each = characteristics(term, rate_at_level(model, term))
+                empty = (float("nan"),) * 3
                 slowest = each.time_constants[:1]
                 rows.append((
                     name, each.drive, each.output,

@@ -61,12 +61,19 @@ class ConvectionState(Effect):
     def needs(self) -> tuple[str, ...]:
         return (self.channel,)
 
+    @property
+    def table(self) -> tuple[list[float], list[float]] | None:
+        """Levels, and the rate at each [1/s]; None where the rate is in proportion."""
+        if "level0" not in self.parameters:
+            return None
+        numbers = [k for k in range(MAX_LEVELS) if f"level{k}" in self.parameters]
+        levels, rates = ([self.parameters[f"{n}{k}"] for k in numbers] for n in NUMBERED)
+        return levels, rates
+
     def loss(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:
         values = np.nan_to_num(needed(record, self.channel))
-        if "level0" in self.parameters:
-            numbers = [k for k in range(MAX_LEVELS) if f"level{k}" in self.parameters]
-            levels, rates = ([self.parameters[f"{n}{k}"] for k in numbers] for n in NUMBERED)
-            return np.interp(values, levels, rates)
+        if self.table is not None:
+            return np.interp(values, *self.table)
         share = np.abs(values) / self.parameters["level"]
         if self.parameters["idle"]:
             share = (share < 0.02).astype(float)

@@ -1,6 +1,11 @@
 """The model document: what a calibration writes and every later command reads."""
 
-from thermaltool.model.characteristics import Characteristics, characteristics, deviations
+from thermaltool.model.characteristics import (
+    Characteristics,
+    characteristics,
+    deviations,
+    rate_at_level,
+)
 from thermaltool.model.document import (
     Drive,
     Model,
@@ -70,6 +75,7 @@ __all__ = [
     "from_rest",
     "loads",
     "only_sensors",
+    "rate_at_level",
     "read_outputs",
     "relative",
     "rest_level",

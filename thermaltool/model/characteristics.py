@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.effects.convection_state import ConvectionState
 from thermaltool.errors import ModelError
-from thermaltool.model.document import Term
+from thermaltool.model.document import Model, Term
 from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
 from thermaltool.units import parse_channel, per, printed
 
@@ -78,23 +79,32 @@ class Characteristics:
         return found
 
 
-def characteristics(term: Term) -> Characteristics:
+def characteristics(term: Term, rate: float = 0.0) -> Characteristics:
     """Static gain, time constants, oscillations and delay of a term.
 
     Parameters
     ----------
     term : Term
         Without a covariance the intervals have no width.
+    rate : float, optional [1/s]
+        By which all modes decay faster: K becomes K/(1 + r·τ), and τ becomes τ/(1 + r·τ).
     """
     unit = printed(per(parse_channel(term.output).unit, parse_channel(term.drive).unit))
     response: Any = term.response
     delays = hasattr(response, "delay")
+
+    def gain(each: Any) -> float:
+        return float(each.transfer(np.array([rate + 0j]))[0].real) if rate else each.dc_gain()
+
+    def faster(of: Callable[[Any], float]) -> Callable[[Any], float]:
+        return (lambda each: 1 / (1 / of(each) + rate)) if rate else of
+
     return Characteristics(
         term.drive,
         term.output,
         response.kind,
-        normal_estimate(response.dc_gain(), _error(term, lambda each: each.dc_gain()), unit),
-        _slowest_first(_positive(term, of, "s") for of in _time_constants(response)),
+        normal_estimate(gain(response), _error(term, gain), unit),
+        _slowest_first(_positive(term, faster(of), "s") for of in _time_constants(response)),
         tuple(_oscillations(term)),
         normal_estimate(
             response.delay if delays else 0.0,
@@ -102,6 +112,27 @@ def characteristics(term: Term) -> Characteristics:
             "s",
         ),
     )
+
+
+def rate_at_level(model: Model, term: Term) -> float:
+    """By how much the modes of a term decay faster at the level of its band [1/s].
+
+    Parameters
+    ----------
+    model : Model
+    term : Term
+        Without a band: 0.
+    """
+    if term.band is None:
+        return 0.0
+    rest = {d.channel: d.reference for d in model.drives}.get(term.band.channel, 0.0)
+    at = term.band.levels[term.band.index] + (0.0 if isinstance(rest, str) else rest)
+    return sum(
+        float(np.interp(at, *effect.table))
+        for effect in model.effects
+        if isinstance(effect, ConvectionState) and effect.channel == term.band.channel
+        and not effect.log and effect.table is not None
+    )  # fmt: skip
 
 
 def deviations(term: Term, of: Callable[[Any], NDArray[Any]]) -> NDArray[Any]:

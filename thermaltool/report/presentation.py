@@ -10,7 +10,7 @@ from typing import Any
 
 from thermaltool.documents import jsonable
 from thermaltool.effects import Effect
-from thermaltool.model import Characteristics, Model, Output, Term, characteristics
+from thermaltool.model import Characteristics, Model, Output, Term, characteristics, rate_at_level
 from thermaltool.report.orders import arma_document, fit_table
 from thermaltool.report.style import channel_unit, with_unit
 from thermaltool.report.text import aligned
@@ -38,8 +38,17 @@ def presented(model: Model | ArmaModel) -> str:
     parts = [
         _origin(model),
         _outputs(model),
-        responses_table([characteristics(term) for term in model.terms], model.terms),
+        responses_table(
+            [characteristics(term, rate_at_level(model, term)) for term in model.terms],
+            model.terms,
+        ),
     ]
+    parts.extend(
+        f"gains and time constants at a level are with the loss rate there; others change with "
+        f"{effect.channel} (convection_state)"
+        for effect in model.effects
+        if effect.name == "convection_state"
+    )
     if model.effects:
         parts.append(_effects(model.effects))
     if model.design is not None:
@@ -258,7 +267,7 @@ def _document(model: Model) -> dict[str, Any]:
             | {key: value for key, value in _fit(o).items() if value is not None}
             for o in model.outputs
         ],
-        "responses": [_response(term) for term in model.terms],
+        "responses": [_response(term, rate_at_level(model, term)) for term in model.terms],
     }
     if model.effects:
         found["effects"] = [
@@ -278,9 +287,9 @@ def _document(model: Model) -> dict[str, Any]:
     return found
 
 
-def _response(term: Term) -> dict[str, Any]:
+def _response(term: Term, rate: float) -> dict[str, Any]:
     level = {} if term.band is None else {"level": term.band.levels[term.band.index]}
-    return {**characteristics(term).document(), **level}
+    return {**characteristics(term, rate).document(), **level}
 
 
 def _rounded(value: Any) -> Any:

@@ -61,12 +61,20 @@ def draw_model(model: Model, name: str, channels: Sequence[str] = ()) -> Figure:
     terms = [term for output in outputs for term in model.terms if term.output == output]
     if len(terms) > MAX_ROWS:
         return _draw_together(model, name, outputs)
-    figure = new_figure(f"Responses of {Path(name).name}", 14.0, 0.6 + 3.6 * len(terms))
+    figure = new_figure(
+        f"Responses of {Path(name).name}{_without(model)}", 14.0, 0.6 + 3.6 * len(terms)
+    )
     rows = figure.subfigures(len(terms), 1, squeeze=False)[:, 0]
     span = max(settling_time(term.response) for term in terms)
     for row, term in zip(rows.tolist(), terms, strict=True):
         _draw_term(row, term, span, model.sample_period)
     return figure
+
+
+def _without(model: Model) -> str:
+    """What the drawn responses leave out, for a title."""
+    left = dict.fromkeys(e.channel for e in model.effects if e.name == "convection_state")
+    return f", without the change of the loss rate by {', '.join(left)}" if left else ""
 
 
 def _draw_term(figure: SubFigure, term: Term, span: float, period: float) -> None:
@@ -117,6 +125,11 @@ def _draw_bode(top: Axes, bottom: Axes, term: Term, period: float) -> None:
     s = np.asarray(2j * np.pi * frequency, complex)
     value = response.transfer(s)
     size = np.abs(value)
+    if not size.max() > 0:
+        # A response of no gain, such as that of a speed at the level zero.
+        say(top, "no gain")
+        bottom.set_axis_off()
+        return
     low = np.flatnonzero(size < MIN_MAGNITUDE * size.max())
     kept = slice(0, int(low[0]) + 1 if len(low) else None)
     frequency, s, value, size = frequency[kept], s[kept], value[kept], size[kept]
@@ -225,6 +238,7 @@ def settling_time(response: Response) -> float:
 def _draw_together(model: Model, name: str, outputs: Sequence[str]) -> Figure:
     """The step response to each drive, as large as it was seen, one panel for each output."""
     title = f"What each drive of {Path(name).name} does: steps as large as the calibration has seen"
+    title += _without(model)
     figure, axes = panels(title, [1.0] * len(outputs), 1.0 + 4.4 * len(outputs))
     sizes = {d.channel: max(d.range, key=abs) for d in model.drives}
     span = max(settling_time(t.response) for t in model.terms if t.output in outputs)

@@ -13,14 +13,17 @@ from thermaltool.api import write_model
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import even_training_data
 from thermaltool.fitting.identification import identify
+from thermaltool.fitting.lpv.choose import _Room
 from thermaltool.fitting.lpv.form import LpvForm
 from thermaltool.fitting.lpv.identify import identify_lpv
 from thermaltool.fitting.lpv.model import LpvOutput
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.plan import TransferPlan
 from thermaltool.fitting.transfer.registry import structure_of
+from thermaltool.model import characteristics
 from thermaltool.record import Record
 from thermaltool.report.identification import identification_table
+from thermaltool.report.presentation import presented
 
 SPEED = "n_main_rpm"
 
@@ -211,3 +214,27 @@ def test_too_few_rows_are_told():
     frame = frame_of(turning(np.random.default_rng(1), 40)).iloc[10:34]
     with pytest.raises(FitError, match="rows do not carry"):
         tt.identify(frame, [SPEED], ["T_a_degC"], structure="lpv", modes=4, warn=quiet)
+
+
+def test_levels_lie_where_the_log_stays():
+    speed = np.repeat([0.0, 2000.0, 8000.0, 4000.0], 50)
+    record = Record(np.arange(200.0), {SPEED: speed, "d_z_um": speed})
+    data = even_training_data([record], [SPEED], ["d_z_um"])
+    room = _Room(data, (20.0,), (2, 3, 5), None)
+    assert room._levels(SPEED, 2) == (0.0, 8000.0)
+    assert set(room._levels(SPEED, 5)) == {0.0, 2000.0, 4000.0, 8000.0}
+
+
+def test_shares_count_from_what_the_channel_counts_from():
+    form = LpvForm(1, SPEED, (20.0, 120.0), gain=True, delays=(0,), rest=20.0)
+    assert form.bands()[1].levels == (0.0, 100.0)
+
+
+def test_present_tells_gains_with_the_loss_rate_at_the_level(fan):
+    model = fan[1].model
+    term = model.terms[0]
+    plain, faster = characteristics(term), characteristics(term, 1e-3)
+    tau = plain.time_constants[0].value
+    assert faster.time_constants[0].value == pytest.approx(tau / (1 + 1e-3 * tau))
+    assert faster.gain.value == pytest.approx(plain.gain.value / (1 + 1e-3 * tau))
+    assert "convection_state)" in presented(model)

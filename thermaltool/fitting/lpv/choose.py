@@ -26,6 +26,8 @@ LEVEL_COUNTS = (2, 3, 5)
 FIRST_MODES, MAX_ROUNDS, MIN_FALL = (1, 2, 3), 5, 0.01
 # Values beside the ends that a power, or a gain by level, takes to show [of the range].
 SAME_VALUE = 0.02
+# A level between the ends lies where an input stays for so many of the rows, at least.
+MIN_STAY = 0.01
 # A model that is not linear is taken where it lowers that logarithm, over blocks held out, by so
 # much below the linear one.
 MIN_GAIN = 0.1
@@ -204,8 +206,17 @@ class _Room:
         return np.concatenate([record.column(name) for record in self.data.records])
 
     def _levels(self, name: str, count: int) -> tuple[float, ...]:
+        """Both ends, and between them what the input takes for long, evenly if it can be."""
         values = self._values(name)
-        return tuple(np.linspace(values.min(), values.max(), count).tolist())
+        low, high = float(values.min()), float(values.max())
+        cells = ((values - low) / (high - low) / SAME_VALUE).astype(int)
+        own = [values[cells == cell] for cell in np.unique(cells)]
+        visited = np.array([np.median(v) for v in own if len(v) >= MIN_STAY * len(values)])
+        # Beside an end there is no level: both would share their rows.
+        visited = visited[np.minimum(visited - low, high - visited) > 2 * SAME_VALUE * (high - low)]
+        wanted = np.linspace(low, high, count)[1:-1]
+        near = {float(visited[np.argmin(np.abs(visited - at))]) for at in wanted if len(visited)}
+        return (low, *sorted(near), high)
 
     def _graded(self, name: str) -> bool:
         """Whether an input takes values between its ends."""
@@ -249,11 +260,12 @@ class _Room:
         at = len(form.levels) if form.channel == name else 0
         wanted = counts[:1] if not at else (at, *[n for n in counts if n > at][:1])
         for count in wanted:
-            levels = self._levels(name, count)
+            levels = form.levels if count == at else self._levels(name, count)
+            rest = float(self.references[self.data.inputs.index(name)])
             for loss, gain in ((True, False), (False, True), (True, True)):
                 if gain and not (graded or len(self.data.inputs) > 1):
                     continue
                 kept = tuple(n for n in form.powers if not (gain and n == name))
                 sizes = tuple(pair for pair in form.sizes if pair[0] in kept)
                 yield replace(form, channel=name, levels=levels, loss=loss, gain=gain,
-                              powers=kept, sizes=sizes)  # fmt: skip
+                              powers=kept, sizes=sizes, rest=rest)  # fmt: skip

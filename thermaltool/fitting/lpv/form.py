@@ -45,6 +45,8 @@ class LpvForm:
         By which it acts later than a held input does in any case.
     direct : bool
         Whether outputs follow the inputs of the same row.
+    rest : float [unit of the channel]
+        What the channel counts from: a term's share goes by what is above it.
     """
 
     modes: int
@@ -56,6 +58,7 @@ class LpvForm:
     sizes: tuple[tuple[str, float], ...] = ()
     delays: tuple[int, ...] = ()
     direct: bool = False
+    rest: float = 0.0
 
     @property
     def rates(self) -> int:
@@ -153,7 +156,8 @@ class LpvForm:
         """Which share of an input each gain takes."""
         if not self.gain:
             return (None,)
-        return tuple(ScheduleBand(self.channel, self.levels, k) for k in range(len(self.levels)))
+        above = tuple(level - self.rest for level in self.levels)
+        return tuple(ScheduleBand(self.channel, above, k) for k in range(len(above)))
 
     def loss_effect(self, theta: Array) -> ConvectionState | None:
         """The rates by level as an effect; None where they are the same.
