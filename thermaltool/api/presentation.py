@@ -53,7 +53,9 @@ class Presentation(Result):
 
         rows = []
         for name, model in self.models.items():
-            for term in model.terms if isinstance(model, Model) else ():
+            if not isinstance(model, Model):
+                continue
+            for term in model.terms:
                 each = characteristics(term, rate_at_level(model, term))
                 empty = (float("nan"),) * 3
                 slowest = each.time_constants[:1]
