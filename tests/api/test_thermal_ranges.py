@@ -119,6 +119,8 @@ def test_what_cannot_be_evaluated():
         tt.iso230(frame, probes={"d_p_um": "X"}, test="x")
     with pytest.raises(ValueError, match="above 0 s"):
         tt.iso230(frame, average=0.0)
+    with pytest.raises(ValueError, match="at most 180 s"):
+        tt.iso230(frame, average=3600.0)
     with pytest.raises(ValueError, match="at the same place"):
         tt.iso230(frame, probes={"d_p_um": "X:1mm", "d_x_um": "X:1mm"})
     for place in ("W", "X:", "X:5degC", "X:inf", "X:five"):

@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     from thermaltool.logs import Log
     from thermaltool.logs.reader import Data
 
+# A fifth of 15 min, the shortest prescribed time [s]: longer averages flatten what it prescribes.
+MAX_AVERAGE = 180.0
+
 
 @dataclass(frozen=True, repr=False)
 class ThermalTest(Result):
@@ -157,8 +160,11 @@ def iso230(
     >>> float(done.frame.set_index("symbol")["value"].round(1)["d(B)60"])
     95.0
     """
-    if not average > 0:
-        raise ValueError(f"readings are averaged over a time above 0 s, not {average:g}")
+    if not 0 < average <= MAX_AVERAGE:
+        raise ValueError(
+            f"readings are averaged over more than 0 s and at most {MAX_AVERAGE:g} s, a fifth of "
+            f"the shortest prescribed time, not {average:g} s"
+        )
     log = read(data, warn=warn, **reading).between(start, stop)
     chosen = _probes(log, probes)
     speed = _speed(log, speed, test)

@@ -144,11 +144,11 @@ class SizeType(Parsed):
     name, form = "BYTES", "a size: 500MB, 20GB or 4GiB"
 
     def parse(self, text: str) -> int:
-        found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(?:([kMGT])(i?))?B?\s*", text, re.ASCII)
+        found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(?:([kKMGT])(i?))?B?\s*", text, re.ASCII)
         if found is None:
             raise ValueError
         number, prefix, binary = found.groups()
-        size = float(number) * (1024 if binary else 1000) ** " kMGT".index(prefix or " ")
+        size = float(number) * (1024 if binary else 1000) ** " KMGT".index((prefix or " ").upper())
         if not 1 <= size < 2**63:
             raise ValueRefusedError(": needs 1 byte or more, and fewer than 2^63")
         return int(size)
