@@ -117,7 +117,7 @@ def test_what_cannot_be_evaluated():
         tt.iso230(frame, probes={"d_p_um": "X"}, speed="d_p_um")
     with pytest.raises(ValueError, match="no test 'x'"):
         tt.iso230(frame, probes={"d_p_um": "X"}, test="x")
-    with pytest.raises(ValueError, match="above 0 s"):
+    with pytest.raises(ValueError, match="more than 0 s"):
         tt.iso230(frame, average=0.0)
     with pytest.raises(ValueError, match="at most 180 s"):
         tt.iso230(frame, average=3600.0)
