@@ -122,8 +122,9 @@ def stands_for_another(
     """
     if effect.name in BESIDE or not is_bent(before):
         return False
-    if not effect.bends:
+    if not (effect.bends or effect.channel):
         return True
+    # A channel that the model lacked may be what products of the others stood for.
     return nonlinear_power(after) > MAX_LEFT * nonlinear_power(before)
 
 
