@@ -69,6 +69,7 @@ lint: $(READY)
 bench: $(READY) $(BENCH_READY) $(BENCH_IDENTIFY_READY)
 	@$(BIN)/python benchmarks/speed.py
 	@$(BIN)/python benchmarks/memory.py
+	@$(BIN)/python benchmarks/laplace.py
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/peers.py
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/orders.py speed
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/streaming.py

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from thermaltool.laplace.sampling import EPS, ComplexArray, RealArray, Sampler
+from thermaltool.laplace.sampling import ROUNDING, ComplexArray, RealArray, Sampler
 
 # Last over first time of a window, and its largest size (which bounds the memory).
 MAX_TIME_RATIO, MAX_WINDOW_SIZE = 16.0, 4096
@@ -57,4 +57,4 @@ def _contour(sample: Sampler, t: RealArray, order: int) -> tuple[RealArray, Real
     terms = sample(nodes / last) * weights / last
     decay = np.exp(np.outer(t / last, nodes.real))
     wave = np.cos(np.outer(t / last, nodes.imag) + np.angle(terms))
-    return (decay * wave) @ abs(terms), EPS * (decay @ abs(terms))
+    return (decay * wave) @ abs(terms), ROUNDING * (decay @ abs(terms))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermaltool.laplace.sampling import EPS, ComplexArray, RealArray, Sampler
+from thermaltool.laplace.sampling import ROUNDING, ComplexArray, RealArray, Sampler
 
 # Aliasing: the series returns f(t) + Σ e^(−2kγT) f(t + 2kT); these are e^(−2γT) in the series
 # that answers and in the one that checks it, different so that the check sees the aliases.
@@ -13,8 +13,16 @@ TAIL_ORDER = 20  # pairs of terms of the accelerated tail
 # Heads are multiples of this.
 BLOCK_TERMS = 32
 
-# Half periods T of the two series, over the last time.
-HALF_PERIOD, CHECK_HALF_PERIOD = 2.0, 2.6
+# Half periods T over the last time: of the series that answers, and of those that check it. One
+# check agrees by chance where f jumps; two hardly do.
+HALF_PERIOD, CHECK_HALF_PERIODS = 2.0, (2.6, 3.1)
+# F is screened for oscillation that the head does not resolve up to this term, at every
+# `SCREEN_STRIDE`th: a pole left of the line is seen over 5 terms and more. Differences of this
+# order annihilate what is smooth; what they leave counts from this part of the error wanted.
+PROBE_TERMS, SCREEN_STRIDE, SCREEN_ORDER, SCREEN_PART = 4096, 4, 10, 0.01
+# Times at which a longer series is summed, and the period of its twin, in which F is rounded
+# otherwise: what the longer one changes must exceed their difference by this factor.
+MAX_PROBES, TWIN, CONSISTENT = 16, 1.001, 5.0
 
 
 def dehoog(
@@ -22,13 +30,50 @@ def dehoog(
 ) -> tuple[RealArray, RealArray, RealArray]:
     """Values, error estimates and rounding for times `t` (n,) of one window.
 
-    The error is the difference from a series with another period, larger aliases and `check`
-    terms in its head.
+    The error is the largest difference from series with other periods, larger aliases and `check`
+    terms in their heads.
     """
     values, rounding = _series(sample, t, HALF_PERIOD * t[-1], ALIASING, head)
-    other, _ = _series(sample, t, CHECK_HALF_PERIOD * t[-1], CHECK_ALIASING, check)
     rounding = rounding + ALIASING * abs(values).max()
-    return values, abs(values - other) + rounding, rounding
+    error = np.zeros_like(t)
+    for half_period in CHECK_HALF_PERIODS:
+        other, _ = _series(sample, t, half_period * t[-1], CHECK_ALIASING, check)
+        error = np.maximum(error, abs(values - other))
+    return values, error + rounding, rounding
+
+
+def beyond_head(
+    sample: Sampler, t: RealArray, values: RealArray, head: int, wanted: float
+) -> float:
+    """The largest change of `values` (n,) that `PROBE_TERMS` terms in place of `head` make.
+
+    An oscillation that is faster than the head resolves leaves no trace in the terms from which
+    its tail is guessed: all heads that are too short agree on the same wrong answer. Zero where
+    F looks smooth beyond the head, to a part of the error `wanted` [unit of `values`], and where
+    it is not finite there: nothing is known.
+    """
+    half_period = HALF_PERIOD * t[-1]
+    k = np.arange(head, PROBE_TERMS, SCREEN_STRIDE)
+    if k.size <= SCREEN_ORDER:
+        return 0.0
+    gamma = _line(half_period, ALIASING)
+    s = np.asarray(gamma + 1j * np.pi / half_period * k, dtype=np.complex128)
+    with np.errstate(all="ignore"):
+        left = gamma * abs(np.diff(sample.lenient(s), SCREEN_ORDER)).max()
+    if not np.isfinite(left) or left <= SCREEN_PART * wanted:
+        return 0.0
+    probes = np.unique(np.linspace(0, t.size - 1, min(t.size, MAX_PROBES)).astype(int))
+    longer, twin = (
+        _series(sample, t[probes], ratio * half_period, ALIASING, PROBE_TERMS)[0]
+        for ratio in (1.0, TWIN)
+    )
+    change = abs(values[probes] - (longer + twin) / 2).max()
+    return float(change) if change > CONSISTENT * abs(longer - twin).max() else 0.0
+
+
+def _line(half_period: float, aliasing: float) -> float:
+    """Re s of the line on which aliases of the series are `aliasing` [1/s]."""
+    return float(-np.log(aliasing) / (2 * half_period))
 
 
 def _series(
@@ -41,14 +86,14 @@ def _series(
     eq. 16-25). Here the first `head` terms are summed as they are and only the rest is
     accelerated; this resolves poles up to Im s = π·head/T, and times t ≪ T.
     """
-    gamma = -np.log(aliasing) / (2 * half_period)
+    gamma = _line(half_period, aliasing)
     k = np.arange(head + 2 * TAIL_ORDER + 1)
     terms = sample(gamma + 1j * np.pi / half_period * k) * np.where(k == 0, 0.5, 1.0)
     z = np.exp(1j * np.pi / half_period * t)
     with np.errstate(all="ignore"):  # a degenerate fraction gives NaN: no answer, error infinite
         total = _polynomial(terms[:head], z) + z**head * _continued_fraction(terms[head:], z)
     scale = np.exp(gamma * t) / half_period
-    return scale * total.real, EPS * scale * abs(terms).sum()
+    return scale * total.real, ROUNDING * scale * abs(terms).sum()
 
 
 def _polynomial(terms: ComplexArray, z: ComplexArray) -> ComplexArray:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from thermaltool.errors import FitError
 from thermaltool.laplace.causality import rightmost
 from thermaltool.laplace.contours import hyperbola, windows
-from thermaltool.laplace.dehoog import HALF_PERIOD, dehoog
+from thermaltool.laplace.dehoog import HALF_PERIOD, beyond_head, dehoog
 from thermaltool.laplace.resonances import Resonances, scan
 from thermaltool.laplace.rules import RULES, apply_rule
 from thermaltool.laplace.sampling import RealArray, Sampler, Transfer
@@ -204,7 +204,9 @@ def _audited(
     missed = np.zeros_like(t)
     for head, check in HEAD_TERMS:
         longer, error, rounding = dehoog(sample, t, head, check)
-        unresolved = resonances.above(np.pi * head / (HALF_PERIOD * t[-1]))
+        undamped = resonances.above(np.pi * head / (HALF_PERIOD * t[-1]))
+        wanted = float(goal(longer, error).min())
+        unresolved = max(undamped, beyond_head(sample, t, longer, head, wanted))
         error = _worst(error, unresolved)
         better = error < series_error  # more terms are not better where F itself is rounded
         series = np.where(better, longer, series)

@@ -11,7 +11,7 @@ from math import comb, factorial, log
 
 import numpy as np
 
-from thermaltool.laplace.sampling import EPS, ComplexArray, RealArray, Sampler
+from thermaltool.laplace.sampling import ROUNDING, ComplexArray, RealArray, Sampler
 
 
 @lru_cache
@@ -73,4 +73,4 @@ def _sum(
 ) -> tuple[RealArray, RealArray]:
     """The rule's sum, and what rounding may do to it."""
     terms = weights * sample((nodes / t[:, None]).ravel()).reshape(t.size, nodes.size)
-    return terms.real.sum(axis=1) / t, EPS * abs(terms).sum(axis=1) / t
+    return terms.real.sum(axis=1) / t, ROUNDING * abs(terms).sum(axis=1) / t

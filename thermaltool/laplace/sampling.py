@@ -13,7 +13,8 @@ ComplexArray = NDArray[np.complex128]
 RealArray = NDArray[np.float64]
 Transfer = Callable[[ComplexArray], ComplexArray]
 
-EPS = float(np.finfo(float).eps)
+# Rounding of a term, as a part of it: F itself is right to a few last digits.
+ROUNDING = 4 * float(np.finfo(float).eps)
 
 
 class Sampler:
