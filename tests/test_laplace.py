@@ -219,24 +219,26 @@ def test_against_an_independent_program():
 
 
 @pytest.mark.parametrize(
-    ("transform", "original"),
+    ("transform", "original", "last"),
     [
         (  # damped, above what the first series resolves
             lambda s: -0.02265 * (s + 0.8649) / ((s + 0.8649) ** 2 + 21.94**2),
             lambda t: -0.02265 * np.exp(-0.8649 * t) * np.cos(21.94 * t),
+            26.0,
         ),
         (  # beside a delayed term, which is no smoother
             lambda s: 0.0131 * 43.22 / (s**2 + 43.22**2) + 15 * np.exp(-1.255 * s) / s,
             lambda t: 0.0131 * np.sin(43.22 * t) + 15 * (t > 1.255),
+            14.3,
         ),
     ],
 )
-def test_an_oscillation_faster_than_the_series_resolves_is_seen(transform, original):
-    t = np.geomspace(4.5, 14.3, 12)
+def test_an_oscillation_faster_than_the_series_resolves_is_seen(transform, original, last):
+    t = np.geomspace(last / 2.5, last, 12)
     result = invert(transform, t)
     error = abs(result.values - original(t))
-    assert (error <= np.maximum(result.error, 1e-13)).all()
-    assert (error < 1e-6).all()
+    assert (error <= np.maximum(1.1 * result.error, 1e-13)).all()
+    assert (error < 1e-8).all()
 
 
 def test_more_terms_do_no_harm_where_the_transfer_is_rounded():

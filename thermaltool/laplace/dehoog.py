@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.laplace.sampling import ROUNDING, ComplexArray, RealArray, Sampler
 
@@ -57,9 +58,10 @@ def beyond_head(
     if k.size <= SCREEN_ORDER:
         return 0.0
     gamma = _line(half_period, ALIASING)
-    s = np.asarray(gamma + 1j * np.pi / half_period * k, dtype=np.complex128)
     with np.errstate(all="ignore"):
-        left = gamma * abs(np.diff(sample.lenient(s), SCREEN_ORDER)).max()
+        left = (
+            gamma * abs(np.diff(sample.lenient(_nodes(gamma, half_period, k)), SCREEN_ORDER)).max()
+        )
     if not np.isfinite(left) or left <= SCREEN_PART * wanted:
         return 0.0
     probes = np.unique(np.linspace(0, t.size - 1, min(t.size, MAX_PROBES)).astype(int))
@@ -76,6 +78,11 @@ def _line(half_period: float, aliasing: float) -> float:
     return float(-np.log(aliasing) / (2 * half_period))
 
 
+def _nodes(gamma: float, half_period: float, k: NDArray[np.int_]) -> ComplexArray:
+    """The `k`-th points on the line Re s = `gamma` [1/s]."""
+    return (gamma + 1j * np.pi / half_period * k).astype(np.complex128)
+
+
 def _series(
     sample: Sampler, t: RealArray, half_period: float, aliasing: float, head: int
 ) -> tuple[RealArray, RealArray]:
@@ -88,7 +95,7 @@ def _series(
     """
     gamma = _line(half_period, aliasing)
     k = np.arange(head + 2 * TAIL_ORDER + 1)
-    terms = sample(gamma + 1j * np.pi / half_period * k) * np.where(k == 0, 0.5, 1.0)
+    terms = sample(_nodes(gamma, half_period, k)) * np.where(k == 0, 0.5, 1.0)
     z = np.exp(1j * np.pi / half_period * t)
     with np.errstate(all="ignore"):  # a degenerate fraction gives NaN: no answer, error infinite
         total = _polynomial(terms[:head], z) + z**head * _continued_fraction(terms[head:], z)
