@@ -120,8 +120,13 @@ def calibrated(plant: Plant, machine: int, folder: Path) -> Calibrated:
     residual = {}
     for name in plant.outputs:
         values = np.array([float(row[f"residual_{name}"]) for row in rows])
-        residual[name] = values - (_start(values) if plant.warm or plant.days else values.mean())
+        residual[name] = _beside_start(plant, values)
     return Calibrated(plant, folder, options, residual, seconds)
+
+
+def _beside_start(plant: Plant, course: Float) -> Float:
+    """What of a course no start explains: its mean is free, that of a warm machine its decays."""
+    return course - (_start(course) if plant.warm or plant.days else course.mean())
 
 
 def _start(residual: Float) -> Float:
@@ -305,8 +310,8 @@ def power_of_knowing_all(known: Calibrated, found: Exercise) -> float:
     """Power of a test that is told the whole effect, to the row, at `FALSE` false alarms.
 
     A matched filter: noise is what the model leaves of a clean log, taken for a first-order
-    autoregression (Kay 1998, ch. 4); what a constant and a gain of the drives' slow sum could say
-    is not taken off.
+    autoregression (Kay 1998, ch. 4). Of the change counts what no start of the log explains; what
+    a gain of the drives' slow sum could say is not taken off.
     """
     if found.fault is None:
         return float("nan")
@@ -315,7 +320,7 @@ def power_of_knowing_all(known: Calibrated, found: Exercise) -> float:
         residual = known.residual[name]
         keep = min(float(residual[1:] @ residual[:-1] / (residual @ residual)), 0.9999)
         innovation = residual[1:] - keep * residual[:-1]
-        centred = change - change.mean()
+        centred = _beside_start(known.plant, change)
         white = centred[1:] - keep * centred[:-1]
         square += float(white @ white) / float(np.mean(innovation**2))
     return float(norm.cdf(np.sqrt(square) + norm.ppf(FALSE)))
