@@ -85,6 +85,7 @@ def test_figures_of_a_machine_without_noise():
     assert len(result.plot().axes) == 4
 
 
+@pytest.mark.slow
 def test_an_environmental_test_and_an_axis():
     time = np.arange(0.0, 30 * 3600.0, 60.0)
     wave = 3 * np.sin(2 * np.pi * time / 86400)

@@ -100,6 +100,7 @@ def test_zeros_of_several_logs_explain_nothing():
     assert found.predicts == (min(single) > 0)
 
 
+@pytest.mark.slow
 def test_what_can_be_written_is_chosen():
     """Two plain lags in noise: the best orders by error alone often have a pole below zero."""
     for seed in range(3):

@@ -42,6 +42,7 @@ def model(tmp_path_factory, machine):
     return folder / "model.json"
 
 
+@pytest.mark.slow
 def test_defaults_take_components_and_say_so(thermaltool, log, tmp_path):
     model = tmp_path / "model.json"
     done = thermaltool("identify", log, *CALL, "--split", "0.6", "-o", model)

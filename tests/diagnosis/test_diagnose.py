@@ -100,6 +100,7 @@ def test_an_accident_needs_no_unseen_log_to_show_it(model: Model) -> None:
     assert cause.gain["d_y_um"].rms_after < 0.2 < cause.gain["d_y_um"].rms_before
 
 
+@pytest.mark.slow
 def test_gain_on_a_log_that_no_fit_saw(model: Model) -> None:
     source = np.where(np.sin(TIME / 300) > 0.3, 1.0, 0.0)
     first = log(LEVELS + 0.2 * source, 5, Q_pump_W=40 * source)

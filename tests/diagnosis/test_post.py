@@ -63,7 +63,8 @@ def test_a_clean_log_has_no_cause():
     assert found.verdict != "not adequate"
 
 
-@pytest.mark.parametrize("gain", [0.9, pytest.param(1.15, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [0.9, 1.15])
 def test_a_gain_of_the_drive(gain):
     cause = first_cause(log_of(SEED + 2, lambda course: faults.scaled(course, gain)))
     assert (cause.effect.name, cause.effect.channel) == ("drive_gain", DRIVE)
@@ -82,9 +83,8 @@ def test_a_gain_of_the_drive_from_an_instant_on():
     assert np.mean(logged(named, TIME) != logged(truth, TIME)) < 0.01
 
 
-@pytest.mark.parametrize(
-    "law", [faults.sticking, pytest.param(faults.slipping, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("law", [faults.sticking, faults.slipping])
 def test_a_slide_that_sticks(law):
     cause = first_cause(log_of(SEED + 4, change={RISE: lambda y: law(y, 2.0)}))
     assert (cause.effect.name, cause.effect.channel) == ("stick_slip", RISE)

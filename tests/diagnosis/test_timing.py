@@ -82,14 +82,8 @@ def warm(post, on, off):
     return post.simulate(np.array([0.0, on, on + max(off, 1e-3)]), heated)[-1]
 
 
-@pytest.mark.parametrize(
-    ("on", "off"),
-    [
-        pytest.param(6000.0, 0.0, marks=pytest.mark.slow),
-        pytest.param(1500.0, 0.0, marks=pytest.mark.slow),
-        (6000.0, 1200.0),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("on", "off"), [(6000.0, 0.0), (1500.0, 0.0), (6000.0, 1200.0)])
 def test_a_warm_start_is_a_state_and_no_cause(on, off):
     post, model = machine(False)
     log = log_of(post, SEED + 3, even(), start=warm(post, on, off), name="warm")

@@ -88,6 +88,7 @@ def test_a_log_gives_its_products(made: Path) -> None:
     assert visible(made) == designed | tables | figures | {"noise.json", "options.txt"}
 
 
+@pytest.mark.slow
 def test_all_is_every_product_of_every_log(logs: Path, made: Path) -> None:
     told = run(logs, "-n")
     written = {line.split(" -o out/")[1] for line in told.splitlines() if " -o out/" in line}
@@ -95,6 +96,7 @@ def test_all_is_every_product_of_every_log(logs: Path, made: Path) -> None:
     assert written == missing | {"two.estimate.parquet", "noise.png"}
 
 
+@pytest.mark.slow
 def test_summary_is_what_the_models_say(made: Path) -> None:
     with open(made / "summary.csv", newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -108,6 +110,7 @@ def test_summary_is_what_the_models_say(made: Path) -> None:
     assert float(rows[3]["kalman_band"]) == pytest.approx(band, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_nothing_reruns_when_nothing_changed(logs: Path, made: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in made.iterdir()}
     told = run(logs, *WANTED)
@@ -116,6 +119,7 @@ def test_nothing_reruns_when_nothing_changed(logs: Path, made: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in made.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_a_touched_log_redoes_its_own_products(logs: Path, made: Path) -> None:
     log = logs / "logs/one.csv"
     kept = log.stat()
@@ -130,6 +134,7 @@ def test_a_touched_log_redoes_its_own_products(logs: Path, made: Path) -> None:
     assert "idle.csv" not in told
 
 
+@pytest.mark.slow
 def test_other_options_redo_the_models(logs: Path, made: Path) -> None:
     told = run(logs, "-n", *WANTED, CALIBRATE_FLAGS="--starts 2")
     assert "-o out/one.model.json" in told

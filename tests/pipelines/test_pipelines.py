@@ -10,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from reference.measured import whole_log
 
 ROOT = Path(__file__).parents[2]
@@ -28,6 +29,7 @@ def make(name: str, *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_demo_runs_one_log_through_one_design(tmp_path: Path) -> None:
     narrowed = ("LOGS=triangle", "DESIGNS=far_kalman", f"OUT={tmp_path}")
     figure = tmp_path / "figures/triangle.far_kalman.png"
@@ -75,6 +77,7 @@ def shell(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return done
 
 
+@pytest.mark.slow
 def test_forecasts_of_a_log_by_its_best_order(tmp_path: Path) -> None:
     shell("thermaltool plant boring-bar --duration 0.5 -o 'my cut.csv'", tmp_path)
     wanted = (f"LOG={tmp_path}/my cut.csv", "COLUMN=e_tool_um", "STEPS=7", f"OUT={tmp_path}/out")

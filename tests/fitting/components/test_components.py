@@ -132,6 +132,7 @@ def test_a_sensor_that_stands_still_is_left_out(log):
     assert drives["T_s4_degC"].range[1] == pytest.approx(np.ptp(log.column("T_s4_degC")), rel=0.3)
 
 
+@pytest.mark.slow
 def test_equal_columns_are_named_and_do_no_harm(log):
     twin = 3.0 + log.column("T_s1_degC")
     both = replace(log, columns={**log.columns, "T_s2_degC": twin})

@@ -184,6 +184,7 @@ def test_two_inputs_with_delays_of_their_own_are_found():
     np.testing.assert_allclose(found, weights, atol=0.35)
 
 
+@pytest.mark.slow
 def test_as_many_modes_as_there_are():
     rng = np.random.default_rng(12)
     u = power(rng)

@@ -33,7 +33,7 @@ def data(u, y, dt=1.0, names=None, holds=()):
 
 
 @pytest.mark.parametrize(
-    "seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 12))]
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 12))]
 )
 def test_the_delay_and_a_sufficient_order_are_found(seed):
     known = case(seed, 3000)
