@@ -33,11 +33,12 @@ def lag(u, gain, tau, start):
     return y
 
 
-def log(before=0.0, heat=LEVELS, gain=1.0, fast=0.1, **more):
-    """`before`: how long the heat was at its full level [s]; what is off by a factor `gain`."""
+def log(before=0.0, heat=LEVELS, gain=1.0, slower=1.0, fast=0.1, **more):
+    """`before`: how long the heat was at its full level [s]; factors on gains and lags."""
     generator = np.random.default_rng(7)
     columns = {HEAT: heat}
-    for output, (height, tau) in LAGS.items():
+    for output, (height, own) in LAGS.items():
+        tau = slower * own
         # Behind a faster lag, which the response to the heat hardly has.
         warm = gain * height * -np.expm1(-before / tau)
         y = lag(heat, gain * height, tau, warm) + fast * warm * np.exp(-TIME / (0.3 * tau))
@@ -76,12 +77,14 @@ def test_all_outputs_begin_as_the_machine_does():
         log(gain=1.2),
         # A wrong gain of heat that is switched on once, as the log begins, looks like a start.
         log(heat=np.ones(1200), gain=1.5),
+        log(heat=np.ones(1200), gain=1.5, slower=1.3),
+        log(heat=np.ones(1200), gain=0.8, slower=0.7),
         # What goes on in the second half is a drift.
         log(**{Z: 5.0 * TIME / TIME[-1], T: 2.0 * TIME / TIME[-1]}),
         # A sensor that was moved.
         log(**{T: 3.0}),
     ],
-    ids=["clean", "gain", "one step", "drift", "offset"],
+    ids=["clean", "gain", "one step", "slow step", "quick step", "drift", "offset"],
 )
 def test_what_is_no_start_begins_at_rest(record):
     found, how = begins(record)
