@@ -69,7 +69,15 @@ def _origin(model: Model) -> str:
     lines = [f"driven by {drives}", f"one row every {duration(model.sample_period)}"]
     if logs := _log_names(model.provenance):
         lines.append(f"from {', '.join(logs)}")
+    if diagnosed := _diagnosed(model.provenance):
+        lines.append(f"causes from {', '.join(diagnosed)}: errors are those of the model there")
     return "\n".join(lines)
+
+
+def _diagnosed(provenance: Mapping[str, Any]) -> list[str]:
+    """Logs that a diagnosis extended the model by, on which its errors are told."""
+    made = provenance.get("diagnosed")
+    return _log_names(made) if isinstance(made, dict) else []
 
 
 def _log_names(provenance: Mapping[str, Any]) -> list[str]:
@@ -254,6 +262,8 @@ def presented_document(model: Model | ArmaModel) -> dict[str, Any]:
     """
     found = arma_document(model) if isinstance(model, ArmaModel) else _document(model)
     found["logs"] = _log_names(model.provenance)
+    if diagnosed := _diagnosed(model.provenance):
+        found["diagnosed"] = diagnosed
     rounded: dict[str, Any] = _rounded(jsonable(found))
     return rounded
 
