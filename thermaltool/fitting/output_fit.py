@@ -168,7 +168,8 @@ def fit_output(
     Raises
     ------
     FitError
-        A drive or an output that never moves, fewer rows than parameters, no start with a finite error.
+        A drive or an output that never moves, fewer rows than parameters, no start with a finite
+        error.
     LogError
         A channel that a record does not have.
     """
