@@ -15,6 +15,8 @@ from typing import Literal
 
 from thermaltool.errors import UnitError
 
+# What streams call the column of words that say what a line rests on: it is no channel.
+STATUS = "status"
 # Between two samples a value is constant ("zero") or runs straight ("first"): the hold's order.
 Hold = Literal["zero", "first"]
 # What counts as zero of a channel: a value, or its first one in a log.

@@ -61,6 +61,17 @@ def test_the_extended_model_goes_on(found: api.DiagnosisReport, tmp_path: Path) 
     assert found.extended("a call").provenance["diagnosed"]["command"] == "a call"
 
 
+def test_the_extended_model_tells_its_own_errors(found: api.DiagnosisReport) -> None:
+    (simulated,) = tt.simulate(found, frame(2, -1.0)).agreements.values()
+    (output,) = found.model.outputs
+    for key in ("rmse", "rmse_zero_free", "fit_percent", "rows"):
+        assert output.fit[key] == pytest.approx(getattr(simulated, key))
+    (came_in,) = found.diagnosis.model.outputs
+    assert came_in.fit["rmse"] != pytest.approx(simulated.rmse, rel=0.01)
+    assert output.fit["noise"] == came_in.fit["noise"]
+    assert "causes from <frame>: errors are those of the model there" in str(tt.present(found))
+
+
 def test_one_log_twice_is_refused(fit: api.Calibration) -> None:
     with pytest.raises(LogError, match="the same log as"):
         tt.diagnose(fit, frame(1), validate=[frame(1)])

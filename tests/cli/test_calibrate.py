@@ -107,8 +107,8 @@ def test_kind_and_fixed_radius(thermaltool, files):
         (("--deflection", "d_xx_um"), "no column d_xx_um (near: d_x_um"),
         (("--start", 5000), "no row from"),
         (("--start", 500, "--stop", 505), "1 row"),
-        (("--stop", 90), "the drive never leaves its reference"),
-        (("--start", 200, "--stop", 230), "rows are too few for 5 parameters"),
+        (("--stop", 90), "Q_main_1 never leaves its reference"),
+        (("--start", 200, "--stop", 230), "dT_pair1_K: 4 rows are too few for 5 parameters"),
     ],
 )
 def test_refusals(thermaltool, files, options, message):

@@ -89,3 +89,19 @@ def test_resample_without_a_place_to_write(check) -> None:
     result = check("--resample", "1", log=SOUND)
     assert result.code == 2
     assert "--resample needs -o" in result.err
+
+
+def test_a_drafted_map_leaves_typos_to_be_found_and_names_what_it_leaves_out(thermaltool, tmp_path):
+    cells = [f"{20 + k / 10:.1f}" for k in range(40)]
+    cells[5], cells[20], cells[7], cells[12], cells[30] = "2O.5", "21..5", "n/a", "n/a", "1.#QNAN"
+    lines = [f"{10 * k},{cell},{k},ok" for k, cell in enumerate(cells)]
+    log, drafted = tmp_path / "bed.csv", tmp_path / "map.toml"
+    log.write_text("\n".join(["time_s,bed temp,foo_bar_zorks,note", *lines, ""]))
+    result = thermaltool("check", log, "--write-map", drafted)
+    assert result.code == 3
+    assert f"{log}:7: bed temp: not a number: '2O.5'" in result.out
+    assert f"{log}:22: bed temp: not a number: '21..5'" in result.out
+    assert f"{drafted} leaves out foo_bar_zorks (no unit known), note (text): " in result.err
+    text = drafted.read_text()
+    assert 'missing = ["n/a", "1.#QNAN"]' in text
+    assert "# typos, for check to find: '2O.5' in bed temp, '21..5' in bed temp\n" in text

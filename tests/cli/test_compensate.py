@@ -223,6 +223,8 @@ def test_models_that_cannot_run(model, change, message):
         (["--safe", "nan"], "'nan' is not hold|zero|VALUE"),
         (["--safe", "7", "--limit", ":5"], "the safe setpoint 7 is outside the limits"),
         (["--slew", "0"], "is not above 0"),
+        (["--template", "Z={offset_y_um}", "--no-header"], "lines of a template have none"),
+        (["--template", "Z={offset_y_um}", "--to", "csv"], "a format: not with --to csv"),
     ],
 )
 def test_options_that_make_no_sense(model, arguments, message):
@@ -293,6 +295,11 @@ def test_bands_late_estimates_and_what_they_rest_on(thermaltool, files):
         assert [float(each) for each in now[6:8]] == [float(each) for each in then[1:]]
     assert b"so no alarm where model and machine part" in done.stderr
     assert {line[-1] for line in lines} <= {"ok", "safe", "extrapolates", "settles"}
+    # What is written is a log like any other: its words are no channel.
+    assert "status" not in thermaltool("check", "-", stdin=done.stdout).err
+    picture = files.log.parent / "s.png"
+    drawn = thermaltool("plot", "-", "-o", picture, stdin=done.stdout)
+    assert (drawn.code, drawn.err) == (0, "")
 
 
 def test_a_kernel_has_no_late_estimates(thermaltool, files):

@@ -188,7 +188,7 @@ def test_a_sensor_that_is_dead_for_a_while(thermaltool, files):
     ("form", "options", "message"),
     [
         ("kernel", ("--smooth",), "take the Kalman form: run thermaltool regularize --form kalman"),
-        ("kalman", ("--lag", 1e7), "a lag of 1e+07 s is 1e+06 samples of 10 s: give more than 0"),
+        ("kalman", ("--lag", 1e7), "a lag of 1e+07 s is 1e+06 samples of 10 s: give 1 to"),
         ("kalman", ("--smooth", "--lag", 5), "--smooth takes all later readings"),
         ("kalman", ("--walk", "quick"), "'quick' is not likelihood|design|RATE"),
         ("kalman", ("--walk", -1), "'-1' is not likelihood|design|RATE"),

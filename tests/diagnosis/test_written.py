@@ -87,6 +87,14 @@ def test_simulate_of_the_written_file_is_what_is_told(thermaltool, folder, model
         assert row["fit_percent"] == pytest.approx(told["fit_percent"], rel=1e-9)
         free = np.sqrt(told["rmse"] ** 2 - told["mean"] ** 2)
         assert row["rmse_zero_free"] == pytest.approx(free, rel=1e-6)
+    # So is what the file tells of itself, of the log that was diagnosed.
+    found_there = thermaltool("simulate", target, folder / "bed.csv", "--json").json
+    presented = thermaltool("present", target, "--json").json[str(target)]
+    assert presented["diagnosed"] == ["bed.csv"]
+    for output in presented["outputs"]:
+        simulated = found_there[output["channel"]]
+        for key in ("rmse", "rmse_zero_free", "fit_percent", "rows"):
+            assert output[key] == pytest.approx(simulated[key], rel=1e-5)
     # Gains of the causes make one chain, from the model that came in to the file.
     chain = [c["gain"]["d_y_um"] for c in found.json["causes"] if "d_y_um" in c["gain"]]
     for one, next_one in itertools.pairwise(chain):

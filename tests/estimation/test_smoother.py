@@ -186,6 +186,6 @@ def test_pauses_do_not_pass_for_noise():
 def test_what_cannot_be_smoothed_says_so():
     with pytest.raises(LogError, match="too few to tell how fast"):
         fit_sizes(estimator(), np.arange(5.0), np.full((5, 2), np.nan))
-    for seconds in (0.0, -1.0, 1e9, np.nan):
+    for seconds in (0.0, -1.0, 0.2, 1e9, np.nan):
         with pytest.raises(ModelError, match="a lag of"):
             FixedLag(estimator(), seconds, 1.0)

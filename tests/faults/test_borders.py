@@ -281,6 +281,18 @@ def test_a_size_that_is_none(thermaltool, files, size) -> None:
     assert "--max-bytes" in result.err
 
 
+def test_a_variable_of_the_environment_is_named(thermaltool, files, monkeypatch):
+    for name, arguments in (
+        ("THERMALTOOL_MAX_BYTES", ("check", files.log)),
+        ("THERMALTOOL_CHECK_MAX_GAP", ("check", files.log)),
+    ):
+        with monkeypatch.context() as own:
+            own.setenv(name, "foo")
+            result = thermaltool(*arguments)
+        assert (result.code, result.out) == (2, "")
+        assert f"(from {name})" in result.err
+
+
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("line", ["check {}", "simulate {} LOG", "check LOG --columns {}"])
 def test_a_pipe_that_nobody_writes_to(thermaltool, files, monkeypatch, line) -> None:

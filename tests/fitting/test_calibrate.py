@@ -317,6 +317,14 @@ def test_a_drive_that_never_moves():
         fit([record])
 
 
+def test_an_output_that_does_not_change():
+    heat = np.where(UNIFORM > 60, 1.0, 0.0)
+    for constant, message in ((21.5, "is constant"), (np.nan, "has no values")):
+        record = record_of(UNIFORM, (heat,), np.full(len(heat), constant))
+        with pytest.raises(FitError, match=message):
+            fit([record])
+
+
 def test_a_drive_that_is_on_all_the_time_is_a_step():
     record = record_of(UNIFORM, (np.ones(600),), noisy(rational(UNIFORM, np.ones(600)), 0))
     assert worst_step(fit([record]), LATER[LATER > 30]) < 2 * NOISE

@@ -249,6 +249,6 @@ def test_lvm_channels_with_clocks_of_their_own(tmp_path: Path) -> None:
 
 def test_content_counts_before_the_suffix(tmp_path: Path) -> None:
     renamed = workbook(tmp_path).rename(tmp_path / "run.csv")
-    text = draft_map(str(renamed))
+    text = draft_map(str(renamed)).text
     assert 'column = ["Date", "Time"]' in text
     assert "skip = 2" in text

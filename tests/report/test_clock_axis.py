@@ -38,6 +38,17 @@ def test_seconds_since_1970_are_dates():
     assert not clock_axis(np.array([9e8, 9e8 + 60])).dated
 
 
+@pytest.mark.parametrize("span", [100.0, 230.0, 4 * 3600.0, 4 * 86400.0, 150 * 86400.0])
+def test_dates_of_any_span_have_ticks(span):
+    """Warnings are errors here: matplotlib had no interval for some spans."""
+    log = Log(
+        np.linspace(0.0, span, 50), {"T_a_degC": np.arange(50.0)}, epoch="2024-03-30T22:10:00"
+    )
+    figure = draw_log(log)
+    figure.canvas.draw()
+    assert 2 <= len(figure.axes[-1].get_xticks()) <= 8
+
+
 def test_a_log_of_one_stamp_shows_hours_and_no_years():
     log = Log(np.array([0.0]), {"T_a_degC": np.array([20.0])}, epoch="2024-01-01T10:00:00")
     (ax,) = draw_log(log).axes

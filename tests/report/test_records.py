@@ -45,6 +45,24 @@ def test_one_panel_per_unit():
         draw_log(log, ["Q_2"])
 
 
+def test_bands_are_shaded_around_their_estimates():
+    time = 10.0 * np.arange(100)
+    columns = {"Q_1": time / 990, "d_x_um": time, "sigma_Q_1": np.full(100, 0.5),
+               "sigma_d_x_um": np.full(100, 20.0)}  # fmt: skip
+    relative, moved = draw_log(make_log("e.csv", time, **columns)).axes
+    (band,) = relative.collections
+    assert texts(relative) == ["Q_1, 95 %", "Q_1"]
+    low, high = band.get_paths()[0].get_extents().intervaly
+    assert (low, high) == pytest.approx((-0.98, 1.98), abs=1e-2)
+    assert len(moved.lines) == 1
+    # A stream's, about the deflection that its setpoint cancels; alone, an error is a line.
+    stream = make_log("s.csv", time, offset_x_um=-time, **columns)
+    first, _ = draw_setpoints(stream).axes
+    low, high = first.collections[0].get_paths()[0].get_extents().intervaly
+    assert (low, high) == pytest.approx((-990 - 39.2, 39.2), abs=0.1)
+    assert texts(draw_log(stream, ["sigma_Q_1"]).axes[0]) == ["sigma_Q_1"]
+
+
 def test_no_channels():
     with pytest.raises(LogError, match="no channels besides the clock"):
         draw_log(make_log("a.csv", np.arange(3.0)))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from thermaltool.effects.convection_state import ConvectionState
 from thermaltool.errors import LogError
 from thermaltool.model import Drive, Model, Output, Term, characteristics, deviations
 from thermaltool.report.responses import (
@@ -152,3 +153,27 @@ def test_step_responses_of_two_models(model):
     assert len(texts(first)) == 1
     assert [text.split("\n")[0] for text in texts(second)] == ["a.json", "b.json"]
     assert second.get_ylabel() == "d_y_um [µm/W]"
+
+
+def test_steps_at_the_levels_of_a_loss_rate():
+    """x' = -(1/100 + r) x + u/100 has the step response 1/(1 + 100 r) with 1/(1/100 + r)."""
+    table = {"level0": 0.0, "rate0": 0.0, "level1": 8000.0, "rate1": 0.03}
+    names = [f"Q_{k}_W" for k in range(1, 8)]
+    lag = rational_kind(1, 0)
+    model = Model(
+        tuple(Drive(name, "zero", 0.0, (0.0, 1.0)) for name in names),
+        (Output("d_z_um", "deflection", "first", (0.0, 9.0)),),
+        tuple(Term(name, "d_z_um", lag(K1=1.0, tau1=100.0)) for name in names),
+        10.0,
+        effects=(ConvectionState("n_spindle_rpm", table),),
+    )
+    one = replace(model, drives=model.drives[:1], terms=model.terms[:1])
+    axes = draw_model(one, "m.json").axes[0]
+    (both,) = draw_step_responses({"m.json": one}).axes
+    (many,) = draw_model(model, "many.json").axes
+    for ax in (axes, both, many):
+        slow, fast = (line.get_ydata() for line in ax.lines[:2])
+        assert slow[-1] == pytest.approx(1.0, rel=0.02)
+        time = np.linspace(0.0, settling_time(one.terms[0].response), 600)
+        assert fast == pytest.approx(-np.expm1(-0.04 * time) / 4, abs=1e-3)
+        assert any("at 8000 rpm of n_spindle_rpm" in text for text in texts(ax))

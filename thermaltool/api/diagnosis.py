@@ -60,7 +60,7 @@ class DiagnosisReport(Result):
         return self.extended()
 
     def extended(self, command: str | None = None) -> Model:
-        """The model extended by the causes, which says in its provenance where they come from.
+        """The model extended by the causes; it tells where they come from, and its errors there.
 
         Parameters
         ----------
@@ -72,6 +72,8 @@ class DiagnosisReport(Result):
         ModelError
             A log would be worse by it.
         """
+        from thermaltool.diagnosis.written import with_agreements
+
         model = self.diagnosis.model
         if self.diagnosis.spoiled is not None:
             raise ModelError(f"{self.diagnosis.spoiled} would be worse by the extended model")
@@ -80,6 +82,7 @@ class DiagnosisReport(Result):
         made: dict[str, Any] = {"logs": [log.source for log in self.logs]}
         if command is not None:
             made["command"] = command
+        model = with_agreements(model, self.logs)
         return replace(model, provenance={**model.provenance, "diagnosed": made})
 
     def write_extended(self, target: str, came_from: str, command: str | None = None) -> None:

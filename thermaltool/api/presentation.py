@@ -46,17 +46,19 @@ class Presentation(Result):
 
     @property
     def frame(self) -> pandas.DataFrame:
-        """Gain and slowest time constant of every response with their intervals, a row each."""
+        """Gain and slowest time constant of every response with their intervals, a row each.
+
+        One for each level where it goes by levels.
+        """
         import pandas
 
-        from thermaltool.model import Model, characteristics, rate_at_level
+        from thermaltool.model import Model, at_operating_points
 
         rows = []
         for name, model in self.models.items():
             if not isinstance(model, Model):
                 continue
-            for term in model.terms:
-                each = characteristics(term, rate_at_level(model, term))
+            for _, _, each in at_operating_points(model):
                 empty = (float("nan"),) * 3
                 slowest = each.time_constants[:1]
                 rows.append((

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import click
 
 from thermaltool.cli import shared
-from thermaltool.cli.messages import DID_NOT_PASS
+from thermaltool.cli.messages import DID_NOT_PASS, warn
 from thermaltool.cli.types import POSITIVE
+
+# Columns that are left out are named, so many at most.
+MAX_NAMED = 12
 
 
 @click.command(
@@ -64,8 +68,12 @@ def command(
         if options["columns"] is not None or log == "-":
             raise click.UsageError("--write-map takes a file, and no --columns")
         shared.keep_inputs(map_file, log)
-        write_whole(draft_map(log, options["from_format"]).encode(), map_file)
+        draft = draft_map(log, options["from_format"])
+        write_whole(draft.text.encode(), map_file)
         options["columns"] = map_file
+        if draft.left_out:
+            warn(f"{map_file} leaves out {_first_of(draft.left_out)}: to read one, give it a name "
+                 "<quantity>_<place>_<unit> there")  # fmt: skip
     result = api.check(log, **options)
     report = to_json(result.document(), indent=2).rstrip() if as_json else result.table()
     click.echo(report, err=output == "-")
@@ -74,3 +82,8 @@ def command(
         write_table({"time_s": table.time, **table.columns}, output, to_format)
     if not result.passed:
         ctx.exit(DID_NOT_PASS)
+
+
+def _first_of(several: Sequence[str]) -> str:
+    more = len(several) - MAX_NAMED
+    return ", ".join(several[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")

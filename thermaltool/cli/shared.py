@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from thermaltool.cli.types import NUMBER, POSITIVE, InputPath
 from thermaltool.documents import check_folder
@@ -17,6 +18,12 @@ from thermaltool.logs.formats import FORMATS, READABLE
 from thermaltool.units import Reference
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def is_given(option: str) -> bool:
+    """Whether an option of the running command was typed, or is in the environment."""
+    source = click.get_current_context().get_parameter_source(option)
+    return source in (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
 
 
 log_argument: Decorator = click.argument("log", type=InputPath(), default="-")

@@ -141,8 +141,10 @@ def settings_of(options: dict[str, Any], **changed: Any) -> Settings:
     if options.get("as_json"):
         changed["to_format"] = "ndjson"
     if (template := options.get("template")) is not None:
-        if options.get("to_format", "csv") not in (None, "csv", "template") or options["no_header"]:
-            raise click.UsageError("--template has neither --to of another format nor a header")
+        if shared.is_given("to_format") and options["to_format"] != "template":
+            raise click.UsageError(f"--template is a format: not with --to {options['to_format']}")
+        if options["no_header"]:
+            raise click.UsageError("--no-header is for CSV: lines of a template have none")
         changed["to_format"] = "template"
         changed["status"] = changed.get("status") or "{status" in template
     if options.get("no_header"):

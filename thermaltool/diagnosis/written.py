@@ -18,13 +18,15 @@ from thermaltool.diagnosis.readings import as_readings, hidden_noise
 from thermaltool.diagnosis.simulation import Mask, SimulatedLogs
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
-from thermaltool.model import Model
+from thermaltool.model import Model, agreements
 from thermaltool.record import Record
 from thermaltool.signals.agreement import Agreement, agreement
 from thermaltool.signals.detrend import difference_sigma
 
 # The zero of a sensor moves from so many times the RMS of what else is left.
 MIN_ZERO_MOVE = 5.0
+# What the fit of an output in a model file says of how it agrees with logs.
+FIT_STATISTICS = ("rmse", "rmse_zero_free", "max_error", "fit_percent", "rows")
 
 
 @dataclass(frozen=True)
@@ -174,6 +176,27 @@ def rezeroed(model: Model, logs: Sequence[Record], masked: Mask) -> Model:
             if np.min(np.abs(off)) > least:
                 o = replace(o, offset=o.offset + float(np.mean(off)))
         outputs.append(o)
+    return replace(model, outputs=tuple(outputs))
+
+
+def with_agreements(model: Model, logs: Sequence[Record]) -> Model:
+    """The model with the errors that `simulate` finds in logs, in place of those of its making.
+
+    An output that no log has tells none: what it was before is that of another model.
+
+    Parameters
+    ----------
+    model : Model
+    logs : sequence of Record
+    """
+    outputs = []
+    for o in model.outputs:
+        judged = [log for log in logs if o.channel in log.columns and not cannot_run(model, log)]
+        kept = {key: value for key, value in o.fit.items() if key not in FIT_STATISTICS}
+        if judged:
+            found = agreements(model, judged, [o])[o.channel].document()
+            kept |= {key: found[key] for key in FIT_STATISTICS if found[key] is not None}
+        outputs.append(replace(o, fit=kept))
     return replace(model, outputs=tuple(outputs))
 
 

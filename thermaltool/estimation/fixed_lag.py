@@ -56,21 +56,22 @@ class FixedLag:
     Parameters
     ----------
     estimator : KalmanEstimator
-    lag : float [s], above 0
+    lag : float [s]
+        A sample or more.
     period : float [s]
         The expected sample length.
 
     Raises
     ------
     ModelError
-        A lag of more rows than `MAX_LAG_ROWS`.
+        A lag of less than a row, or of more than `MAX_LAG_ROWS`.
     """
 
     def __init__(self, estimator: KalmanEstimator, lag: float, period: float) -> None:
-        if not 0 < lag / period <= MAX_LAG_ROWS:
+        if not 1 <= round(lag / period, 6) <= MAX_LAG_ROWS:
             raise ModelError(
-                f"a lag of {lag:g} s is {lag / period:.3g} samples of {period:g} s: give more than "
-                f"0 and at most {MAX_LAG_ROWS}"
+                f"a lag of {lag:g} s is {lag / period:.3g} samples of {period:g} s: give 1 to "
+                f"{MAX_LAG_ROWS}"
             )
         self._estimator, self._lag = estimator, round(lag / CLOCK_STEP)
         self._period = max(round(period / CLOCK_STEP), 1)

@@ -93,18 +93,20 @@ class OutputFit:
         return self.covariance[np.ix_(own, own)], names
 
 
-def check_records(records: Sequence[Record], drives: Sequence[Drive]) -> None:
+def check_records(records: Sequence[Record], drives: Sequence[Drive], output: str) -> None:
     """Refuse records that say nothing of a response.
 
     Parameters
     ----------
     records : sequence of Record
     drives : sequence of Drive
+    output : str
+        Channel.
 
     Raises
     ------
     FitError
-        Fewer than two rows; a drive that never moves.
+        Fewer than two rows; a drive, or an output, that never moves.
     LogError
         A channel that a record does not have.
     """
@@ -114,7 +116,13 @@ def check_records(records: Sequence[Record], drives: Sequence[Drive]) -> None:
     for drive in drives:
         inputs = [relative(r.column(drive.channel), drive.reference, drive.hold) for r in records]
         if not any(np.any(u) for u in inputs):
-            raise FitError("the drive never leaves its reference: nothing to fit")
+            others = "; leave it out" if len(drives) > 1 else ""
+            raise FitError(f"{drive.channel} never leaves its reference: nothing to fit{others}")
+    readings = [y[np.isfinite(y)] for y in (record.column(output) for record in records)]
+    if not any(len(y) for y in readings):
+        raise FitError(f"{output} has no values: there is nothing to fit")
+    if not any(np.any(y != y[0]) for y in readings if len(y)):
+        raise FitError(f"{output} is constant: there is nothing to fit")
 
 
 def fit_output(
@@ -160,11 +168,12 @@ def fit_output(
     Raises
     ------
     FitError
-        A drive that never moves, fewer rows than parameters, no start with a finite error.
+        A drive or an output that never moves, fewer rows than parameters, no start with a finite
+        error.
     LogError
         A channel that a record does not have.
     """
-    check_records(records, drives)
+    check_records(records, drives, output)
     classes = tuple(response_class(kind) for kind in kinds)
     constants = tuple({k: (fixed or {}).get(k, v) for k, v in c.fixed.items()} for c in classes)
     if delays is not None:
@@ -178,7 +187,7 @@ def fit_output(
     rows = len(problem.measured)
     unknowns = problem.unknowns(parametrization)
     if rows <= unknowns:
-        raise FitError(f"{rows} rows are too few for {unknowns} parameters")
+        raise FitError(f"{output}: {rows} rows are too few for {unknowns} parameters")
 
     duration = max(record.duration for record in records)
     period = min(record.period for record in records)

@@ -98,7 +98,7 @@ def choose_response(
     tuple of KindCandidate
         By their number of parameters; none where the rows are too few to compare.
     """
-    check_records(records, drives)
+    check_records(records, drives, output)
     if sum(len(record) for record in records) < MIN_ROWS * len(drives):
         return ()
     task = KindSearch(

@@ -29,6 +29,8 @@ SEPARATORS = ("\t", ";", "|", ",")
 MIN_NUMBERS = 0.6
 MAX_WORDS = 6
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
+# Letters that are typed in place of digits.
+_LOOK_ALIKE = str.maketrans("OoIlSB", "001158")
 _NAME_KEYS = ("sensor", "name", "topic", "channel", "id", "sensor_id", "key", "device")
 _VALUE_KEYS = ("value", "val", "reading", "v", "temperature", "temp")
 
@@ -42,8 +44,27 @@ class _Draft:
     notes: dict[str, str] = field(default_factory=dict)
 
 
-def draft_map(source: str, from_format: str | None = None) -> str:
-    """A column map for a log, as the text of a TOML file.
+@dataclass(frozen=True)
+class DraftedMap:
+    """A column map for a log.
+
+    Attributes
+    ----------
+    text : str
+        The TOML file.
+    left_out : tuple of str
+        Columns that it leaves out, each with its reason.
+    typos : tuple of str
+        Cells that are no words for a missing value, each with its column: a check finds them.
+    """
+
+    text: str
+    left_out: tuple[str, ...]
+    typos: tuple[str, ...]
+
+
+def draft_map(source: str, from_format: str | None = None) -> DraftedMap:
+    """A column map for a log.
 
     Parameters
     ----------
@@ -157,18 +178,21 @@ def _messages(table: Table) -> SensorMessages | None:
     return SensorMessages(names[0], values[0]) if repeats else None
 
 
-def _written(file: str, draft: _Draft, table: Table) -> str:
-    """The map as text."""
+def _written(file: str, draft: _Draft, table: Table) -> DraftedMap:
+    """The map as text, and what it leaves out."""
     mapping = draft.mapping
     cells = table.cells(["text"] * len(table.names))
     texts: dict[str, list[str | None]] = {}
     numbers: dict[str, Array] = {}
     words: list[str] = list(mapping.dialect.missing)
+    typos: list[str] = []
     for name, column in zip(table.names, cells.values, strict=True):
         values, odd = _as_numbers(column, mapping.dialect.decimal)  # type: ignore[arg-type]
         if np.isfinite(values).mean() >= MIN_NUMBERS or (not odd and not texts.get(name)):
             numbers[name] = values
-            words += [word for word in odd if word not in words]
+            mistyped = [word for word, times in odd.items() if times == 1 and _is_typo(word)]
+            typos += [f"{word!r} in {name}" for word in mistyped]
+            words += [word for word in odd if word not in words and word not in mistyped]
         elif odd and len(odd) <= MAX_WORDS and mapping.messages and np.isfinite(values).any():
             numbers[name] = values
         else:
@@ -186,21 +210,37 @@ def _written(file: str, draft: _Draft, table: Table) -> str:
     lines = [f"# Drafted from {_quoted(file)[1:-1]}: look at each guess.", *_head_lines(mapping)]
     if words:
         lines.append(f"missing = {json.dumps(words, ensure_ascii=False)}  # words amid numbers")
+    if typos:
+        lines.append(f"# typos, for check to find: {_in_a_comment(', '.join(typos))}")
     if mapping.messages is not None:
         lines += ["", "[messages]  # one sensor each", f"name = {_quoted(mapping.messages.name)}"]
         lines.append(f"value = {_quoted(mapping.messages.value)}")
     lines += ["", "[time]", *_clock_lines(clock, reason), "", "[columns]"]
     taken: set[str] = set()
+    left_out: list[str] = []
     # A name that is there twice can be mapped once.
     for name in dict.fromkeys(table.names):
         if name not in clock.columns:
-            lines.append(_column_line(name, draft.units.get(name, ""), texts, numbers, taken))
-    return "\n".join(lines) + "\n"
+            line, reason = _column_line(name, draft.units.get(name, ""), texts, numbers, taken)
+            lines.append(line)
+            left_out += [f"{name} ({reason})"] if reason else []
+    return DraftedMap("\n".join(lines) + "\n", tuple(left_out), tuple(typos))
 
 
-def _as_numbers(column: Sequence[str | None], decimal: str) -> tuple[Array, list[str]]:
-    """The numbers of a column, NaN where there is none, and the words between them."""
-    values, odd = np.full(len(column), np.nan), {}
+def _in_a_comment(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _is_typo(word: str) -> bool:
+    """Whether a cell would be a number with look-alikes put right or one character less."""
+    digits = [word, word.translate(_LOOK_ALIKE)]
+    tries = [*digits, *(each[:k] + each[k + 1 :] for each in digits for k in range(len(each)))]
+    return any(c.isdigit() for c in word) and any(_NUMBER.fullmatch(each) for each in tries)
+
+
+def _as_numbers(column: Sequence[str | None], decimal: str) -> tuple[Array, Counter[str]]:
+    """The numbers of a column, NaN where there is none, and the words between them, counted."""
+    values, odd = np.full(len(column), np.nan), Counter[str]()
     for k, cell in enumerate(column):
         word = (cell or "").strip()
         if not word:
@@ -208,11 +248,11 @@ def _as_numbers(column: Sequence[str | None], decimal: str) -> tuple[Array, list
         try:
             number = float(word.replace(decimal, "."))
         except ValueError:
-            odd[word] = True
+            odd[word] += 1
             continue
         if np.isfinite(number):
             values[k] = number
-    return values, list(odd)
+    return values, odd
 
 
 def _seconds(
@@ -274,14 +314,16 @@ def _column_line(
     texts: Mapping[str, Sequence[str | None]],
     numbers: Mapping[str, Array],
     taken: set[str],
-) -> str:
+) -> tuple[str, str]:
+    """The line of a column, and why it leaves the column out; empty where it does not."""
     if name in texts:
-        return f"{_quoted(name)} = false  # text"
+        return f"{_quoted(name)} = false  # text", "text"
     guess = guess_channel(name, unit, numbers[name])
     if guess.name is None:
-        return f"{_quoted(name)} = false  # {guess.reason}"
+        why = "no unit known" if np.isfinite(numbers[name]).any() else "no numbers"
+        return f"{_quoted(name)} = false  # {guess.reason}", why
     own = distinct(guess.name, taken)
     if guess.unit is None:
-        return f"{_quoted(name)} = {_quoted(own)}  # {guess.reason}"
+        return f"{_quoted(name)} = {_quoted(own)}  # {guess.reason}", ""
     entry = f"{{ name = {_quoted(own)}, unit = {_quoted(guess.unit)} }}"
-    return f"{_quoted(name)} = {entry}  # {guess.reason}"
+    return f"{_quoted(name)} = {entry}  # {guess.reason}", ""

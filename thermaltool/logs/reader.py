@@ -29,7 +29,7 @@ from thermaltool.logs.table import (
 )
 from thermaltool.logs.time_stamps import iso_clock, joined_stamps
 from thermaltool.record import Array, Record, hint
-from thermaltool.units import UNITS, clock_unit, names, parse_channel
+from thermaltool.units import STATUS, UNITS, clock_unit, names, parse_channel
 
 if TYPE_CHECKING:
     import pandas
@@ -244,7 +244,7 @@ def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:
             kinds[i] = "text" if clock.unit == "iso" else "number"
             continue
         rename = mapping.rename(name)
-        if rename is None:
+        if rename is None or rename.name == STATUS:
             continue
         if rename.name in taken:
             fault(f"two columns are mapped to {rename.name}", name)

@@ -2,9 +2,12 @@
 
 from thermaltool.model.characteristics import (
     Characteristics,
+    OperatingPoint,
+    at_operating_points,
     characteristics,
     deviations,
-    rate_at_level,
+    operating_points,
+    step_at_rate,
 )
 from thermaltool.model.document import (
     Drive,
@@ -55,6 +58,7 @@ __all__ = [
     "Excursion",
     "Model",
     "ModelRecursion",
+    "OperatingPoint",
     "Output",
     "Role",
     "Start",
@@ -64,6 +68,7 @@ __all__ = [
     "acting_drives",
     "acting_effects",
     "agreements",
+    "at_operating_points",
     "away_from_rest",
     "beside",
     "characteristics",
@@ -75,7 +80,7 @@ __all__ = [
     "from_rest",
     "loads",
     "only_sensors",
-    "rate_at_level",
+    "operating_points",
     "read_outputs",
     "relative",
     "rest_level",
@@ -83,6 +88,7 @@ __all__ = [
     "simulate_response",
     "started_outputs",
     "state_rates",
+    "step_at_rate",
     "sum_terms",
     "term_input",
     "to_document",

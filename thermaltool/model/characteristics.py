@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from thermaltool.effects.convection_state import ConvectionState
 from thermaltool.errors import ModelError
 from thermaltool.model.document import Model, Term
+from thermaltool.responses import Response
 from thermaltool.signals.intervals import Estimate, log_normal_estimate, normal_estimate
 from thermaltool.units import parse_channel, per, printed
 
@@ -114,25 +115,88 @@ def characteristics(term: Term, rate: float = 0.0) -> Characteristics:
     )
 
 
-def rate_at_level(model: Model, term: Term) -> float:
-    """By how much the modes of a term decay faster at the level of its band [1/s].
+@dataclass(frozen=True)
+class OperatingPoint:
+    """A level at which a response is told, and by how much all modes decay faster there.
+
+    Attributes
+    ----------
+    channel : str
+        Whose level it is; empty where the response goes by none.
+    level : float [unit of the channel]
+    rate : float [1/s]
+    """
+
+    channel: str = ""
+    level: float = 0.0
+    rate: float = 0.0
+
+
+def operating_points(model: Model, term: Term) -> tuple[OperatingPoint, ...]:
+    """Where a term is told: at the level of its band, or at each at which heat is lost faster.
 
     Parameters
     ----------
     model : Model
     term : Term
-        Without a band: 0.
+
+    Returns
+    -------
+    tuple of OperatingPoint
+        One without a channel where the term goes by no level.
     """
-    if term.band is None:
-        return 0.0
-    rest = {d.channel: d.reference for d in model.drives}.get(term.band.channel, 0.0)
-    at = term.band.levels[term.band.index] + (0.0 if isinstance(rest, str) else rest)
-    return sum(
-        float(np.interp(at, *effect.table))
+    tables = [
+        (effect.channel, effect.table)
         for effect in model.effects
-        if isinstance(effect, ConvectionState) and effect.channel == term.band.channel
-        and not effect.log and effect.table is not None
-    )  # fmt: skip
+        if isinstance(effect, ConvectionState) and not effect.log and effect.table is not None
+    ]
+    if term.band is None:
+        return tuple(
+            OperatingPoint(channel, level, rate)
+            for channel, table in tables[:1]
+            for level, rate in zip(*table, strict=True)
+        ) or (OperatingPoint(),)
+    channel, level = term.band.channel, term.band.levels[term.band.index]
+    rest = {d.channel: d.reference for d in model.drives}.get(channel, 0.0)
+    at = level + (0.0 if isinstance(rest, str) else rest)
+    rates = (float(np.interp(at, *table)) for own, table in tables if own == channel)
+    return (OperatingPoint(channel, level, sum(rates)),)
+
+
+def at_operating_points(model: Model) -> list[tuple[Term, OperatingPoint, Characteristics]]:
+    """Characteristics of all terms at all their operating points.
+
+    Without intervals where a rate acts at a level that the term has not been fitted at: that of
+    the rate is not among the term's own.
+
+    Parameters
+    ----------
+    model : Model
+    """
+    found = []
+    for term in model.terms:
+        for point in operating_points(model, term):
+            own = replace(term, covariance=None) if point.rate and term.band is None else term
+            found.append((term, point, characteristics(own, point.rate)))
+    return found
+
+
+def step_at_rate(response: Response, time: NDArray[Any], rate: float) -> NDArray[Any]:
+    """Unit step response where all modes decay faster by a rate: ∫ h(τ) exp(−rτ) dτ.
+
+    Parameters
+    ----------
+    response : Response
+    time : ndarray, shape (n,) [s]
+        From 0 on, so fine that a straight line joins the step response at them.
+    rate : float [1/s]
+    """
+    step = np.asarray(response.step(time))
+    if not rate:
+        return step
+    slowed = step * np.exp(-rate * time)
+    areas = np.diff(time) * (slowed[1:] + slowed[:-1]) / 2
+    return slowed + rate * np.append(0.0, np.cumsum(areas))
 
 
 def deviations(term: Term, of: Callable[[Any], NDArray[Any]]) -> NDArray[Any]:

@@ -21,6 +21,8 @@ _TIME_UNITS = ((600.0, "s", 1.0), (4 * 3600.0, "min", 60.0), (np.inf, "h", 3600.
 # Seconds between these count from 1970: they are dates of 2001 to 2128.
 EPOCH_SECONDS = (1e9, 5e9)
 HOUR, DAY = 3600.0, 86400.0
+# Ticks of an axis of dates. Where more must be there, matplotlib has no interval for some spans.
+MIN_TICKS, MAX_TICKS = 2, 8
 
 
 @dataclass(frozen=True)
@@ -47,13 +49,13 @@ class ClockAxis:
         """Times [s] as places on the axis, ndarray (n,)."""
         return time / self.per + self.offset
 
-    def mark(self, ax: Axes, ticks: int = 8) -> None:
-        """Name the axis; where it is dated, its ticks are dates, so many at most."""
+    def mark(self, ax: Axes, ticks: int = MAX_TICKS) -> None:
+        """Name the axis; where it is dated, its ticks are dates, so many at most (5 or more)."""
         ax.set(xlabel=self.label)
         if self.dated:
             from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-            locator = AutoDateLocator(maxticks=ticks)
+            locator = AutoDateLocator(minticks=MIN_TICKS, maxticks=ticks)
             ax.xaxis.set_major_locator(locator)
             first, last = ax.dataLim.intervalx
             if first == last:  # one moment, about which a figure would show years

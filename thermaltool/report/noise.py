@@ -243,7 +243,7 @@ def draw_figure(
         _draw_allan(row[1], curves)
         _draw_spectrum(row[2], curves)
     _finish(figure, rows, [name for name in results if name not in noisy])
-    axis.mark(bottom[0], ticks=4)
+    axis.mark(bottom[0], ticks=5)
     bottom[1].set(xlabel="averaging time τ [s]")
     bottom[2].set(xlabel="frequency [Hz]")
     return figure

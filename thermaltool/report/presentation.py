@@ -10,7 +10,15 @@ from typing import Any
 
 from thermaltool.documents import jsonable
 from thermaltool.effects import Effect
-from thermaltool.model import Characteristics, Model, Output, Term, characteristics, rate_at_level
+from thermaltool.effects.convection_state import ConvectionState
+from thermaltool.model import (
+    Characteristics,
+    Model,
+    OperatingPoint,
+    Output,
+    Term,
+    at_operating_points,
+)
 from thermaltool.report.orders import arma_document, fit_table
 from thermaltool.report.style import channel_unit, with_unit
 from thermaltool.report.text import aligned
@@ -35,19 +43,14 @@ def presented(model: Model | ArmaModel) -> str:
     """
     if isinstance(model, ArmaModel):
         return fit_table(model)
-    parts = [
-        _origin(model),
-        _outputs(model),
-        responses_table(
-            [characteristics(term, rate_at_level(model, term)) for term in model.terms],
-            model.terms,
-        ),
-    ]
+    parts = [_origin(model), _outputs(model), _responses(model)]
     parts.extend(
-        f"gains and time constants at a level are with the loss rate there; others change with "
-        f"{effect.channel} (convection_state)"
+        f"gains and time constants change with {effect.channel} (convection_state)"
+        if effect.table is None
+        else f"gains and time constants at a level of {effect.channel} are with the loss rate "
+        "there (convection_state)"
         for effect in model.effects
-        if effect.name == "convection_state"
+        if isinstance(effect, ConvectionState)
     )
     if model.effects:
         parts.append(_effects(model.effects))
@@ -69,7 +72,15 @@ def _origin(model: Model) -> str:
     lines = [f"driven by {drives}", f"one row every {duration(model.sample_period)}"]
     if logs := _log_names(model.provenance):
         lines.append(f"from {', '.join(logs)}")
+    if diagnosed := _diagnosed(model.provenance):
+        lines.append(f"causes from {', '.join(diagnosed)}: errors are those of the model there")
     return "\n".join(lines)
+
+
+def _diagnosed(provenance: Mapping[str, Any]) -> list[str]:
+    """Logs that a diagnosis extended the model by, on which its errors are told."""
+    made = provenance.get("diagnosed")
+    return _log_names(made) if isinstance(made, dict) else []
 
 
 def _log_names(provenance: Mapping[str, Any]) -> list[str]:
@@ -116,14 +127,26 @@ def _fit(output: Output) -> dict[str, float | None]:
     }
 
 
-def responses_table(found: Sequence[Characteristics], terms: Sequence[Term] = ()) -> str:
+def _responses(model: Model) -> str:
+    told = at_operating_points(model)
+    terms, points = [term for term, _, _ in told], [point for _, point, _ in told]
+    return responses_table([found for _, _, found in told], terms, points)
+
+
+def responses_table(
+    found: Sequence[Characteristics],
+    terms: Sequence[Term] = (),
+    points: Sequence[OperatingPoint] = (),
+) -> str:
     """One row per response: gain, time constants and oscillations with intervals, delay.
 
     Parameters
     ----------
     found : sequence of Characteristics
     terms : sequence of Term, optional
-        Of each its kind is told, and its level where it is one of a schedule.
+        Of each its kind is told.
+    points : sequence of OperatingPoint, optional
+        Of each term the level at which it is told.
     """
     own = ["response"] if terms else []
     rows = [["drive", "output", *own, "static gain", "", "time constants"]]
@@ -135,7 +158,7 @@ def responses_table(found: Sequence[Characteristics], terms: Sequence[Term] = ()
             [
                 each.drive,
                 each.output,
-                *([_kind(terms[k])] if terms else []),
+                *([f"{terms[k].response.kind}{at_level(points[k])}"] if terms else []),
                 f"{each.gain.value:.4g} {each.gain.unit}".strip(),
                 _interval(each.gain),
                 ", ".join(told),
@@ -146,11 +169,16 @@ def responses_table(found: Sequence[Characteristics], terms: Sequence[Term] = ()
     return aligned(rows)
 
 
-def _kind(term: Term) -> str:
-    if term.band is None:
-        return term.response.kind
-    level = with_unit(term.band.levels[term.band.index], channel_unit(term.band.channel))
-    return f"{term.response.kind}, at {level} of {term.band.channel}"
+def at_level(point: OperatingPoint) -> str:
+    """A level in words, behind the kind of a response; empty where there is none.
+
+    Parameters
+    ----------
+    point : OperatingPoint
+    """
+    if not point.channel:
+        return ""
+    return f", at {with_unit(point.level, channel_unit(point.channel))} of {point.channel}"
 
 
 def _oscillations(found: Characteristics) -> list[str]:
@@ -254,6 +282,8 @@ def presented_document(model: Model | ArmaModel) -> dict[str, Any]:
     """
     found = arma_document(model) if isinstance(model, ArmaModel) else _document(model)
     found["logs"] = _log_names(model.provenance)
+    if diagnosed := _diagnosed(model.provenance):
+        found["diagnosed"] = diagnosed
     rounded: dict[str, Any] = _rounded(jsonable(found))
     return rounded
 
@@ -267,7 +297,10 @@ def _document(model: Model) -> dict[str, Any]:
             | {key: value for key, value in _fit(o).items() if value is not None}
             for o in model.outputs
         ],
-        "responses": [_response(term, rate_at_level(model, term)) for term in model.terms],
+        "responses": [
+            each.document() | ({"level": point.level} if point.channel else {})
+            for _, point, each in at_operating_points(model)
+        ],
     }
     if model.effects:
         found["effects"] = [
@@ -285,11 +318,6 @@ def _document(model: Model) -> dict[str, Any]:
             "band": _bands(model.design),
         }
     return found
-
-
-def _response(term: Term, rate: float) -> dict[str, Any]:
-    level = {} if term.band is None else {"level": term.band.levels[term.band.index]}
-    return {**characteristics(term, rate).document(), **level}
 
 
 def _rounded(value: Any) -> Any:

@@ -6,7 +6,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from thermaltool.errors import LogError
+from thermaltool.estimation.batch import SIGMA
 from thermaltool.logs import Log
 from thermaltool.report.clock_axis import record_axis
 from thermaltool.report.style import (
@@ -16,9 +19,12 @@ from thermaltool.report.style import (
     choose,
     legend_beside,
     panels,
+    plain,
     quantity_label,
     trace_record,
+    visible,
 )
+from thermaltool.signals.intervals import NORMAL_95
 from thermaltool.units import parse_channel
 
 if TYPE_CHECKING:
@@ -58,13 +64,17 @@ def draw_setpoints(log: Log, channels: Sequence[str] = ()) -> Figure:
     names = choose(log.columns, channels, log.name)
     setpoints = [name for name in names if name.startswith(SETPOINT)]
     followed = [deflection_of(name) for name in setpoints]
-    units = _by_unit([n for n in names if n not in setpoints and n not in followed])
+    drawn = [name for name in followed if name in log.columns]
+    beside = {*setpoints, *followed, *(SIGMA + name for name in drawn)}
+    units = _by_unit([name for name in names if name not in beside])
     count = len(setpoints) + len(units)
     figure, axes = panels(f"Setpoints, {Path(log.name).name}", [1.0] * count, 1.0 + 2.4 * count)
     for ax, name, deflection in zip(axes, setpoints, followed, strict=False):
         if deflection in log.columns:
             negative = -log.columns[deflection]
             label = f"−{deflection}, estimated"
+            if SIGMA + deflection in names:
+                _draw_band(ax, log, deflection, MEASURED, -1.0)
             trace_record(ax, log, negative, color=MEASURED, lw=2.5, label=label)
         trace_record(ax, log, log.columns[name], color=COMPUTED, label=name)
         ax.set(ylabel=quantity_label(parse_channel(name).unit))
@@ -81,11 +91,29 @@ def deflection_of(setpoint: str) -> str:
 
 def _draw_units(axes: Iterable[Axes], log: Log, units: dict[str, list[str]]) -> None:
     for ax, (unit, names) in zip(axes, units.items(), strict=True):
-        for k, name in enumerate(names):
-            look = {"color": CYCLE[k % len(CYCLE)], "ls": ("-", "--", ":")[k // len(CYCLE) % 3]}
-            trace_record(ax, log, log.columns[name], label=name, **look)
+        for k, name in enumerate(n for n in names if _estimate_of(n) not in names):
+            color = CYCLE[k % len(CYCLE)]
+            if SIGMA + name in names:
+                _draw_band(ax, log, name, color)
+            trace_record(ax, log, log.columns[name], label=name, color=color,
+                         ls=("-", "--", ":")[k // len(CYCLE) % 3])  # fmt: skip
         ax.set(ylabel=quantity_label(unit))
         legend_beside(ax)
+
+
+def _estimate_of(name: str) -> str:
+    """The estimate of which a channel is the standard error; empty where it is none."""
+    return name.removeprefix(SIGMA) if name.startswith(SIGMA) else ""
+
+
+def _draw_band(ax: Axes, log: Log, name: str, color: str, sign: float = 1.0) -> None:
+    """The 95 % interval of an estimate, shaded."""
+    value, half = sign * log.columns[name], NORMAL_95 * log.columns[SIGMA + name]
+    time, low = visible(log.time, value - half, log.segments)
+    other, high = visible(log.time, value + half, log.segments)
+    high = np.interp(time, other[np.isfinite(other)], high[np.isfinite(other)])
+    ax.fill_between(record_axis(log).of(time), low, high, color=color, alpha=0.25, lw=0,
+                    label=plain(f"{name}, 95 %"))  # fmt: skip
 
 
 def _by_unit(names: Sequence[str]) -> dict[str, list[str]]:

@@ -9,9 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thermaltool.model import Model, Term, characteristics, deviations
+from thermaltool.effects.convection_state import ConvectionState
+from thermaltool.model import (
+    Model,
+    OperatingPoint,
+    Term,
+    characteristics,
+    deviations,
+    operating_points,
+    step_at_rate,
+)
 from thermaltool.report.clock_axis import time_unit
-from thermaltool.report.presentation import duration, with_interval
+from thermaltool.report.presentation import at_level, duration, with_interval
 from thermaltool.report.style import (
     COMPUTED,
     CYCLE,
@@ -65,49 +74,66 @@ def draw_model(model: Model, name: str, channels: Sequence[str] = ()) -> Figure:
         f"Responses of {Path(name).name}{_without(model)}", 14.0, 0.6 + 3.6 * len(terms)
     )
     rows = figure.subfigures(len(terms), 1, squeeze=False)[:, 0]
-    span = max(settling_time(term.response) for term in terms)
+    span = _span(model, terms)
     for row, term in zip(rows.tolist(), terms, strict=True):
-        _draw_term(row, term, span, model.sample_period)
+        _draw_term(row, term, operating_points(model, term), span, model.sample_period)
     return figure
 
 
 def _without(model: Model) -> str:
     """What the drawn responses leave out, for a title."""
-    left = dict.fromkeys(e.channel for e in model.effects if e.name == "convection_state")
+    left = dict.fromkeys(
+        e.channel for e in model.effects if isinstance(e, ConvectionState) and e.table is None
+    )
     return f", without the change of the loss rate by {', '.join(left)}" if left else ""
 
 
-def _draw_term(figure: SubFigure, term: Term, span: float, period: float) -> None:
-    found = characteristics(term)
+def _span(model: Model, terms: Sequence[Term]) -> float:
+    """A time within which all step responses settle, at all levels at which they are told [s]."""
+    return max(
+        settling_time(term.response, point.rate)
+        for term in terms
+        for point in operating_points(model, term)
+    )
+
+
+def _draw_term(figure: SubFigure, term: Term, points: Sequence[OperatingPoint], span: float,
+               period: float) -> None:  # fmt: skip
+    """One row: steps at every level, the frequency response and the poles at the first."""
+    first = points[0]
+    found = characteristics(term, first.rate)
     known = [with_interval(each) for each in found.time_constants]
     told = [f"gain {found.gain}", *known]
     if found.delay.value:
         told.append(f"delay {with_interval(found.delay)}")
-    level = ""
-    if term.band is not None:
-        unit = channel_unit(term.band.channel)
-        level = f", at {term.band.levels[term.band.index]:.4g} {unit} of {term.band.channel}"
+    level = at_level(first)
     heading = f"{term.drive} → {term.output}  ({found.kind}{level}): {', '.join(told[:3])}"
     figure.suptitle(plain(heading), x=0.01, ha="left", fontsize=11)
     grid = figure.add_gridspec(2, 3, width_ratios=(1.2, 1.0, 0.9))
     step, magnitude = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
     phase = figure.add_subplot(grid[1, 1], sharex=magnitude)
-    _draw_step(step, term, span)
-    _draw_bode(magnitude, phase, term, period)
-    _draw_poles(figure.add_subplot(grid[:, 2]), term)
+    _draw_step(step, term, points, span)
+    _draw_bode(magnitude, phase, term, first.rate, period)
+    _draw_poles(figure.add_subplot(grid[:, 2]), term, first.rate)
 
 
-def _draw_step(ax: Axes, term: Term, span: float) -> None:
+def _draw_step(ax: Axes, term: Term, points: Sequence[OperatingPoint], span: float) -> None:
     time = np.linspace(0.0, span, 600)
     label, length = time_unit(span)
-    step, unit = term.response.step(time), _gain_unit(term.drive, term.output)
-    half = NORMAL_95 * np.linalg.norm(deviations(term, lambda each: each.step(time)), axis=-1)
+    first, *others = points
+    step, half = _step_and_band(term, time, first.rate)
+    unit = _gain_unit(term.drive, term.output)
     if term.covariance is not None:
         hidden = ", within the line" if half.max() < MIN_BAND_SHARE * np.ptp(step) else ""
         ax.fill_between(time / length, step - half, step + half, color=MEASURED, alpha=0.6, lw=0,
                         label=f"95 %, ± {half.max():.2g} {unit} at most{hidden}")  # fmt: skip
-    ax.plot(time / length, step, color=COMPUTED, label="unit step")
-    ax.axhline(term.response.dc_gain(), color=MARK, lw=0.8, ls="--", label="steady state")
+    ax.plot(time / length, step, color=COMPUTED, label=plain(f"unit step{at_level(first)}"))
+    for k, point in enumerate(others):
+        ax.plot(time / length, step_at_rate(term.response, time, point.rate),
+                color=CYCLE[1 + k % (len(CYCLE) - 1)], ls=("--", ":", "-.")[k % 3],
+                label=plain(at_level(point).removeprefix(", ")))  # fmt: skip
+    gain = characteristics(term, first.rate).gain.value
+    ax.axhline(gain, color=MARK, lw=0.8, ls="--", label="steady state")
     ax.set(title="Step response", ylabel=f"{plain(term.output)} [{unit}]",
            xlabel=f"time since the step [{label}]")  # fmt: skip
     ax.legend(loc="best", fontsize=8)
@@ -118,11 +144,11 @@ def _gain_unit(drive: str, output: str) -> str:
     return printed(per(parse_channel(output).unit, parse_channel(drive).unit)) or "1"
 
 
-def _draw_bode(top: Axes, bottom: Axes, term: Term, period: float) -> None:
+def _draw_bode(top: Axes, bottom: Axes, term: Term, rate: float, period: float) -> None:
     """Magnitude in the unit of the gain, and phase, over the frequency."""
     response = term.response
     frequency = np.geomspace(0.02 / response.slowest(), 0.5 / period, 400) / (2 * np.pi)
-    s = np.asarray(2j * np.pi * frequency, complex)
+    s = np.asarray(rate + 2j * np.pi * frequency, complex)
     value = response.transfer(s)
     size = np.abs(value)
     if not size.max() > 0:
@@ -154,20 +180,20 @@ def _draw_bode(top: Axes, bottom: Axes, term: Term, period: float) -> None:
     bottom.set(xlabel="frequency [Hz]", ylabel="phase [°]")
 
 
-def _draw_poles(ax: Axes, term: Term) -> None:
+def _draw_poles(ax: Axes, term: Term, rate: float) -> None:
     """Poles and zeros in the plane of s; both axes logarithmic but about zero."""
     ax.set(title="Poles and zeros", xlabel="real part [1/s]", ylabel="imaginary part [1/s]")
     found = poles_and_zeros(term.response)
     if found is None:
         say(ax, "heat conduction acts on all time scales:\nno finite number of poles")
         return
-    poles, zeros = found
+    poles, zeros = (each - rate for each in found)
     for label, style, color, values in (("poles", "x", COMPUTED, poles),
                                         ("zeros", "o", ERROR, zeros)):  # fmt: skip
         if len(values):
             ax.plot(values.real, values.imag, style, ms=8, mew=1.8, mfc="none", color=color,
                     label=label)  # fmt: skip
-    for each in characteristics(term).time_constants:
+    for each in characteristics(term, rate).time_constants:
         if each.high > each.low:
             ax.plot([-1 / each.low, -1 / each.high], [0, 0], color=COMPUTED, lw=4, alpha=0.3)
     ax.axvline(0.0, color=MARK, lw=0.8)
@@ -226,11 +252,20 @@ def poles_and_zeros(response: Response) -> tuple[Any, Any] | None:
     return poles, np.roots(np.trim_zeros(whole, "f"))
 
 
-def settling_time(response: Response) -> float:
-    """A time after which the step response stays within 2 % of its largest value [s]."""
-    time = np.geomspace(1e-4, 10.0, 400) * response.slowest() + getattr(response, "delay", 0.0)
-    step = response.step(time)
-    away = np.flatnonzero(np.abs(step - response.dc_gain()) > 0.02 * np.max(np.abs(step)))
+def settling_time(response: Response, rate: float = 0.0) -> float:
+    """A time after which the step response stays within 2 % of its largest value [s].
+
+    Parameters
+    ----------
+    response : Response
+    rate : float, optional [1/s]
+        By which all modes decay faster.
+    """
+    slowest = 1 / max(1 / response.slowest() + rate, 1e-3 / response.slowest())
+    time = np.geomspace(1e-4, 10.0, 400) * slowest + getattr(response, "delay", 0.0)
+    step = step_at_rate(response, time, rate)
+    gain = float(response.transfer(np.array([rate + 0j]))[0].real) if rate else response.dc_gain()
+    away = np.flatnonzero(np.abs(step - gain) > 0.02 * np.max(np.abs(step)))
     last = min(int(away[-1]) + 1, len(time) - 1) if len(away) else 0
     return float(1.2 * time[last])
 
@@ -241,17 +276,18 @@ def _draw_together(model: Model, name: str, outputs: Sequence[str]) -> Figure:
     title += _without(model)
     figure, axes = panels(title, [1.0] * len(outputs), 1.0 + 4.4 * len(outputs))
     sizes = {d.channel: max(d.range, key=abs) for d in model.drives}
-    span = max(settling_time(t.response) for t in model.terms if t.output in outputs)
+    span = _span(model, [term for term in model.terms if term.output in outputs])
     time, (label, length) = np.linspace(0.0, span, 600), time_unit(span)
     for ax, output in zip(axes, outputs, strict=True):
         terms = [term for term in model.terms if term.output == output]
         terms.sort(key=lambda t: -abs(t.response.dc_gain() * sizes[t.drive]))
-        for k, term in enumerate(terms):
+        told_at = [(term, point) for term in terms for point in operating_points(model, term)]
+        for k, (term, point) in enumerate(told_at):
             size = sizes[term.drive]
-            color, told = CYCLE[k % len(CYCLE)], f"{size:+.3g} {channel_unit(term.drive)}"
-            step = size * term.response.step(time)
-            of = partial(_scaled_step, time, size)
-            half = NORMAL_95 * np.linalg.norm(deviations(term, of), axis=-1)
+            color = CYCLE[k % len(CYCLE)]
+            told = f"{size:+.3g} {channel_unit(term.drive)}{at_level(point)}"
+            step, half = (size * each for each in _step_and_band(term, time, point.rate))
+            half = np.abs(half)
             ax.fill_between(time / length, step - half, step + half, color=color, alpha=0.15, lw=0)
             ax.plot(time / length, step, color=color, ls=("-", "--", ":")[k // len(CYCLE) % 3],
                     label=plain(f"{term.drive}, {told}"))  # fmt: skip
@@ -263,8 +299,11 @@ def _draw_together(model: Model, name: str, outputs: Sequence[str]) -> Figure:
     return figure
 
 
-def _scaled_step(time: Array, size: float, response: Any) -> Array:
-    return np.asarray(size * response.step(time))
+def _step_and_band(term: Term, time: Array, rate: float) -> tuple[Array, Array]:
+    """Unit step response, and half of its 95 % band."""
+    of = partial(step_at_rate, time=time, rate=rate)
+    half = NORMAL_95 * np.linalg.norm(deviations(term, of), axis=-1)
+    return of(term.response), np.asarray(half)
 
 
 def draw_step_responses(models: Mapping[str, Model], channels: Sequence[str] = ()) -> Figure:
@@ -282,8 +321,11 @@ def draw_step_responses(models: Mapping[str, Model], channels: Sequence[str] = (
         if t.output == o
     )  # fmt: skip
     figure, axes = panels("Step responses", [1.0] * len(places), 0.8 + 2.8 * len(places))
-    drawn = [t for m in models.values() for t in m.terms if (t.drive, t.output) in places]
-    span = max(settling_time(term.response) for term in drawn)
+    drawn = {
+        name: [t for t in model.terms if (t.drive, t.output) in places]
+        for name, model in models.items()
+    }
+    span = max(_span(models[name], own) for name, own in drawn.items() if own)
     time, (label, length) = np.linspace(0.0, span, 600), time_unit(span)
     for ax, (drive, output) in zip(axes, places, strict=True):
         for k, (name, model) in enumerate(models.items()):
@@ -291,17 +333,19 @@ def draw_step_responses(models: Mapping[str, Model], channels: Sequence[str] = (
                 "color": CYCLE[k % len(CYCLE)],
                 "ls": ("-", "--", ":", "-.")[k % 4],
             }
-            for term in model.terms:
-                if (term.drive, term.output) != (drive, output):
-                    continue
-                step = term.response.step(time)
-                half = NORMAL_95 * np.linalg.norm(
-                    deviations(term, partial(_step_of, time)), axis=-1
-                )
+            told_at = [
+                (term, point)
+                for term in model.terms
+                if (term.drive, term.output) == (drive, output)
+                for point in operating_points(model, term)
+            ]
+            for term, point in told_at:
+                step, half = _step_and_band(term, time, point.rate)
                 ax.fill_between(time / length, step - half, step + half, color=look["color"],
                                 alpha=0.25, lw=0)  # fmt: skip
-                gain = characteristics(term).gain
-                told = f"{gain.value:.4g} {gain.unit}, {duration(term.response.slowest())}"
+                each = characteristics(term, point.rate)
+                tau = 1 / (1 / term.response.slowest() + point.rate)
+                told = f"{each.gain.value:.4g} {each.gain.unit}, {duration(tau)}{at_level(point)}"
                 ax.plot(time / length, step, **look,
                         label=plain(f"{name}\n{told}"))  # fmt: skip
         ax.set(title=plain(f"{drive} → {output}, bands 95 %"),
@@ -309,7 +353,3 @@ def draw_step_responses(models: Mapping[str, Model], channels: Sequence[str] = (
         legend_beside(ax)
     axes[-1].set(xlabel=f"time since the step [{label}]")
     return figure
-
-
-def _step_of(time: Array, response: Any) -> Array:
-    return np.asarray(response.step(time))

@@ -141,7 +141,8 @@ def quantity_label(unit: str) -> str:
 
 def with_unit(value: float, unit: str) -> str:
     """A number of three digits and its printed unit; a ratio has none."""
-    return f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
+    told = f"{float(f'{value:.3g}'):g}"  # 8000 rather than 8e+03
+    return told if unit == "1" else f"{told} {unit}"
 
 
 def channel_unit(channel: str) -> str:

@@ -225,6 +225,38 @@ def test_levels_lie_where_the_log_stays():
     assert set(room._levels(SPEED, 5)) == {0.0, 2000.0, 4000.0, 8000.0}
 
 
+def spindle(generator, speeds, rest=180, period=20.0):
+    """A head that its spindle warms, and whose loss rises with its speed, in Euler steps."""
+    speed, warm, found = np.repeat(np.array(speeds, float), rest), 0.0, []
+    for n in speed:
+        found.append(warm)
+        for _ in range(10):
+            warm += period / 10 * (0.06 * n - (8.0 + 0.0035 * n) * warm) / 20000.0
+    time, noise = period * np.arange(len(speed)), generator.standard_normal((2, len(speed)))
+    warm = np.array(found)
+    return pd.DataFrame({"time_s": time, SPEED: speed, "T_head_degC": 22 + warm + 0.02 * noise[0],
+                         "d_z_um": 2 + 0.9 * warm + 0.05 * noise[1]})  # fmt: skip
+
+
+def test_a_spindle_that_runs_fastest_late_in_its_log(tmp_path):
+    generator = np.random.default_rng(20261125)
+    # The rows that forms are first fitted to know nothing of 8000 rpm.
+    log = spindle(generator, [0, 2000, 0, 4000, 2000, 4000, 0, 8000, 2000, 8000, 0])
+    found = tt.identify(log, [SPEED], ["T_head_degC", "d_z_um"], structure="lpv", warn=quiet)
+    assert found.fits[0].model.form.levels[-1] == 8000.0
+    assert min(fit.training.fit_percent for fit in found.fits) > 98.0
+    # A speed between the levels.
+    other = spindle(generator, [0, 6000, 0, 6000, 3000, 0])
+    run = tt.simulate(found, other, warn=quiet).agreements
+    assert run["T_head_degC"].rmse < 0.03
+    assert run["d_z_um"].rmse_zero_free < 0.07
+    still, fast = (row for row in tt.present(found).frame.reset_index().to_dict("records")
+                   if row["output"] == "T_head_degC")  # fmt: skip
+    assert (still["gain"], still["slowest_s"]) == pytest.approx((0.06 / 8, 20000 / 8), rel=0.02)
+    assert (fast["gain"], fast["slowest_s"]) == pytest.approx((0.06 / 36, 20000 / 36), rel=0.02)
+    assert "at 8000 rpm of n_main_rpm" in str(tt.present(found))
+
+
 def test_shares_count_from_what_the_channel_counts_from():
     form = LpvForm(1, SPEED, (20.0, 120.0), gain=True, delays=(0,), rest=20.0)
     assert form.bands()[1].levels == (0.0, 100.0)

@@ -113,7 +113,8 @@ def choose_form(
     data.check()
     budget = budget or SearchBudget()
     split = choice_rows(data).split(FITTED_SHARE)
-    room = _Room(split.fitted, references, tuple(level_counts), modes)
+    # Levels of inputs tell nothing of the outputs held out, and hold for all rows.
+    room = _Room(data, references, tuple(level_counts), modes)
 
     def fit(each: Lpv, part: TrainingData) -> Lpv:
         if part is split.fitted:
