@@ -93,3 +93,20 @@ def test_records_that_were_not_read_are_told_apart_by_their_samples(fit: api.Cal
     assert after[channel].iloc[-1] == pytest.approx(calm[channel].iloc[-1], abs=0.5)
     with pytest.raises(LogError, match="the same log"):
         tt.diagnose(fit, [first, first], warn=lambda message: None)
+
+
+def test_a_drive_that_is_a_million_times_too_large_is_judged() -> None:
+    """A log in other units than its names say: some causes cannot be followed there."""
+
+    def both(seed: int, times: float) -> pd.DataFrame:
+        own = frame(seed)
+        rng = np.random.default_rng([20261125, seed])
+        rise = 10 * -np.expm1(-np.maximum(TIME - 60, 0) / 150) * (TIME >= 60)
+        own["T_head_degC"] = 22 + rise + 0.02 * rng.standard_normal(len(TIME))
+        return own.assign(Q_motor_W=times * own["Q_motor_W"])
+
+    kinds = {"d_z_um": "rational1", "T_head_degC": "rational1"}
+    model = tt.calibrate(both(1, 1.0), ["Q_motor_W"], sensors=["T_head_degC"],
+                         deflections=["d_z_um"], kinds=kinds, linear=True)  # fmt: skip
+    found = tt.diagnose(model, both(2, 1e6), warn=lambda message: None)
+    assert not found.adequate

@@ -127,3 +127,31 @@ def test_what_cannot_be_evaluated():
     for place in ("W", "X:", "X:5degC", "X:inf", "X:five"):
         with pytest.raises(ValueError, match=r"d_p_um=|not a|no "):
             parse_probe("d_p_um", place)
+
+
+def test_labels_follow_the_order_that_was_given():
+    frame = pd.DataFrame(
+        {"time_s": TIME, "d_a_um": 10.0 * (TIME > 60), "d_b_um": 30.0 * (TIME > 60)}
+    )
+    for places in ({"d_a_um": "X:150mm", "d_b_um": "X:50mm"}, {"d_a_um": "X:50mm", "d_b_um": "X"}):
+        run = tt.iso230(frame, probes=places, test="axis").runs[0]
+        whole = {each.quantity: each.estimate.value for each in run.figures if each.time is None}
+        assert (whole["X1"], whole["X2"]) == pytest.approx((10.0, 30.0), abs=0.1)
+        assert ("X1-X2" in whole) == (places["d_b_um"] == "X:50mm")
+    both = {"d_a_um": "X:150mm", "d_b_um": "X:50mm"}
+    (tilted,) = tt.iso230(frame, probes=both, test="spindle").runs
+    tilts = [each.estimate.value for each in tilted.figures if each.quantity == "B"]
+    assert tilts[-1] == pytest.approx(200.0, rel=0.02)
+
+
+def test_what_is_not_there_is_noted():
+    time = TIME[:300]
+    frame = pd.DataFrame({"time_s": time, "d_x1_um": 0.01 * time, "d_z_um": 0.01 * time})
+    speed, _, tilt = tt.iso230(frame, test="spindle").notes
+    assert speed.startswith("no column of a speed: the whole log is one run")
+    assert tilt.startswith("no tilt B from X: one probe alone; two at known distances give one")
+    two = frame.assign(n_a_rpm=100.0, n_b_rpm=50.0, d_x2_um=time)
+    speed, _, tilt = tt.iso230(two).notes
+    assert speed.startswith("speeds n_a_rpm, n_b_rpm, and none is chosen: the whole log is eval")
+    assert tilt.startswith("no tilt B from X: distances are not given")
+    assert len(tt.iso230(frame, test="etve", probes={"d_z_um": "Z"}).notes) == 1

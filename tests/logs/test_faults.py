@@ -137,6 +137,22 @@ def test_a_machine_is_no_fault(machine, resolution, seed):
         assert not found_rows(log_of(values)), size
 
 
+@pytest.mark.parametrize("late", [0, 1, 2])
+def test_what_a_command_makes_is_no_spike(late):
+    """Dwells of two rows, that come five times, and two spikes beside them."""
+    moved, offset = np.zeros(ROWS), noise(5)
+    for k in (60, 150, 410, 700, 980):
+        moved[k : k + 2] = 1.0
+        offset[k + late : k + late + 2] += 8.0
+    offset[500] += 8.0
+    offset[1200:1202] += 8.0
+    # A command that changes all the time, and one that steps but once near a spike, make none.
+    switched, step = (TIME // 30) % 2, np.where(TIME < 5000, 0.0, 50.0)
+    columns = {"n_axis_rpm": moved, "Q_bed_W": switched, "Q_main_W": step, "d_z_um": offset}
+    log = Record(TIME, columns, segments(TIME))
+    assert found_rows(log) == {500, 1200, 1201}
+
+
 def test_commands_may_leap_for_a_row():
     values = np.where(np.arange(ROWS) % 311 == 5, 85.0, 0.0)
     assert not found_rows(log_of(values, "Q_main_W"))

@@ -149,3 +149,29 @@ def test_late_estimates_count_the_rows_without_readings():
             monitor.step(TICKS, y[k] * (np.nan if k in lost else 1.0), True)
         (late[name],) = monitor.values([5000.0])
     assert late["lost"] == pytest.approx(late["whole"], rel=0.1)
+
+
+def test_a_sensor_that_is_left_out_is_not_used():
+    y = readings(Wall(), 400, np.random.default_rng(46))
+    found = {}
+    for held in (0.0, 40.0, None):
+        monitor = Monitor(wall_estimator(), DESIGN, DT, lambda *each: None, bands=True, lag=30.0)
+        monitor.start(y[0], False)
+        late = []
+        for k in range(1, 400):
+            out = {0} if held is not None and 100 <= k < 300 else set()
+            now = [held, y[k][1]] if out else y[k]
+            monitor.step(TICKS, now, not out, out)
+            sigma, own = monitor.values([5000.0])
+            late.append(own)
+            assert sigma == pytest.approx(np.hypot(100.0, 100.0)) or (out and sigma > 150.0)
+            if k == 200:  # a restart amid it
+                kept = json.loads(json.dumps(monitor.state()))
+                monitor.resume(kept)
+        found[held] = np.array(late)
+    assert found[0.0].tolist() == found[40.0].tolist()
+    # As the back alone says it, and soon as both when the front is there again.
+    alone = fixed_lag(wall_estimator(1), DT * np.arange(400), y[:, 1:], 30.0)[186:286, 0]
+    own, both = (each[200:300] for each in (found[0.0], found[None]))
+    assert np.std(own - alone) < 0.1 * np.std(both) < 0.5 * np.std(own - both)
+    np.testing.assert_allclose(found[0.0][-30:], found[None][-30:], rtol=0.01)

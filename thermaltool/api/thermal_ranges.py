@@ -17,6 +17,7 @@ from thermaltool.signals.thermal_tests import (
     AXES,
     SHORTEST_RUN,
     TESTS,
+    TILTS,
     Evaluation,
     Probe,
     ProbeNoise,
@@ -167,13 +168,14 @@ def iso230(
         )
     log = read(data, warn=warn, **reading).between(start, stop)
     chosen = _probes(log, probes)
-    speed = _speed(log, speed, test)
+    speed, speed_notes = _speed(log, speed, test)
     test = test or ("spindle" if speed else "etve")
     if test not in TESTS:
         raise ValueError(f"no test {test!r}: there are {', '.join(TESTS)}")
     if test == "etve":
         speed = None
     noises, notes = _noises(log, chosen, noise)
+    notes = (*speed_notes, *notes, *_without_tilt(chosen, test))
     whole = [slice(0, len(log))]
     parts = whole if speed is None else constant_stretches(log.column(speed), SHORTEST_RUN)
     evaluation = Evaluation(test, quantities_of(chosen, test), noises, average)
@@ -225,15 +227,38 @@ def _probes(log: Log, given: Mapping[str, str] | Sequence[Probe]) -> tuple[Probe
     places = [(p.axis, p.distance) for p in found if p.distance is not None]
     if len({p.channel for p in found}) < len(found) or len(set(places)) < len(places):
         raise ValueError("two probes are the same channel, or at the same place")
-    return tuple(sorted(found, key=lambda p: (p.axis, p.distance or 0.0)))
+    # X1 is the probe along X that was named first.
+    return tuple(sorted(found, key=lambda p: p.axis))
 
 
-def _speed(log: Log, given: str | None, test: Test | None) -> str | None:
+def _speed(log: Log, given: str | None, test: Test | None) -> tuple[str | None, tuple[str, ...]]:
+    """The channel by which runs are told apart, and a note where there is none."""
     if given is not None:
         log.column(given)
-        return given
+        return given, ()
     speeds = [name for name in log.columns if parse_channel(name).dimension == "speed"]
-    return speeds[0] if len(speeds) == 1 and test != "etve" else None
+    if test == "etve" or (test is None and not speeds):
+        return None, ()
+    if len(speeds) == 1:
+        return speeds[0], ()
+    found = f"speeds {', '.join(speeds)}, and none is chosen" if speeds else "no column of a speed"
+    what = "evaluated as etve" if test is None else "one run, taken to move from its first row on"
+    return None, (f"{found}: the whole log is {what} (--speed CHANNEL, --start, --stop)",)
+
+
+def _without_tilt(probes: Sequence[Probe], test: Test) -> tuple[str, ...]:
+    """A note on axes of which there is no tilt, or no expansion."""
+    notes = []
+    for axis in dict.fromkeys(p.axis for p in probes if test == "axis" or p.axis in TILTS):
+        own = [p for p in probes if p.axis == axis]
+        if sum(p.distance is not None for p in own) < 2:
+            what = "expansion along" if test == "axis" else f"tilt {TILTS[axis][0]} from"
+            why = "one probe alone" if len(own) == 1 else "distances are not given"
+            notes.append(
+                f"no {what} {axis}: {why}; two at known distances give one "
+                f"(--probe {own[0].channel}={axis}:50mm --probe OTHER={axis}:150mm)"
+            )
+    return tuple(notes)
 
 
 def _noises(

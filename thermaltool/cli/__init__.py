@@ -183,14 +183,15 @@ def _end_by_signals() -> None:
             signal.signal(number, lambda number, frame: sys.exit(128 + number))
 
 
-def _name_variable(error: click.ClickException) -> None:
-    """Name the environment variable that a bad value of an option comes from."""
+def _with_variable(error: click.ClickException) -> click.ClickException:
+    """The error, with the environment variable that a bad value of an option comes from."""
     ctx, param = (getattr(error, name, None) for name in ("ctx", "param"))
     if not (isinstance(error, click.BadParameter) and ctx and param and param.name):
-        return
-    if ctx.get_parameter_source(param.name) is click.core.ParameterSource.ENVIRONMENT:
-        prefix = f"{ctx.auto_envvar_prefix}_{param.name.upper()}"
-        error.message = f"{error.message} (from {param.envvar or prefix})"
+        return error
+    if ctx.get_parameter_source(param.name) is not click.core.ParameterSource.ENVIRONMENT:
+        return error
+    own = param.envvar or f"{ctx.auto_envvar_prefix}_{param.name.upper()}"
+    return click.BadParameter(f"{error.message} (from {own})", ctx, param)
 
 
 def main() -> None:
@@ -208,8 +209,7 @@ def main() -> None:
     except click.exceptions.Exit as stop:
         code = stop.exit_code
     except click.ClickException as error:
-        _name_variable(error)
-        error.show()
+        _with_variable(error).show()
         code = error.exit_code
     except (KeyboardInterrupt, click.Abort):
         click.echo(f"{name}: interrupted", err=True)

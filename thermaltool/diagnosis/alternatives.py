@@ -29,6 +29,7 @@ from thermaltool.diagnosis.result import Alternative, Tried
 from thermaltool.diagnosis.select import Ranking, trials
 from thermaltool.effects import CATALOGUE, effect_class
 from thermaltool.effects.effect import Effect
+from thermaltool.errors import ModelError
 
 # A rival that leaves more than half of a cause's power unexplained is no other name for it, but a
 # second cause if it is named beside it [deg].
@@ -237,10 +238,17 @@ def _unseen(information: InformationMatrix) -> Iterator[Effect]:
     for several in places.values():
         middle = len(several) // 2
         ordered = [several[middle], *several[:middle], *several[middle + 1 :]]
-        if not any(
-            information.shows(hypothesis.simulation.displacement(trial)) for trial in ordered
-        ):
+        if not any(_shows(information, trial) for trial in ordered):
             yield ordered[0]
+
+
+def _shows(information: InformationMatrix, trial: Effect) -> bool:
+    """Whether these logs show a trial; what runs away in them does not hide."""
+    try:
+        caused = information.hypothesis.simulation.displacement(trial)
+    except ModelError:
+        return True
+    return information.shows(caused)
 
 
 def _alternative(

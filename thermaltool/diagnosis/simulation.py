@@ -16,12 +16,12 @@ from thermaltool.model import (
     acting_drives,
     away_from_rest,
     drive_rests,
-    from_rest,
     read_outputs,
     relative,
     rest_shifts,
     started_outputs,
     sum_terms,
+    zero_of,
 )
 from thermaltool.model.initial_state import start_decays
 from thermaltool.model.simulate import acting_effects, dead_times
@@ -103,7 +103,8 @@ class SimulatedLogs:
         """Outputs of each log as measured, relative to rest."""
         return [
             {
-                o.channel: from_rest(log, o, simulated[o.channel])
+                o.channel: log.columns[o.channel]
+                - zero_of(log.time, log.columns[o.channel], simulated[o.channel], o.offset).value
                 for o in self.model.outputs
                 if o.channel in log.columns
             }

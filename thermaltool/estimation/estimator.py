@@ -153,6 +153,19 @@ class KalmanEstimator(LinearEstimator):
         P = space.predicted()
         return P, space.filter_gain(P)
 
+    def first_state(self, dt: float, readings: Float, settled: bool) -> Float:
+        """State at the first readings, shape (n,): at rest, or settled at them.
+
+        Parameters
+        ----------
+        dt : float [s]
+        readings : ndarray, shape (n_sensors,)
+        settled : bool
+        """
+        if settled:
+            return self.recursion(dt).settled(readings)
+        return np.zeros(len(self.state_space(dt).F))
+
     def start_covariance(self, dt: float, level: Sequence[float], settled: bool) -> Float:
         """Covariance of the state at a first reading, of which nothing is known but the start.
 

@@ -8,8 +8,10 @@ between. Batch and stream run the same code row by row. It needs numpy alone.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,8 @@ from thermaltool.responses.sample_clock import CLOCK_STEP
 MAX_LAG_ROWS = 20_000
 # Sample lengths whose matrices are kept.
 MAX_CACHED_LENGTHS = 64
+# A sensor that is left out has so many times its noise: its reading says nothing.
+LOST_NOISE = 1e4
 
 
 @dataclass(frozen=True)
@@ -42,12 +46,21 @@ class _SteadySample:
 
 @dataclass(frozen=True)
 class _Row:
-    """A row that waits: since when [clock steps], its sample's length, prediction, innovation."""
+    """A row that waits: since when [clock steps], its sample's length, prediction, innovation.
+
+    ``lost`` are sensors that were left out of it.
+    """
 
     at: int
     ticks: int
     predicted: Float
     innovation: Float
+    lost: tuple[int, ...] = ()
+
+    @property
+    def kind(self) -> tuple[int, tuple[int, ...]]:
+        """What its matrices go by."""
+        return self.ticks, self.lost
 
 
 class FixedLag:
@@ -82,7 +95,7 @@ class FixedLag:
         self._now, self._even = 0, 0
         self._x = np.zeros(len(self._sample(self._period).F))
 
-    def _of_ticks(self, ticks: int) -> _SteadySample:
+    def _of_ticks(self, ticks: int, lost: tuple[int, ...] = ()) -> _SteadySample:
         dt = ticks * CLOCK_STEP
         # As `KalmanEstimator` has it: solved for on a grid, but for the expected length.
         near = (
@@ -90,14 +103,15 @@ class FixedLag:
             if ticks == self._period
             else float(np.exp(round(np.log(dt) / GAIN_GRID) * GAIN_GRID))
         )
-        space, (P, G) = self._estimator.state_space(dt), self._estimator.steady(near)
+        estimator = without_readings(self._estimator, lost)
+        space, (P, G) = estimator.state_space(dt), estimator.steady(near)
         S = space.H @ P @ space.H.T + space.R
         told = np.asarray(np.linalg.solve(S, space.H).T)
         return _SteadySample(space.F, space.H, space.C, G, told, P @ space.C.T)
 
-    def _of_even_rows(self, ticks: int, rows: int) -> Float:
+    def _of_even_rows(self, ticks: int, lost: tuple[int, ...], rows: int) -> Float:
         """Weights of `rows` innovations of one sample length, shape (n_estimates, rows·p)."""
-        sample = self._sample(ticks)
+        sample = self._sample(ticks, lost)
         L = sample.F - sample.F @ sample.G @ sample.H
         weights, M = [], sample.PC.T
         for _ in range(rows):
@@ -114,28 +128,31 @@ class FixedLag:
         settled : bool
         """
         first = self._sample(self._period)
-        self._x = np.zeros(len(first.F))
-        if settled:
-            self._x = self._estimator.recursion(self._period * CLOCK_STEP).settled(readings)
+        self._x = self._estimator.first_state(self._period * CLOCK_STEP, readings, settled)
         self._now, self._even = 0, 1
         self._rows = deque([_Row(0, self._period, first.C @ self._x, np.zeros(len(readings)))])
 
-    def step(self, ticks: int, readings: Float) -> None:
+    def step(self, ticks: int, readings: Float, lost: Collection[int] = ()) -> None:
         """Take the readings after a sample of `ticks` clock steps.
 
         Parameters
         ----------
         ticks : int
         readings : ndarray, shape (n_sensors,)
+        lost : collection of int
+            Sensors whose readings do not count.
         """
-        sample = self._sample(ticks)
+        own = tuple(sorted(lost))
+        sample = self._sample(ticks, own)
         a = sample.F @ self._x
         v = readings - sample.H @ a
+        v[list(own)] = 0.0
         self._x = a + sample.G @ v
         self._now += ticks
-        same = self._rows and ticks == self._rows[-1].ticks
+        row = _Row(self._now, ticks, sample.C @ a, v, own)
+        same = self._rows and row.kind == self._rows[-1].kind
         self._even = self._even + 1 if same else 1
-        self._rows.append(_Row(self._now, ticks, sample.C @ a, v))
+        self._rows.append(row)
 
     @property
     def due(self) -> bool:
@@ -146,11 +163,11 @@ class FixedLag:
         """The estimates of the oldest row that waits, shape (n_estimates,)."""
         rows, first = self._rows, self._rows[0]
         if self._even >= len(rows):
-            late = self._taps(first.ticks, len(rows)) @ np.concatenate(
+            late = self._taps(*first.kind, len(rows)) @ np.concatenate(
                 [row.innovation for row in rows]
             )
         else:
-            late = self._adjoint() @ self._sample(first.ticks).PC
+            late = self._adjoint() @ self._sample(*first.kind).PC
         rows.popleft()
         return np.asarray(first.predicted + late)
 
@@ -168,7 +185,7 @@ class FixedLag:
         """r ← Hᵀ S⁻¹ v + Lᵀ r over the rows that wait, the newest first."""
         r, carried = np.zeros(len(self._x)), None
         for row in reversed(self._rows):
-            sample = self._sample(row.ticks)
+            sample = self._sample(*row.kind)
             if carried is not None:
                 kept = carried.T @ r
                 r = kept - sample.H.T @ (sample.G.T @ kept)
@@ -179,7 +196,13 @@ class FixedLag:
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
         rows = [
-            [row.at - self._now, row.ticks, row.predicted.tolist(), row.innovation.tolist()]
+            [
+                row.at - self._now,
+                row.ticks,
+                row.predicted.tolist(),
+                row.innovation.tolist(),
+                list(row.lost),
+            ]
             for row in self._rows
         ]
         return [self._x.tolist(), rows]
@@ -197,15 +220,39 @@ class FixedLag:
         if state.shape != self._x.shape or not np.isfinite(state).all():
             raise ValueError("not a state of this smoother")
         sample = self._sample(self._period)
-        kept = [_Row(int(at), int(ticks), np.array(p, float), np.array(v, float))
-                for at, ticks, p, v in rows]  # fmt: skip
+        kept = [
+            _Row(int(at), int(ticks), np.array(p, float), np.array(v, float),
+                 tuple(int(k) for k in chain.from_iterable(lost)))
+            for at, ticks, p, v, *lost in rows
+        ]  # fmt: skip
         for row in kept:
             sizes = row.predicted.shape + row.innovation.shape
-            if sizes != (len(sample.C), len(sample.H)) or row.at > 0 or row.ticks <= 0:
+            strange = any(not 0 <= k < len(sample.H) for k in row.lost)
+            if sizes != (len(sample.C), len(sample.H)) or row.at > 0 or row.ticks <= 0 or strange:
                 raise ValueError("not a state of this smoother")
         self._x, self._now, self._rows = state, 0, deque(kept)
-        same = [row.ticks == kept[-1].ticks for row in reversed(kept)]
+        same = [row.kind == kept[-1].kind for row in reversed(kept)]
         self._even = same.index(False) if False in same else len(kept)
+
+
+def without_readings(estimator: KalmanEstimator, lost: Collection[int]) -> KalmanEstimator:
+    """The estimator of the same states that takes nothing from some sensors.
+
+    The same one where they are all: no reading is left to be weighed otherwise.
+
+    Parameters
+    ----------
+    estimator : KalmanEstimator
+    lost : collection of int
+        Sensors.
+    """
+    if not 0 < len(lost) < len(estimator.noise):
+        return estimator
+    noise = tuple(
+        replace(each, white=LOST_NOISE * each.white) if k in lost else each
+        for k, each in enumerate(estimator.noise)
+    )
+    return replace(estimator, noise=noise)
 
 
 def fixed_lag(

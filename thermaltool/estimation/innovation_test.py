@@ -109,9 +109,7 @@ class InnovationTest:
         readings : ndarray, shape (n_sensors,)
         settled : bool
         """
-        self._x[:] = 0.0
-        if settled:
-            self._x = self._filter.recursion(self._period * CLOCK_STEP).settled(readings)
+        self._x = self._filter.first_state(self._period * CLOCK_STEP, readings, settled)
         self._blind = 0
         self.nis = self.drift = 1.0
 

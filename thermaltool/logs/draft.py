@@ -228,7 +228,7 @@ def _written(file: str, draft: _Draft, table: Table) -> DraftedMap:
 
 
 def _in_a_comment(text: str) -> str:
-    return " ".join(text.split())
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def _is_typo(word: str) -> bool:

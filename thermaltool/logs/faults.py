@@ -52,6 +52,9 @@ MAX_BESIDE_SHARE, NOISE_SHARE = 0.2, 0.3
 # fifths of them at even intervals and of one size, within the range of the other readings.
 MAX_SPIKE_SHARE = 0.1
 MIN_RECURRING, MAX_UNEVEN = 8, 0.2
+# A commanded channel that changes in at most this share of its rows, and both leaves its level and
+# comes back so few rows before each end of a spike or at it, has made the spike.
+MAX_CHANGES_SHARE, ROWS_BEFORE = 0.1, 2
 
 Mask = NDArray[np.bool_]
 AnyRecord = TypeVar("AnyRecord", bound=Record)
@@ -127,11 +130,14 @@ def spikes(record: Record, channel: str, rows: NDArray[np.intp]) -> Iterator[Fau
     found: list[Fault] = []
     sizes: list[float] = []
     others = values.copy()
+    changes = _commanded_changes(record, channel)
     for part in record.segments:
         low, high = np.searchsorted(rows, (part.start, part.stop))
         inside = rows[low:high]
         for start, stop, size in _spikes(values[inside], MIN_SPIKE_STEPS * typical):
             run = inside[start:stop]
+            if any(_makes(rows_of, run) for rows_of in changes):
+                continue
             found.append(Fault(channel, run, values[run], "spike", f"{size:.3g}"))
             sizes.append(size)
             others[run] = np.nan
@@ -141,6 +147,30 @@ def spikes(record: Record, channel: str, rows: NDArray[np.intp]) -> Iterator[Fau
     starts = np.array([fault.rows[0] for fault in found])
     if found and not many and not _recur(np.array(sizes), starts, float(np.ptp(others))):
         yield from found
+
+
+def _commanded_changes(record: Record, channel: str) -> list[NDArray[np.intp]]:
+    """Of each channel that is commanded the rows in which it has another value than before."""
+    found = []
+    for name, values in record.columns.items():
+        try:
+            commanded = name != channel and parse_channel(name).quantity not in MEASURED
+        except UnitError:
+            continue
+        if commanded:
+            rows = np.flatnonzero(np.diff(values) != 0) + 1
+            if 0 < len(rows) <= MAX_CHANGES_SHARE * len(values):
+                found.append(rows)
+    return found
+
+
+def _makes(changes: NDArray[np.intp], run: NDArray[np.intp]) -> bool:
+    """Whether a channel that changes in these rows does so at both ends of a spike."""
+    ends = (run[0], run[-1] + 1)
+    near = (changes[(changes >= end - ROWS_BEFORE) & (changes <= end)] for end in ends)
+    first, last = near
+    # Two changes, not one that is near both ends.
+    return bool(len(first) and len(last) and last.max() > first.min())
 
 
 def _recur(sizes: Array, starts: NDArray[np.intp], reach: float) -> bool:

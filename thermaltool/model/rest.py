@@ -26,7 +26,7 @@ from thermaltool.responses.modes import Float, Hold
 from thermaltool.units import Reference, is_absolute
 
 if TYPE_CHECKING:
-    from thermaltool.model.document import Model, Output
+    from thermaltool.model.document import Model
 
 
 # Share of what the model moves in a log up to which a row counts as a first one. In any case so
@@ -162,21 +162,6 @@ def beside(measured: Float, estimated: Float) -> Float:
     measured, estimated : ndarray, shape (n,) [unit of the channel]
     """
     return measured - rest_level(measured - estimated, "first")
-
-
-def from_rest(record: Record, output: Output, simulated: Float) -> Float:
-    """An output as measured, relative to rest, shape (n,).
-
-    Parameters
-    ----------
-    record : Record
-        With the output, NaN where missing.
-    output : Output
-    simulated : ndarray, shape (n,)
-        Relative to rest.
-    """
-    values = record.column(output.channel)
-    return values - zero_of(record.time, values, simulated, output.offset).value
 
 
 def drive_rests(model: Model, record: Record) -> dict[str, float]:

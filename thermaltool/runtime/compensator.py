@@ -255,7 +255,8 @@ class SetpointProcess(Process):
         if self._started:
             estimates = self.stepper.step(ticks, inputs)
             if self._monitor is not None:
-                self._monitor.step(ticks, inputs, self.status not in UNTESTED)
+                good = self.status not in UNTESTED
+                self._monitor.step(ticks, inputs, good, self.stepper.out)
             self.estimates = self._outputs(estimates) if self._outputs else estimates
             if math.isfinite(sum(self.estimates)):
                 return

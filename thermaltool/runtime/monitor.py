@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import KalmanEstimator
-from thermaltool.estimation.fixed_lag import FixedLag
+from thermaltool.estimation.fixed_lag import FixedLag, without_readings
 from thermaltool.estimation.innovation_test import InnovationTest
 from thermaltool.estimation.stream_bands import stream_bands
 from thermaltool.runtime.messages import Report
 
 # Before the names of estimates: of their standard error, and of a late one.
 SIGMA, LATE = "sigma_", "late_"
+# Choices of sensors that are left out whose standard errors are kept.
+MAX_LOST_CACHED = 16
 
 
 class Monitor:
@@ -58,6 +61,9 @@ class Monitor:
         self._test: InnovationTest | None = None
         self._sigma: list[float] = []
         self._latest = [0.0] * len(estimator.estimates)
+        self._estimator, self._period = estimator, period
+        self._lost: tuple[int, ...] = ()
+        self._widened = lru_cache(MAX_LOST_CACHED)(self._widening)
         # Clock steps that each has not seen.
         self._late_ticks = self._test_ticks = 0
         names: list[str] = []
@@ -86,18 +92,21 @@ class Monitor:
         self._late_ticks = self._test_ticks = 0
         self.alarm = False
 
-    def step(self, ticks: int, readings: Sequence[float], good: bool) -> None:
-        """Take the readings after a sample of `ticks` clock steps.
+    def step(
+        self, ticks: int, readings: Sequence[float], good: bool, lost: Collection[int] = ()
+    ) -> None:
+        """Take the readings after a sample of `ticks` clock steps, but those of `lost` sensors.
 
         Where they are not `good` (held, or of a sensor that is left out) nothing is tested.
         """
         now = np.array(readings)
+        self._lost = tuple(sorted(lost))
         self._late_ticks += ticks
         self._test_ticks += ticks
         if not np.isfinite(now).all():
             return
         if self._late is not None:
-            self._late.step(self._late_ticks, now)
+            self._late.step(self._late_ticks, now, lost)
             self._late_ticks = 0
             late = self._late.latest_due()
             if late is not None:
@@ -114,13 +123,23 @@ class Monitor:
         """The columns beside these estimates; late ones are at rest until there are any."""
         written: list[float] = []
         if self._sigma:
+            more = self._widened(self._lost)
             written += [
-                math.hypot(sigma, relative * estimate)
-                for sigma, relative, estimate in zip(
-                    self._sigma, self._relative, estimates, strict=True
+                math.hypot(sigma, relative * estimate, beside)
+                for sigma, relative, estimate, beside in zip(
+                    self._sigma, self._relative, estimates, more, strict=True
                 )
             ]
         return written if self._late is None else written + self._latest
+
+    def _widening(self, lost: tuple[int, ...]) -> list[float]:
+        """Standard error of every estimate that comes of doing without some sensors."""
+        estimator, variances = self._estimator, []
+        for each in (without_readings(estimator, lost), estimator):
+            space, (P, G) = each.state_space(self._period), each.steady(self._period)
+            filtered = P - G @ (space.H @ P)
+            variances.append(np.sum((space.C @ filtered) * space.C, axis=1))
+        return np.sqrt(np.maximum(variances[0] - variances[1], 0.0)).tolist()
 
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""

@@ -151,14 +151,16 @@ def quantities_of(probes: Sequence[Probe], test: Test) -> list[Quantity]:
         displacements += [
             Quantity(n, "um", ((p.channel, 1.0),)) for n, p in zip(names, own, strict=True)
         ]
-        first, last = own[0], own[-1]
-        if len(own) < 2 or first.distance is None or last.distance is None:
+        placed = sorted((p.distance, n, p) for n, p in zip(names, own, strict=True)
+                        if p.distance is not None)  # fmt: skip
+        if len(placed) < 2:
             continue
-        name, sign = TILTS.get(axis, (f"{names[-1]}-{names[0]}", 1.0))
+        (near, one, first), (far, other, last) = placed[0], placed[-1]
+        name, sign = TILTS.get(axis, (f"{other}-{one}", 1.0))
         if test == "axis":
-            name, sign = f"{names[-1]}-{names[0]}", 1.0
+            name, sign = f"{other}-{one}", 1.0
         # um over mm is 1000 urad, or 1000 um/m.
-        factor = 1e3 * sign / (last.distance - first.distance)
+        factor = 1e3 * sign / (far - near)
         unit = "um/m" if "-" in name else "urad"
         parts = (first.channel, -factor), (last.channel, factor)
         tilts.append(Quantity(name, unit, parts))
