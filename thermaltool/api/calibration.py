@@ -14,10 +14,16 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
+    from thermaltool.fitting.calibrate import CalibrationPlan
+    from thermaltool.fitting.components.reduction import Reduction
     from thermaltool.logs import Log
     from thermaltool.logs.reader import Data
     from thermaltool.model import Model
     from thermaltool.units import Reference
+
+# What outliers count, and how many starts of the search are refined, where nothing is said.
+USUAL_LOSS: Literal["huber"] = "huber"
+USUAL_STARTS = 6
 
 
 @dataclass(frozen=True, repr=False)
@@ -94,9 +100,10 @@ def calibrate(
     initial: Literal["auto", "rest", "free"] = "auto",
     start: float | None = None,
     stop: float | None = None,
-    loss: Literal["huber", "linear"] = "huber",
-    starts: int = 6,
+    loss: Literal["huber", "linear"] = USUAL_LOSS,
+    starts: int = USUAL_STARTS,
     linear: bool = False,
+    reduce: str | None = None,
     warn: Notice = notice,
     progress: Notice = silent,
     **reading: Unpack[Reading],
@@ -136,6 +143,10 @@ def calibrate(
         Take every drive as it is logged, and the material as it is at rest. Default: where evidence
         and held-out rows speak for it, a power law or a parabola of a drive, or a heat capacity
         that changes with temperature, is part of the model.
+    reduce : {"pca", "pls", "none", "pca:k", "pls:k"}, optional
+        Many drives that say much the same, directly and through lags: components of the scaled
+        drives, with a ridge, as `identify` has them. The model takes the drives as they are
+        measured.
     warn, progress : callable
         Take a sentence where a log pauses, and a word now and then.
     **reading
@@ -151,6 +162,8 @@ def calibrate(
         A log that cannot be read, lacks a channel or has fewer than two rows.
     ModelError
         Nothing to fit, a channel in two roles, an unknown kind or parameter.
+    ValueError
+        A reduction that is none, or arguments that go without it.
     FitError
         No fit on these data.
 
@@ -184,10 +197,14 @@ def calibrate(
         linear=linear,
     )
     outputs = (*sensors, *deflections)
+    reduction = check_reduce(reduce, len(drives), kinds=kinds, fixed=fixed, linear=linear,
+                             loss=loss, starts=starts)  # fmt: skip
     logs = [
         read_for_fit(each, drives, "response", (start, stop), outputs=outputs, warn=warn, **reading)
         for each in all_of(data)
     ]
+    if reduction is not None:
+        return _reduced(logs, plan, reduction, warn)
     for log, rows in zip(logs, averaged_rows(logs), strict=True):
         if rows > 1:
             count = f"{len(log):,}".replace(",", " ")
@@ -195,3 +212,50 @@ def calibrate(
     model = fit(logs, plan, progress)
     progress("done\n")
     return Calibration(model, tuple(logs))
+
+
+def _reduced(
+    logs: Sequence[Log], plan: CalibrationPlan, reduction: Reduction, warn: Notice
+) -> Calibration:
+    """A calibration by components of the drives; says what `identify` says of such logs."""
+    from thermaltool.api.identification import check_clock, warn_holes
+    from thermaltool.api.identification_arguments import COMPONENTS
+    from thermaltool.fitting.reduced import calibrate_reduced
+    from thermaltool.report.components import component_warnings
+
+    for log in logs:
+        check_clock(log, logs[0].period, warn)
+        warn_holes(log, plan.drives, (*plan.sensors, *plan.deflections), COMPONENTS, warn)
+    model, fits = calibrate_reduced(logs, plan, reduction)
+    for sentence in component_warnings(fits):
+        warn(sentence)
+    return Calibration(model, tuple(logs))
+
+
+def check_reduce(
+    reduce: str | None,
+    drives: int,
+    *,
+    kinds: Mapping[str, str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    linear: bool = False,
+    loss: str = USUAL_LOSS,
+    starts: int = USUAL_STARTS,
+) -> Reduction | None:
+    """The reduction of so many drives, beside which nothing else is chosen; None for none.
+
+    Raises
+    ------
+    ValueError
+        It is none, or arguments that components do not have; named as options of the command.
+    """
+    if reduce is None:
+        return None
+    from thermaltool.api.identification_arguments import check_reduction
+
+    given = {"--response": kinds, "--fix": fixed, "--linear": linear,
+             "--loss": loss != USUAL_LOSS, "--starts": starts != USUAL_STARTS}  # fmt: skip
+    for name, value in given.items():
+        if value:
+            raise ValueError(f"{name} does not go with --reduce, which takes lags and a ridge")
+    return check_reduction(reduce, drives, "drives")

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from thermaltool.fitting.fit import Fit
     from thermaltool.fitting.identification import Plan
+    from thermaltool.fitting.screening import LeftOut
     from thermaltool.logs import Log
     from thermaltool.logs.reader import Data
     from thermaltool.model import Model
@@ -53,12 +54,15 @@ class Identification(Result):
         What counts as no input in the model document.
     reading : tuple of str
         Options with which the logs were read.
+    left_out : tuple of LeftOut
+        Inputs that no output follows, as far as the data show.
     """
 
     fits: tuple[Fit, ...]
     logs: tuple[Log, ...]
     reference: Reference | None = None
     reading: tuple[str, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
 
     @cached_property
     def model(self) -> Model:
@@ -80,7 +84,7 @@ class Identification(Result):
         """What to know before using the models, each a sentence."""
         from thermaltool.report.identification import identification_warnings
 
-        return tuple(identification_warnings(self.fits))
+        return tuple(identification_warnings(self.fits, self.left_out))
 
     @property
     def model_notes(self) -> tuple[str, ...]:
@@ -111,7 +115,7 @@ class Identification(Result):
         """The models as ``identify --json`` writes them."""
         from thermaltool.report.identification import identification_document
 
-        return identification_document(self.fits)
+        return identification_document(self.fits, self.left_out)
 
     def table(self) -> str:
         """Fits, gains and time constants with their intervals, and what is left."""
@@ -167,7 +171,8 @@ def identify(
         (lpv), along one straight line (bilinear); or few components of many inputs, through lags.
         Default: components for six or more inputs of which half as many components hold 99 % of
         what they vary, where no option of another structure is given; else oe, and lpv where the
-        test of linearity and rows held out speak for it.
+        test of linearity and rows held out speak for it. Of six or more inputs those are left out
+        that no output follows, as far as the evidence goes; a structure that is named keeps all.
     reduce : {"pca", "pls", "none", "pca:k", "pls:k"}, optional
         Components of the scaled inputs: principal, of partial least squares. Default: all.
     orders : sequence of (nb, nf, nk) or None
@@ -253,17 +258,20 @@ def identify(
                            **reading)  # fmt: skip
         part = log.between(start, stop)
         if structure != NETWORK:
-            _check_clock(part, (parts or [part])[0].period, warn)
+            check_clock(part, (parts or [part])[0].period, warn)
         logs.append(log)
         parts.append(part)
     fresh = [] if validate is None else [logs.pop()]
+    left_out: tuple[LeftOut, ...] = ()
     if structure is None:
         own = parts[: len(logs)]
+        if plain and reduce is None:
+            inputs, left_out = _screened(own, inputs, outputs, split)
         many = plain and reduce is None and _say_the_same(own, inputs, outputs, split, warn)
         structure = COMPONENTS if many or reduce is not None else USUAL
     if structure in HOLES:
         for part in parts:
-            _warn_holes(part, inputs, outputs, structure, warn)
+            warn_holes(part, inputs, outputs, structure, warn)
     search = SearchBudget(math.inf if budget is None else budget, progress)
     common: dict[str, Any] = {
         "initial": initial, "split": split, "span": (start, stop), "budget": search,
@@ -286,7 +294,21 @@ def identify(
     progress("done\n")
     if search.ended:
         warn(f"the choice was ended: the best of {search.tried} candidates")
-    return Identification(fits, tuple(logs), reference, options_of(reading))
+    return Identification(fits, tuple(logs), reference, options_of(reading), left_out)
+
+
+def _screened(
+    logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str], split: float | None
+) -> tuple[tuple[str, ...], tuple[LeftOut, ...]]:
+    """Of many inputs those that some output follows over the training rows, and the others."""
+    from thermaltool.fitting.components.reduction import MANY_INPUTS
+    from thermaltool.fitting.data import even_training_data
+    from thermaltool.fitting.screening import screen_all
+
+    if len(inputs) < MANY_INPUTS:
+        return tuple(inputs), ()
+    sets = [even_training_data(logs, inputs, (output,)) for output in outputs]
+    return screen_all([each if split is None else each.split(split).fitted for each in sets])
 
 
 def _say_the_same(
@@ -313,7 +335,7 @@ def _say_the_same(
     return True
 
 
-def _warn_holes(
+def warn_holes(
     log: Log, inputs: Sequence[str], outputs: Sequence[str], structure: str, warn: Notice
 ) -> None:
     """Say what missing readings of an output cost where a structure does not simulate over them."""
@@ -326,7 +348,7 @@ def _warn_holes(
             )
 
 
-def _check_clock(log: Record, period: float, warn: Notice) -> None:
+def check_clock(log: Record, period: float, warn: Notice) -> None:
     """Refuse another period than that of the first log; say where steps are uneven."""
     from thermaltool.fitting.even_clock import check_period, uneven_steps
 

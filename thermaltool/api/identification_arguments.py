@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from thermaltool.fitting.transfer.registry import CONTINUOUS, MAX_MODES, STRUCTURES
+
+if TYPE_CHECKING:
+    from thermaltool.fitting.components.reduction import Reduction
 
 NETWORK, SUBSPACE, COMPONENTS = "network", "subspace", "components"
 # Parameter-varying models, and how many levels are tried: None for any.
@@ -41,7 +44,10 @@ def check_arguments(
     ------
     ValueError
     """
-    _check_reduction(reduce, structure, len(inputs))
+    if reduce is not None:
+        if structure not in (None, COMPONENTS):
+            raise ValueError(f"--reduce goes with --structure components, not {structure}")
+        check_reduction(reduce, len(inputs))
     if structure is None:
         structure = USUAL if reduce is None else COMPONENTS
     network, shared = structure == NETWORK, structure in (*MAX_MODES, COMPONENTS)
@@ -78,18 +84,28 @@ def check_arguments(
         raise ValueError(f"--initial: {structure} takes its first rows as they are, from any state")
 
 
-def _check_reduction(reduce: str | None, structure: str | None, inputs: int) -> None:
-    """Refuse a reduction that is none, or that goes with another structure (ValueError)."""
-    if reduce is None:
-        return
+def check_reduction(text: str, inputs: int, called: str = "inputs") -> Reduction:
+    """A reduction of so many inputs, named as an option of the command.
+
+    Parameters
+    ----------
+    text : str
+    inputs : int
+    called : str
+        What the command calls them.
+
+    Raises
+    ------
+    ValueError
+        It is none, or keeps more components than there are inputs.
+    """
     # Imported on use: most calls reduce nothing.
     from thermaltool.fitting.components.reduction import parse_reduction
 
-    if structure not in (None, COMPONENTS):
-        raise ValueError(f"--reduce goes with --structure components, not {structure}")
     try:
-        reduction = parse_reduction(reduce)
+        reduction = parse_reduction(text)
     except ValueError as error:
         raise ValueError(f"--reduce: {error}") from error
     if (reduction.components or 0) > inputs:
-        raise ValueError(f"--reduce {reduce}: there are {inputs} inputs")
+        raise ValueError(f"--reduce {text}: there are {inputs} {called}")
+    return reduction

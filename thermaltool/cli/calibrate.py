@@ -41,6 +41,9 @@ from thermaltool.documents import write_json
               help="Take every drive as it is logged, and the material as at rest.  [default: "
               "a power law or a parabola of a drive, a heat capacity that changes with "
               "temperature, where evidence and held-out rows speak for one]")  # fmt: skip
+@click.option("--reduce", metavar="pca[:k]|pls[:k]|none",
+              help="For many drives that say much the same: components of them, directly and "
+              "through lags with a ridge, as identify has them.")  # fmt: skip
 @shared.span_options("Fit from", "Fit up to")
 @click.option("--loss", type=click.Choice(["huber", "linear"]), default="huber",
               help="huber counts outliers less.")  # fmt: skip
@@ -68,6 +71,7 @@ def command(
     table of the fit to stderr (with --json to stdout).
     """
     from thermaltool import api
+    from thermaltool.api.calibration import check_reduce
 
     shared.check_files(output, *logs, as_json=as_json)
     kinds = dict(shared.pair_of(item, "--response") for item in responses)
@@ -75,6 +79,9 @@ def command(
         n: shared.number_of(value, "--fix")
         for n, value in (shared.pair_of(i, "--fix") for i in fixed)
     }
+    with shared.usage_errors():
+        check_reduce(options["reduce"], len(options["drives"]), kinds=kinds, fixed=constants,
+                     **{name: options[name] for name in ("linear", "loss", "starts")})  # fmt: skip
     fit = api.calibrate(logs, **options, kinds=kinds, fixed=constants,
                         reference=shared.reference_of(reference), warn=warn,
                         progress=terminal_progress("calibrate"))  # fmt: skip

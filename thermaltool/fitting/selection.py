@@ -191,7 +191,7 @@ def held_out_level(model: Ranked, split: Split) -> float:
     model : Ranked
     split : Split
     """
-    held, runs = split.held, model.carried_on(split)
+    held, runs = split.held, np.atleast_2d(model.carried_on(split))
     errors = [agreement(held.output(k), run).rmse for k, run in enumerate(runs)]
     cost = model.parameters / len(errors) * np.log(held.rows) / held.rows
     return float(2 * np.mean(np.log(np.maximum(errors, 1e-300))) + cost)

@@ -82,7 +82,8 @@ def calibration_warnings(model: Model) -> list[str]:
     found += [_law(effect, model) for effect in model.effects]
     found += [sentence for output in model.outputs if (sentence := _coarse(output))]
     found += [sentence for output in model.outputs if (sentence := _below_zero(output))]
-    for term in model.terms:
+    # Drives that say much the same share what they do: the gain of one alone is no question.
+    for term in model.terms if model.redundancy is None else ():
         each = characteristics(term)
         if each.may_be_zero and term.covariance is not None:
             hold = 3 * term.response.slowest()

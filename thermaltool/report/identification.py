@@ -14,6 +14,7 @@ from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.linearity import MAX_P_VALUE, LinearityTest
 from thermaltool.fitting.lpv.model import LpvOutput
 from thermaltool.fitting.network.model import NetworkOutput
+from thermaltool.fitting.screening import MIN_EVIDENCE, LeftOut
 from thermaltool.fitting.subspace.model import SubspaceOutput
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.model import Model
@@ -72,10 +73,18 @@ def _form(fits: Sequence[Fit]) -> FormReport:
     return next(form for kind, form in FORMS.items() if isinstance(fits[0].model, kind))
 
 
-def identification_document(fits: Sequence[Fit]) -> dict[str, Any]:
-    """All models as plain data, each with what its form has of its own."""
+def identification_document(
+    fits: Sequence[Fit], left_out: Sequence[LeftOut] = ()
+) -> dict[str, Any]:
+    """All models as plain data, each with what its form has of its own; inputs that none has."""
     fields = _form(fits).fields
-    return {"models": [{**_document(fit), **fields(fits, k)} for k, fit in enumerate(fits)]}
+    return {
+        "models": [{**_document(fit), **fields(fits, k)} for k, fit in enumerate(fits)],
+        "inputs_left_out": [
+            {"input": each.name, "evidence": each.evidence, "same_as": each.same_as or None}
+            for each in left_out
+        ],
+    }
 
 
 def _document(fit: Fit) -> dict[str, Any]:
@@ -142,9 +151,35 @@ def _commands(fits: Sequence[Fit], reading: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def identification_warnings(fits: Sequence[Fit]) -> list[str]:
+def identification_warnings(fits: Sequence[Fit], left_out: Sequence[LeftOut] = ()) -> list[str]:
     """What a user should know before using the models, each a sentence."""
-    return [*_form(fits).warnings(fits), *_nonlinear(fits), *_failed(fits)]
+    return [*_left_out(left_out), *_form(fits).warnings(fits), *_nonlinear(fits), *_failed(fits)]
+
+
+def _left_out(inputs: Sequence[LeftOut]) -> list[str]:
+    """Sentences on inputs without a term, and why."""
+    found = [
+        f"{each.name} never moves within the record: it is left out"
+        for each in inputs
+        if each.evidence is None
+    ]
+    found += [
+        f"{each.name} says the same as {each.same_as}: it is left out"
+        for each in inputs
+        if each.same_as
+    ]
+    silent = [each for each in inputs if each.evidence is not None and not each.same_as]
+    if silent:
+        most = max(silent, key=lambda each: each.evidence or 0.0)
+        several = len(silent) > 1
+        found.append(
+            f"no evidence for {', '.join(each.name for each in silent)}: "
+            f"{'they are' if several else 'it is'} left out "
+            f"({'most' if several else 'it has'} {most.evidence or 0.0:.1f}"
+            f"{f', {most.name}' if several else ''}; an input takes {MIN_EVIDENCE:g}); "
+            "--structure oe keeps all"
+        )
+    return found
 
 
 def _linearity_line(fit: Fit) -> str:

@@ -162,8 +162,14 @@ def moving_inputs(data: TrainingData) -> tuple[str, ...]:
     return found
 
 
-def _correlation(data: TrainingData) -> Array:
-    """Of the inputs, each experiment about its mean."""
+def correlation(data: TrainingData) -> Array:
+    """Of the inputs, each experiment about its mean, shape (m, m).
+
+    Parameters
+    ----------
+    data : TrainingData
+        All of whose inputs move.
+    """
     parts = []
     for e in range(data.experiments):
         own = np.hstack([
@@ -181,7 +187,7 @@ def same_inputs(data: TrainingData) -> tuple[tuple[str, ...], ...]:
     data : TrainingData
         All of whose inputs move.
     """
-    near = np.abs(_correlation(data)) >= SAME_CORRELATION
+    near = np.abs(correlation(data)) >= SAME_CORRELATION
     groups: list[tuple[str, ...]] = []
     left = list(range(len(data.inputs)))
     while left:
@@ -203,7 +209,7 @@ def carrying(data: TrainingData) -> int:
     data : TrainingData
     """
     moving = data.driven_by(moving_inputs(data))
-    values = np.sort(np.linalg.eigvalsh(_correlation(moving)))[::-1]
+    values = np.sort(np.linalg.eigvalsh(correlation(moving)))[::-1]
     carried = np.cumsum(values) / values.sum()
     return int(np.argmax(carried >= CARRIED_VARIANCE)) + 1
 

@@ -37,7 +37,7 @@ class BjStructure(Structure):
         circle, would make the steady state look far surer than it is.
         """
         problem = Problem(data.about_levels(orders.first), orders)
-        found, (nc, nd) = search(problem), self.noise
+        found, (nc, nd) = search(problem, self.rough), self.noise
         C = D = np.ones(1)
         for _ in range(MAX_ALTERNATIONS):
             plain = replace(problem, whitening=None)

@@ -10,7 +10,9 @@ count for fewer rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import contextlib
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from thermaltool.fitting.selection import (
     MAX_DELAY,
     MIN_DIRECT_EVIDENCE,
     Candidate,
+    held_out_level,
     rank,
 )
 from thermaltool.fitting.transfer.model import TransferModel
@@ -32,6 +35,8 @@ from thermaltool.fitting.transfer.structure import Structure
 
 # Orders of the denominator that are tried.
 MAX_ORDER = 4
+# Orders of several inputs that are tried with other delays.
+BEST_ORDERS = 2
 # Times that the delay of every input is found anew, the others held.
 DELAY_ROUNDS = 3
 
@@ -67,23 +72,78 @@ def choose(
         return model if structure.admits(model) else None
 
     none = f"no order up to {MAX_ORDER} has real poles on these data: give --orders, or more data"
-    delays = _delays(short)
-    direct = _direct_grid(_direct_delays(short, delays[0]))
-    tried = dict.fromkeys([*_grid(delays, data.least_delays), *direct])
-    return rank(tried, fit, short.split(FITTED_SHARE), none, budget)
+    split, delays = short.split(FITTED_SHARE), _delays(short)
+    direct = list(_direct_grid(_direct_delays(short, delays[0])))
+    delays = _with_neighbours(delays, data.least_delays)
+    if len(data.inputs) == 1:
+        tried = dict.fromkeys([*(each for nk in delays for each in _grid(nk)), *direct])
+        return rank(tried, fit, split, none, budget)
+    known: dict[Tried, TransferModel | None] = {}
+
+    def fit_once(tried: Tried, part: TrainingData) -> TransferModel | None:
+        if part is not split.fitted:
+            return fit(tried, part)
+        if tried not in known:
+            known[tried] = fit(tried, part)
+        return known[tried]
+
+    def level(tried: Tried) -> float:
+        with contextlib.suppress(FitError):
+            model = fit_once(tried, split.fitted)
+            return np.inf if model is None else held_out_level(model, split)
+        return np.inf
+
+    return rank(_rising(delays, direct, level), fit_once, split, none, budget)
 
 
-def _grid(found: list[tuple[int, ...]], least: tuple[int, ...]) -> Iterator[Tried]:
-    """Orders, at the delays found and one sample beside the best of them."""
+def _rising(
+    delays: Sequence[tuple[int, ...]], direct: Sequence[Tried], level: Callable[[Tried], float]
+) -> Iterator[Tried]:
+    """Orders of several inputs, which take long: rising until they pay no more.
+
+    Other delays than the first stand beside the best of these orders alone.
+
+    Parameters
+    ----------
+    delays : sequence of tuple of int
+    direct : sequence
+        Orders with direct feedthrough.
+    level : callable
+        Of a candidate, by what is held out; the least is the best.
+    """
+    levels: dict[Tried, float] = {}
+    for grid in (_grid(delays[0]), direct):
+        best = np.inf
+        for _, orders in itertools.groupby(grid, key=lambda tried: tried[1]):
+            own = list(orders)
+            yield from own
+            levels |= {each: level(each) for each in own}
+            least = min(levels[each] for each in own)
+            if least >= best:
+                break
+            best = least
+    plain = [each for each in levels if each[2] == delays[0]]
+    best_orders = sorted(plain, key=lambda each: levels[each])[:BEST_ORDERS]
+    yield from ((nb, nf, nk) for nk in delays[1:] for nb, nf, _ in best_orders)
+
+
+def _with_neighbours(
+    found: Sequence[tuple[int, ...]], least: tuple[int, ...]
+) -> list[tuple[int, ...]]:
+    """Delays, and one sample beside the best of them."""
     delays = [*found]
     for shift in (-1, 1):
         moved = tuple(max(k + shift, low) for k, low in zip(found[0], least, strict=True))
         if moved not in delays:
             delays.append(moved)
-    for nk in delays:
-        for nf in range(1, MAX_ORDER + 1):
-            for nb in range(1, nf + 1):
-                yield (nb,) * len(nk), nf, nk
+    return delays
+
+
+def _grid(nk: tuple[int, ...]) -> Iterator[Tried]:
+    """Orders at some delays."""
+    for nf in range(1, MAX_ORDER + 1):
+        for nb in range(1, nf + 1):
+            yield (nb,) * len(nk), nf, nk
 
 
 def _direct_grid(nk: tuple[int, ...]) -> Iterator[Tried]:

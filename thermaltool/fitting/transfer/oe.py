@@ -34,7 +34,7 @@ class OeStructure(Structure):
 
     def estimate(self, data: TrainingData, orders: Orders) -> TransferModel:
         problem = self.problem(data, orders)
-        found = search(problem)
+        found = search(problem, self.rough)
         if self.real_poles:
             found = overdamped(problem, found)
         return self.model(problem, found, data)

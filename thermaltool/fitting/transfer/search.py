@@ -87,12 +87,19 @@ def least(results: Iterable[SearchResult]) -> SearchResult:
     return min(results, key=lambda result: result.loss)
 
 
-def search(problem: Problem) -> SearchResult:
+def search(problem: Problem, rough: bool = False) -> SearchResult:
     """The denominators of least output error.
 
     Starts are compared on a short record; refined instrumental variables go on from the best.
     Where they do not converge Gauss-Newton takes over from the best points seen. Several
     denominators are refined one by one, and by Gauss-Newton together.
+
+    Parameters
+    ----------
+    problem : Problem
+    rough : bool
+        Several denominators are not searched again where the search does not converge: those of
+        too high an order never do.
 
     Raises
     ------
@@ -106,7 +113,7 @@ def search(problem: Problem) -> SearchResult:
     short = problem
     if problem.data.rows > 2 * MAX_COMPARED_ROWS and problem.data.longest > MAX_COMPARED_ROWS:
         short = replace(problem, data=problem.data.excerpt(MAX_COMPARED_ROWS))
-    best = _several(short) if several else _one_denominator(short)
+    best = _several(short, rough) if several else _one_denominator(short)
     if short is not problem:
         best = _at_full_length(problem, best)
         if not best.converged and not several:
@@ -215,18 +222,18 @@ def _one_denominator(problem: Problem) -> SearchResult:
     return best if best.converged else least(gauss_newton(problem, end) for end in ends)
 
 
-def _several(problem: Problem) -> SearchResult:
+def _several(problem: Problem, rough: bool) -> SearchResult:
     """Several denominators: input by input, what the others explain taken off; then together.
 
     Each input then has the choice of starts of its own, which no coarse grid of all has. Where the
-    first of them does not converge so, all are searched again with more effort.
+    first of them does not converge so, all are searched again with more effort, unless roughly.
     """
     F, converged = _one_by_one(problem)
     best = gauss_newton(problem, at(problem, F, SEPARATE))
     lower = beside(problem, best)
     if lower is not None:
         best = least([best, gauss_newton(problem, at(problem, lower, SEPARATE))])
-    if converged and best.converged:
+    if rough or (converged and best.converged):
         return best
     starts = [replace(refine(problem, F), method=SEPARATE) for F in thorough(problem)]
     return least([best, *(gauss_newton(problem, start) for start in starts)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -33,6 +33,8 @@ class Structure(ABC):
         Orders of C and D, as far as the structure has them.
     real_poles : bool
         Real, stable poles only.
+    rough : bool
+        Of several inputs less is searched: a candidate of the choice of orders.
     name : str
         As the command line and documents have it.
     letter : str
@@ -50,6 +52,7 @@ class Structure(ABC):
 
     noise: tuple[int, int] = (1, 1)
     real_poles: bool = False
+    rough: bool = False
 
     name: ClassVar[str]
     letter: ClassVar[str] = "f"
@@ -112,8 +115,8 @@ class Structure(ABC):
 
     @property
     def candidates(self) -> Structure:
-        """The structure whose fits decide on the orders: itself."""
-        return self
+        """The structure whose fits decide on the orders: itself, with less of a search."""
+        return replace(self, rough=True)
 
     def admits(self, model: TransferModel) -> bool:
         """Whether the poles of a fit are as they are wanted."""
