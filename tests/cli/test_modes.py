@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import meshio
 import numpy as np
@@ -142,6 +144,42 @@ def test_a_rod_gives_table_json_and_figure(thermaltool, tmp_path):
     # All heat leaves by the side: mean temperature 1/(h P L), times α L.
     mean = 1 / (20 * 2 * np.sqrt(np.pi * 0.0314))
     assert gain["value"] == pytest.approx(10.8 * mean, rel=1e-6)
+
+
+def test_the_model_of_a_rod_runs_in_other_commands(thermaltool, tmp_path):
+    (tmp_path / "rod.toml").write_text(ROD)
+    model, log = tmp_path / "model.json", tmp_path / "heat.csv"
+    done = thermaltool("modes", tmp_path / "rod.toml", "--model", model)
+    assert done.code == 0
+    assert "model: off the mesh by at most T_1_degC 0.29 %, d_tip_um 0.00 % of" in done.err
+    log.write_text("time_s,Q_motor_W\n" + "".join(f"{60 * k},{200}\n" for k in range(3000)))
+    simulated = thermaltool("simulate", model, log)
+    assert simulated.code == 0
+    lines = [line.split(",") for line in simulated.out.splitlines()]
+    last = dict(zip(lines[0], map(float, lines[-1]), strict=True))
+    mean = 1 / (20 * 2 * np.sqrt(np.pi * 0.0314))
+    assert last["d_tip_um"] == pytest.approx(200 * 10.8 * mean, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_the_model_of_a_rod_compensates(thermaltool, tmp_path):
+    (tmp_path / "rod.toml").write_text(ROD)
+    model, designed = tmp_path / "model.json", tmp_path / "designed.json"
+    assert thermaltool("modes", tmp_path / "rod.toml", "--model", model).code == 0
+    rows = "time_s,T_1_degC\n"
+    idle = 20 + 0.02 * np.random.default_rng(2).standard_normal(2000)
+    (tmp_path / "idle.csv").write_text(
+        rows + "".join(f"{10 * k},{x:.4f}\n" for k, x in enumerate(idle))
+    )
+    noise = tmp_path / "noise.json"
+    assert thermaltool("noise", tmp_path / "idle.csv", "-o", noise).code == 0
+    assert thermaltool("regularize", model, "--noise", noise, "-o", designed).code == 0
+    warming = tmp_path / "warming.csv"
+    warming.write_text(rows + "".join(f"{10 * k},{20 + 0.01 * k:.4f}\n" for k in range(200)))
+    command = [sys.executable, "-m", "thermaltool", "compensate", designed, warming]
+    compensated = subprocess.run(command, capture_output=True, text=True, check=True)
+    # The last line is the safe setpoint; the tip has grown by some micrometres before.
+    assert -9.0 < float(compensated.stdout.splitlines()[-2].split(",")[1]) < -3.0
 
 
 def test_a_mesh_file_of_gmsh(thermaltool, tmp_path):

@@ -66,6 +66,13 @@ class BodyModes(Result):
         return tuple(mode_notes(self.modes, self.body))
 
     @property
+    def model_notes(self) -> tuple[str, ...]:
+        """How far the model document is from the mesh, each a sentence; raises as `model`."""
+        from thermaltool.report.thermal_modes import reduction_notes
+
+        return tuple(reduction_notes(self.model))
+
+    @property
     def frame(self) -> pandas.DataFrame:
         """One row for each mode: time constant, and the weight of every heat."""
         import pandas

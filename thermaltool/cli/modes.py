@@ -99,5 +99,6 @@ def command(
         write_json(document, document_file)
     if model_file is not None:
         api.write_model(model, model_file, command_line())
-    for message in found.notes if not quiet else ():
+    notes = (*found.notes, *(found.model_notes if model is not None else ()))
+    for message in notes if not quiet else ():
         warn(message)

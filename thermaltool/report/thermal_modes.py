@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from thermaltool.documents import jsonable
+from thermaltool.model import Model
 from thermaltool.placement.body import SolidBody
 from thermaltool.placement.thermal_modes import NEAR_NODE, ThermalEigenmodes
 from thermaltool.report.clock_axis import modes_unit
@@ -39,6 +40,17 @@ def mode_notes(modes: ThermalEigenmodes, body: SolidBody) -> list[str]:
                         "steady state"
                     )
     return notes
+
+
+def reduction_notes(model: Model) -> list[str]:
+    """How far a reduced model is from the mesh, one sentence."""
+    low, high = model.outputs[0].fit["band_hz"]
+    told = ", ".join(
+        f"{each.channel} {100 * each.fit['reduction_error']:.2f} %" for each in model.outputs
+    )
+    return [
+        f"model: off the mesh by at most {told} of its largest response, {low:.2g} to {high:.2g} Hz"
+    ]
 
 
 def _outputs(body: SolidBody) -> list[tuple[str, float]]:
