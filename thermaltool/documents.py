@@ -109,6 +109,7 @@ NOISE = DocumentFormat("thermaltool-noise", 1, "what thermaltool noise -o writes
 ARMA = DocumentFormat("thermaltool-arma", 1, "what thermaltool fit -o writes")
 DIAGNOSIS = DocumentFormat("thermaltool-diagnosis", 1, "a diagnosis")
 RC = DocumentFormat("thermaltool-rc", 1, "a network of thermaltool rc")
+BODY = DocumentFormat("thermaltool-body", 1, "a body of thermaltool modes")
 CHECKPOINT = DocumentFormat("thermaltool-checkpoint", 2, "a checkpoint", sealed=True)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from thermaltool.api.arma import *  # noqa: F403
+    from thermaltool.api.body_modes import *  # noqa: F403
     from thermaltool.api.calibration import *  # noqa: F403
     from thermaltool.api.comparison import *  # noqa: F403
     from thermaltool.api.compensator import *  # noqa: F403
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from thermaltool.api.inputs import *  # noqa: F403
     from thermaltool.api.laplace_inversion import *  # noqa: F403
     from thermaltool.api.log_check import *  # noqa: F403
+    from thermaltool.api.mode_identification import *  # noqa: F403
     from thermaltool.api.noise_report import *  # noqa: F403
     from thermaltool.api.orders import *  # noqa: F403
     from thermaltool.api.presentation import *  # noqa: F403
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 # module of the package -> what it offers
 PUBLIC = {
     "api.arma": ("ArmaFit", "SeriesForecast", "fit", "forecast"),
+    "api.body_modes": ("BodyModes", "thermal_modes"),
     "api.calibration": ("Calibration", "calibrate"),
     "api.comparison": ("Comparison", "compare"),
     "api.compensator": ("Compensator",),
@@ -43,6 +46,7 @@ PUBLIC = {
     "api.inputs": ("read_model", "write_model"),
     "api.laplace_inversion": ("LaplaceInversion", "invert_laplace"),
     "api.log_check": ("LogCheck", "check"),
+    "api.mode_identification": ("LogModes", "identify_modes"),
     "api.noise_report": ("NoiseReport", "noise"),
     "api.orders": ("OrderReport", "order"),
     "api.presentation": ("Presentation", "present"),

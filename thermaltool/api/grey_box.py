@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, Unpack
 
-from thermaltool.api.inputs import Reading, all_of, read_for_fit, reads
+from thermaltool.api.inputs import Reading, all_of, read_for_fit, read_toml, reads
 from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.api.simulation import simulate
 
@@ -198,22 +198,15 @@ def rc(
 
 def as_network(network: Network) -> RcNetwork:
     """A network: itself, what is declared, or the declaration in a file (ModelError)."""
-    from thermaltool.errors import ModelError
     from thermaltool.fitting.rc.declaration import load_network
     from thermaltool.fitting.rc.network import RcNetwork
-    from thermaltool.parsing import parse_toml
-    from thermaltool.sources import read_input
 
     if isinstance(network, RcNetwork):
         return network
     if isinstance(network, Mapping):
         return load_network(network, "network", "<network>")
     path = os.fspath(network)
-    try:
-        document = parse_toml(read_input(path), path)
-    except OSError as error:
-        raise ModelError(f"{path}: cannot be read: {error.strerror or error}") from error
-    return load_network(document, os.path.splitext(os.path.basename(path))[0], path)
+    return load_network(read_toml(path), os.path.splitext(os.path.basename(path))[0], path)
 
 
 def _model(fit: RcFit, logs: Sequence[Log]) -> Model:

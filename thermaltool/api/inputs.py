@@ -171,6 +171,23 @@ def all_of(data: Data | Sequence[Data]) -> Sequence[Data]:
     return data if isinstance(data, list | tuple) else [data]
 
 
+def read_toml(path: str) -> dict[str, Any]:
+    """The table in a TOML file.
+
+    Raises
+    ------
+    ModelError
+        It cannot be read, or is no TOML; the message names the file and the place.
+    """
+    from thermaltool.parsing import parse_toml
+    from thermaltool.sources import read_input
+
+    try:
+        return parse_toml(read_input(path), path)
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
 def as_model(model: ModelLike) -> Model:
     """A model: itself, the one in a file, or the one that a result holds (its ``model``)."""
     if isinstance(model, str | os.PathLike):

@@ -23,6 +23,7 @@ COMMANDS: dict[str, str] = {
     "identify": "Transfer functions from measured logs: ARX, ARMAX, OE, BJ.",
     "spectrum": "Time constants, Foster and Cauer networks of a thermal transient.",
     "rc": "Networks of heat capacities and conductances from logs: grey box, stochastic.",
+    "modes": "Thermal modes: of a finite-element model, or from logs alone.",
     "iso230": "Thermal tests of ISO 230-3: ranges and tilts with intervals.",
     "correct": "A static curve in front of a linear model or behind it, from logs.",
     "schedule": "Several models by level, switched without a bump.",

@@ -10,7 +10,9 @@ EXTRAS = {
     "pyarrow": "batch",
     "pandas": "batch",
     "matplotlib": "plot",
-    "skfem": "plants",
+    "mpl_toolkits": "plot",
+    "skfem": "mesh",
+    "meshio": "mesh",
     "h5py": "formats",
     "nptdms": "formats",
     "openpyxl": "formats",
@@ -19,7 +21,7 @@ EXTRAS = {
 OF_COMMANDS = {"plant": "plants", "plot": "plot"}
 OF_OPTIONS = {"--plot": "plot", "--report": "plot", "--figures": "plot"}
 # Package indices call it so.
-DISTRIBUTIONS = {"skfem": "scikit-fem"}
+DISTRIBUTIONS = {"skfem": "scikit-fem", "mpl_toolkits": "matplotlib"}
 
 
 def missing_package(name: str | None, command: str, arguments: Sequence[str]) -> str | None:

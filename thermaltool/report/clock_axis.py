@@ -68,6 +68,11 @@ def time_unit(span: float) -> tuple[str, float]:
     return next((unit, length) for limit, unit, length in _TIME_UNITS if span <= limit)
 
 
+def modes_unit(taus: Array) -> tuple[str, float]:
+    """Unit for time constants [s], the slowest first, and its length: that of the second one."""
+    return time_unit(float(taus[min(1, len(taus) - 1)]))
+
+
 def span_of(time: Array) -> float:
     """Length of a clock [s]."""
     return float(time[-1] - time[0]) if len(time) else 0.0

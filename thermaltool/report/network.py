@@ -31,7 +31,20 @@ def _outputs(fits: Sequence[Fit]) -> list[NetworkOutput]:
 
 def network_warnings(fits: Sequence[Fit]) -> list[str]:
     """What a user should know before using the model, each a sentence."""
-    sentences, first, span = [], _outputs(fits)[0], fits[0].data.duration
+    return mode_warnings(_outputs(fits)[0], fits[0].data.duration)
+
+
+def mode_warnings(first: NetworkOutput, span: float) -> list[str]:
+    """What the time constants of a network leave open, each a sentence.
+
+    Parameters
+    ----------
+    first : NetworkOutput
+        Any of its outputs.
+    span : float
+        Of the record [s].
+    """
+    sentences = []
     if not first.converged:
         sentences.append("the search for the time constants did not converge")
     undetermined = first.undetermined()

@@ -244,9 +244,9 @@ def trace_record(ax: Axes, record: Record, values: Array, **style: Any) -> None:
     trace(ax, record.time, values, record.segments, axis=record_axis(record), **style)
 
 
-def legend_beside(ax: Axes) -> None:
+def legend_beside(ax: Axes, title: str | None = None) -> None:
     """The legend to the right of the panel, where it hides nothing."""
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, title=title)
 
 
 def say(ax: Axes, text: str) -> None:

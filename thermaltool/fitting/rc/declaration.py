@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from thermaltool.documents import RC, Part, above_zero, finite, items, text
 from thermaltool.errors import ModelError, UnitError
+from thermaltool.fitting.declarations import known_fields, named_tables
 from thermaltool.fitting.rc.network import (
     REST,
     RcBoundary,
@@ -25,8 +25,6 @@ from thermaltool.units import is_absolute, is_temperature, parse_channel
 
 # A term of the model document has up to so many lags.
 MAX_NODES = 6
-# What follows another word in messages and parameters' names.
-_NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def load_network(document: Mapping[str, Any], name: str, source: str) -> RcNetwork:
@@ -54,9 +52,9 @@ def load_network(document: Mapping[str, Any], name: str, source: str) -> RcNetwo
 
 
 def _network(whole: Part, name: str) -> RcNetwork:
-    _known(whole, "", "format", "version", "name", "nodes", "boundaries", "links", "heat")
-    nodes = [_node(each, part) for each, part in _tables(whole, "nodes")]
-    boundaries = [_boundary(each, part) for each, part in _tables(whole, "boundaries")]
+    known_fields(whole, "", "format", "version", "name", "nodes", "boundaries", "links", "heat")
+    nodes = [_node(each, part) for each, part in named_tables(whole, "nodes")]
+    boundaries = [_boundary(each, part) for each, part in named_tables(whole, "boundaries")]
     names = [node.name for node in nodes]
     for boundary in boundaries:
         if boundary.name in names:
@@ -66,37 +64,18 @@ def _network(whole: Part, name: str) -> RcNetwork:
     if len(nodes) > MAX_NODES:
         raise ModelError(f"nodes: {len(nodes)}, and a network has at most {MAX_NODES}")
     links = []
-    for each, part in _tables(whole, "links"):
+    for each, part in named_tables(whole, "links"):
         link = _link(each, part, names, boundaries)
         # A channel between two links' ends is a boundary without an entry of its own.
         for end in link.ends:
             if end not in names and end not in [b.name for b in boundaries]:
                 boundaries.append(RcBoundary(end, channel=end))
         links.append(link)
-    heat = [_heat(each, part, names) for each, part in _tables(whole, "heat")]
+    heat = [_heat(each, part, names) for each, part in named_tables(whole, "heat")]
     network = RcNetwork(whole.read("name", text, name), tuple(nodes), tuple(boundaries),
                         tuple(links), tuple(heat))  # fmt: skip
     _check(network)
     return network
-
-
-def _tables(whole: Part, field: str) -> Iterator[tuple[str, Part]]:
-    """The named tables of a section, which may be absent."""
-    if field not in whole.names():
-        return
-    section = whole.part(field)
-    for name in section.names():
-        if not _NAME.fullmatch(name):
-            raise ModelError(f"{field}: a name has letters, digits, _ and -, not {name!r:.60}")
-        yield name, section.part(name)
-
-
-def _known(part: Part, place: str, *fields: str) -> None:
-    """Refuse fields that nobody reads."""
-    for name in part.names():
-        if name not in fields:
-            before = f"{place}: " if place else ""
-            raise ModelError(f"{before}no field {name!r:.60} is known{hint(name, fields)}")
 
 
 def _parameter(
@@ -122,7 +101,7 @@ def _parameter(
             held = (scale, start) in (("log", 0), ("logit", 1))
             return RcParameter(path, unit, scale, start, held)
         table = Part(value)
-        _known(table, "", "start", "fixed")
+        known_fields(table, "", "start", "fixed")
         if len(value) > 1:
             raise ModelError("start or fixed, not both")
         fixed = "fixed" in value
@@ -139,7 +118,7 @@ def _parameter(
 
 def _node(name: str, part: Part) -> RcNode:
     place = f"nodes.{name}"
-    _known(part, place, "capacity", "diffusion", "measured", "noise", "offset")
+    known_fields(part, place, "capacity", "diffusion", "measured", "noise", "offset")
     capacity = _parameter(part, place, "capacity", "J/K", "log")
     channel = part.read("measured", _temperature, None)
     # A node that nobody measures shows its own process noise hardly.
@@ -157,7 +136,7 @@ def _node(name: str, part: Part) -> RcNode:
 
 def _boundary(name: str, part: Part) -> RcBoundary:
     place = f"boundaries.{name}"
-    _known(part, place, "channel", "temperature")
+    known_fields(part, place, "channel", "temperature")
     channel = part.read("channel", _temperature, None)
     if channel is not None and "temperature" in part.names():
         raise ModelError(f"{place}: a channel or a temperature, not both")
@@ -168,7 +147,7 @@ def _boundary(name: str, part: Part) -> RcBoundary:
 
 def _link(name: str, part: Part, nodes: list[str], boundaries: list[RcBoundary]) -> RcLink:
     place = f"links.{name}"
-    _known(part, place, "between", "conductance")
+    known_fields(part, place, "between", "conductance")
     ends = part.read("between", items)
     if len(ends) != 2:
         raise ModelError(f"{place}.between: two ends, not {len(ends)}")
@@ -195,7 +174,7 @@ def _channel_end(place: str, end: Any, there: list[str]) -> None:
 
 def _heat(name: str, part: Part, nodes: list[str]) -> RcHeat:
     place = f"heat.{name}"
-    _known(part, place, "channel", "node", "share", "gain")
+    known_fields(part, place, "channel", "node", "share", "gain")
     channel, node = part.read("channel", _channel), part.read("node", text)
     if node not in nodes:
         raise ModelError(f"{place}.node: {node!r:.60} is no node{hint(node, nodes)}")

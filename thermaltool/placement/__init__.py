@@ -1,0 +1,1 @@
+"""Thermal modes, sensor choice, and regression that survives other conditions."""
