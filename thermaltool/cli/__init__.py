@@ -24,6 +24,8 @@ COMMANDS: dict[str, str] = {
     "spectrum": "Time constants, Foster and Cauer networks of a thermal transient.",
     "rc": "Networks of heat capacities and conductances from logs: grey box, stochastic.",
     "iso230": "Thermal tests of ISO 230-3: ranges and tilts with intervals.",
+    "place": "Which temperature sensors to keep, for deflections predicted from them.",
+    "regress": "Thermal errors as sums of temperatures, and how far they hold elsewhere.",
     "correct": "A static curve in front of a linear model or behind it, from logs.",
     "schedule": "Several models by level, switched without a bump.",
     "superpose": "The sum of several models.",

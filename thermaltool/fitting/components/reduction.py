@@ -162,8 +162,13 @@ def moving_inputs(data: TrainingData) -> tuple[str, ...]:
     return found
 
 
-def _correlation(data: TrainingData) -> Array:
-    """Of the inputs, each experiment about its mean."""
+def correlation(data: TrainingData) -> Array:
+    """Correlation of the inputs, each experiment about its mean, shape (m, m).
+
+    Parameters
+    ----------
+    data : TrainingData
+    """
     parts = []
     for e in range(data.experiments):
         own = np.hstack([
@@ -173,15 +178,17 @@ def _correlation(data: TrainingData) -> Array:
     return np.atleast_2d(np.corrcoef(np.hstack(parts)))
 
 
-def same_inputs(data: TrainingData) -> tuple[tuple[str, ...], ...]:
+def same_inputs(data: TrainingData, least: float = SAME_CORRELATION) -> tuple[tuple[str, ...], ...]:
     """Groups of inputs that are nearly equal but for zero and scale.
 
     Parameters
     ----------
     data : TrainingData
         All of whose inputs move.
+    least : float
+        Correlation from which on they are.
     """
-    near = np.abs(_correlation(data)) >= SAME_CORRELATION
+    near = np.abs(correlation(data)) >= least
     groups: list[tuple[str, ...]] = []
     left = list(range(len(data.inputs)))
     while left:
@@ -203,7 +210,7 @@ def carrying(data: TrainingData) -> int:
     data : TrainingData
     """
     moving = data.driven_by(moving_inputs(data))
-    values = np.sort(np.linalg.eigvalsh(_correlation(moving)))[::-1]
+    values = np.sort(np.linalg.eigvalsh(correlation(moving)))[::-1]
     carried = np.cumsum(values) / values.sum()
     return int(np.argmax(carried >= CARRIED_VARIANCE)) + 1
 

@@ -1,0 +1,1 @@
+"""Thermal modes, where sensors belong, and regressions that survive other conditions."""
