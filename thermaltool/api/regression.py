@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-import numpy as np
-
 from thermaltool.api.inputs import Reading, all_of, reads
 from thermaltool.api.result import Notice, Result, notice
 from thermaltool.api.sensor_placement import candidates_of, read_logs
-from thermaltool.errors import FitError, LogError
+from thermaltool.errors import FitError
 from thermaltool.units import names
 
 if TYPE_CHECKING:
@@ -23,29 +21,11 @@ if TYPE_CHECKING:
     from thermaltool.logs.reader import Data
     from thermaltool.model import Model
     from thermaltool.placement.estimators import Method
-    from thermaltool.placement.regression import Basis, Regression, RegressionProblem
-    from thermaltool.placement.robustness import Trial
+    from thermaltool.placement.regression import Basis, RegressionProblem
+    from thermaltool.placement.robustness import OutputRegression, Trial
 
 # Powers of the position that are tried where nothing is said.
 USUAL_DEGREE = 2
-
-
-@dataclass(frozen=True)
-class OutputRegression:
-    """One output: its regression, and what every method misses.
-
-    Attributes
-    ----------
-    problem : RegressionProblem
-    regression : Regression
-        By the method that was asked for, on all rows.
-    errors : mapping of (method, form) to mapping of trial to float [unit of the output]
-        Root mean square over rows that were not fitted; form is "static" or "lagged".
-    """
-
-    problem: RegressionProblem
-    regression: Regression
-    errors: Mapping[tuple[str, str], Mapping[str, float]]
 
 
 @dataclass(frozen=True, repr=False)
@@ -83,13 +63,13 @@ class RegressionReport(Result):
         """As ``regress --json`` writes it."""
         from thermaltool.report.regression import regression_json
 
-        return regression_json(self)
+        return {"outputs": regression_json(self.outputs), "notes": list(self.notes)}
 
     def table(self) -> str:
         """Weights, and errors of every method in every trial."""
         from thermaltool.report.regression import regression_table
 
-        return regression_table(self)
+        return regression_table(self.outputs)
 
     def draw(self) -> Figure:
         """Measured and computed outputs over the first log, and their difference."""
@@ -188,11 +168,11 @@ def regress(
         raise ValueError("the degree of a position is 0 or more")
     beside = [name for name in (position, condition) if name is not None]
     span = (start, stop)
-    logs = read_logs(data, [*names(sensors), *beside], targets, span, warn, reading)
+    # Along an axis sets of positions follow each other with pauses; without states none matter.
+    pauses = position is None
+    logs = read_logs(data, [*names(sensors), *beside], targets, span, warn, reading, pauses)
     chosen = candidates_of(logs, names(sensors), targets)
-    if position is not None:
-        _check_positions(logs, position)
-    fresh = read_logs(all_of(validate), [*chosen, *beside], targets, span, warn, reading)
+    fresh = read_logs(all_of(validate), [*chosen, *beside], targets, span, warn, reading, pauses)
     found = []
     for target in targets:
         channels = (*chosen, *([] if position is None else [position]))
@@ -204,12 +184,6 @@ def regress(
         f"{each.problem.output}: {note}" for each in found for note in _position_notes(each, degree)
     )
     return RegressionReport(tuple(found), tuple(logs), notes)
-
-
-def _check_positions(logs: Sequence[Log], position: str) -> None:
-    for log in logs:
-        if not np.isfinite(log.column(position)).any():
-            raise LogError("positions without readings", log.name, None, position)
 
 
 def _regressed(
@@ -226,7 +200,7 @@ def _regressed(
 ) -> OutputRegression:
     from thermaltool.fitting.data import training_data
     from thermaltool.placement.regression import Basis, RegressionProblem
-    from thermaltool.placement.robustness import trials
+    from thermaltool.placement.robustness import OutputRegression, trials
     from thermaltool.placement.sensor_choice import best_time_constants
 
     data = training_data(logs, channels, [target])

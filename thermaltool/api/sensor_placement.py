@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
-from thermaltool.api.inputs import Reading, all_of, read_for_fit, read_noise, reads
+from thermaltool.api.inputs import Reading, all_of, read, read_noise, reads, warn_pauses
 from thermaltool.api.result import Notice, Result, notice
 from thermaltool.errors import FitError, LogError
 from thermaltool.units import is_temperature, names
@@ -21,38 +21,12 @@ if TYPE_CHECKING:
 
     from thermaltool.logs import Log
     from thermaltool.logs.reader import Data
-    from thermaltool.placement.collinearity import Collinearity
+    from thermaltool.placement.sensor_sets import PlacedSensors, SensorSet
     from thermaltool.record import Record
 
 HELD_OUT = "held-out"
 # How many sensors are chosen at most where nothing is said.
 USUAL_MOST = 6
-
-
-@dataclass(frozen=True)
-class SensorSet:
-    """Sensors that were chosen, one set for each number.
-
-    Attributes
-    ----------
-    sensors : tuple of str
-    errors : tuple of float, one for each output [unit of the output]
-        Root mean square of what is missed.
-    time_constants : tuple of float [s]
-        Of low-pass states beside each sensor.
-    efficiency : float or None
-        Least ratio of the smallest error that any such set may have to this one; None: not known.
-    """
-
-    sensors: tuple[str, ...]
-    errors: tuple[float, ...]
-    time_constants: tuple[float, ...] = ()
-    efficiency: float | None = None
-
-    @property
-    def mean_error(self) -> float:
-        """Geometric mean over the outputs."""
-        return float(np.exp(np.mean(np.log(self.errors))))
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,44 +35,35 @@ class SensorPlacement(Result):
 
     Attributes
     ----------
-    outputs, candidates : tuple of str
-    criterion : {"held-out", "I", "A", "D"}
-    sets : tuple of SensorSet
-        For 1, 2, 3 … sensors.
-    collinearity : Collinearity
+    placed : PlacedSensors
     notes : tuple of str
     """
 
-    outputs: tuple[str, ...]
-    candidates: tuple[str, ...]
-    criterion: str
-    sets: tuple[SensorSet, ...]
-    collinearity: Collinearity
+    placed: PlacedSensors
     notes: tuple[str, ...] = ()
 
-    def gain(self, k: int) -> float | None:
-        """By which part the error falls from k to k + 1 sensors; None where that was not tried."""
-        if not 0 < k < len(self.sets):
-            return None
-        return 1 - self.sets[k].mean_error / self.sets[k - 1].mean_error
+    @property
+    def sets(self) -> tuple[SensorSet, ...]:
+        """For 1, 2, 3 … sensors."""
+        return self.placed.sets
 
     def document(self) -> dict[str, Any]:
         """As ``place --json`` writes it."""
         from thermaltool.report.placement import placement_document
 
-        return placement_document(self)
+        return {**placement_document(self.placed), "notes": list(self.notes)}
 
     def table(self) -> str:
         """A row for each number of sensors, and which sensors say the same."""
         from thermaltool.report.placement import placement_table
 
-        return placement_table(self)
+        return placement_table(self.placed)
 
     def draw(self) -> Figure:
         """Error against the number of sensors, and which these are."""
         from thermaltool.report.placement import draw_placement
 
-        return draw_placement(self)
+        return draw_placement(self.placed)
 
     @property
     def frame(self) -> pandas.DataFrame:
@@ -108,7 +73,7 @@ class SensorPlacement(Result):
         rows = [
             (len(each.sensors), output, error, " ".join(each.sensors))
             for each in self.sets
-            for output, error in zip(self.outputs, each.errors, strict=True)
+            for output, error in zip(self.placed.outputs, each.errors, strict=True)
         ]
         columns = ["count", "output", "rmse", "sensors"]
         return pandas.DataFrame(rows, columns=columns).set_index(columns[:2])
@@ -189,6 +154,7 @@ def place(
     from thermaltool.fitting.components.reduction import moving_inputs
     from thermaltool.fitting.data import training_data
     from thermaltool.placement.collinearity import collinearity
+    from thermaltool.placement.sensor_sets import PlacedSensors
 
     targets = names(outputs)
     if criterion == HELD_OUT and (noise is not None or costs):
@@ -213,9 +179,9 @@ def place(
         sets = _held_out_sets(together, targets, free, most, time_constants)
     else:
         sets = _design_sets(logs, together.inputs, targets, free, most, criterion, noise, costs)
-    return SensorPlacement(
-        targets, moving, criterion, sets, collinearity(together.driven_by(moving)), tuple(notes)
-    )
+    own = collinearity(together.driven_by(moving))
+    placed = PlacedSensors(targets, moving, criterion, sets, own)
+    return SensorPlacement(placed, tuple(notes))
 
 
 def read_logs(
@@ -225,13 +191,17 @@ def read_logs(
     span: tuple[float | None, float | None],
     warn: Notice,
     reading: Mapping[str, Any],
+    pauses: bool = True,
 ) -> list[Log]:
-    """Logs whose temperatures are regressed."""
-    return [
-        read_for_fit(each, need, "regression", span, outputs=outputs, warn=warn,
-                     pauses="states start anew there", **reading)
-        for each in all_of(data)
-    ]  # fmt: skip
+    """Logs whose temperatures are regressed; with a word on their pauses."""
+    logs = [read(each, need, outputs, warn=warn, **reading).between(*span) for each in all_of(data)]
+    for log in logs:
+        if len(log) < 2:
+            named = f" of {', '.join(need)}" if need else ""
+            raise LogError(f"{len(log)} rows with readings{named}: no regression", log.name)
+        if pauses:
+            warn_pauses(log, warn, "the sensors are taken as held over it")
+    return logs
 
 
 def candidates_of(
@@ -266,6 +236,7 @@ def _held_out_sets(
 ) -> tuple[SensorSet, ...]:
     from thermaltool.placement.regression import Basis, RegressionProblem
     from thermaltool.placement.sensor_choice import HeldOutScores, choose_sensors, lag_forms
+    from thermaltool.placement.sensor_sets import SensorSet
 
     forms = lag_forms(data.duration) if time_constants is None else (tuple(time_constants),)
     found = []
@@ -287,8 +258,10 @@ def _design_sets(
     noise: Any,
     costs: Mapping[str, float] | None,
 ) -> tuple[SensorSet, ...]:
+    from thermaltool.placement.candidates import Candidates, output_errors
     from thermaltool.placement.duty_cycles import cycle_of, reading_noise
-    from thermaltool.placement.optimal_design import Candidates, output_errors, place_sensors
+    from thermaltool.placement.optimal_design import place_sensors
+    from thermaltool.placement.sensor_sets import SensorSet
 
     known = {} if noise is None else {name: n.white for name, n in read_noise(noise).items()}
     sigma = np.array([known.get(name) or reading_noise(logs, name) for name in channels])

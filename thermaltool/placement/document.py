@@ -17,7 +17,7 @@ from thermaltool.errors import ModelError
 from thermaltool.fitting.data import Array
 from thermaltool.fitting.seen_changes import with_seen_changes
 from thermaltool.model import Drive, Model, Output, Role, Term, relative, rest_level
-from thermaltool.placement.regression import Column, Regression, RegressionProblem
+from thermaltool.placement.regression import Column, RegressionProblem, ThermalRegression
 from thermaltool.record import Record
 from thermaltool.responses.rational import rational_kind
 from thermaltool.units import Reference, drive_reference, hold_of, is_displacement
@@ -27,7 +27,7 @@ LEVELS = 17
 
 
 def regression_document(
-    fits: Sequence[tuple[RegressionProblem, Regression]],
+    fits: Sequence[tuple[RegressionProblem, ThermalRegression]],
     logs: Sequence[Record],
     provenance: Mapping[str, Any],
 ) -> Model:
@@ -35,7 +35,7 @@ def regression_document(
 
     Parameters
     ----------
-    fits : sequence of (RegressionProblem, Regression)
+    fits : sequence of (RegressionProblem, ThermalRegression)
         One for each output.
     logs : sequence of Record
         That were fitted.
@@ -59,7 +59,7 @@ def regression_document(
     return with_seen_changes(model, logs)
 
 
-def _terms(problem: RegressionProblem, found: Regression) -> Iterator[Term]:
+def _terms(problem: RegressionProblem, found: ThermalRegression) -> Iterator[Term]:
     basis, where = problem.basis, {column: k for k, column in enumerate(found.columns)}
     levels = _levels(problem, found)
     for sensor in basis.sensors:
@@ -98,7 +98,7 @@ def _position(problem: RegressionProblem) -> str:
     return problem.basis.position
 
 
-def _levels(problem: RegressionProblem, found: Regression) -> tuple[float, ...]:
+def _levels(problem: RegressionProblem, found: ThermalRegression) -> tuple[float, ...]:
     if problem.basis.position is None:
         return ()
     at = np.concatenate([r.column(problem.basis.position) for r in problem.data.records])
@@ -108,7 +108,10 @@ def _levels(problem: RegressionProblem, found: Regression) -> tuple[float, ...]:
 
 
 def _response(
-    problem: RegressionProblem, found: Regression, own: Mapping[Column, int], level: float | None
+    problem: RegressionProblem,
+    found: ThermalRegression,
+    own: Mapping[Column, int],
+    level: float | None,
 ) -> tuple[Any, Array, tuple[str, ...]]:
     """Gain, or gains of lags, at one position; their covariance and names."""
     taus = problem.basis.time_constants
@@ -136,7 +139,7 @@ def _drive(name: str, logs: Sequence[Record]) -> Drive:
     return Drive(name, hold, rest, (low, high), begins)
 
 
-def _output(problem: RegressionProblem, found: Regression) -> Output:
+def _output(problem: RegressionProblem, found: ThermalRegression) -> Output:
     name = problem.output
     arbitrary = is_displacement(name)
     offset: Reference = "first" if arbitrary else float(np.mean(list(found.offsets.values())))

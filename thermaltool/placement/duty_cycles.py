@@ -9,7 +9,7 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array
 from thermaltool.model import rest_level
-from thermaltool.placement.optimal_design import DutyCycle
+from thermaltool.placement.candidates import DutyCycle
 from thermaltool.record import Record
 from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.resolution import resolution_step

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array
+from thermaltool.placement.candidates import Candidates, deflection_errors
 
 Criterion = Literal["I", "A", "D"]
 CRITERIA = get_args(Criterion)
@@ -40,71 +41,6 @@ MANY_CANDIDATES = 64
 # Pairs are exchanged where so many gains are found at most; one of a pair is among so many of the
 # candidates that gain most.
 MAX_PAIR_GAINS, PAIR_TRIALS = 500_000, 32
-
-
-@dataclass(frozen=True)
-class DutyCycle:
-    """What candidates read and how the machine bends over one duty cycle.
-
-    Attributes
-    ----------
-    readings : ndarray, shape (N, r) [unit of each candidate]
-        Of every candidate, for each state at its standard deviation.
-    deflections : ndarray, shape (p, r) [unit of each deflection]
-    """
-
-    readings: Array
-    deflections: Array
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """Places among which sensors are chosen.
-
-    Attributes
-    ----------
-    cycles : tuple of DutyCycle
-        The criterion is its mean over them.
-    noise : ndarray, shape (N,) [unit of each candidate]
-        Standard deviation of a reading.
-    costs : ndarray, shape (N,)
-        Of a sensor there; 1 by default.
-    allowed : ndarray of bool, shape (N,)
-    """
-
-    cycles: tuple[DutyCycle, ...]
-    noise: Array
-    costs: Array
-    allowed: NDArray[np.bool_]
-
-    @classmethod
-    def of(
-        cls,
-        cycles: Sequence[DutyCycle],
-        noise: float | Array,
-        costs: float | Array = 1.0,
-        forbidden: Sequence[int] = (),
-    ) -> Candidates:
-        """Candidates whose noise and costs are numbers or one for each.
-
-        Raises
-        ------
-        FitError
-            No candidate, noise or costs that are not above zero.
-        """
-        n = len(cycles[0].readings)
-        known, price = (np.broadcast_to(np.asarray(v, float), (n,)) for v in (noise, costs))
-        if not np.all(known > 0) or not np.all(price > 0):
-            raise FitError("noise and costs of sensors are above zero")
-        allowed = np.ones(n, bool)
-        allowed[list(forbidden)] = False
-        if not allowed.any():
-            raise FitError("no candidate is left: all are forbidden")
-        return cls(tuple(cycles), known, price, allowed)
-
-    def scaled(self, cycle: DutyCycle) -> Array:
-        """Readings over their noise, shape (N, r)."""
-        return np.asarray(cycle.readings / self.noise[:, None])
 
 
 @dataclass(frozen=True)
@@ -252,14 +188,25 @@ def _weights(candidates: Candidates, sensors: Sequence[int]) -> Array:
     return found
 
 
+def criterion_value(candidates: Candidates, sensors: Sequence[int], criterion: Criterion) -> float:
+    """The criterion of a set, mean over the duty cycles.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    sensors : sequence of int
+    criterion : {"I", "A", "D"}
+    """
+    return _Information(candidates, criterion).at(_weights(candidates, sensors)).value()
+
+
 def _searched(
     candidates: Candidates, criterion: Criterion, start: Sequence[int], budget: float
 ) -> tuple[float, list[int]]:
     """Value and sensors of what a start leads to."""
     first = _greedy(candidates, criterion, start, budget)
     chosen = _exchanged(candidates, criterion, first, budget)
-    state = _Information(candidates, criterion)
-    return state.at(_weights(candidates, chosen)).value(), chosen
+    return criterion_value(candidates, chosen, criterion), chosen
 
 
 def _within(ranked: Sequence[int], costs: Array, budget: float) -> list[int]:
@@ -388,43 +335,3 @@ def _vertex(candidates: Candidates, budget: float, slopes: Array) -> Array:
     part = np.clip((budget - spent) / candidates.costs[order], 0.0, 1.0)
     found[order] = np.where(worth[order] > 0, part, 0.0)
     return found
-
-
-def deflection_errors(candidates: Candidates, sensors: Sequence[int]) -> Array:
-    """Root mean square of what sensors leave unknown of all deflections, in each duty cycle.
-
-    Parameters
-    ----------
-    candidates : Candidates
-    sensors : sequence of int
-
-    Returns
-    -------
-    ndarray, shape (cycles,) [unit of the deflections]
-    """
-    return np.sqrt(np.mean(_unknown(candidates, sensors), axis=1))
-
-
-def output_errors(candidates: Candidates, sensors: Sequence[int]) -> Array:
-    """The same of each deflection, over all duty cycles.
-
-    Parameters
-    ----------
-    candidates : Candidates
-    sensors : sequence of int
-
-    Returns
-    -------
-    ndarray, shape (p,) [unit of each deflection]
-    """
-    return np.asarray(np.sqrt(np.mean(_unknown(candidates, sensors), axis=0)))
-
-
-def _unknown(candidates: Candidates, sensors: Sequence[int]) -> Array:
-    """Variances of the deflections that sensors leave, shape (cycles, p)."""
-    squares = []
-    for cycle in candidates.cycles:
-        own = candidates.scaled(cycle)[list(sensors)]
-        covariance = np.linalg.inv(np.eye(cycle.readings.shape[1]) + own.T @ own)
-        squares.append(np.sum((cycle.deflections @ covariance) * cycle.deflections, axis=1))
-    return np.array(squares)

@@ -76,7 +76,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Regression:
+class ThermalRegression:
     """Fitted weights.
 
     Attributes
@@ -213,7 +213,7 @@ class RegressionProblem:
 
     def fit(
         self, fitted: Rows, method: Method = "ridge", columns: Sequence[Column] | None = None
-    ) -> Regression:
+    ) -> ThermalRegression:
         """Weights by some rows.
 
         Parameters
@@ -256,7 +256,7 @@ class RegressionProblem:
         freedom = max(rows * part - found.freedom - len(offsets), 1.0)
         variance = float(left @ left) * part / freedom
         covariance = variance / part * found.spread / np.outer(scale, scale)
-        return Regression(
+        return ThermalRegression(
             columns, found.weights / scale, covariance, offsets, float(np.sqrt(np.mean(left**2))),
             rows, found.freedom, f"{method} {found.tuning}".strip(),
         )  # fmt: skip
@@ -266,14 +266,14 @@ class RegressionProblem:
         ends = np.flatnonzero(np.diff(self.record[fitted])) + 1
         return effective_share(np.split(errors, ends))
 
-    def computed(self, found: Regression, rows: Rows) -> Array:
+    def computed(self, found: ThermalRegression, rows: Rows) -> Array:
         """The error by a regression, in the readings of the logs, shape (rows,).
 
         A log of which no row was fitted counts from its own first rows, as `simulate` has it.
 
         Parameters
         ----------
-        found : Regression
+        found : ThermalRegression
         rows : ndarray of bool
         """
         y = found.weights @ self.values[self._places(found.columns)]

@@ -17,7 +17,7 @@ from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, training_data
 from thermaltool.fitting.selection import BLOCKS
 from thermaltool.placement.estimators import Method, blocks_of
-from thermaltool.placement.regression import RegressionProblem, Rows
+from thermaltool.placement.regression import RegressionProblem, Rows, ThermalRegression
 from thermaltool.record import Record
 
 # Rows whose mean rise is above this part of the largest are held out as another level.
@@ -39,6 +39,24 @@ class Trial:
 
     name: str
     splits: tuple[tuple[Rows, Rows], ...]
+
+
+@dataclass(frozen=True)
+class OutputRegression:
+    """One output: its regression, and what every method misses.
+
+    Attributes
+    ----------
+    problem : RegressionProblem
+    regression : ThermalRegression
+        By the method that was asked for, on all rows.
+    errors : mapping of (method, form) to mapping of trial to float [unit of the output]
+        Root mean square over rows that were not fitted; form is "static" or "lagged".
+    """
+
+    problem: RegressionProblem
+    regression: ThermalRegression
+    errors: Mapping[tuple[str, str], Mapping[str, float]]
 
 
 def trials(

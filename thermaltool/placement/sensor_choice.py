@@ -28,7 +28,7 @@ MIN_GAIN = 1e-9
 
 
 @dataclass(frozen=True)
-class Choice:
+class JudgedSet:
     """Chosen sensors.
 
     Attributes
@@ -110,9 +110,9 @@ class HeldOutScores:
         self._slots = 1 + len(self.basis.time_constants)
         self._sums = [[_sums(problem, held) for held in held_out_rows(problem)]
                       for problem in problems]  # fmt: skip
-        self._known: dict[tuple[int, ...], Choice] = {}
+        self._known: dict[tuple[int, ...], JudgedSet] = {}
 
-    def choice(self, sensors: Sequence[int]) -> Choice:
+    def choice(self, sensors: Sequence[int]) -> JudgedSet:
         """A set with the ridge that suits it best.
 
         Parameters
@@ -125,7 +125,7 @@ class HeldOutScores:
             place = (np.array(key)[:, None] * self._slots + np.arange(self._slots)).ravel()
             named = tuple(self.basis.sensors[k] for k in key)
             found = [
-                Choice(named, self.basis.time_constants, self._errors(place, ridge), ridge)
+                JudgedSet(named, self.basis.time_constants, self._errors(place, ridge), ridge)
                 for ridge in RIDGES
             ]
             self._known[key] = min(found, key=lambda each: each.score)
@@ -171,7 +171,7 @@ def _first(own: Rows) -> Rows:
 
 def choose_sensors(
     scores: HeldOutScores, most: int, allowed: Sequence[int] | None = None
-) -> tuple[Choice, ...]:
+) -> tuple[JudgedSet, ...]:
     """The best set that is found for each number of sensors, by forward selection and exchange.
 
     Parameters

@@ -12,7 +12,7 @@ from thermaltool.report.text import aligned
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from thermaltool.api.sensor_placement import SensorPlacement
+    from thermaltool.placement.sensor_sets import PlacedSensors
 
 # A condition number above this, and a variance inflation above that, leave weights badly known
 # (Belsley, Kuh, Welsch 1980).
@@ -25,7 +25,7 @@ WORDS = {
 }
 
 
-def placement_document(found: SensorPlacement) -> dict[str, Any]:
+def placement_document(found: PlacedSensors) -> dict[str, Any]:
     """What ``place --json`` writes."""
     return {
         "criterion": found.criterion,
@@ -49,11 +49,10 @@ def placement_document(found: SensorPlacement) -> dict[str, Any]:
             ),
             "groups": [list(group) for group in found.collinearity.groups],
         },
-        "notes": list(found.notes),
     }
 
 
-def placement_table(found: SensorPlacement) -> str:
+def placement_table(found: PlacedSensors) -> str:
     """Errors and sensors for each number of sensors."""
     units = [f"{output} [{channel_unit(output)}]" for output in found.outputs]
     bounded = found.criterion != "held-out"
@@ -80,7 +79,7 @@ def placement_table(found: SensorPlacement) -> str:
     return "\n".join(parts)
 
 
-def draw_placement(found: SensorPlacement) -> Figure:
+def draw_placement(found: PlacedSensors) -> Figure:
     """Error of each output against the number of sensors; which sensors each number takes."""
     names = [n for n in found.candidates if any(n in each.sensors for each in found.sets)]
     counts = [len(each.sensors) for each in found.sets]

@@ -10,19 +10,18 @@ from thermaltool.report.style import channel_unit
 from thermaltool.report.text import aligned
 
 if TYPE_CHECKING:
-    from thermaltool.api.regression import OutputRegression, RegressionReport
+    from collections.abc import Sequence
+
     from thermaltool.placement.regression import Column
+    from thermaltool.placement.robustness import OutputRegression
 
 # Half width of a 95 % interval in standard errors.
 INTERVAL = 1.96
 
 
-def regression_json(found: RegressionReport) -> dict[str, Any]:
-    """What ``regress --json`` writes."""
-    return {
-        "outputs": [_output(each) for each in found.outputs],
-        "notes": list(found.notes),
-    }
+def regression_json(outputs: Sequence[OutputRegression]) -> list[dict[str, Any]]:
+    """What ``regress --json`` writes of each output."""
+    return [_output(each) for each in outputs]
 
 
 def _output(each: OutputRegression) -> dict[str, Any]:
@@ -55,9 +54,9 @@ def _output(each: OutputRegression) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def regression_table(found: RegressionReport) -> str:
+def regression_table(outputs: Sequence[OutputRegression]) -> str:
     """Of every output the weights, and the errors of every method in every trial."""
-    return "\n\n".join(part for each in found.outputs for part in _parts(each))
+    return "\n\n".join(part for each in outputs for part in _parts(each))
 
 
 def _parts(each: OutputRegression) -> tuple[str, str]:
