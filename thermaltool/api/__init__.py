@@ -51,6 +51,8 @@ PUBLIC = {
     "api.orders": ("OrderReport", "order"),
     "api.presentation": ("Presentation", "present"),
     "api.result": ("to_frame",),
+    "api.regression": ("RegressionReport", "regress"),
+    "api.sensor_placement": ("SensorPlacement", "place"),
     "api.simulation": ("Simulation", "simulate"),
     "api.thermal_ranges": ("ThermalTest", "iso230"),
     "api.transient": ("SpectrumReport", "spectrum"),

@@ -25,6 +25,8 @@ COMMANDS: dict[str, str] = {
     "rc": "Networks of heat capacities and conductances from logs: grey box, stochastic.",
     "modes": "Thermal modes: of a finite-element model, or from logs alone.",
     "iso230": "Thermal tests of ISO 230-3: ranges and tilts with intervals.",
+    "place": "Which temperature sensors to keep, for deflections predicted from them.",
+    "regress": "Thermal errors as sums of temperatures, and how far they hold elsewhere.",
     "correct": "A static curve in front of a linear model or behind it, from logs.",
     "schedule": "Several models by level, switched without a bump.",
     "superpose": "The sum of several models.",

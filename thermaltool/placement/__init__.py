@@ -1,1 +1,1 @@
-"""Thermal modes, sensor choice, and regression that survives other conditions."""
+"""Thermal modes, where sensors belong, and regressions that survive other conditions."""

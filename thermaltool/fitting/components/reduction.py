@@ -163,7 +163,7 @@ def moving_inputs(data: TrainingData) -> tuple[str, ...]:
 
 
 def correlation(data: TrainingData) -> Array:
-    """Of the inputs, each experiment about its mean, shape (m, m).
+    """Correlation of the inputs, each experiment about its mean, shape (m, m).
 
     Parameters
     ----------
@@ -179,15 +179,17 @@ def correlation(data: TrainingData) -> Array:
     return np.atleast_2d(np.corrcoef(np.hstack(parts)))
 
 
-def same_inputs(data: TrainingData) -> tuple[tuple[str, ...], ...]:
+def same_inputs(data: TrainingData, least: float = SAME_CORRELATION) -> tuple[tuple[str, ...], ...]:
     """Groups of inputs that are nearly equal but for zero and scale.
 
     Parameters
     ----------
     data : TrainingData
         All of whose inputs move.
+    least : float
+        Correlation from which on they are.
     """
-    near = np.abs(correlation(data)) >= SAME_CORRELATION
+    near = np.abs(correlation(data)) >= least
     groups: list[tuple[str, ...]] = []
     left = list(range(len(data.inputs)))
     while left:

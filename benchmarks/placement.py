@@ -1,0 +1,338 @@
+"""Where sensors belong, and which regressions survive: a rod, an axis, machines, a spindle.
+
+    python benchmarks/placement.py rod|axis|design [--seed N]
+    python benchmarks/placement.py spindle [--held-out]
+
+`rod`: the source's rod (tests/machines/expanding_rod.py, finite volumes): weights of two sensors
+beside the source's formula, and errors in other conditions of placed sensors, of naive ones, of the
+best pair and of black boxes (scikit-learn, where it is installed). `axis`: positions along an axis
+by the source's (18) with noise. `design`: greedy against exhaustive search, placed sensors against
+the rule of the modes on random machines, and the time for many candidates. `spindle`: 2 to 6
+sensors of 16 against principal components and least squares on later rows of the first 60 % of
+the log, or with --held-out on the last 40 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import secrets
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from machines.expanding_rod import (
+    OUTPUT,
+    PLACES,
+    ROD,
+    SENSORS,
+    periodic_heat,
+    random_heat,
+    rod_log,
+)
+from machines.warm_axis import axis_sets
+
+from thermaltool import api
+from thermaltool.errors import FitError
+from thermaltool.fitting.data import training_data
+from thermaltool.logs import read_log
+from thermaltool.placement.candidates import Candidates, DutyCycle, deflection_errors
+from thermaltool.placement.mode_rule import place_by_modes
+from thermaltool.placement.optimal_design import CRITERIA, criterion_value, place_sensors
+from thermaltool.placement.regression import Basis, RegressionProblem
+
+ROOT = Path(__file__).parents[1]
+DT, NOISE = 10.0, 0.02
+LOG = ROOT / "../shared/data/cnc_spindle/spindle_first_28h.csv"
+MAP = ROOT / "data_samples/maps/cnc_spindle.toml"
+
+
+def table(rows):
+    for k, row in enumerate(rows):
+        print("| " + " | ".join(str(cell) for cell in row) + " |")
+        if not k:
+            print("|" + "---|" * len(row))
+
+
+def fitted(record, sensors, method="ridge", taus=(), fit=None):
+    """A regression on the rows of a mask; what it computes on all rows."""
+    data = training_data([record], sensors, [OUTPUT])
+    problem = RegressionProblem(data, Basis(tuple(sensors), taus))
+    rows = problem.every if fit is None else fit
+    return problem, problem.fit(rows, method)
+
+
+def error(record, sensors, found, taus=(), start=0.0):
+    """RMS and largest error over the range, of a regression on another log from a time on."""
+    data = training_data([record], sensors, [OUTPUT])
+    problem = RegressionProblem(data, Basis(tuple(sensors), taus))
+    left = problem.measured - problem.computed(replace(found, offsets={}), problem.every)
+    left, size = left[record.time >= start], np.ptp(problem.measured)
+    return np.sqrt(np.mean(left**2)) / size, np.max(np.abs(left)) / size
+
+
+def rod(seed):
+    rng = np.random.default_rng(seed)
+    print("two sensors at 0.1 m and 0.5 m, least squares; the source: 3.74 T1 + 7.36 T5\n")
+    rows = [["hours", "heat held [min]", "T1", "T5", "RMS, % of range", "source's formula, %"]]
+    pair = (SENSORS[0], SENSORS[4])
+    for hours, minutes in itertools.product((1, 2, 4), (1, 5, 10, 20)):
+        count = int(hours * 3600 / DT)
+        log = rod_log(random_heat(rng, count, int(minutes * 60 / DT)), DT)
+        _, found = fitted(log, pair, "least-squares")
+        rises = [log.column(name) - 20 for name in pair]
+        left = log.column(OUTPUT) - 3.74 * rises[0] - 7.36 * rises[1]
+        size = np.ptp(log.column(OUTPUT))
+        rows.append([hours, minutes, *(f"{w:.2f}" for w in found.weights),
+                     f"{100 * found.rmse / size:.1f}",
+                     f"{100 * np.sqrt(np.mean(left**2)) / size:.0f}"])  # fmt: skip
+    table(rows)
+    _extrapolation(rng)
+
+
+def _rod_tests(rng):
+    """Training log, and tests: name to log."""
+    count = int(2 * 3600 / DT)
+    minutes = int(60 / DT)
+
+    def log(heat):
+        return rod_log(heat, DT, rng, NOISE)
+
+    random = log(random_heat(rng, count, 10 * minutes))
+    duty = (20 / 35, 35 * minutes)
+    yield (
+        "20 min",
+        log(periodic_heat(count, 20 * minutes)),
+        {
+            "10 min": log(periodic_heat(count, 10 * minutes)),
+            "40 min": log(periodic_heat(count, 40 * minutes)),
+        },
+    )
+    yield "first hour", random.between(None, 3600.0), {"second hour": random}
+    yield (
+        "20 on, 15 off",
+        log(periodic_heat(count, duty[1], duty[0])),
+        {
+            "10 on, 15 off": log(periodic_heat(count, 25 * minutes, 0.4)),
+            "30 on, 15 off": log(periodic_heat(count, 45 * minutes, 30 / 45)),
+        },
+    )
+
+
+def _extrapolation(rng):
+    modes = 20
+    film = 2 * 20.0 / (ROD.radius * ROD.capacity)
+    rates = film + (np.arange(modes) * np.pi) ** 2 * 60.5 / ROD.capacity
+    shapes = np.cos(np.outer(PLACES, np.arange(modes)) * np.pi)
+    weights = np.where(np.arange(modes), np.sqrt(2), 1) / rates
+    rule = place_by_modes(shapes, weights, np.array(PLACES)).sensors
+    print(f"\nrule of the modes: {', '.join(f'{PLACES[k]} m' for k in rule)}\n")
+    rows = [["fitted", "tested", "sensors", "places [m]", "RMS, %", "largest, %"]]
+    for name, train, tests in _rod_tests(rng):
+        static = api.place(train, OUTPUT, sensors=2, time_constants=()).sets[-1]
+        lagged = api.place(train, OUTPUT, sensors=2).sets[-1]
+        design = api.place(train, OUTPUT, sensors=2, criterion="I").sets[-1]
+        chosen = {
+            "placed, held-out, static": (static.sensors, ()),
+            "placed, held-out, lagged": (lagged.sensors, lagged.time_constants),
+            "placed, I": (design.sensors, ()),
+            "rule of the modes": (tuple(SENSORS[k] for k in rule), ()),
+            "naive: the two nearest": (SENSORS[:2], ()),
+        }
+        start = 3600.0 if name == "first hour" else 0.0
+        for test, log in tests.items():
+            pairs = [
+                (error(log, pair, fitted(train, pair)[1], (), start)[0], pair)
+                for pair in itertools.combinations(SENSORS, 2)
+            ]
+            own = {**chosen, "best pair of the test": (min(pairs)[1], ())}
+            for label, (sensors, taus) in own.items():
+                _, found = fitted(train, sensors, taus=taus)
+                rms, most = error(log, sensors, found, taus, start)
+                places = ", ".join(f"{PLACES[SENSORS.index(s)]}" for s in sensors)
+                rows.append([name, test, label, places, f"{100 * rms:.2f}", f"{100 * most:.1f}"])
+            for label, (rms, most) in _black_boxes(train, log, start).items():
+                rows.append([name, test, label, "all", f"{100 * rms:.2f}", f"{100 * most:.1f}"])
+    table(rows)
+
+
+def _black_boxes(train, log, start):
+    try:
+        from sklearn.ensemble import GradientBoostingRegressor, RandomForestRegressor
+        from sklearn.linear_model import Ridge
+    except ImportError:
+        return {}
+    x, z = (np.column_stack([r.column(s) - 20 for s in SENSORS]) for r in (train, log))
+    found, size = {}, np.ptp(log.column(OUTPUT))
+    for name, model in {
+        "forest, all nine": RandomForestRegressor(200, random_state=0),
+        "boosting, all nine": GradientBoostingRegressor(random_state=0),
+        "ridge, all nine": Ridge(1.0),
+    }.items():
+        left = log.column(OUTPUT) - model.fit(x, train.column(OUTPUT)).predict(z)
+        left = left[log.time >= start]
+        found[name] = np.sqrt(np.mean(left**2)) / size, np.max(np.abs(left)) / size
+    return found
+
+
+def axis(seed, runs=100):
+    rng = np.random.default_rng(seed)
+    rows, degrees = [], []
+    for _ in range(runs):
+        train, test = axis_sets(rng)
+        found = api.regress(train, "d_z_um", position="x_z_mm", validate=[test],
+                            warn=lambda message: None)  # fmt: skip
+        own = found.outputs[0]
+        degrees.append(max(c.power for c in own.regression.columns))
+        (missed,) = [e for t, e in own.errors["least-squares", "static"].items()
+                     if t not in ("blocks", "time", "level")]  # fmt: skip
+        rows.append((own.regression.rmse, missed))
+    fit, verified = np.array(rows).T
+    print(f"{runs} runs: 16 sets fitted, 8 verified, noise uniform within 0.5 um (0.289 um RMS)")
+    print(f"highest power by evidence: {np.bincount(degrees).tolist()} runs with 0, 1, 2")
+    print(f"RMS fitted {fit.mean():.3f} um, verified {verified.mean():.3f}, at most "
+          f"{verified.max():.3f}")  # fmt: skip
+
+
+def random_machine(rng, bodies=40):
+    """Modes of bodies at random places that conduct to near ones and lose heat."""
+    place = rng.uniform(0, 1, (bodies, 2))
+    near = np.exp(-8 * np.linalg.norm(place[:, None] - place, axis=2))
+    links = np.triu(near * rng.uniform(0, 1, near.shape), 1)
+    links += links.T
+    matrix = np.diag(links.sum(axis=1) + 0.02 * rng.uniform(0.2, 1, bodies)) - links
+    rates, shapes = np.linalg.eigh(matrix)
+    source = int(rng.integers(bodies))
+    bends = rng.normal(size=(1, bodies)) * np.exp(-2 * place[:, :1].T)
+    distance = np.linalg.norm(place - place[source], axis=1)
+    return rates, shapes, shapes[source] / rates, bends @ shapes, distance
+
+
+def design(seed):
+    rng = np.random.default_rng(seed)
+    worst = dict.fromkeys(CRITERIA, 1.0)
+    for _ in range(30):
+        r = 8
+        readings = rng.normal(size=(16, r)) * np.geomspace(1, 0.05, r)
+        candidates = Candidates.of([DutyCycle(readings, rng.normal(size=(2, r)))], 0.05)
+        for criterion in CRITERIA:
+            found = place_sensors(candidates, 5, criterion, bounded=False).value
+            best = max(
+                criterion_value(candidates, each, criterion)
+                for each in itertools.combinations(range(16), 5)
+            )
+            scale = 5 if criterion == "D" else 1
+            worst[criterion] = min(worst[criterion], float(np.exp((found - best) / scale)))
+    print(f"greedy with exchange over exhaustive search, C(16, 5), worst of 30: {worst}")
+    better = same = runs = 0
+    ratios = []
+    while runs < 200:
+        rates, shapes, weights, bends, distance = random_machine(rng)
+        try:
+            rule = place_by_modes(shapes, weights, distance).sensors
+        except FitError as problem:
+            print(problem)
+            continue
+        # A duty cycle: random switching heat; covariance of the modes in the steady state.
+        drive = weights * rates
+        cover = np.outer(drive, drive) / (rates[:, None] + rates)
+        root = _root(cover)
+        candidates = Candidates.of(
+            [DutyCycle(shapes @ root, bends @ root)], 0.01 * np.sqrt(np.max(np.diag(cover)))
+        )
+        own = place_sensors(candidates, len(rule), "I", bounded=False)
+        pair = [deflection_errors(candidates, s)[0] for s in (own.sensors, rule)]
+        better += pair[0] < pair[1] * (1 - 1e-9)
+        same += set(own.sensors) == set(rule)
+        ratios.append(pair[0] / pair[1])
+        runs += 1
+    print(f"random machines: better than the rule in {100 * better / runs:.0f} % of {runs}, "
+          f"the same set in {same}; median ratio of errors {np.median(ratios):.2f}")  # fmt: skip
+    readings = rng.normal(size=(10_000, 30)) * np.geomspace(1, 0.01, 30)
+    many = Candidates.of([DutyCycle(readings, rng.normal(size=(3, 30)))], 0.05)
+    for criterion in CRITERIA:
+        begin = time.process_time()
+        found = place_sensors(many, 20, criterion)
+        print(f"10000 candidates, 20 sensors, {criterion}: {time.process_time() - begin:.1f} s "
+              f"CPU, at least {100 * found.efficiency:.0f} % of the best")  # fmt: skip
+
+
+def _root(matrix):
+    values, vectors = np.linalg.eigh(matrix)
+    return vectors * np.sqrt(np.maximum(values, 0))
+
+
+def spindle(held_out):
+    log = read_log(str(LOG), columns=str(MAP))
+    share = 0.6 * log.duration
+    outputs = ("d_ch1_um", "d_ch3_um", "d_ch5_um")
+    sensors = tuple(f"T_t{k}_degC" for k in range(1, 17))
+    splits = [(share, None)] if held_out else [(h * 3600, share) for h in (8.1, 10.0, 12.1)]
+    rows = [["fitted to [h]", "output", "k", "sensors", "chosen", "static", "PCR", "all by LS"]]
+    for end, stop in splits:
+        whole = log if stop is None else log.between(None, stop)
+        for output in outputs:
+            sets = api.place(whole.between(None, end), output).sets
+            every = problem_of(whole, sensors, output, ())
+            fit = whole.time - whole.time[0] <= end
+            full = _missed(every, every.fit(fit, "least-squares"), ~fit)
+            for each in sets[1:]:
+                k = len(each.sensors)
+                errors = []
+                for taus in (each.time_constants, ()):
+                    own = problem_of(whole, each.sensors, output, taus)
+                    errors.append(_missed(own, own.fit(fit, "ridge"), ~fit))
+                pcr = min(_pcr(every, fit, k, scaled) for scaled in (True, False))
+                named = " ".join(s.split("_")[1] for s in each.sensors)
+                cells = [f"{e:.2f}" for e in (*errors, pcr, full)]
+                rows.append([f"{end / 3600:.1f}", output, k, named, *cells])
+    table(rows)
+    print()
+    names = ("chosen", "static", "PCR", "all by LS")
+    table([["k", *names], *(
+        [k, *(f"{np.exp(np.mean([np.log(float(r[4 + n])) for r in rows[1:] if r[2] == k])):.2f}"
+              for n in range(4))]
+        for k in range(2, 7))])  # fmt: skip
+
+
+def problem_of(log, sensors, output, taus):
+    return RegressionProblem(training_data([log], sensors, [output]), Basis(tuple(sensors), taus))
+
+
+def _missed(problem, found, rows):
+    left = problem.measured[rows] - problem.computed(found, rows)
+    return float(np.sqrt(np.mean(left**2)))
+
+
+def _pcr(problem, fit, k, scaled):
+    """Least squares on the first k principal components, of scaled columns or as they are."""
+    x, y = problem.values[:, fit], problem.measured[fit]
+    level, size = x.mean(axis=1, keepdims=True), x.std(axis=1, keepdims=True) if scaled else 1.0
+    x = (x - level) / size
+    turn = np.linalg.svd(x, full_matrices=False)[0][:, :k]
+    weights = turn @ np.linalg.lstsq((turn.T @ x).T, y - y.mean(), rcond=None)[0]
+    computed = weights @ ((problem.values[:, ~fit] - level) / size) + y.mean()
+    return float(np.sqrt(np.mean((problem.measured[~fit] - computed) ** 2)))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("what", choices=["rod", "axis", "design", "spindle"])
+    parser.add_argument("--seed", type=int)
+    parser.add_argument("--held-out", action="store_true")
+    given = parser.parse_args()
+    if given.what == "spindle":
+        spindle(given.held_out)
+        return
+    seed = secrets.randbelow(2**31) if given.seed is None else given.seed
+    print(f"seed {seed}\n")
+    {"rod": rod, "axis": axis, "design": design}[given.what](seed)
+
+
+if __name__ == "__main__":
+    main()

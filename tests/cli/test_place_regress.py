@@ -1,0 +1,129 @@
+"""``place`` and ``regress``: tables, documents, a figure, a model that others take, bad inputs."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from machines.expanding_rod import random_heat, rod_log
+from machines.warm_axis import axis_sets
+
+
+def write(path, record):
+    names = ["time_s", *record.columns]
+    rows = np.column_stack([record.time, *record.columns.values()])
+    lines = [",".join(f"{v:.9g}" for v in row) for row in rows]
+    path.write_text("\n".join([",".join(names), *lines]) + "\n")
+    return path
+
+
+@pytest.fixture
+def log(tmp_path):
+    rng = np.random.default_rng(3)
+    return write(tmp_path / "my rod.csv", rod_log(random_heat(rng, 360, 60), 10.0, rng, 0.02))
+
+
+def test_place_says_which_sensors_and_what_the_next_gains(thermaltool, log, tmp_path):
+    figure = tmp_path / "place.png"
+    options = ("--output", "d_tip_um", "--sensors", 3, "--static")
+    result = thermaltool("place", log, *options, "--plot", figure)
+    assert result.code == 0
+    assert "next gains" in result.out
+    assert "say the same" in result.out
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    document = thermaltool("place", log, *options, "--json").json
+    sets = document["sets"]
+    assert [each["count"] for each in sets] == [1, 2, 3]
+    assert sets[0]["gain_of_the_next"] == pytest.approx(
+        1 - sets[1]["rmse"]["d_tip_um"] / sets[0]["rmse"]["d_tip_um"]
+    )
+
+
+@pytest.mark.parametrize("criterion", ["I", "A", "D"])
+def test_place_by_design(thermaltool, log, criterion):
+    options = ("--output", "d_tip_um", "--criterion", criterion, "--sensors", 3)
+    document = thermaltool("place", log, *options, "--json").json
+    assert all(0 < each["efficiency_at_least"] <= 1 for each in document["sets"])
+    dear = ("--cost", "T_1_degC=2", "--forbid", "T_2_degC")
+    sets = thermaltool("place", log, *options, *dear, "--json").json["sets"]
+    assert not any("T_2_degC" in each["sensors"] for each in sets)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        (("--sensors", "10"), 1, "10 sensors of 9 candidates"),
+        (("--candidate", "T_x_degC"), 1, "T_x_degC"),
+        (("--forbid", "T_x_degC"), 1, "no such candidate to forbid"),
+        (("--cost", "T_1_degC=2"), 2, "count for the criteria I, A and D"),
+        (("--static", "--time-constant", "60"), 2, "--static has no --time-constant"),
+        (("--criterion", "I", "--cost", "T_1_degC=-1"), 1, "above zero"),
+    ],
+)
+def test_place_refuses_in_one_line(thermaltool, log, options, code, words):
+    result = thermaltool("place", log, "--output", "d_tip_um", *options)
+    assert result.code == code
+    assert words in result.err
+
+
+def test_constant_candidates_are_left_out(thermaltool, log):
+    lines = log.read_text().splitlines()
+    wide = [lines[0] + ",T_dead_degC", *(line + ",21.5" for line in lines[1:])]
+    text = "\n".join(wide) + "\n"
+    result = thermaltool("place", "-", "--output", "d_tip_um", "--sensors", 1, stdin=text)
+    assert result.code == 0
+    assert "T_dead_degC never moves: it is no candidate" in result.err
+    result = thermaltool("regress", "-", "--output", "d_tip_um", stdin=text)
+    assert result.code == 1
+    assert "T_dead_degC never moves in training" in result.err
+
+
+def test_a_regression_simulates_and_streams(thermaltool, log, tmp_path):
+    model, ready = tmp_path / "model.json", tmp_path / "ready.json"
+    options = ("--output", "d_tip_um", "--sensor", "T_1_degC", "--sensor", "T_5_degC")
+    result = thermaltool("regress", log, *options, "-o", model)
+    assert result.code == 0
+    assert "least-squares" in result.out
+    assert "lagged" in result.out or "static" in result.out
+    simulated = thermaltool("simulate", model, log, "--json").json
+    assert simulated["d_tip_um"]["fit_percent"] > 95
+    assert thermaltool("regularize", model, "-o", ready, "-q").code == 0
+    tool = [sys.executable, "-c", "from thermaltool.cli import main; main()"]
+    stream = subprocess.run([*tool, "compensate", ready, log], capture_output=True, text=True)
+    lines = stream.stdout.splitlines()[1:-1]
+    setpoints = {float(t): float(v) for t, v in (line.split(",") for line in lines)}
+    run = [line.split(",") for line in thermaltool("simulate", model, log, "-q").out.splitlines()]
+    computed = {float(line[0]): float(line[1]) for line in run[1:]}
+    at = max(setpoints)
+    # The zero of a log and of a stream differ by the noise of first readings.
+    assert setpoints[at] == pytest.approx(-computed[at], abs=1.0)
+    assert thermaltool("present", model).code == 0
+
+
+def test_an_axis_by_its_position(thermaltool, tmp_path):
+    train, test = axis_sets(np.random.default_rng(4))
+    first, second = write(tmp_path / "a.csv", train), write(tmp_path / "b.csv", test)
+    model = tmp_path / "axis.json"
+    options = ("--output", "d_z_um", "--position", "x_z_mm", "--validate", second)
+    result = thermaltool("regress", first, *options, "-o", model)
+    assert result.code == 0
+    assert "with powers 0, 1 of x_z_mm" in result.err
+    simulated = thermaltool("simulate", model, second, "--json").json
+    assert simulated["d_z_um"]["rmse"] < 0.5
+    document = thermaltool("regress", first, *options, "--json").json
+    assert {t["power"] for t in document["outputs"][0]["terms"]} == {0, 1}
+
+
+def test_positions_without_readings_and_degrees_without_position(thermaltool, tmp_path):
+    train, _ = axis_sets(np.random.default_rng(4))
+    train.columns["x_z_mm"][:] = np.nan
+    path = write(tmp_path / "a.csv", train)
+    path.write_text(path.read_text().replace("nan", ""))
+    options = ("--output", "d_z_um", "--position", "x_z_mm", "--nan-policy", "omit")
+    result = thermaltool("regress", path, *options)
+    assert result.code == 1
+    assert "x_z_mm" in result.err
+    assert result.err.count("\n") == 1
+    result = thermaltool("regress", path, "--output", "d_z_um", "--degree", 1)
+    assert result.code == 2
+    assert "a degree needs a position" in result.err

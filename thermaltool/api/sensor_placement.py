@@ -1,0 +1,288 @@
+"""Logs in, sensors to keep out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, Unpack
+
+import numpy as np
+
+from thermaltool.api.inputs import Reading, all_of, read, read_noise, reads, warn_pauses
+from thermaltool.api.result import Notice, Result, notice
+from thermaltool.errors import FitError, LogError
+from thermaltool.units import is_temperature, names
+
+if TYPE_CHECKING:
+    import os
+
+    import pandas
+    from matplotlib.figure import Figure
+
+    from thermaltool.logs import Log
+    from thermaltool.logs.reader import Data
+    from thermaltool.placement.sensor_sets import PlacedSensors, SensorSet
+    from thermaltool.record import Record
+
+HELD_OUT = "held-out"
+# How many sensors are chosen at most where nothing is said.
+USUAL_MOST = 6
+
+
+@dataclass(frozen=True, repr=False)
+class SensorPlacement(Result):
+    """Which sensors to keep.
+
+    Attributes
+    ----------
+    placed : PlacedSensors
+    notes : tuple of str
+    """
+
+    placed: PlacedSensors
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sets(self) -> tuple[SensorSet, ...]:
+        """For 1, 2, 3 … sensors."""
+        return self.placed.sets
+
+    def document(self) -> dict[str, Any]:
+        """As ``place --json`` writes it."""
+        from thermaltool.report.placement import placement_document
+
+        return {**placement_document(self.placed), "notes": list(self.notes)}
+
+    def table(self) -> str:
+        """A row for each number of sensors, and which sensors say the same."""
+        from thermaltool.report.placement import placement_table
+
+        return placement_table(self.placed)
+
+    def draw(self) -> Figure:
+        """Error against the number of sensors, and which these are."""
+        from thermaltool.report.placement import draw_placement
+
+        return draw_placement(self.placed)
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """One row for each number of sensors and output."""
+        import pandas
+
+        rows = [
+            (len(each.sensors), output, error, " ".join(each.sensors))
+            for each in self.sets
+            for output, error in zip(self.placed.outputs, each.errors, strict=True)
+        ]
+        columns = ["count", "output", "rmse", "sensors"]
+        return pandas.DataFrame(rows, columns=columns).set_index(columns[:2])
+
+
+@reads(Reading)
+def place(
+    data: Data | Sequence[Data],
+    outputs: str | Sequence[str],
+    *,
+    candidates: str | Sequence[str] = (),
+    sensors: int | None = None,
+    criterion: Literal["held-out", "I", "A", "D"] = "held-out",
+    time_constants: Sequence[float] | None = None,
+    noise: str | os.PathLike[str] | Any = None,
+    costs: Mapping[str, float] | None = None,
+    forbid: Sequence[str] = (),
+    start: float | None = None,
+    stop: float | None = None,
+    warn: Notice = notice,
+    **reading: Unpack[Reading],
+) -> SensorPlacement:
+    """Which temperature sensors to keep, for deflections that are to be predicted from them.
+
+    Parameters
+    ----------
+    data : str, path, pandas.DataFrame, Record, or a sequence of them
+        Each log is a duty cycle: the sensors have to do in all of them.
+    outputs : str or sequence of str
+        Deflections.
+    candidates : str or sequence of str, optional
+        Default: all temperatures that every log has.
+    sensors : int, optional
+        How many at most. Default: 6, or as many as there are.
+    criterion : {"held-out", "I", "A", "D"}
+        What a regression misses of rows that it was not fitted to; or, by the moments of the logs
+        and the noise, what stays unknown of the deflections (I), of all temperatures (A), or what
+        the readings tell (D).
+    time_constants : sequence of float, optional [s]
+        Low-pass states beside each sensor; empty for none. Default: none, one or two, whichever
+        predicts best. Held-out only.
+    noise : str, path or NoiseReport, optional
+        Noise of each sensor for I, A and D. Default: the white noise of the logs.
+    costs : mapping of channel to float, optional
+        For I, A and D: a sensor of cost 1 is one of `sensors`.
+    forbid : sequence of str
+        Candidates that cannot be taken.
+    start, stop : float, optional [s]
+        The stretch of every log.
+    warn : callable
+        Takes a sentence on candidates that are left out.
+    **reading
+        See `read_log`.
+
+    Returns
+    -------
+    SensorPlacement
+
+    Raises
+    ------
+    LogError
+        A log that cannot be read, or lacks a channel; no temperature.
+    FitError
+        More sensors than candidates, no candidate that moves, outputs that do not.
+    ValueError
+        Options that belong to another criterion.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd, thermaltool as tt
+    >>> time = np.arange(0.0, 6000.0, 20.0)
+    >>> heat = np.sin(time / 400) + np.sin(time / 1100)
+    >>> frame = pd.DataFrame({"time_s": time, "T_a_degC": 20 + heat, "T_b_degC": 20 + time / 900})
+    >>> frame["d_z_um"] = 3 * (frame["T_a_degC"] - 20) + 0.01 * np.cos(time)
+    >>> tt.place(frame, "d_z_um", sensors=1).sets[0].sensors
+    ('T_a_degC',)
+    """
+    from thermaltool.fitting.components.reduction import moving_inputs
+    from thermaltool.fitting.data import training_data
+    from thermaltool.placement.collinearity import collinearity
+    from thermaltool.placement.sensor_sets import PlacedSensors
+
+    targets = names(outputs)
+    if criterion == HELD_OUT and (noise is not None or costs):
+        raise ValueError("noise and costs count for the criteria I, A and D")
+    if criterion != HELD_OUT and time_constants is not None:
+        raise ValueError("time constants count for the criterion held-out")
+    logs = read_logs(data, names(candidates), targets, (start, stop), warn, reading)
+    chosen = candidates_of(logs, names(candidates), targets)
+    moving = moving_inputs(training_data(logs, chosen, targets[:1]))
+    notes = [f"{name} never moves: it is no candidate" for name in chosen if name not in moving]
+    for name in forbid:
+        if name not in chosen:
+            raise LogError("no such candidate to forbid", logs[0].name, None, name)
+    free = [k for k, name in enumerate(moving) if name not in forbid]
+    if not free:
+        raise FitError("no candidate is left: all are forbidden")
+    most = min(USUAL_MOST, len(free)) if sensors is None else sensors
+    if most > len(free):
+        raise FitError(f"{most} sensors of {len(free)} candidates that move: ask for fewer")
+    together = training_data(logs, moving, targets)
+    if criterion == HELD_OUT:
+        sets = _held_out_sets(together, targets, free, most, time_constants)
+    else:
+        sets = _design_sets(logs, together.inputs, targets, free, most, criterion, noise, costs)
+    own = collinearity(together.driven_by(moving))
+    placed = PlacedSensors(targets, moving, criterion, sets, own)
+    return SensorPlacement(placed, tuple(notes))
+
+
+def read_logs(
+    data: Data | Sequence[Data],
+    need: Sequence[str],
+    outputs: Sequence[str],
+    span: tuple[float | None, float | None],
+    warn: Notice,
+    reading: Mapping[str, Any],
+    pauses: bool = True,
+) -> list[Log]:
+    """Logs whose temperatures are regressed; with a word on their pauses."""
+    logs = [read(each, need, outputs, warn=warn, **reading).between(*span) for each in all_of(data)]
+    for log in logs:
+        if len(log) < 2:
+            named = f" of {', '.join(need)}" if need else ""
+            raise LogError(f"{len(log)} rows with readings{named}: no regression", log.name)
+        if pauses:
+            warn_pauses(log, warn, "the sensors are taken as held over it")
+    return logs
+
+
+def candidates_of(
+    logs: Sequence[Record], given: Sequence[str], outputs: Sequence[str]
+) -> tuple[str, ...]:
+    """Sensors that were named, or all temperatures that every log has.
+
+    Raises
+    ------
+    LogError
+        There is none, or an output that a log lacks.
+    """
+    for log in logs:
+        for name in (*given, *outputs):
+            log.column(name)
+    found = tuple(given) or tuple(
+        name
+        for name in logs[0].columns
+        if is_temperature(name) and name not in outputs and all(name in r.columns for r in logs)
+    )
+    if not found:
+        raise LogError("no temperature that every log has: name candidates")
+    return found
+
+
+def _held_out_sets(
+    data: Any,
+    outputs: Sequence[str],
+    free: Sequence[int],
+    most: int,
+    time_constants: Sequence[float] | None,
+) -> tuple[SensorSet, ...]:
+    from thermaltool.placement.regression import Basis, RegressionProblem
+    from thermaltool.placement.sensor_choice import HeldOutScores, choose_sensors, lag_forms
+    from thermaltool.placement.sensor_sets import SensorSet
+
+    forms = lag_forms(data.duration) if time_constants is None else (tuple(time_constants),)
+    found = []
+    for taus in forms:
+        basis = Basis(data.inputs, taus)
+        problems = [RegressionProblem(data.only(k), basis) for k in range(len(outputs))]
+        found.append(choose_sensors(HeldOutScores(problems), most, free))
+    best = [min(each, key=lambda one: one.score) for each in zip(*found, strict=True)]
+    return tuple(SensorSet(each.sensors, each.errors, each.time_constants) for each in best)
+
+
+def _design_sets(
+    logs: Sequence[Record],
+    channels: Sequence[str],
+    outputs: Sequence[str],
+    free: Sequence[int],
+    most: int,
+    criterion: Any,
+    noise: Any,
+    costs: Mapping[str, float] | None,
+) -> tuple[SensorSet, ...]:
+    from thermaltool.placement.candidates import Candidates, output_errors
+    from thermaltool.placement.duty_cycles import cycle_of, reading_noise
+    from thermaltool.placement.optimal_design import place_sensors
+    from thermaltool.placement.sensor_sets import SensorSet
+
+    known = {} if noise is None else {name: n.white for name, n in read_noise(noise).items()}
+    sigma = np.array([known.get(name) or reading_noise(logs, name) for name in channels])
+    price = np.ones(len(channels))
+    for name, cost in (costs or {}).items():
+        if name not in channels:
+            raise LogError("a cost for no candidate", logs[0].name, None, name)
+        price[list(channels).index(name)] = cost
+    forbidden = [k for k in range(len(channels)) if k not in free]
+    cycles = [cycle_of(log, channels, outputs, sigma) for log in logs]
+    candidates = Candidates.of(cycles, sigma, price, forbidden)
+    cheapest = price[list(free)].min()
+    found = []
+    for budget in range(1, most + 1):
+        if budget < cheapest:
+            continue
+        each = place_sensors(candidates, float(budget), criterion)
+        errors = output_errors(candidates, each.sensors)
+        named = tuple(channels[k] for k in sorted(each.sensors))
+        if not found or named != found[-1].sensors:
+            found.append(SensorSet(named, tuple(errors.tolist()), (), each.efficiency))
+    if not found:
+        raise FitError(f"no sensor costs {most:g} or less")
+    return tuple(found)

@@ -1,0 +1,73 @@
+"""Duty cycles from logs: how candidates read and a machine bends over one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.data import Array
+from thermaltool.model import rest_level
+from thermaltool.placement.candidates import DutyCycle
+from thermaltool.record import Record
+from thermaltool.signals.detrend import difference_sigma
+from thermaltool.signals.resolution import resolution_step
+from thermaltool.units import drive_reference, hold_of
+
+# Noise of a sensor of which a log shows none, as part of its range.
+LEAST_NOISE = 1e-4
+
+
+def reading_noise(logs: Sequence[Record], channel: str) -> float:
+    """White noise of a reading by the logs, the largest of them [unit of the channel].
+
+    Parameters
+    ----------
+    logs : sequence of Record
+    channel : str
+    """
+    found = []
+    for log in logs:
+        values = log.column(channel)
+        values = values[np.isfinite(values)]
+        quantum = (resolution_step(values) or 0.0) / 12**0.5
+        found.append(max(float(difference_sigma(values)), quantum, LEAST_NOISE * np.ptp(values)))
+    return max(found)
+
+
+def cycle_of(
+    log: Record, candidates: Sequence[str], outputs: Sequence[str], noise: Array
+) -> DutyCycle:
+    """States of a log: principal components of its readings, as far as they rise above noise.
+
+    Parameters
+    ----------
+    log : Record
+    candidates, outputs : sequence of str
+    noise : ndarray, shape (N,)
+        Standard deviation of a reading of each candidate.
+
+    Raises
+    ------
+    FitError
+        No row with readings of all.
+    """
+    rows = log.known([*candidates, *outputs])
+    if not rows.any():
+        raise FitError(f"no row of {log.source.get('name', 'a log')} has readings of all")
+
+    def rises(names: Sequence[str]) -> Array:
+        columns = [log.column(name) for name in names]
+        rests = [rest_level(c, drive_reference(n), hold_of(n))
+                 for c, n in zip(columns, names, strict=True)]  # fmt: skip
+        return np.array([(c - r)[rows] for c, r in zip(columns, rests, strict=True)])
+
+    x, y = rises(candidates), np.array([log.column(name)[rows] for name in outputs])
+    y = y - y[:, :1]
+    count = int(rows.sum())
+    left, sizes, right = np.linalg.svd(x / noise[:, None] / np.sqrt(count), full_matrices=False)
+    # Below the noise of all candidates together nothing is a state.
+    kept = max(int(np.sum(sizes > np.sqrt(len(x) / count))), 1)
+    readings = noise[:, None] * left[:, :kept] * sizes[:kept]
+    return DutyCycle(readings, y @ right[:kept].T / np.sqrt(count))
