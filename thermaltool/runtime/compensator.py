@@ -255,8 +255,7 @@ class SetpointProcess(Process):
         if self._started:
             estimates = self.stepper.step(ticks, inputs)
             if self._monitor is not None:
-                good = self.status not in UNTESTED
-                self._monitor.step(ticks, inputs, good, self.stepper.out)
+                self._monitor.step(ticks, inputs, self.status not in UNTESTED, self.stepper.out)
             self.estimates = self._outputs(estimates) if self._outputs else estimates
             if math.isfinite(sum(self.estimates)):
                 return
