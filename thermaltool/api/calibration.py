@@ -188,6 +188,9 @@ def calibrate(
         read_for_fit(each, drives, "response", (start, stop), outputs=outputs, warn=warn, **reading)
         for each in all_of(data)
     ]
+    for k, log in enumerate(logs):
+        if log.digest and any(log.digest == other.digest for other in logs[:k]):
+            warn(f"{log.name}: the same log again counts twice: the intervals are too narrow")
     for log, rows in zip(logs, averaged_rows(logs), strict=True):
         if rows > 1:
             count = f"{len(log):,}".replace(",", " ")
