@@ -84,6 +84,7 @@ def test_several_logs_and_a_stretch(thermaltool, files):
     document = json.loads(result.out)
     assert document["outputs"][0]["fit"]["rows"] == 2 * 121
     assert len(document["provenance"]["logs"]) == 2
+    assert f"{files.log}: the same log again counts twice" in result.err
 
 
 def test_kind_and_fixed_radius(thermaltool, files):

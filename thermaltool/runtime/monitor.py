@@ -123,7 +123,7 @@ class Monitor:
         """The columns beside these estimates; late ones are at rest until there are any."""
         written: list[float] = []
         if self._sigma:
-            more = self._widened(self._lost)
+            more = self._widened(self._lost) if self._lost else [0.0] * len(self._sigma)
             written += [
                 math.hypot(sigma, relative * estimate, beside)
                 for sigma, relative, estimate, beside in zip(
