@@ -203,14 +203,11 @@ def calibrate(
         read_for_fit(each, drives, "response", (start, stop), outputs=outputs, warn=warn, **reading)
         for each in all_of(data)
     ]
-<<<<<<< HEAD
-    if reduction is not None:
-        return _reduced(logs, plan, reduction, warn)
-=======
     for k, log in enumerate(logs):
         if log.digest and any(log.digest == other.digest for other in logs[:k]):
             warn(f"{log.name}: the same log again counts twice: the intervals are too narrow")
->>>>>>> lane-finds
+    if reduction is not None:
+        return _reduced(logs, plan, reduction, warn)
     for log, rows in zip(logs, averaged_rows(logs), strict=True):
         if rows > 1:
             count = f"{len(log):,}".replace(",", " ")
