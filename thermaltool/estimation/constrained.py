@@ -17,6 +17,11 @@ from thermaltool.responses.modes import Float
 
 # Over-relaxation [1], and when a solution stands still [share of its spread, root mean square].
 RELAXATION, TOLERANCE, MAX_ITERATIONS = 1.6, 3e-4, 200
+# A heat may leave its bounds by so many tolerances before it is cut off there.
+APART = 10.0
+# The weight of the bounds is looked at every so many turns, and changed by a factor where one of
+# what is apart and what moves is so many times the other [1].
+BALANCED_EVERY, UNBALANCED, REWEIGHED = 10, 5.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -42,9 +47,11 @@ class SplitState:
     held_dual: Float
 
     @staticmethod
-    def of(rows: int) -> SplitState:
-        """At rest."""
-        return SplitState(*np.zeros((4, rows)))
+    def of(heat: Float, level: float, bounds: Bounds) -> SplitState:
+        """At a heat without bounds [unit of the drive]: what no reading tells moves slowly."""
+        held = np.clip(heat, bounds.low, bounds.high) / level
+        steps, none = np.diff(held, prepend=0.0), np.zeros(len(heat))
+        return SplitState(steps, none.copy(), held, none.copy())
 
 
 class ConstrainedProblem:
@@ -74,11 +81,14 @@ class ConstrainedProblem:
         bounds: Bounds,
     ) -> None:
         self.problem, self.readings, self.bounds = problem, readings, bounds
-        self.total_variation, self.weight = order is None, weight
-        self.tolerance = TOLERANCE * spread / problem.level
-        pinned = None if bounds.free else (problem.level / spread) ** 2
-        space, start = problem.space(1 if order is None else order, weight, pinned)
-        self.smoother = EvenSmoother(space, start, len(readings))
+        self.total_variation, self.order = order is None, 1 if order is None else order
+        self.weight, self.spread = weight, spread
+        self.pinned = None if bounds.free else (problem.level / spread) ** 2
+        self.smoother = self._made()
+
+    def _made(self) -> EvenSmoother:
+        space, start = self.problem.space(self.order, self.weight, self.pinned)
+        return EvenSmoother(space, start, len(self.readings))
 
     def solve(self, variation: float, state: SplitState) -> tuple[Float, bool]:
         """The heat, and whether it stood still.
@@ -86,7 +96,8 @@ class ConstrainedProblem:
         Parameters
         ----------
         variation : float
-            Weight of Σ |Δu| / level [1]; no part of a quadratic penalty.
+            Weight of Σ |Δu| / level, beside half of the squared residuals over the noise's
+            variance [1]; no part of a quadratic penalty.
         state : SplitState
             Where the search begins; left where it ends.
 
@@ -97,7 +108,8 @@ class ConstrainedProblem:
         """
         level, shift, heat = self.problem.level, np.zeros(len(self.readings)), state.held
         low, high = self.bounds.low / level, self.bounds.high / level
-        for _ in range(MAX_ITERATIONS):
+        still = TOLERANCE * self.spread / level
+        for turn in range(1, MAX_ITERATIONS + 1):
             before, taken = heat, self.readings
             if self.total_variation:
                 shift = np.cumsum(state.steps - state.steps_dual)
@@ -106,30 +118,41 @@ class ConstrainedProblem:
                 pinned = state.held - state.held_dual - shift
                 taken = np.hstack([taken, level * pinned[:, None]])
             heat = shift + self.smoother.run(taken)[0][:, 0] / level
-            moved = heat - before
+            standing, balance = _size(heat - before) < still, 1.0
             if self.total_variation:
-                steps = np.diff(heat, prepend=0.0)
-                over = RELAXATION * steps + (1 - RELAXATION) * state.steps + state.steps_dual
-                # Twice the weight counts in the quadratic step: χ², not its half.
+                steps, last = np.diff(heat, prepend=0.0), state.steps
+                over = RELAXATION * steps + (1 - RELAXATION) * last + state.steps_dual
                 state.steps = _shrunk(over, variation / self.weight)
                 state.steps_dual = over - state.steps
             if not self.bounds.free:
-                over = RELAXATION * heat + (1 - RELAXATION) * state.held + state.held_dual
-                held = np.clip(over, low, high)
-                moved = np.concatenate([moved, held - state.held, held - heat])
-                state.held, state.held_dual = held, over - held
-            if np.sqrt(np.mean(moved**2)) < self.tolerance:
-                break
-            if not self.total_variation and self.bounds.free:
-                break
-        else:
-            return self._given(heat), False
-        return self._given(heat), True
+                last = state.held
+                over = RELAXATION * heat + (1 - RELAXATION) * last + state.held_dual
+                state.held = np.clip(over, low, high)
+                state.held_dual = over - state.held
+                apart, moved = _size(heat - state.held), _size(state.held - last)
+                standing = standing and apart < APART * still
+                balance = _balance(apart, moved)
+            if standing:
+                return self._within(heat), True
+            if self.pinned is not None and turn % BALANCED_EVERY == 0 and balance != 1:
+                self.pinned *= balance
+                state.held_dual = state.held_dual / balance
+                self.smoother = self._made()
+        return self._within(heat), False
 
-    def _given(self, heat: Float) -> Float:
-        return self.problem.level * np.clip(
-            heat, self.bounds.low / self.problem.level, self.bounds.high / self.problem.level
-        )
+    def _within(self, heat: Float) -> Float:
+        return np.clip(self.problem.level * heat, self.bounds.low, self.bounds.high)
+
+
+def _balance(apart: float, moved: float) -> float:
+    """By how much to weigh a constraint more, so that both sides come together at one pace."""
+    if apart > UNBALANCED * moved:
+        return REWEIGHED
+    return 1 / REWEIGHED if moved > UNBALANCED * apart else 1.0
+
+
+def _size(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _shrunk(values: Float, by: float) -> Float:

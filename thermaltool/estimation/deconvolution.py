@@ -163,12 +163,11 @@ def deconvolve(
     choices, choice, reason = _chosen(path, plan)
     weight = float(choice.parameter or 1.0)
     notes: tuple[str, ...] = ()
-    if bounds.free:
-        heat = tikhonov(problem, readings, order, weight)
-    else:
+    heat = tikhonov(problem, readings, order, weight)
+    if not bounds.free:
         spread = float(np.sqrt(own.variance[round(choice.place or 0.0)]))
         search = ConstrainedProblem(problem, readings, order, weight, spread, bounds)
-        heat, converged = search.solve(0.0, SplitState.of(len(readings)))
+        heat, converged = search.solve(0.0, SplitState.of(heat, level, bounds))
         notes = () if converged else ("the search within bounds was stopped before it stood still",)
     return Deconvolved(plan, heat, kalman.drives[0], weight, choices, choice.rule, reason, notes)
 
@@ -184,7 +183,8 @@ def _varied(
     weight = float(walk.path.parameter[walk.best])
     spread = float(np.sqrt(walk.variance[walk.best]))
     search = ConstrainedProblem(problem, readings, None, VARIATION_PACE * weight, spread, bounds)
-    weights, state = np.sqrt(2 * weight) * VARIATION_WEIGHTS, SplitState.of(len(readings))
+    weights = np.sqrt(2 * weight) * VARIATION_WEIGHTS
+    state = SplitState.of(walk.path.solutions[walk.best], problem.level, bounds)
     solutions, steps = np.empty((len(weights), len(readings))), np.empty(len(weights))
     converged = np.empty(len(weights), bool)
     for k, each in enumerate(weights):
@@ -211,6 +211,11 @@ def _chosen(path: Path, plan: DeconvolutionPlan) -> tuple[tuple[RuleChoice, ...]
             raise FitError(f"--rule {plan.rule}: {choice.reason}")
         return choices, choice, "given"
     usable = [each for each in choices if not each.reason]
+    if not usable and path.expected_error is not None:
+        place = int(np.argmin(path.expected_error))
+        parameter, error = float(path.parameter[place]), float(path.expected_error[place])
+        best = RuleChoice(None, float(place), parameter, expected_error=error)
+        return choices, best, "the least expected error of the grid; every rule is refused"
     if not usable:
         told = "; ".join(f"{each.rule}: {each.reason}" for each in choices)
         raise FitError(f"no rule has an answer ({told}); give --rule, or another --method")
@@ -226,7 +231,7 @@ def _chosen(path: Path, plan: DeconvolutionPlan) -> tuple[tuple[RuleChoice, ...]
 
 
 def _listed(choices: Sequence[RuleChoice]) -> str:
-    return ", ".join(each.rule for each in choices)
+    return ", ".join(str(each.rule) for each in choices)
 
 
 def _problem(kalman: KalmanEstimator, time: Float, readings: Float, level: float) -> HeatProblem:

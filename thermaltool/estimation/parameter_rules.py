@@ -68,7 +68,8 @@ class RuleChoice:
 
     Attributes
     ----------
-    rule : Rule
+    rule : Rule or None
+        None for a choice without a rule.
     place : float or None
         Place on the path, a fraction between two grid points included; None where it is refused.
     parameter : float or None
@@ -81,7 +82,7 @@ class RuleChoice:
         all the same.
     """
 
-    rule: Rule
+    rule: Rule | None
     place: float | None
     parameter: float | None = None
     residual_over_noise: float | None = None
