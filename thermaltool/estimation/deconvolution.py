@@ -22,6 +22,7 @@ from thermaltool.responses.sample_clock import clock_step
 Method = Literal["tikhonov0", "tikhonov1", "tikhonov2", "tv", "beck"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
+WITHOUT_LIKELIHOOD = "tv", "beck"
 # Fewer rows tell no parameter.
 MIN_ROWS = 20
 # Expected errors within this ratio are equal [1]; the order of merit decides.
@@ -132,6 +133,8 @@ def deconvolve(
     FitError
         The rule has no answer.
     """
+    if plan.rule == "likelihood" and plan.method in WITHOUT_LIKELIHOOD:
+        raise FitError(f"--rule likelihood: {plan.method} has no likelihood in closed form")
     problem = _problem(kalman, time, readings, level)
     ends = sorted(acting(end) for end in (plan.low, plan.high) if end is not None)
     if len(ends) == 2:

@@ -19,7 +19,7 @@ def deconvolution_table(found: Deconvolved) -> str:
         refused = f"refused: {each.reason}" if each.reason else ""
         mark = "taken" if each.rule == found.chosen else ""
         told = ["-" if value is None else f"{value:.3g}" for value in figures]
-        rows.append([each.rule, *told, "; ".join(filter(None, (mark, refused)))])
+        rows.append([str(each.rule), *told, "; ".join(filter(None, (mark, refused)))])
     by = f", by {found.chosen} ({found.reason})" if found.chosen else f" ({found.reason})"
     line = f"{found.drive} by {found.plan.method}: {name} = {found.parameter:.4g}{by}"
     return f"{aligned(rows)}\n{line}" if found.choices else line
