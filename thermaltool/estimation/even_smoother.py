@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from thermaltool.estimation.state_space import StateSpace
+from thermaltool.estimation.state_space import StateSpace, propagated
 from thermaltool.responses.modes import Float, Recursion
 
 # What is left of a start below this share no longer counts.
@@ -53,7 +53,7 @@ class EvenSmoother:
         self._forward = Recursion(self.L, self.K, np.zeros_like(self.K), np.vstack([H, C]))
         back = self.weighed.T
         self._back = Recursion(self.L.T, np.zeros_like(back), back, C @ P.T)
-        self.N = _gramian(self.L.T, H.T @ self.weighed, rows)
+        self.N = propagated(self.L.T, H.T @ self.weighed, np.zeros_like(P), rows)
         self.ratio = np.eye(len(P)) - self.N @ self.D
 
     @property
@@ -103,16 +103,3 @@ class EvenSmoother:
         stays = float(np.max(np.abs(np.linalg.eigvals(self.L))))
         rows = np.log(REMAINDER) / np.log(max(stays, 1e-12)) if stays < 1 else np.inf
         return int(min(self.rows, 2 * rows + 64))
-
-
-def _gramian(A: Float, added: Float, count: int) -> Float:
-    """Σ A^k added A^kᵀ for k below `count`, by doubling."""
-    total, power, sums = np.zeros_like(added), A, added
-    while count:
-        if count & 1:
-            total = sums + power @ total @ power.T
-        count >>= 1
-        if count:
-            sums = sums + power @ sums @ power.T
-            power = power @ power
-    return (total + total.T) / 2
