@@ -83,6 +83,8 @@ study: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/demo.mk $(TOOLS) $(DESIGNS)
 	@$(BIN)/python benchmarks/deflection_bands.py data_samples $(DESIGNS) --repeat 20
 	@$(BIN)/python benchmarks/smoothing.py
+	@$(BIN)/python benchmarks/deconvolution.py rules
+	@$(BIN)/python benchmarks/deconvolution.py wall
 	@$(BIN)/python benchmarks/boring_bar.py
 	@$(BIN)/python benchmarks/orders.py study
 	@$(BIN)/python benchmarks/identify.py coverage

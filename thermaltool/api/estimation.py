@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
     from thermaltool.api.inputs import ModelLike
     from thermaltool.estimation.batch import EstimatedRecord
+    from thermaltool.estimation.deconvolution import Method
     from thermaltool.estimation.design import EstimatorDesign
+    from thermaltool.estimation.parameter_rules import Rule
     from thermaltool.logs import Log
     from thermaltool.logs.reader import Data
     from thermaltool.model import Model
@@ -120,14 +122,23 @@ class LogEstimate(Result):
         return to_frame(self.columns)
 
     def document(self) -> dict[str, Any]:
-        """The agreement of every measured channel, JSON-ready."""
-        return {name: each.document() for name, each in self.agreements.items()}
+        """The agreement of every measured channel, and how a method chose, JSON-ready."""
+        from thermaltool.report.deconvolution import deconvolution_document
+
+        agreements = {name: each.document() for name, each in self.agreements.items()}
+        if self.found.deconvolved is None:
+            return agreements
+        return agreements | {"deconvolution": deconvolution_document(self.found.deconvolved)}
 
     def table(self) -> str:
-        """Band and error of every estimate that was measured."""
+        """How a method chose; band and error of every estimate that was measured."""
+        from thermaltool.report.deconvolution import deconvolution_table
         from thermaltool.report.simulation import estimate_table
 
-        return estimate_table(self.agreements)
+        parts = [] if self.found.deconvolved is None else [
+            deconvolution_table(self.found.deconvolved)
+        ]  # fmt: skip
+        return "\n".join([*parts, *([estimate_table(self.agreements)] if self.agreements else [])])
 
     def draw(self) -> Figure:
         """The estimates, against what was measured of them where it was."""
@@ -243,6 +254,11 @@ def estimate(
     lag: float | None = None,
     walk: float | Literal["likelihood", "design"] | None = None,
     bands: bool = False,
+    method: Method | None = None,
+    rule: Rule | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    future: int | None = None,
     warn: Notice = notice,
     **reading: Unpack[Reading],
 ) -> LogEstimate:
@@ -269,6 +285,17 @@ def estimate(
         with `smooth`, else "design".
     bands : bool
         Standard errors of all estimates, as columns ``sigma_...``.
+    method : {"tikhonov0", "tikhonov1", "tikhonov2", "tv", "beck"}, optional
+        The heat of one drive from the whole record, of a machine at rest at the first row:
+        Tikhonov regularization of a difference of the heat, total variation, Beck's function
+        specification. It goes with none of the four options before.
+    rule : str, optional
+        What chooses its parameter: "likelihood", "gcv", "quasi-optimality", "discrepancy" or
+        "l-curve". Default: the one with the least expected error, or the first that is not refused.
+    at_least, at_most : float, optional
+        Bounds of its heat [unit of the drive].
+    future : int, optional
+        Future rows of "beck".
     warn : callable
         Takes a sentence where the first reading is not rest, the model extrapolates or the log
         pauses. Default: a `ThermalToolWarning`.
@@ -286,7 +313,7 @@ def estimate(
     LogError
         A log that cannot be read, or that lacks a sensor.
     ValueError
-        `smooth` and `lag` at once, or a lag that is none.
+        Options that do not go together, or a lag that is none.
 
     Examples
     --------
@@ -299,6 +326,7 @@ def estimate(
     True
     """
     from thermaltool.estimation.batch import estimate as estimate_record
+    from thermaltool.estimation.deconvolution import DeconvolutionPlan
     from thermaltool.estimation.lookahead import Lookahead
     from thermaltool.estimation.pipeline import EstimatorPipeline
     from thermaltool.model import NOT_AT_REST
@@ -306,12 +334,13 @@ def estimate(
 
     model = as_model(model)
     pipeline = EstimatorPipeline.of(model)
-    if smooth and lag is not None:
-        raise ValueError("smooth takes all later readings, lag some of them: give one")
-    how = Lookahead(smooth, lag, walk, bands)
+    if method is None and any(each is not None for each in (rule, at_least, at_most, future)):
+        raise ValueError("a rule, bounds and future rows go with a method")
+    plan = None if method is None else DeconvolutionPlan(method, rule, at_least, at_most, future)
+    how = Lookahead(smooth, lag, walk, bands, plan)
     need = pipeline.columns
-    if smooth and reading.get("nan_policy") == "hold":
-        # A smoother needs no reading that nobody has made.
+    if how.takes_all and reading.get("nan_policy") == "hold":
+        # A smoother needs no reading that nobody has made; a method names them.
         need = tuple(each.column for each in pipeline.input_columns if not each.sensor)
     log = read(data, need, warn=warn, **reading)
     found = estimate_record(model, pipeline, log, initial == "settled", how)
@@ -320,6 +349,8 @@ def estimate(
     if found.parted is not None:
         row, why = found.parted
         warn(row_message(log, row, f"model and machine have parted: {why}"))
+    for sentence in found.deconvolved.notes if found.deconvolved else ():
+        warn(sentence)
     for column, value in found.not_at_rest.items():
         warn(row_message(log, 0, f"{column}: {value:.4g} at the start {NOT_AT_REST}"))
     for excursion in found.excursions:

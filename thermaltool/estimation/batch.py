@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from thermaltool.errors import LogError
+from thermaltool.estimation.deconvolution import Deconvolved
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.lookahead import Lookahead, look
 from thermaltool.estimation.pipeline import EstimatorPipeline
@@ -44,6 +45,8 @@ class EstimatedRecord:
     parted : (int, str) or None
         The row from which on model and machine contradict each other, and what says so; looked for
         where standard errors were asked for.
+    deconvolved : Deconvolved or None
+        How a method that was asked for came to its heat.
     """
 
     time: Float
@@ -55,6 +58,7 @@ class EstimatedRecord:
     sigma: Mapping[str, Float] = field(default_factory=dict)
     sizes: KalmanEstimator | None = None
     parted: tuple[int, str] | None = None
+    deconvolved: Deconvolved | None = None
 
     def columns(self) -> dict[str, Float]:
         """The table: ``time_s``, the estimates and their standard errors."""
@@ -106,7 +110,7 @@ def estimate(
             if not settled and len(values) and away_from_rest(values[0], column.calibrated):
                 not_at_rest[column.column] = float(values[0])
     sigma: dict[str, Float] = {}
-    sizes, parted = None, None
+    sizes, parted, deconvolved = None, None, None
     names = pipeline.estimator.estimates
     if how is None or how.plain:
         found = [*pipeline.run(record.time, true_values, settled).T]
@@ -115,6 +119,7 @@ def estimate(
         looked = look(model, pipeline.estimator, record.time, taken, how, settled)
         found = pipeline.given_out([*looked.estimates.T])
         sizes = None if how.sizes == "design" else looked.estimator
+        deconvolved = looked.deconvolved
         parted = None if looked.parted is None else (looked.parted, looked.reason)
         if looked.sigma is not None:
             # Through the maps behind the estimator, which may bend.
@@ -134,6 +139,7 @@ def estimate(
         sigma,
         sizes,
         parted,
+        deconvolved,
     )
 
 

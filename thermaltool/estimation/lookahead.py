@@ -8,7 +8,14 @@ from typing import Literal
 
 import numpy as np
 
+from thermaltool.errors import ModelError
 from thermaltool.estimation.bands import model_errors
+from thermaltool.estimation.deconvolution import (
+    DeconvolutionPlan,
+    Deconvolved,
+    deconvolve,
+    followed,
+)
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.fixed_lag import fixed_lag, lag_saving
 from thermaltool.estimation.forms import linear_kalman
@@ -16,6 +23,7 @@ from thermaltool.estimation.innovation_test import InnovationTest, first_alarm
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.likelihood import fit_sizes
 from thermaltool.estimation.parameter_error import parameter_variance
+from thermaltool.estimation.permanent_effects import apply_maps, drive_maps
 from thermaltool.estimation.smoother import Smoothed, smooth
 from thermaltool.model import Model
 from thermaltool.responses.modes import Float
@@ -37,17 +45,33 @@ class Lookahead:
         design has it; None for "likelihood" where all of the record counts, else "design".
     bands : bool
         Standard errors, too.
+    plan : DeconvolutionPlan or None
+        Another method than the Kalman filter's; of the whole record, and it goes with none of the
+        others.
     """
 
     smooth: bool = False
     lag: float | None = None
     walk: RateSource | None = None
     bands: bool = False
+    plan: DeconvolutionPlan | None = None
+
+    def __post_init__(self) -> None:
+        if self.smooth and self.lag is not None:
+            raise ValueError("smooth takes all later readings, lag some of them: give one")
+        if self.plan and (self.smooth or self.lag is not None or self.walk or self.bands):
+            raise ValueError("a method takes all readings and chooses its own parameter: it goes "
+                             "with neither smooth nor lag, walk or bands")  # fmt: skip
+
+    @property
+    def takes_all(self) -> bool:
+        """Whether each estimate rests on all of the record."""
+        return self.smooth or self.plan is not None
 
     @property
     def plain(self) -> bool:
         """Whether the estimates are those of the stream, and nothing more is asked."""
-        return not (self.smooth or self.lag or self.walk or self.bands)
+        return not (self.takes_all or self.lag or self.walk or self.bands)
 
     @property
     def sizes(self) -> RateSource:
@@ -70,6 +94,8 @@ class Looked:
         The first row at which model and machine have parted, where standard errors were asked for.
     reason : str
         What says so.
+    deconvolved : Deconvolved or None
+        How another method came to its heat.
     """
 
     estimates: Float
@@ -77,6 +103,7 @@ class Looked:
     estimator: KalmanEstimator
     parted: int | None = None
     reason: str = ""
+    deconvolved: Deconvolved | None = None
 
 
 def look(
@@ -104,9 +131,9 @@ def look(
     Raises
     ------
     ModelError
-        No Kalman form.
+        No Kalman form; a method for a machine that has settled.
     LogError, FitError
-        As for `fit_sizes`.
+        As for `fit_sizes` and `deconvolve`.
     """
     designed = kalman = linear_kalman(estimator)
     sensors = len(kalman.sensors)
@@ -115,6 +142,18 @@ def look(
         before, behind = estimator.contributions(time, taken[:, sensors:])
         readings = readings - before
     level = drive_levels(model, kalman.drives)
+    if how.plan is not None:
+        if settled:
+            raise ModelError("--method takes a machine at rest at the first row; --smooth takes "
+                             "--initial settled, too")  # fmt: skip
+        maps = drive_maps(model, kalman.drives[0])
+
+        def acting(end: float) -> float:
+            return float(apply_maps(maps, np.array([end]))[0])
+
+        found = deconvolve(kalman, time, readings, level[0], how.plan, acting)
+        estimates = followed(kalman, float(np.median(np.diff(time))), found.heat)
+        return Looked(estimates + behind, None, kalman, deconvolved=found)
     if isinstance(how.sizes, float):
         kalman = replace(kalman, walk=tuple(how.sizes * each for each in level))
     if how.sizes != "design" and len(time):

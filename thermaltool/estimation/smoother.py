@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
 from thermaltool.estimation.estimator import KalmanEstimator
-from thermaltool.estimation.state_space import StateSpace
+from thermaltool.estimation.state_space import StateSpace, propagated
 from thermaltool.responses.modes import Float, Recursion
 from thermaltool.responses.sample_clock import clock_step
 
@@ -113,7 +113,7 @@ class _Filter:
             before, length = now, max(held, 1)
             self._take(_Stretch(slice(k, k + length), some, H, S, L, PC), K, C @ G, C)
             # Of the filter as it is, whether its gain is held or not.
-            self.P = _propagated(L, K @ R @ K.T + space.Q, self.P, length)
+            self.P = propagated(L, K @ R @ K.T + space.Q, self.P, length)
             k += length
 
     def _take(self, part: _Stretch, K: Float, CG: Float, C: Float) -> None:
@@ -161,7 +161,7 @@ class _Filter:
                 estimates[rows] += added[:0:-1]
             W = part.H.T @ weighed
             variance[rows] -= _told_later(part, W, N, len(v))
-            N = _propagated(part.L.T, W, N, len(v))
+            N = propagated(part.L.T, W, N, len(v))
         return Smoothed(
             estimates,
             np.sqrt(np.maximum(variance, 0.0)),
@@ -189,19 +189,6 @@ def _told_later(part: _Stretch, W: Float, N: Float, count: int) -> Float:
             told[:k] = within
             break
     return told
-
-
-def _propagated(A: Float, added: Float, P: Float, count: int) -> Float:
-    """`P` after `count` steps P ← added + A P Aᵀ, by doubling."""
-    power, total = A, added
-    while count:
-        if count & 1:
-            P = total + power @ P @ power.T
-        count >>= 1
-        if count:
-            total = total + power @ total @ power.T
-            power = power @ power
-    return (P + P.T) / 2
 
 
 def smooth(

@@ -76,3 +76,22 @@ def predicted_covariance(F: Float, H: Float, Q: Float, R: Float) -> Float:
         if np.max(np.abs(step)) <= 1e-13 * np.max(np.abs(P)):
             return P
     raise FitError("the estimator's Riccati equation has no steady solution")
+
+
+def propagated(A: Float, added: Float, P: Float, count: int) -> Float:
+    """`P` after `count` steps P ← added + A P Aᵀ, by doubling.
+
+    Parameters
+    ----------
+    A, added, P : ndarray, shape (n, n)
+    count : int
+    """
+    power, total = A, added
+    while count:
+        if count & 1:
+            P = total + power @ P @ power.T
+        count >>= 1
+        if count:
+            total = total + power @ total @ power.T
+            power = power @ power
+    return (P + P.T) / 2

@@ -1,0 +1,105 @@
+"""Fixed-interval smoother on an even clock: one gain for all rows, and still exact at the start.
+
+The steady Kalman filter is the exact one for a machine whose first state has the steady covariance
+P of a prediction. A machine that starts with P₀ (at rest: zero) is reached without a gain for each
+row: with r and N the adjoint and its covariance behind the first row (de Jong 1989), D = P − P₀,
+
+    r' = (I − N D)⁻¹ r,   a₀ = −D r',   −2 log p' = −2 log p + rᵀ D r' + log det(I − N D)
+
+makes the conditional mean of the first prior that of the second, which follows from the change of
+the prior of the first state alone. Two recursions with constant matrices do the rest: linear work,
+and many records cost one set of matrices. `smoother.smooth` takes any clock and missing readings.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from thermaltool.estimation.state_space import StateSpace, propagated
+from thermaltool.responses.modes import Float, Recursion
+
+# What is left of a start below this share no longer counts.
+REMAINDER = 1e-10
+
+
+class EvenSmoother:
+    """Smoother of records of `rows` rows.
+
+    Parameters
+    ----------
+    space : StateSpace
+        Over one sample.
+    start : ndarray, shape (n, n)
+        Covariance of the first state.
+    rows : int
+
+    Raises
+    ------
+    FitError
+        The Riccati equation has no steady solution.
+    """
+
+    def __init__(self, space: StateSpace, start: Float, rows: int) -> None:
+        F, H, C = space.F, space.H, space.C
+        self.rows, self.sensors, self._C = rows, len(H), C
+        self.P = P = space.predicted()
+        self.S = H @ P @ H.T + space.R
+        self.H, self.K = H, F @ space.filter_gain(P)
+        self.L = F - self.K @ H
+        self.weighed = np.asarray(np.linalg.solve(self.S, H))
+        self.D = P - start
+        self._forward = Recursion(self.L, self.K, np.zeros_like(self.K), np.vstack([H, C]))
+        back = self.weighed.T
+        self._back = Recursion(self.L.T, np.zeros_like(back), back, C @ P.T)
+        self.N = propagated(self.L.T, H.T @ self.weighed, np.zeros_like(P), rows)
+        self.ratio = np.eye(len(P)) - self.N @ self.D
+
+    @property
+    def variance(self) -> Float:
+        """Variance of each estimate far from both ends of the record, shape (n_estimates,)."""
+        PC = self.P @ self._C.T
+        return np.asarray(np.einsum("ij,ij->j", PC, self._C.T - self.N @ PC))
+
+    @cached_property
+    def log_determinant(self) -> float:
+        """Logarithm of the determinant of the readings' covariance."""
+        steady = self.rows * float(np.linalg.slogdet(self.S)[1])
+        return steady + float(np.linalg.slogdet(self.ratio)[1])
+
+    def run(self, readings: Float) -> tuple[Float, float]:
+        """Smoothed estimates, and the readings squared over their covariance.
+
+        Parameters
+        ----------
+        readings : ndarray, shape (n, n_sensors)
+
+        Returns
+        -------
+        estimates : ndarray, shape (n, n_estimates)
+        squares : float
+            yᵀ Σ⁻¹ y.
+        """
+        estimates, v, r = self._pass(readings, np.zeros(len(self.P)))
+        squares = float(np.sum(v * np.linalg.solve(self.S, v.T).T))
+        told = np.linalg.solve(self.ratio, r)
+        first = -self.D @ told
+        count = min(self.rows, self._memory)
+        estimates[:count] += self._pass(np.zeros((count, self.sensors)), first)[0]
+        return estimates, squares + float(r @ self.D @ told)
+
+    def _pass(self, readings: Float, first: Float) -> tuple[Float, Float, Float]:
+        out, _ = self._forward.run(readings, first)
+        # `run` takes an input at the start of its sample: row k has seen rows before k.
+        v, predicted = readings - out[:, : self.sensors], out[:, self.sensors :]
+        padded = np.vstack([np.zeros((1, self.sensors)), v[::-1]])
+        added, r = self._back.run(padded, np.zeros(len(self.P)))
+        return predicted + added[:0:-1], v, r
+
+    @cached_property
+    def _memory(self) -> int:
+        """Rows until a first state is forgotten."""
+        stays = float(np.max(np.abs(np.linalg.eigvals(self.L))))
+        rows = np.log(REMAINDER) / np.log(max(stays, 1e-12)) if stays < 1 else np.inf
+        return int(min(self.rows, 2 * rows + 64))
