@@ -35,7 +35,8 @@ def rod_log(
         if rng is not None:
             columns[name] = columns[name] + noise * rng.standard_normal(len(heat))
     columns[OUTPUT] = EXPANSION * ROD.length * rises.mean(axis=1)
-    return Record(np.arange(len(heat)) * float(dt), columns)
+    time: Array = np.arange(len(heat), dtype=float) * dt
+    return Record(time, columns)
 
 
 def random_heat(rng: np.random.Generator, rows: int, held: int, most: float = 1000.0) -> Array:
