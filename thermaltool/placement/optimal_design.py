@@ -88,7 +88,7 @@ class _Information:
         for k, rows in enumerate(self.rows):
             own = rows[held]
             matrix = np.eye(rows.shape[1]) + (own * weights[held, None]).T @ own
-            self.covariances[k] = np.linalg.inv(matrix)
+            self.covariances[k] = np.asarray(np.linalg.inv(matrix), np.float64)
         return self
 
     def value(self) -> float:
