@@ -27,7 +27,7 @@ def rod_log(
     """Temperatures at the nine places and the expansion for a heat [W], with noise [K]."""
     rises = ROD.temperatures(heat, dt)
     centres = (np.arange(ROD.cells) + 0.5) * ROD.length / ROD.cells
-    columns = {}
+    columns: dict[str, Array] = {}
     for name, place in zip(SENSORS, PLACES, strict=True):
         k = int(np.searchsorted(centres, place))
         part = (place - centres[k - 1]) / (centres[k] - centres[k - 1])
@@ -35,7 +35,8 @@ def rod_log(
         if rng is not None:
             columns[name] = columns[name] + noise * rng.standard_normal(len(heat))
     columns[OUTPUT] = EXPANSION * ROD.length * rises.mean(axis=1)
-    return Record(dt * np.arange(len(heat)), columns)
+    time: Array = np.arange(len(heat), dtype=float) * dt
+    return Record(time, columns)
 
 
 def random_heat(rng: np.random.Generator, rows: int, held: int, most: float = 1000.0) -> Array:

@@ -242,7 +242,9 @@ def _errors(
     from thermaltool.placement.robustness import judged, missed
 
     inside = judged(problem, METHOD_NAMES, tried)
-    found = {(method, form): dict(own) for method, own in inside.items()}
+    found: dict[tuple[str, str], dict[str, float]] = {
+        (method, form): dict(own) for method, own in inside.items()
+    }
     for log in fresh:
         for method in METHOD_NAMES:
             try:

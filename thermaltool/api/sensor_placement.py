@@ -274,7 +274,7 @@ def _design_sets(
     cycles = [cycle_of(log, channels, outputs, sigma) for log in logs]
     candidates = Candidates.of(cycles, sigma, price, forbidden)
     cheapest = price[list(free)].min()
-    found = []
+    found: list[SensorSet] = []
     for budget in range(1, most + 1):
         if budget < cheapest:
             continue

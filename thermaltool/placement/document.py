@@ -46,7 +46,9 @@ def regression_document(
     ModelError
         Low-pass states whose weight goes with the position: no document has them.
     """
-    terms, outputs, channels = [], [], {}
+    terms: list[Term] = []
+    outputs: list[Output] = []
+    channels: dict[str, None] = {}
     for problem, found in fits:
         own = list(_terms(problem, found))
         if not own:

@@ -80,7 +80,7 @@ class _Information:
             cycle.deflections if criterion == "I" else np.eye(size)
             for cycle, size in zip(candidates.cycles, sizes, strict=True)
         ]
-        self.covariances = [np.eye(size) for size in sizes]
+        self.covariances: list[Array] = [np.eye(size) for size in sizes]
 
     def at(self, weights: Array) -> _Information:
         """For weights of the candidates, shape (N,); those of a set are 0 and 1."""
@@ -88,7 +88,7 @@ class _Information:
         for k, rows in enumerate(self.rows):
             own = rows[held]
             matrix = np.eye(rows.shape[1]) + (own * weights[held, None]).T @ own
-            self.covariances[k] = np.linalg.inv(matrix)
+            self.covariances[k] = np.asarray(np.linalg.inv(matrix), np.float64)
         return self
 
     def value(self) -> float:

@@ -29,6 +29,9 @@ Index = NDArray[np.intp]
 # The zero of a log of which no row was fitted comes from so many of its first rows at most, or from
 # this part of them, three at least.
 ZERO_ROWS, ZERO_PART = 30, 0.05
+# Rows of a log that count as independent at least: of errors that are nearly periodic an AR model
+# leaves hardly any, and the evidence would rather have no weight.
+LEAST_INDEPENDENT = 20.0
 # Highest power of a position that is tried.
 MAX_DEGREE = 3
 # A term stays where the criterion falls by more than this without it.
@@ -264,7 +267,8 @@ class RegressionProblem:
     def _independent(self, errors: Array, fitted: Rows) -> float:
         """Part of the rows that are worth an independent one each."""
         ends = np.flatnonzero(np.diff(self.record[fitted])) + 1
-        return effective_share(np.split(errors, ends))
+        least = LEAST_INDEPENDENT / len(errors)
+        return min(max(effective_share(np.split(errors, ends)), least), 1.0)
 
     def computed(self, found: ThermalRegression, rows: Rows) -> Array:
         """The error by a regression, in the readings of the logs, shape (rows,).

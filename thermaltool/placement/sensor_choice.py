@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
@@ -131,7 +132,7 @@ class HeldOutScores:
             self._known[key] = min(found, key=lambda each: each.score)
         return self._known[key]
 
-    def _errors(self, place: Array, ridge: float) -> tuple[float, ...]:
+    def _errors(self, place: NDArray[np.intp], ridge: float) -> tuple[float, ...]:
         found = []
         within = np.ix_(place, place)
         for blocks in self._sums:
