@@ -15,7 +15,7 @@ WEIGHTS = np.where(ORDER, np.sqrt(2), 1) / RATES
 
 
 def test_time_constants_and_weights_of_the_source():
-    assert 1 / RATES[:4] / 60 == pytest.approx([141, 56.5, 28.5, 20.1], rel=0.9)
+    assert 1 / RATES[:4] / 60 == pytest.approx([141, 56.5, 20.1, 9.6], rel=0.02)
     assert WEIGHTS[:3].sum() / WEIGHTS[:20].sum() == pytest.approx(0.845, abs=0.02)
 
 
