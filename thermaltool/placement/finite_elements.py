@@ -6,6 +6,7 @@ Linear elements carry temperature and displacement. Deflections follow temperatu
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -136,21 +137,25 @@ class FiniteElements:
         ModelError
             A point farther from the body than an element is large.
         """
-        mesh = self.body.mesh
-        try:
-            return sparse.csr_array(self.basis.probes(at[:, None]))
-        except ValueError:
-            # Rounding, or a chord of a curved surface: the nearest node is the place.
-            distance = np.linalg.norm(mesh.p - at[:, None], axis=0)
-            nearest = int(np.argmin(distance))
-            size = float(np.max(np.ptp(mesh.p[:, mesh.t[:, np.any(mesh.t == nearest, 0)]], axis=1)))
-            if distance[nearest] > size:
-                place = ", ".join(f"{x:g}" for x in at)
-                raise ModelError(
-                    f"{name}: ({place}) m is {distance[nearest]:.3g} m from the body"
-                ) from None
+        nearest = self.nearest_node(name, at)
+        places = self.body.mesh.p
+        if np.all((at >= places.min(axis=1)) & (at <= places.max(axis=1))):
+            # Rounding, or a chord of a curved surface, may leave a point in no element.
+            with contextlib.suppress(ValueError, IndexError):
+                return sparse.csr_array(self.basis.probes(at[:, None]))
         row = sparse.coo_array(([1.0], ([0], [nearest])), shape=(1, self.basis.N))
         return sparse.csr_array(row)
+
+    def nearest_node(self, name: str, at: Array) -> int:
+        """The node nearest to a point; raises as `reading`."""
+        mesh = self.body.mesh
+        distance = np.linalg.norm(mesh.p - at[:, None], axis=0)
+        nearest = int(np.argmin(distance))
+        corners = mesh.p[:, mesh.t[:, np.any(mesh.t == nearest, axis=0)]]
+        if distance[nearest] > float(np.max(np.ptp(corners, axis=1))):
+            place = ", ".join(f"{x:g}" for x in at)
+            raise ModelError(f"{name}: ({place}) m is {distance[nearest]:.3g} m from the body")
+        return nearest
 
     def by_region(self) -> Iterator[tuple[SolidMaterial, Any]]:
         """Every material with the elements that it fills (None for all)."""
@@ -213,6 +218,7 @@ class Thermoelasticity:
 
     def _row(self, name: str, at: Array, direction: Array) -> Array:
         if self.body.section is not None:
+            self.elements.nearest_node(name, at)
             return self._rod_row(float(at[0])) * direction[0]
         reading = self.elements.reading(name, at).tocoo()
         dofs, free, solve = self._solver
