@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from thermaltool.errors import ModelError
 from thermaltool.placement import sparse_solver, thermal_modes
 from thermaltool.placement.finite_elements import FiniteElements, Thermoelasticity
 
@@ -148,3 +149,11 @@ def test_a_hundred_thousand_nodes(block, load):
     left = found.equations.conduction @ found.shapes
     right = (found.equations.capacity @ found.shapes) / found.time_constants
     assert np.max(np.abs(left - right)) < 1e-6 * np.max(np.abs(right))
+
+
+@pytest.mark.parametrize("at", [-0.2, 5.0])
+def test_a_point_off_a_rod_is_named(rod, load, at):
+    for table, entry in (("points", {"T_a_degC": {"at": at}}),
+                         ("deflections", {"d_a_um": {"at": at, "direction": "x"}})):  # fmt: skip
+        with pytest.raises(ModelError, match="m from the body"):
+            FiniteElements(load({**rod, table: entry})).equations()

@@ -6,6 +6,7 @@ Linear elements carry temperature and displacement. Deflections follow temperatu
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,13 +21,12 @@ from skfem import (
     ElementHex1,
     ElementLineP1,
     ElementTetP1,
-    ElementVector,
     FacetBasis,
     LinearForm,
     MeshHex,
     MeshLine,
 )
-from skfem.helpers import ddot, div, dot, grad, sym_grad
+from skfem.helpers import dot, grad
 
 from thermaltool.errors import ModelError
 from thermaltool.placement.body import LEFT, SIDE, DeflectionPoint, SolidBody, SolidMaterial
@@ -136,21 +136,25 @@ class FiniteElements:
         ModelError
             A point farther from the body than an element is large.
         """
-        mesh = self.body.mesh
-        try:
-            return sparse.csr_array(self.basis.probes(at[:, None]))
-        except ValueError:
-            # Rounding, or a chord of a curved surface: the nearest node is the place.
-            distance = np.linalg.norm(mesh.p - at[:, None], axis=0)
-            nearest = int(np.argmin(distance))
-            size = float(np.max(np.ptp(mesh.p[:, mesh.t[:, np.any(mesh.t == nearest, 0)]], axis=1)))
-            if distance[nearest] > size:
-                place = ", ".join(f"{x:g}" for x in at)
-                raise ModelError(
-                    f"{name}: ({place}) m is {distance[nearest]:.3g} m from the body"
-                ) from None
+        nearest = self.nearest_node(name, at)
+        places = self.body.mesh.p
+        if np.all((at >= places.min(axis=1)) & (at <= places.max(axis=1))):
+            # Rounding, or a chord of a curved surface, may leave a point in no element.
+            with contextlib.suppress(ValueError, IndexError):
+                return sparse.csr_array(self.basis.probes(at[:, None]))
         row = sparse.coo_array(([1.0], ([0], [nearest])), shape=(1, self.basis.N))
         return sparse.csr_array(row)
+
+    def nearest_node(self, name: str, at: Array) -> int:
+        """The node nearest to a point; raises as `reading`."""
+        mesh = self.body.mesh
+        distance = np.linalg.norm(mesh.p - at[:, None], axis=0)
+        nearest = int(np.argmin(distance))
+        corners = mesh.p[:, mesh.t[:, np.any(mesh.t == nearest, axis=0)]]
+        if distance[nearest] > float(np.max(np.ptp(corners, axis=1))):
+            place = ", ".join(f"{x:g}" for x in at)
+            raise ModelError(f"{name}: ({place}) m is {distance[nearest]:.3g} m from the body")
+        return nearest
 
     def by_region(self) -> Iterator[tuple[SolidMaterial, Any]]:
         """Every material with the elements that it fills (None for all)."""
@@ -159,14 +163,16 @@ class FiniteElements:
 
     def _by_material(self, form: Callable[[SolidMaterial], BilinearForm]) -> sparse.csr_array:
         return sparse.csr_array(_total(
-            form(material).assemble(
-                Basis(self.body.mesh, self.element, intorder=_QUADRATURE, elements=elements)
-            )
-            for material, elements in self.by_region()
+            form(material).assemble(self.part(elements)) for material, elements in self.by_region()
         ))  # fmt: skip
 
     def _region(self, name: str) -> Basis:
-        elements = (self.body.mesh.subdomains or {}).get(name)
+        return self.part((self.body.mesh.subdomains or {}).get(name))
+
+    def part(self, elements: Any) -> Basis:
+        """Basis of some elements; None for all."""
+        if elements is None:
+            return self.basis
         return Basis(self.body.mesh, self.element, intorder=_QUADRATURE, elements=elements)
 
     def _surface(self, name: str) -> tuple[Any, float]:
@@ -213,6 +219,7 @@ class Thermoelasticity:
 
     def _row(self, name: str, at: Array, direction: Array) -> Array:
         if self.body.section is not None:
+            self.elements.nearest_node(name, at)
             return self._rod_row(float(at[0])) * direction[0]
         reading = self.elements.reading(name, at).tocoo()
         dofs, free, solve = self._solver
@@ -242,33 +249,44 @@ class Thermoelasticity:
     @cached_property
     def _solver(self) -> tuple[NDArray[np.integer], Any, Callable[[Array], Array]]:
         """Unknowns of every node, those that are free, and the solver of the stiffness."""
-        mesh, vector = self.body.mesh, ElementVector(self.elements.element)
-        basis = Basis(mesh, vector, intorder=_QUADRATURE)
+        mesh = self.body.mesh
         held = np.unique(np.concatenate([mesh.facets[:, mesh.boundaries[name]].ravel()
                                          for name in self.body.fixed]))  # fmt: skip
-        dofs = basis.nodal_dofs
-        free = np.setdiff1d(np.arange(basis.N), dofs[:, held].ravel())
-        stiffness = _total(
-            BilinearForm(
-                lambda u, v, _, lame=lame, shear=shear: (
-                    2.0 * shear * ddot(sym_grad(u), sym_grad(v)) + lame * div(u) * div(v)
-                )
-            ).assemble(Basis(mesh, vector, intorder=_QUADRATURE, elements=elements))
-            for lame, shear, _, elements in self._moduli()
-        )
-        return dofs, free, symmetric_solver(sparse.csr_array(stiffness)[free][:, free])
+        dofs = np.arange(mesh.p.size).reshape(mesh.p.shape)
+        free = np.setdiff1d(dofs.ravel(), dofs[:, held].ravel())
+        stiffness = _total(self._stiffness(*each) for each in self._moduli())
+        return dofs, free, symmetric_solver(stiffness[free][:, free])
+
+    def _stiffness(self, lame: float, shear: float, _: float, elements: Any) -> sparse.csr_array:
+        """λ div u div v + 2μ ε(u) : ε(v), one block for each pair of axes.
+
+        All follow from G_ab = ∫ ∂_a v ∂_b u, which costs far less than forms of vectors do.
+        """
+        basis = self.elements.part(elements)
+        axes = range(len(self.body.mesh.p))
+        slopes: dict[tuple[int, int], Any] = {}
+        for a in axes:
+            for b in range(a, len(axes)):
+                form = BilinearForm(lambda u, v, _, a=a, b=b: v.grad[a] * u.grad[b])
+                slopes[a, b] = sparse.csr_array(form.assemble(basis))
+                slopes[b, a] = sparse.csr_array(slopes[a, b].T)
+        blocks = [[lame * slopes[a, b] + shear * slopes[b, a] for b in axes] for a in axes]
+        laplace = shear * _total(slopes[a, a] for a in axes)
+        for a in axes:
+            blocks[a][a] = blocks[a][a] + laplace
+        return sparse.csr_array(sparse.block_array(blocks, format="csr"))
 
     @cached_property
     def _expansion(self) -> sparse.csr_array:
         """Forces of nodal temperatures, shape (dim · n, n) [N/K]."""
-        mesh, vector = self.body.mesh, ElementVector(self.elements.element)
-        return sparse.csr_array(_total(
-            BilinearForm(lambda u, v, _, stress=stress: stress * u * div(v)).assemble(
-                Basis(mesh, self.elements.element, intorder=_QUADRATURE, elements=elements),
-                Basis(mesh, vector, intorder=_QUADRATURE, elements=elements),
+        return sparse.csr_array(sparse.vstack([
+            _total(
+                BilinearForm(lambda u, v, _, a=a, stress=stress: stress * u * v.grad[a])
+                .assemble(self.elements.part(elements))
+                for _, _, stress, elements in self._moduli()
             )
-            for _, _, stress, elements in self._moduli()
-        ))  # fmt: skip
+            for a in range(len(self.body.mesh.p))
+        ]))  # fmt: skip
 
     def _moduli(self) -> Iterator[tuple[float, float, float, Any]]:
         """Lamé's constants, thermal stress per kelvin [Pa, Pa, Pa/K], elements."""

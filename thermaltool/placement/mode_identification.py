@@ -69,15 +69,8 @@ class IdentifiedModes:
         """The slowest first [s]."""
         return self.network.outputs[0].time_constant_estimates()
 
-    @property
-    def relative_weights(self) -> Array:
-        """Weight |w| of every mode as part of their sum, shape (outputs, drives, N)."""
-        weights = np.abs(np.array([output.weights for output in self.network.outputs]))
-        total = weights.sum(axis=2, keepdims=True)
-        return np.asarray(weights / np.where(total > 0, total, 1.0))
-
     def relative_weight_estimates(self, output: int, drive: int) -> tuple[Estimate, ...]:
-        """Shares of one channel and drive with intervals (linear in the covariance)."""
+        """Weight |w| of every mode as part of their sum, with first-order intervals."""
         return _relative_weights(self.network.outputs[output], drive)
 
 

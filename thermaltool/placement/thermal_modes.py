@@ -73,11 +73,6 @@ class ThermalEigenmodes:
         """Shapes with a largest value of 1 at the points, shape (points, N)."""
         return np.asarray(self.equations.readings @ self.unit_shapes)
 
-    @property
-    def outputs(self) -> Array:
-        """Rows of the points [K/K] and of the deflections [m/K], shape (outputs, n)."""
-        return np.vstack([self.equations.readings.toarray(), self.equations.deflections])
-
     @cached_property
     def contributions(self) -> Array:
         """Steady state of every output by every mode, for 1 W, shape (outputs, N, heat)."""
