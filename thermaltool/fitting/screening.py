@@ -252,14 +252,13 @@ def _known(rows: _Rows, kept: Sequence[int], dropped: int) -> bool:
 def _rows(data: TrainingData) -> _Rows | None:
     """All rows, in groups where they are many; None: too few."""
     m, group = len(data.inputs), -(-data.rows // MAX_ROWS)
-    free = [k for k, record in enumerate(data.records) if not record.at_rest]
     lags = min(LAGS[1], data.rows // group // ROWS_PER_COLUMN // m - 1)
     if lags < LAGS[0]:
         return None
     taus = np.geomspace(1.0, max(SLOWEST_SHARE * data.longest, 4.0), lags)
     sizes = np.std(np.hstack(data.u), axis=1)
     # Decays of the first piece of each log alone: those behind a hole are shorter than a lag.
-    free = [k for k in data.begins.values() if k in free]
+    free = [k for k in data.begins.values() if not data.records[k].at_rest]
     parts = []
     for k, (record, u, y) in enumerate(zip(data.records, data.u, data.y, strict=True)):
         offsets = np.zeros((data.experiments, len(record)))

@@ -126,9 +126,7 @@ class ComponentProblem:
         )
         parts = [len(record) // self.rows for record in data.records]
         if sum(parts) < MIN_AVERAGES:
-            raise FitError(
-                f"{data.outputs[0]}: {data.rows} rows are too few to hold out blocks of them"
-            )
+            raise FitError(f"{data.rows} rows are too few to hold out blocks of them")
         self.record: NDArray[np.intp] = np.repeat(np.arange(len(parts)), parts)
         self.first_row = np.concatenate([self.rows * np.arange(n) for n in parts])
         self.origin = np.array([record.origin for record in data.records])[self.record]

@@ -185,7 +185,7 @@ class ContinuousOeStructure(OeStructure):
     @property
     def candidates(self) -> Structure:
         """Orders are chosen by discrete models, which take less time."""
-        return OeStructure(self.noise, self.real_poles, rough=True)
+        return OeStructure(self.noise, self.real_poles)
 
     def problem(self, data: TrainingData, orders: Orders) -> Problem:
         if any(b > f for b, f in zip(orders.nb, orders.nf, strict=True)):

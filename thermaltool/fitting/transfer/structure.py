@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -34,7 +34,7 @@ class Structure(ABC):
     real_poles : bool
         Real, stable poles only.
     rough : bool
-        Of several inputs less is searched: a candidate of the choice of orders.
+        Several denominators are searched with less effort: candidates of the choice of orders.
     name : str
         As the command line and documents have it.
     letter : str
@@ -115,8 +115,8 @@ class Structure(ABC):
 
     @property
     def candidates(self) -> Structure:
-        """The structure whose fits decide on the orders: itself, with less of a search."""
-        return replace(self, rough=True)
+        """The structure whose fits decide on the orders: itself."""
+        return self
 
     def admits(self, model: TransferModel) -> bool:
         """Whether the poles of a fit are as they are wanted."""
