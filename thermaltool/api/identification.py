@@ -289,7 +289,8 @@ def identify(
         plan = ComponentPlan(reduction=reduction, **common)
     else:
         form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
-        plan = TransferPlan(structure=form, orders=tuple(orders), linear=not usual, **common)
+        plan = TransferPlan(structure=form, orders=tuple(orders), linear=not usual,
+                            rough=bool(left_out), **common)  # fmt: skip
     fits = fit(logs, inputs, outputs, plan, fresh, reference)
     progress("done\n")
     if search.ended:

@@ -49,7 +49,10 @@ Tried = tuple[tuple[int, ...], int, tuple[int, ...]]
 
 
 def choose(
-    data: TrainingData, structure: Structure, budget: SearchBudget | None = None
+    data: TrainingData,
+    structure: Structure,
+    budget: SearchBudget | None = None,
+    rough: bool = False,
 ) -> tuple[Candidate[TransferModel], ...]:
     """Orders nb, nf and delays nk of one structure, the best first.
 
@@ -57,6 +60,9 @@ def choose(
     ----------
     data : TrainingData
     structure : Structure
+    budget : SearchBudget, optional
+    rough : bool
+        With less effort, as for `MANY_INPUTS` and more.
 
     Raises
     ------
@@ -64,7 +70,7 @@ def choose(
         No candidate fits.
     """
     data.check()
-    structure = replace(structure, rough=len(data.inputs) >= MANY_INPUTS)
+    structure = replace(structure, rough=rough or len(data.inputs) >= MANY_INPUTS)
     short = data if data.rows <= MAX_COMPARED_ROWS else data.excerpt(MAX_COMPARED_ROWS)
 
     def fit(tried: Tried, part: TrainingData) -> TransferModel | None:
@@ -80,7 +86,7 @@ def choose(
     split, delays = short.split(FITTED_SHARE), _delays(short)
     direct = list(_direct_grid(_direct_delays(short, delays[0])))
     delays = _with_neighbours(delays, data.least_delays)
-    if len(data.inputs) < MANY_INPUTS:
+    if not structure.rough:
         tried = dict.fromkeys([*(each for nk in delays for each in _grid(nk)), *direct])
         return rank(tried, fit, split, none, budget)
     known: dict[Tried, TransferModel | None] = {}

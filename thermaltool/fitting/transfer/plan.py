@@ -29,11 +29,14 @@ class TransferPlan(Plan):
         For all inputs or one for each; empty, or None among them: chosen by held-out data.
     linear : bool
         Whether linear models are wanted, even where the machine is not linear.
+    rough : bool
+        Whether orders are chosen with less effort: of inputs that were taken out of many.
     """
 
     structure: Structure
     orders: tuple[tuple[int, int, int] | None, ...] = ()
     linear: bool = True
+    rough: bool = False
 
     def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Plan | None:
         models = tuple(fit.model for fit in fits if isinstance(fit.model, TransferModel))
@@ -57,7 +60,7 @@ class TransferPlan(Plan):
             nb, nf, nk = zip(*each, strict=True)
             model = structure.fit(data, structure.orders(nb, nf, nk))
         else:
-            candidates = choose(data, structure.candidates, self.budget)
+            candidates = choose(data, structure.candidates, self.budget, self.rough)
             chosen = (candidate.model.orders for candidate in candidates)
             wanted = [structure.orders(each.nb, each.nf[0], each.nk) for each in chosen]
             try:
