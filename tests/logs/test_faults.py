@@ -153,6 +153,13 @@ def test_what_a_command_makes_is_no_spike(late):
     assert found_rows(log) == {500, 1200, 1201}
 
 
+def test_a_hole_of_a_command_makes_no_spike():
+    torn, values = np.full(ROWS, 300.0), 20 + noise(5)
+    torn[200], values[200] = np.nan, values[200] + 25
+    log = Record(TIME, {"Q_main_W": torn, "T_head_degC": values}, segments(TIME))
+    assert found_rows(log) == {200}
+
+
 def test_commands_may_leap_for_a_row():
     values = np.where(np.arange(ROWS) % 311 == 5, 85.0, 0.0)
     assert not found_rows(log_of(values, "Q_main_W"))

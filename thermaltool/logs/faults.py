@@ -150,7 +150,7 @@ def spikes(record: Record, channel: str, rows: NDArray[np.intp]) -> Iterator[Fau
 
 
 def _commanded_changes(record: Record, channel: str) -> list[NDArray[np.intp]]:
-    """Of each channel that is commanded the rows in which it has another value than before."""
+    """Of each channel that is commanded the rows in which it has another value than the last."""
     found = []
     for name, values in record.columns.items():
         try:
@@ -158,7 +158,9 @@ def _commanded_changes(record: Record, channel: str) -> list[NDArray[np.intp]]:
         except UnitError:
             continue
         if commanded:
-            rows = np.flatnonzero(np.diff(values) != 0) + 1
+            # A hole is no change.
+            there = np.flatnonzero(np.isfinite(values))
+            rows = there[1:][np.diff(values[there]) != 0]
             if 0 < len(rows) <= MAX_CHANGES_SHARE * len(values):
                 found.append(rows)
     return found

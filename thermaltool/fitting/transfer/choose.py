@@ -130,7 +130,7 @@ def _rising(
             yield from own
             levels |= {each: level(each) for each in own}
             least = min(levels[each] for each in own)
-            if least >= best:
+            if np.isfinite(best) and least >= best:
                 break
             best = least
     plain = [each for each in levels if each[2] == delays[0]]
