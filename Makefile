@@ -70,6 +70,7 @@ bench: $(READY) $(BENCH_READY) $(BENCH_IDENTIFY_READY)
 	@$(BIN)/python benchmarks/speed.py
 	@$(BIN)/python benchmarks/memory.py
 	@$(BIN)/python benchmarks/laplace.py
+	@$(BIN)/python benchmarks/modes.py body
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/peers.py
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/orders.py speed
 	@PYTHONPATH=$(CURDIR) $(BENCH)/python benchmarks/streaming.py
@@ -85,6 +86,8 @@ study: $(READY)
 	@$(BIN)/python benchmarks/smoothing.py
 	@$(BIN)/python benchmarks/deconvolution.py rules
 	@$(BIN)/python benchmarks/deconvolution.py wall
+	@$(BIN)/python benchmarks/modes.py logs
+	@for what in rod axis design; do $(BIN)/python benchmarks/placement.py $$what; done
 	@$(BIN)/python benchmarks/boring_bar.py
 	@$(BIN)/python benchmarks/orders.py study
 	@$(BIN)/python benchmarks/identify.py coverage
