@@ -5,13 +5,12 @@ import sys
 
 import numpy as np
 import pytest
-from machines.expanding_rod import random_heat, rod_log
-from machines.warm_axis import axis_sets
+from machines.expanding_rod import random_heat, rod_columns
+from machines.warm_axis import axis_columns
 
 
-def write(path, record):
-    names = ["time_s", *record.columns]
-    rows = np.column_stack([record.time, *record.columns.values()])
+def write(path, columns):
+    names, rows = list(columns), np.column_stack(list(columns.values()))
     lines = [",".join(f"{v:.9g}" for v in row) for row in rows]
     path.write_text("\n".join([",".join(names), *lines]) + "\n")
     return path
@@ -20,7 +19,7 @@ def write(path, record):
 @pytest.fixture
 def log(tmp_path):
     rng = np.random.default_rng(3)
-    return write(tmp_path / "my rod.csv", rod_log(random_heat(rng, 360, 60), 10.0, rng, 0.02))
+    return write(tmp_path / "my rod.csv", rod_columns(random_heat(rng, 360, 60), 10.0, rng, 0.02))
 
 
 def test_place_says_which_sensors_and_what_the_next_gains(thermaltool, log, tmp_path):
@@ -101,7 +100,7 @@ def test_a_regression_simulates_and_streams(thermaltool, log, tmp_path):
 
 
 def test_an_axis_by_its_position(thermaltool, tmp_path):
-    train, test = axis_sets(np.random.default_rng(4))
+    train, test = axis_columns(np.random.default_rng(4))
     first, second = write(tmp_path / "a.csv", train), write(tmp_path / "b.csv", test)
     model = tmp_path / "axis.json"
     options = ("--output", "d_z_um", "--position", "x_z_mm", "--validate", second)
@@ -115,8 +114,8 @@ def test_an_axis_by_its_position(thermaltool, tmp_path):
 
 
 def test_positions_without_readings_and_degrees_without_position(thermaltool, tmp_path):
-    train, _ = axis_sets(np.random.default_rng(4))
-    train.columns["x_z_mm"][:] = np.nan
+    train, _ = axis_columns(np.random.default_rng(4))
+    train["x_z_mm"][:] = np.nan
     path = write(tmp_path / "a.csv", train)
     path.write_text(path.read_text().replace("nan", ""))
     options = ("--output", "d_z_um", "--position", "x_z_mm", "--nan-policy", "omit")

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from machines.expanding_rod import OUTPUT, SENSORS, periodic_heat, rod_log
-from machines.warm_axis import axis_sets
+from machines.expanding_rod import OUTPUT, SENSORS, periodic_heat, rod_columns
+from machines.warm_axis import axis_columns
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import training_data
@@ -15,6 +15,14 @@ from thermaltool.record import Record
 PAIR = (SENSORS[0], SENSORS[4])
 
 
+def record_of(columns):
+    return Record(columns["time_s"], {n: v for n, v in columns.items() if n != "time_s"})
+
+
+def rod_log(*heat):
+    return record_of(rod_columns(*heat))
+
+
 def problem_of(log, sensors, output, taus=(), **axis):
     channels = [*sensors, *([axis["position"]] if axis else [])]
     return RegressionProblem(training_data([log], channels, [output]), Basis(sensors, taus, **axis))
@@ -22,7 +30,7 @@ def problem_of(log, sensors, output, taus=(), **axis):
 
 @pytest.fixture(scope="module")
 def axis():
-    return axis_sets(np.random.default_rng(11))
+    return [record_of(each) for each in axis_columns(np.random.default_rng(11))]
 
 
 def test_the_evidence_keeps_the_terms_of_the_published_axis(axis):
