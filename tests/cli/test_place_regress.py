@@ -126,3 +126,24 @@ def test_positions_without_readings_and_degrees_without_position(thermaltool, tm
     result = thermaltool("regress", path, "--output", "d_z_um", "--degree", 1)
     assert result.code == 2
     assert "a degree needs a position" in result.err
+
+
+def test_states_carry_on_over_a_pause(thermaltool, tmp_path):
+    rng = np.random.default_rng(8)
+    columns = rod_columns(random_heat(rng, 1080, 60), 10.0, rng, 0.02)
+    # The pause is short beside the states, which are thus known behind it.
+    kept = (np.arange(1080) < 500) | (np.arange(1080) >= 520)
+    path = write(tmp_path / "a.csv", {name: values[kept] for name, values in columns.items()})
+    options = ("--output", "d_tip_um", "--sensor", "T_1_degC", "--max-gap", 60)
+    lags = ("--time-constant", 600, "--time-constant", 3000)
+    model = tmp_path / "model.json"
+    result = thermaltool("regress", path, *options, *lags, "-o", model)
+    assert "the sensors are taken along a straight line over it" in result.err
+    paused = thermaltool("regress", path, *options, *lags, "--json").json["outputs"][0]
+    simulated = thermaltool("simulate", model, path, "--max-gap", 60, "--json").json["d_tip_um"]
+    # A simulation takes its zero from the first rows, a fit from all.
+    about_mean = (simulated["rmse"] ** 2 - simulated["mean"] ** 2) ** 0.5
+    assert about_mean == pytest.approx(paused["rmse"], rel=1e-3)
+    whole = write(tmp_path / "b.csv", columns)
+    other = thermaltool("regress", whole, *options, *lags, "--json").json["outputs"][0]
+    assert paused["rmse"] == pytest.approx(other["rmse"], rel=0.2)

@@ -200,7 +200,7 @@ def read_logs(
             named = f" of {', '.join(need)}" if need else ""
             raise LogError(f"{len(log)} rows with readings{named}: no regression", log.name)
         if pauses:
-            warn_pauses(log, warn, "the sensors are taken as held over it")
+            warn_pauses(log, warn, "the sensors are taken along a straight line over it")
     return logs
 
 
@@ -238,7 +238,7 @@ def _held_out_sets(
     from thermaltool.placement.sensor_choice import HeldOutScores, choose_sensors, lag_forms
     from thermaltool.placement.sensor_sets import SensorSet
 
-    forms = lag_forms(data.duration) if time_constants is None else (tuple(time_constants),)
+    forms = lag_forms(data) if time_constants is None else (tuple(time_constants),)
     found = []
     for taus in forms:
         basis = Basis(data.inputs, taus)
