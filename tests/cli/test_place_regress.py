@@ -147,3 +147,63 @@ def test_states_carry_on_over_a_pause(thermaltool, tmp_path):
     whole = write(tmp_path / "b.csv", columns)
     other = thermaltool("regress", whole, *options, *lags, "--json").json["outputs"][0]
     assert paused["rmse"] == pytest.approx(other["rmse"], rel=0.2)
+
+
+def with_column(log, name, cells):
+    first, *lines = log.read_text().splitlines()
+    wide = [f"{line},{cell}" for line, cell in zip(lines, cells, strict=True)]
+    log.write_text("\n".join([f"{first},{name}", *wide]) + "\n")
+
+
+def test_a_candidate_with_holes_is_named(thermaltool, log):
+    cells = ["" if 100 <= k < 220 else f"{20 + k % 7}" for k in range(360)]
+    with_column(log, "T_holes_degC", cells)
+    options = ("--output", "d_tip_um", "--sensors", 1, "--static")
+    result = thermaltool("place", log, *options)
+    assert result.code == 1
+    assert "csv:102: T_holes_degC: missing value (120 in all): see --nan-policy" in result.err
+    result = thermaltool("place", log, *options, "--nan-policy", "omit")
+    assert result.code == 0
+    assert "T_holes_degC has no reading in 120 of 360 rows" in result.err
+    result = thermaltool("place", log, *options, "--forbid", "T_holes_degC")
+    assert result.code == 0
+    assert result.err == ""
+    result = thermaltool("regress", log, *options[:2])
+    assert "T_holes_degC: missing value" in result.err
+
+
+def test_an_empty_candidate_is_none(thermaltool, log):
+    with_column(log, "T_none_degC", [""] * 360)
+    result = thermaltool("place", log, "--output", "d_tip_um", "--sensors", 1, "--static")
+    assert result.code == 0
+    assert "T_none_degC never has a reading: it is no candidate" in result.err
+    result = thermaltool("place", log, "--output", "d_tip_um", "--sensors", 10)
+    assert "T_none_degC never has a reading" in result.err
+    result = thermaltool("regress", log, "--output", "d_tip_um", "--static")
+    assert result.code == 0
+    assert "T_none_degC never has a reading: it is left out" in result.err
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "words"),
+    [
+        ("place", ("--forbid", "T_1_deg"), "near: T_1_degC"),
+        ("place", ("--criterion", "I", "--cost", "T_1_deg=2"), "near: T_1_degC"),
+        ("place", ("--candidate", "d_tip_um"), "d_tip_um is a sensor and an output"),
+        ("place", ("--candidate", "T_1_degC", "--candidate", "T_1_degC"), "given twice"),
+        ("regress", ("--sensor", "T_1_degC", "--position", "T_1_degC"), "a sensor and the"),
+        ("regress", ("--output", "d_tip_um"), "d_tip_um is given twice among the outputs"),
+    ],
+)
+def test_names_are_known_and_have_one_role(thermaltool, log, command, options, words):
+    result = thermaltool(command, log, "--output", "d_tip_um", *options)
+    assert result.code in (1, 2)
+    assert words in result.err
+
+
+def test_cheap_sensors_cost_no_more_than_all(thermaltool, log):
+    costs = [each for k in range(1, 10) for each in ("--cost", f"T_{k}_degC=0.1")]
+    document = thermaltool(
+        "place", log, "--output", "d_tip_um", "--criterion", "I", *costs, "--json"
+    ).json
+    assert document["sets"][-1]["count"] == 9
