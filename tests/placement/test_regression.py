@@ -113,6 +113,23 @@ def test_trials_hold_out_what_they_are_called():
     assert all(0 < error < 0.2 * spread for error in errors.values()), errors
 
 
+def test_logs_of_one_name_and_logs_without_a_piece_are_told_apart():
+    logs = [rod_log(periodic_heat(360, p), 10.0) for p in (60, 90, 120)]
+    logs[0] = logs[0].with_columns({PAIR[0]: np.full(360, np.nan)})
+    problem = RegressionProblem(training_data(logs, PAIR, [OUTPUT]), Basis(PAIR))
+    found = [trial.name for trial in trials(problem, None, ["a", "b", "b"])]
+    assert found[-2:] == ["b (2) alone", "b (3) alone"]
+
+
+def test_warm_rows_are_known_where_terms_go_with_the_position(axis):
+    names = ("dT_1_K", "dT_2_K", "dT_3_K")
+    problem = problem_of(axis[0], names, "d_z_um", position="x_z_mm", degree=1)
+    steep = problem.with_columns([c for c in problem.columns if c.power == 1])
+    found = {trial.name: trial for trial in trials(steep)}["level"]
+    whole = {trial.name: trial for trial in trials(problem)}["level"]
+    assert np.array_equal(found.splits[0][1], whole.splits[0][1])
+
+
 def rows(**columns):
     n = 60
     time, rng = 10.0 * np.arange(n), np.random.default_rng(0)

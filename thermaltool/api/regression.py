@@ -247,19 +247,19 @@ def _errors(
     channels: Sequence[str],
 ) -> dict[tuple[str, str], dict[str, float]]:
     from thermaltool.placement.estimators import METHOD_NAMES
-    from thermaltool.placement.robustness import judged, missed
+    from thermaltool.placement.robustness import distinct, judged, missed
 
     inside = judged(problem, METHOD_NAMES, tried)
     found: dict[tuple[str, str], dict[str, float]] = {
         (method, form): dict(own) for method, own in inside.items()
     }
-    for log in fresh:
+    for log, name in zip(fresh, distinct([log.name for log in fresh]), strict=True):
         for method in METHOD_NAMES:
             try:
                 error = missed(problem, log, channels, method)
             except FitError:
                 error = float("nan")
-            found[method, form][log.name] = error
+            found[method, form][name] = error
     return found
 
 
