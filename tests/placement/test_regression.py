@@ -77,6 +77,18 @@ def test_all_methods_agree_where_there_is_nothing_to_shrink():
         assert found.rmse == pytest.approx(fits["least-squares"].rmse, rel=0.05)
 
 
+def test_an_elastic_net_follows_columns_that_say_nearly_the_same():
+    rng, time = np.random.default_rng(9), 10.0 * np.arange(400)
+    common = 10 * np.sin(time / 600)
+    u = common + 0.3 * rng.normal(size=(6, 400)).cumsum(axis=1) / 10
+    y = 300 * (u[0] - u[3]) + 2 * u[1] + 0.1 * rng.normal(size=400)
+    names = tuple(f"dT_{k}_K" for k in range(6))
+    log = Record(time, {**dict(zip(names, u, strict=True)), "d_z_um": y})
+    problem = problem_of(log, names, "d_z_um")
+    found = {m: problem.fit(problem.every, m).rmse for m in ("least-squares", "elastic-net")}
+    assert found["elastic-net"] < 1.1 * found["least-squares"]
+
+
 def test_intervals_hold_the_truth():
     rng, inside = np.random.default_rng(12), 0
     for _ in range(60):
