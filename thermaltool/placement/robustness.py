@@ -53,7 +53,8 @@ class OutputRegression:
     regression : ThermalRegression
         By the method that was asked for, on all rows.
     errors : mapping of (method, form) to mapping of trial to float [unit of the output]
-        Root mean square over rows that were not fitted; form is "static" or "lagged".
+        Root mean square over rows that the weights were not fitted to (time constants and terms
+        are chosen on all); form is "static" or "lagged".
     """
 
     problem: RegressionProblem
