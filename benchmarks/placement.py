@@ -33,9 +33,9 @@ from machines.expanding_rod import (
     SENSORS,
     periodic_heat,
     random_heat,
-    rod_log,
+    rod_columns,
 )
-from machines.warm_axis import axis_sets
+from machines.warm_axis import axis_columns
 
 from thermaltool import api
 from thermaltool.errors import FitError
@@ -45,11 +45,22 @@ from thermaltool.placement.candidates import Candidates, DutyCycle, deflection_e
 from thermaltool.placement.mode_rule import place_by_modes
 from thermaltool.placement.optimal_design import CRITERIA, criterion_value, place_sensors
 from thermaltool.placement.regression import Basis, RegressionProblem
+from thermaltool.record import Record
 
 ROOT = Path(__file__).parents[1]
 DT, NOISE = 10.0, 0.02
 LOG = ROOT / "../shared/data/cnc_spindle/spindle_first_28h.csv"
 MAP = ROOT / "data_samples/maps/cnc_spindle.toml"
+
+
+def record_of(columns):
+    """The record of a machine."""
+    return Record(columns["time_s"], {n: v for n, v in columns.items() if n != "time_s"})
+
+
+def rod_log(*heat):
+    """Temperatures and the expansion of the rod."""
+    return record_of(rod_columns(*heat))
 
 
 def table(rows):
@@ -184,7 +195,7 @@ def axis(seed, runs=100):
     rng = np.random.default_rng(seed)
     rows, degrees = [], []
     for _ in range(runs):
-        train, test = axis_sets(rng)
+        train, test = map(record_of, axis_columns(rng))
         found = api.regress(train, "d_z_um", position="x_z_mm", validate=[test],
                             warn=lambda message: None)  # fmt: skip
         own = found.outputs[0]

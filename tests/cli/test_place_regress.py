@@ -5,13 +5,12 @@ import sys
 
 import numpy as np
 import pytest
-from machines.expanding_rod import random_heat, rod_log
-from machines.warm_axis import axis_sets
+from machines.expanding_rod import random_heat, rod_columns
+from machines.warm_axis import axis_columns
 
 
-def write(path, record):
-    names = ["time_s", *record.columns]
-    rows = np.column_stack([record.time, *record.columns.values()])
+def write(path, columns):
+    names, rows = list(columns), np.column_stack(list(columns.values()))
     lines = [",".join(f"{v:.9g}" for v in row) for row in rows]
     path.write_text("\n".join([",".join(names), *lines]) + "\n")
     return path
@@ -20,7 +19,7 @@ def write(path, record):
 @pytest.fixture
 def log(tmp_path):
     rng = np.random.default_rng(3)
-    return write(tmp_path / "my rod.csv", rod_log(random_heat(rng, 360, 60), 10.0, rng, 0.02))
+    return write(tmp_path / "my rod.csv", rod_columns(random_heat(rng, 360, 60), 10.0, rng, 0.02))
 
 
 def test_place_says_which_sensors_and_what_the_next_gains(thermaltool, log, tmp_path):
@@ -101,7 +100,7 @@ def test_a_regression_simulates_and_streams(thermaltool, log, tmp_path):
 
 
 def test_an_axis_by_its_position(thermaltool, tmp_path):
-    train, test = axis_sets(np.random.default_rng(4))
+    train, test = axis_columns(np.random.default_rng(4))
     first, second = write(tmp_path / "a.csv", train), write(tmp_path / "b.csv", test)
     model = tmp_path / "axis.json"
     options = ("--output", "d_z_um", "--position", "x_z_mm", "--validate", second)
@@ -115,8 +114,8 @@ def test_an_axis_by_its_position(thermaltool, tmp_path):
 
 
 def test_positions_without_readings_and_degrees_without_position(thermaltool, tmp_path):
-    train, _ = axis_sets(np.random.default_rng(4))
-    train.columns["x_z_mm"][:] = np.nan
+    train, _ = axis_columns(np.random.default_rng(4))
+    train["x_z_mm"][:] = np.nan
     path = write(tmp_path / "a.csv", train)
     path.write_text(path.read_text().replace("nan", ""))
     options = ("--output", "d_z_um", "--position", "x_z_mm", "--nan-policy", "omit")
@@ -127,3 +126,84 @@ def test_positions_without_readings_and_degrees_without_position(thermaltool, tm
     result = thermaltool("regress", path, "--output", "d_z_um", "--degree", 1)
     assert result.code == 2
     assert "a degree needs a position" in result.err
+
+
+def test_states_carry_on_over_a_pause(thermaltool, tmp_path):
+    rng = np.random.default_rng(8)
+    columns = rod_columns(random_heat(rng, 1080, 60), 10.0, rng, 0.02)
+    # The pause is short beside the states, which are thus known behind it.
+    kept = (np.arange(1080) < 500) | (np.arange(1080) >= 520)
+    path = write(tmp_path / "a.csv", {name: values[kept] for name, values in columns.items()})
+    options = ("--output", "d_tip_um", "--sensor", "T_1_degC", "--max-gap", 60)
+    lags = ("--time-constant", 600, "--time-constant", 3000)
+    model = tmp_path / "model.json"
+    result = thermaltool("regress", path, *options, *lags, "-o", model)
+    assert "the sensors are taken along a straight line over it" in result.err
+    paused = thermaltool("regress", path, *options, *lags, "--json").json["outputs"][0]
+    simulated = thermaltool("simulate", model, path, "--max-gap", 60, "--json").json["d_tip_um"]
+    # A simulation takes its zero from the first rows, a fit from all.
+    about_mean = (simulated["rmse"] ** 2 - simulated["mean"] ** 2) ** 0.5
+    assert about_mean == pytest.approx(paused["rmse"], rel=1e-3)
+    whole = write(tmp_path / "b.csv", columns)
+    other = thermaltool("regress", whole, *options, *lags, "--json").json["outputs"][0]
+    assert paused["rmse"] == pytest.approx(other["rmse"], rel=0.2)
+
+
+def with_column(log, name, cells):
+    first, *lines = log.read_text().splitlines()
+    wide = [f"{line},{cell}" for line, cell in zip(lines, cells, strict=True)]
+    log.write_text("\n".join([f"{first},{name}", *wide]) + "\n")
+
+
+def test_a_candidate_with_holes_is_named(thermaltool, log):
+    cells = ["" if 100 <= k < 220 else f"{20 + k % 7}" for k in range(360)]
+    with_column(log, "T_holes_degC", cells)
+    options = ("--output", "d_tip_um", "--sensors", 1, "--static")
+    result = thermaltool("place", log, *options)
+    assert result.code == 1
+    assert "csv:102: T_holes_degC: missing value (120 in all): see --nan-policy" in result.err
+    result = thermaltool("place", log, *options, "--nan-policy", "omit")
+    assert result.code == 0
+    assert "T_holes_degC has no reading in 120 of 360 rows" in result.err
+    result = thermaltool("place", log, *options, "--forbid", "T_holes_degC")
+    assert result.code == 0
+    assert result.err == ""
+    result = thermaltool("regress", log, *options[:2])
+    assert "T_holes_degC: missing value" in result.err
+
+
+def test_an_empty_candidate_is_none(thermaltool, log):
+    with_column(log, "T_none_degC", [""] * 360)
+    result = thermaltool("place", log, "--output", "d_tip_um", "--sensors", 1, "--static")
+    assert result.code == 0
+    assert "T_none_degC never has a reading: it is no candidate" in result.err
+    result = thermaltool("place", log, "--output", "d_tip_um", "--sensors", 10)
+    assert "T_none_degC never has a reading" in result.err
+    result = thermaltool("regress", log, "--output", "d_tip_um", "--static")
+    assert result.code == 0
+    assert "T_none_degC never has a reading: it is left out" in result.err
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "words"),
+    [
+        ("place", ("--forbid", "T_1_deg"), "near: T_1_degC"),
+        ("place", ("--criterion", "I", "--cost", "T_1_deg=2"), "near: T_1_degC"),
+        ("place", ("--candidate", "d_tip_um"), "d_tip_um is a sensor and an output"),
+        ("place", ("--candidate", "T_1_degC", "--candidate", "T_1_degC"), "given twice"),
+        ("regress", ("--sensor", "T_1_degC", "--position", "T_1_degC"), "a sensor and the"),
+        ("regress", ("--output", "d_tip_um"), "d_tip_um is given twice among the outputs"),
+    ],
+)
+def test_names_are_known_and_have_one_role(thermaltool, log, command, options, words):
+    result = thermaltool(command, log, "--output", "d_tip_um", *options)
+    assert result.code in (1, 2)
+    assert words in result.err
+
+
+def test_cheap_sensors_cost_no_more_than_all(thermaltool, log):
+    costs = [each for k in range(1, 10) for each in ("--cost", f"T_{k}_degC=0.1")]
+    document = thermaltool(
+        "place", log, "--output", "d_tip_um", "--criterion", "I", *costs, "--json"
+    ).json
+    assert document["sets"][-1]["count"] == 9

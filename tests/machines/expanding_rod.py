@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from machines.heated_rod import Array, HeatedRod
 
-from thermaltool.record import Record
-
 ROD = HeatedRod(
     length=1.0,
     radius=float(np.sqrt(0.0314 / np.pi)),
@@ -21,13 +19,13 @@ SENSORS = tuple(f"T_{k}_degC" for k in range(1, 10))
 OUTPUT, ROOM = "d_tip_um", 20.0
 
 
-def rod_log(
+def rod_columns(
     heat: Array, dt: float, rng: np.random.Generator | None = None, noise: float = 0.0
-) -> Record:
-    """Temperatures at the nine places and the expansion for a heat [W], with noise [K]."""
+) -> dict[str, Array]:
+    """Time, temperatures at the nine places and the expansion for a heat [W], with noise [K]."""
     rises = ROD.temperatures(heat, dt)
     centres = (np.arange(ROD.cells) + 0.5) * ROD.length / ROD.cells
-    columns: dict[str, Array] = {}
+    columns: dict[str, Array] = {"time_s": np.arange(len(heat), dtype=float) * dt}
     for name, place in zip(SENSORS, PLACES, strict=True):
         k = int(np.searchsorted(centres, place))
         part = (place - centres[k - 1]) / (centres[k] - centres[k - 1])
@@ -35,8 +33,7 @@ def rod_log(
         if rng is not None:
             columns[name] = columns[name] + noise * rng.standard_normal(len(heat))
     columns[OUTPUT] = EXPANSION * ROD.length * rises.mean(axis=1)
-    time: Array = np.arange(len(heat), dtype=float) * dt
-    return Record(time, columns)
+    return columns
 
 
 def random_heat(rng: np.random.Generator, rows: int, held: int, most: float = 1000.0) -> Array:

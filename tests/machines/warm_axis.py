@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.record import Record
-
 Array = NDArray[np.float64]
 POSITIONS, SETS, SET_TIME = np.linspace(0.0, 320.0, 17), 24, 600.0
 NAMES = ("dT_1_K", "dT_2_K", "dT_3_K", "x_z_mm", "d_z_um")
@@ -21,7 +19,7 @@ def positioning_error(
     return np.asarray(alone + at * (0.014 - 0.002 * t1 - 0.008 * t2 - 0.100 * t3))
 
 
-def axis_sets(rng: np.random.Generator) -> tuple[Record, Record]:
+def axis_columns(rng: np.random.Generator) -> tuple[dict[str, Array], dict[str, Array]]:
     """Sixteen sets to fit and eight to verify, every third one, with noise within 0.5 um."""
     time = (SET_TIME * np.arange(SETS)[:, None] + 5.0 * np.arange(len(POSITIONS))).ravel()
     at = np.tile(POSITIONS, SETS)
@@ -30,7 +28,7 @@ def axis_sets(rng: np.random.Generator) -> tuple[Record, Record]:
     rises[1] = rises[1] + 0.8 * np.sin(time / 1800)
     rises[2] = rises[2] * (1 + 0.3 * np.sin(time / 2500))
     error = positioning_error(np.array(rises), at) + rng.uniform(-0.5, 0.5, len(time))
-    columns = dict(zip(NAMES, (*rises, at, error), strict=True))
+    columns = dict(zip(("time_s", *NAMES), (time, *rises, at, error), strict=True))
     kept = np.repeat(np.arange(SETS) % 3 != 2, len(POSITIONS))
-    whole = Record(time, columns)
-    return whole.where(kept), whole.where(~kept)
+    train, test = ({name: v[rows] for name, v in columns.items()} for rows in (kept, ~kept))
+    return train, test

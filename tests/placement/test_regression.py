@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from machines.expanding_rod import OUTPUT, SENSORS, periodic_heat, rod_log
-from machines.warm_axis import axis_sets
+from machines.expanding_rod import OUTPUT, SENSORS, periodic_heat, rod_columns
+from machines.warm_axis import axis_columns
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import training_data
@@ -15,6 +15,14 @@ from thermaltool.record import Record
 PAIR = (SENSORS[0], SENSORS[4])
 
 
+def record_of(columns):
+    return Record(columns["time_s"], {n: v for n, v in columns.items() if n != "time_s"})
+
+
+def rod_log(*heat):
+    return record_of(rod_columns(*heat))
+
+
 def problem_of(log, sensors, output, taus=(), **axis):
     channels = [*sensors, *([axis["position"]] if axis else [])]
     return RegressionProblem(training_data([log], channels, [output]), Basis(sensors, taus, **axis))
@@ -22,7 +30,7 @@ def problem_of(log, sensors, output, taus=(), **axis):
 
 @pytest.fixture(scope="module")
 def axis():
-    return axis_sets(np.random.default_rng(11))
+    return [record_of(each) for each in axis_columns(np.random.default_rng(11))]
 
 
 def test_the_evidence_keeps_the_terms_of_the_published_axis(axis):
@@ -69,6 +77,18 @@ def test_all_methods_agree_where_there_is_nothing_to_shrink():
         assert found.rmse == pytest.approx(fits["least-squares"].rmse, rel=0.05)
 
 
+def test_an_elastic_net_follows_columns_that_say_nearly_the_same():
+    rng, time = np.random.default_rng(9), 10.0 * np.arange(400)
+    common = 10 * np.sin(time / 600)
+    u = common + 0.3 * rng.normal(size=(6, 400)).cumsum(axis=1) / 10
+    y = 300 * (u[0] - u[3]) + 2 * u[1] + 0.1 * rng.normal(size=400)
+    names = tuple(f"dT_{k}_K" for k in range(6))
+    log = Record(time, {**dict(zip(names, u, strict=True)), "d_z_um": y})
+    problem = problem_of(log, names, "d_z_um")
+    found = {m: problem.fit(problem.every, m).rmse for m in ("least-squares", "elastic-net")}
+    assert found["elastic-net"] < 1.1 * found["least-squares"]
+
+
 def test_intervals_hold_the_truth():
     rng, inside = np.random.default_rng(12), 0
     for _ in range(60):
@@ -103,6 +123,23 @@ def test_trials_hold_out_what_they_are_called():
     errors = judged(problem, ("ridge",), tuple(tried.values()))["ridge"]
     spread = np.ptp(problem.measured)
     assert all(0 < error < 0.2 * spread for error in errors.values()), errors
+
+
+def test_logs_of_one_name_and_logs_without_a_piece_are_told_apart():
+    logs = [rod_log(periodic_heat(360, p), 10.0) for p in (60, 90, 120)]
+    logs[0] = logs[0].with_columns({PAIR[0]: np.full(360, np.nan)})
+    problem = RegressionProblem(training_data(logs, PAIR, [OUTPUT]), Basis(PAIR))
+    found = [trial.name for trial in trials(problem, None, ["a", "b", "b"])]
+    assert found[-2:] == ["b (2) alone", "b (3) alone"]
+
+
+def test_warm_rows_are_known_where_terms_go_with_the_position(axis):
+    names = ("dT_1_K", "dT_2_K", "dT_3_K")
+    problem = problem_of(axis[0], names, "d_z_um", position="x_z_mm", degree=1)
+    steep = problem.with_columns([c for c in problem.columns if c.power == 1])
+    found = {trial.name: trial for trial in trials(steep)}["level"]
+    whole = {trial.name: trial for trial in trials(problem)}["level"]
+    assert np.array_equal(found.splits[0][1], whole.splits[0][1])
 
 
 def rows(**columns):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from machines.expanding_rod import OUTPUT, SENSORS, random_heat, rod_log
+from machines.expanding_rod import OUTPUT, SENSORS, random_heat, rod_columns
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import training_data
@@ -10,6 +10,11 @@ from thermaltool.placement.collinearity import collinearity
 from thermaltool.placement.regression import Basis, RegressionProblem
 from thermaltool.placement.sensor_choice import HeldOutScores, choose_sensors
 from thermaltool.record import Record
+
+
+def rod_log(*heat):
+    columns = rod_columns(*heat)
+    return Record(columns.pop("time_s"), columns)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from thermaltool.api.inputs import Reading, all_of, reads
 from thermaltool.api.result import Notice, Result, notice
-from thermaltool.api.sensor_placement import candidates_of, read_logs
+from thermaltool.api.sensor_placement import read_logs, read_sensors
 from thermaltool.errors import FitError
 from thermaltool.units import names
 
@@ -170,8 +170,11 @@ def regress(
     span = (start, stop)
     # Along an axis sets of positions follow each other with pauses; without states none matter.
     pauses = position is None
-    logs = read_logs(data, [*names(sensors), *beside], targets, span, warn, reading, pauses)
-    chosen = candidates_of(logs, names(sensors), targets)
+    given = names(sensors)
+    logs, every, chosen = read_sensors(
+        data, given, targets, beside, (), span, warn, reading, pauses, keep_empty=bool(given)
+    )
+    empty = [f"{name} never has a reading: it is left out" for name in every if name not in chosen]
     fresh = read_logs(all_of(validate), [*chosen, *beside], targets, span, warn, reading, pauses)
     found = []
     for target in targets:
@@ -180,8 +183,13 @@ def regress(
             _regressed(logs, fresh, channels, target, len(chosen), position, degree,
                        time_constants, method, condition)
         )  # fmt: skip
-    notes = tuple(
-        f"{each.problem.output}: {note}" for each in found for note in _position_notes(each, degree)
+    notes = (
+        *empty,
+        *(
+            f"{each.problem.output}: {note}"
+            for each in found
+            for note in _position_notes(each, degree)
+        ),
     )
     return RegressionReport(tuple(found), tuple(logs), notes)
 
@@ -225,8 +233,8 @@ def _regressed(
         forms["lagged"] = basis
     for form, own in forms.items():
         each = RegressionProblem(data, own)
-        if not taus:
-            each = each.with_columns(kept)
+        # The static form has those of the terms that are no states.
+        each = each.with_columns([column for column in kept if column in each.columns])
         errors |= _errors(each, form, tried, fresh, channels)
     return OutputRegression(problem, found, errors)
 
@@ -239,19 +247,19 @@ def _errors(
     channels: Sequence[str],
 ) -> dict[tuple[str, str], dict[str, float]]:
     from thermaltool.placement.estimators import METHOD_NAMES
-    from thermaltool.placement.robustness import judged, missed
+    from thermaltool.placement.robustness import distinct, judged, missed
 
     inside = judged(problem, METHOD_NAMES, tried)
     found: dict[tuple[str, str], dict[str, float]] = {
         (method, form): dict(own) for method, own in inside.items()
     }
-    for log in fresh:
+    for log, name in zip(fresh, distinct([log.name for log in fresh]), strict=True):
         for method in METHOD_NAMES:
             try:
                 error = missed(problem, log, channels, method)
             except FitError:
                 error = float("nan")
-            found[method, form][log.name] = error
+            found[method, form][name] = error
     return found
 
 

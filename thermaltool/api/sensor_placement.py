@@ -11,6 +11,7 @@ import numpy as np
 from thermaltool.api.inputs import Reading, all_of, read, read_noise, reads, warn_pauses
 from thermaltool.api.result import Notice, Result, notice
 from thermaltool.errors import FitError, LogError
+from thermaltool.record import hint
 from thermaltool.units import is_temperature, names
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ def place(
     costs : mapping of channel to float, optional
         For I, A and D: a sensor of cost 1 is one of `sensors`.
     forbid : sequence of str
-        Candidates that cannot be taken.
+        Candidates that cannot be taken: they are not read.
     start, stop : float, optional [s]
         The stretch of every log.
     warn : callable
@@ -161,26 +162,28 @@ def place(
         raise ValueError("noise and costs count for the criteria I, A and D")
     if criterion != HELD_OUT and time_constants is not None:
         raise ValueError("time constants count for the criterion held-out")
-    logs = read_logs(data, names(candidates), targets, (start, stop), warn, reading)
-    chosen = candidates_of(logs, names(candidates), targets)
+    own, span = names(candidates), (start, stop)
+    logs, every, chosen = read_sensors(data, own, targets, (), forbid, span, warn, reading)
+    for name in costs or {}:
+        if name not in every:
+            raise LogError(f"a cost for no candidate{hint(name, every)}", logs[0].name, None, name)
     moving = moving_inputs(training_data(logs, chosen, targets[:1]))
-    notes = [f"{name} never moves: it is no candidate" for name in chosen if name not in moving]
-    for name in forbid:
-        if name not in chosen:
-            raise LogError("no such candidate to forbid", logs[0].name, None, name)
-    free = [k for k, name in enumerate(moving) if name not in forbid]
-    if not free:
-        raise FitError("no candidate is left: all are forbidden")
-    most = min(USUAL_MOST, len(free)) if sensors is None else sensors
-    if most > len(free):
-        raise FitError(f"{most} sensors of {len(free)} candidates that move: ask for fewer")
+    empty = [name for name in every if name not in chosen and name not in forbid]
+    still = [name for name in chosen if name not in moving]
+    notes = [f"{name} never has a reading: it is no candidate" for name in empty]
+    notes += [f"{name} never moves: it is no candidate" for name in still]
+    most = min(USUAL_MOST, len(moving)) if sensors is None else sensors
+    if most > len(moving):
+        others = "".join(f"; {note}" for note in notes)
+        raise FitError(
+            f"{most} sensors of {len(moving)} candidates that move: ask for fewer{others}"
+        )
     together = training_data(logs, moving, targets)
     if criterion == HELD_OUT:
-        sets = _held_out_sets(together, targets, free, most, time_constants)
+        sets = _held_out_sets(together, targets, most, time_constants)
     else:
-        sets = _design_sets(logs, together.inputs, targets, free, most, criterion, noise, costs)
-    own = collinearity(together.driven_by(moving))
-    placed = PlacedSensors(targets, moving, criterion, sets, own)
+        sets = _design_sets(logs, moving, targets, most, criterion, noise, costs)
+    placed = PlacedSensors(targets, moving, criterion, sets, collinearity(together))
     return SensorPlacement(placed, tuple(notes))
 
 
@@ -200,27 +203,121 @@ def read_logs(
             named = f" of {', '.join(need)}" if need else ""
             raise LogError(f"{len(log)} rows with readings{named}: no regression", log.name)
         if pauses:
-            warn_pauses(log, warn, "the sensors are taken as held over it")
+            warn_pauses(log, warn, "the sensors are taken along a straight line over it")
     return logs
 
 
+def read_sensors(
+    data: Data | Sequence[Data],
+    given: Sequence[str],
+    outputs: Sequence[str],
+    beside: Sequence[str],
+    forbid: Sequence[str],
+    span: tuple[float | None, float | None],
+    warn: Notice,
+    reading: Mapping[str, Any],
+    pauses: bool = True,
+    keep_empty: bool = False,
+) -> tuple[list[Log], tuple[str, ...], tuple[str, ...]]:
+    """Logs with readings of all sensors in every row, as missing values are to be taken.
+
+    Parameters
+    ----------
+    data, outputs, span, warn, reading, pauses : as for `read_logs`
+    given : sequence of str
+        Sensors that were named. None: all temperatures that every log has.
+    beside : sequence of str
+        Further channels that are needed.
+    forbid : sequence of str
+        Sensors that are not read.
+    keep_empty : bool
+        Whether a sensor without a reading is taken, and refused as any missing value.
+
+    Returns
+    -------
+    logs : list of Log
+    every : tuple of str
+        All sensors.
+    chosen : tuple of str
+        Those that are neither forbidden nor empty in a log.
+
+    Raises
+    ------
+    LogError
+        As `candidates_of`; a missing value, one to forbid that is none.
+    """
+    # Which temperatures there are the logs themselves say; then these are needed.
+    whole = [read(each, warn=warn, **{**reading, "faults": "keep"}) for each in all_of(data)]
+    every = candidates_of(whole, given, outputs, beside)
+    for name in forbid:
+        if name not in every:
+            message = f"no such candidate to forbid{hint(name, every)}"
+            raise LogError(message, whole[0].name, None, name)
+    allowed = [name for name in every if name not in forbid]
+    if not allowed:
+        raise FitError("no candidate is left: all are forbidden")
+    parts = [log.between(*span) for log in whole]
+    chosen = tuple(
+        name
+        for name in allowed
+        if keep_empty or all(np.isfinite(log.column(name)).any() for log in parts)
+    )
+    if not chosen:
+        raise LogError(f"no reading of {', '.join(allowed)}", whole[0].name)
+    for log in parts if reading.get("nan_policy") == "omit" else ():
+        for name in chosen:
+            if missing := int(np.sum(np.isnan(log.column(name)))):
+                warn(
+                    f"{log.name}: {name} has no reading in {missing} of {len(log)} rows: they are "
+                    "left out for all sensors"
+                )
+    own = {k: v for k, v in reading.items() if k not in ("columns", "from_format")}
+    logs = read_logs(whole, [*chosen, *beside], outputs, span, warn, own, pauses)
+    return logs, every, chosen
+
+
 def candidates_of(
-    logs: Sequence[Record], given: Sequence[str], outputs: Sequence[str]
+    logs: Sequence[Record],
+    given: Sequence[str],
+    outputs: Sequence[str],
+    beside: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """Sensors that were named, or all temperatures that every log has.
+
+    Parameters
+    ----------
+    logs : sequence of Record
+    given, outputs : sequence of str
+    beside : sequence of str
+        Channels that are no sensors.
 
     Raises
     ------
     LogError
         There is none, or an output that a log lacks.
+    ValueError
+        A name that is given twice, or in two roles.
     """
+    for role, own in (("sensors", given), ("outputs", outputs)):
+        for name in own:
+            if own.count(name) > 1:
+                raise ValueError(f"{name} is given twice among the {role}")
+    for name in given:
+        if name in outputs or name in beside:
+            other = "an output" if name in outputs else "the position or the condition"
+            raise ValueError(f"{name} is a sensor and {other}: one of both")
+    for name in outputs:
+        if name in beside:
+            raise ValueError(f"{name} is an output and the position or the condition: one of both")
     for log in logs:
-        for name in (*given, *outputs):
+        for name in (*given, *outputs, *beside):
             log.column(name)
     found = tuple(given) or tuple(
         name
         for name in logs[0].columns
-        if is_temperature(name) and name not in outputs and all(name in r.columns for r in logs)
+        if is_temperature(name)
+        and name not in (*outputs, *beside)
+        and all(name in r.columns for r in logs)
     )
     if not found:
         raise LogError("no temperature that every log has: name candidates")
@@ -230,7 +327,6 @@ def candidates_of(
 def _held_out_sets(
     data: Any,
     outputs: Sequence[str],
-    free: Sequence[int],
     most: int,
     time_constants: Sequence[float] | None,
 ) -> tuple[SensorSet, ...]:
@@ -238,12 +334,12 @@ def _held_out_sets(
     from thermaltool.placement.sensor_choice import HeldOutScores, choose_sensors, lag_forms
     from thermaltool.placement.sensor_sets import SensorSet
 
-    forms = lag_forms(data.duration) if time_constants is None else (tuple(time_constants),)
+    forms = lag_forms(data) if time_constants is None else (tuple(time_constants),)
     found = []
     for taus in forms:
         basis = Basis(data.inputs, taus)
         problems = [RegressionProblem(data.only(k), basis) for k in range(len(outputs))]
-        found.append(choose_sensors(HeldOutScores(problems), most, free))
+        found.append(choose_sensors(HeldOutScores(problems), most))
     best = [min(each, key=lambda one: one.score) for each in zip(*found, strict=True)]
     return tuple(SensorSet(each.sensors, each.errors, each.time_constants) for each in best)
 
@@ -252,7 +348,6 @@ def _design_sets(
     logs: Sequence[Record],
     channels: Sequence[str],
     outputs: Sequence[str],
-    free: Sequence[int],
     most: int,
     criterion: Any,
     noise: Any,
@@ -267,18 +362,17 @@ def _design_sets(
     sigma = np.array([known.get(name) or reading_noise(logs, name) for name in channels])
     price = np.ones(len(channels))
     for name, cost in (costs or {}).items():
-        if name not in channels:
-            raise LogError("a cost for no candidate", logs[0].name, None, name)
-        price[list(channels).index(name)] = cost
-    forbidden = [k for k in range(len(channels)) if k not in free]
+        if name in channels:
+            price[list(channels).index(name)] = cost
     cycles = [cycle_of(log, channels, outputs, sigma) for log in logs]
-    candidates = Candidates.of(cycles, sigma, price, forbidden)
-    cheapest = price[list(free)].min()
+    candidates = Candidates.of(cycles, sigma, price)
     found: list[SensorSet] = []
-    for budget in range(1, most + 1):
-        if budget < cheapest:
+    for count in range(1, most + 1):
+        # More than all of them cost buys no more.
+        budget = min(float(count), float(price.sum()))
+        if budget < price.min():
             continue
-        each = place_sensors(candidates, float(budget), criterion)
+        each = place_sensors(candidates, budget, criterion)
         errors = output_errors(candidates, each.sensors)
         named = tuple(channels[k] for k in sorted(each.sensors))
         if not found or named != found[-1].sensors:

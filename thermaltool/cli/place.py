@@ -38,7 +38,7 @@ from thermaltool.cli.types import POSITIVE
               help="What a sensor costs, where others cost 1, for I, A and D; repeatable."
 )  # fmt: skip
 @click.option("--forbid", multiple=True, metavar="CHANNEL",
-              help="Candidate that cannot be taken; repeatable.")  # fmt: skip
+              help="Candidate that cannot be taken, and is not read; repeatable.")  # fmt: skip
 @shared.span_options("Rows from", "Rows up to")
 @shared.log_options
 @click.option("--plot", metavar="FILE", help="Figure, .png, .svg or .pdf.")

@@ -57,8 +57,9 @@ def command(
     Least squares, a ridge by the evidence, an elastic net, principal components and partial least
     squares, on the sensors as they are and with low-pass states of them, are judged by rows that
     they were not fitted to: blocks, the second half of every log (time), the warmest rows (level),
-    each condition left out, each log by the others, and logs of --validate. The model file has the
-    raw sensors as drives.
+    each condition left out, each log by the others, and logs of --validate. Time constants and
+    terms are chosen on all rows of LOGS, those that judge among them; logs of --validate have no
+    part in it. The model file has the raw sensors as drives.
     """
     shared.one_thread()
     from thermaltool import api

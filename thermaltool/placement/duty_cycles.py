@@ -51,7 +51,7 @@ def cycle_of(
     Raises
     ------
     FitError
-        No row with readings of all.
+        No row with readings of all, or none that rises above the noise.
     """
     rows = log.known([*candidates, *outputs])
     if not rows.any():
@@ -67,7 +67,9 @@ def cycle_of(
     y = y - y[:, :1]
     count = int(rows.sum())
     left, sizes, right = np.linalg.svd(x / noise[:, None] / np.sqrt(count), full_matrices=False)
-    # Below the noise of all candidates together nothing is a state.
-    kept = max(int(np.sum(sizes > np.sqrt(len(x) / count))), 1)
-    readings = noise[:, None] * left[:, :kept] * sizes[:kept]
+    # Noise alone has singular values within 1 ± √(N/count), and adds 1 to the square of any.
+    kept = int(np.sum(sizes > 1 + np.sqrt(len(x) / count)))
+    if not kept:
+        raise FitError(f"no candidate of {log.source.get('name', 'a log')} rises above the noise")
+    readings = noise[:, None] * left[:, :kept] * np.sqrt(sizes[:kept] ** 2 - 1)
     return DutyCycle(readings, y @ right[:kept].T / np.sqrt(count))

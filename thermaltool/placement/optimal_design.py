@@ -5,7 +5,7 @@ i reads φ_i θ + v_i with noise σ_i, the deflections are C θ. Sensors S have 
 M = I + Σ_S φ_i φ_iᵀ/σ_i². Criteria, all concave in weights of the candidates (Pukelsheim 2006):
 
 - D: ½ ln det M, what the readings tell of all states;
-- A: −½ ln tr M⁻¹, the variance of the states;
+- A: −½ ln tr Φ M⁻¹ Φᵀ, the variance of the temperatures at all candidates;
 - I: −½ ln tr C M⁻¹ Cᵀ, the variance of the deflections to be predicted.
 
 Greedy forward selection with exchange (Fedorov 1972) finds a set, and a relaxation to weights
@@ -75,12 +75,14 @@ class _Information:
     def __init__(self, candidates: Candidates, criterion: Criterion) -> None:
         self.candidates, self.criterion = candidates, criterion
         self.rows = [candidates.scaled(cycle) for cycle in candidates.cycles]
-        sizes = [rows.shape[1] for rows in self.rows]
         self.targets = [
-            cycle.deflections if criterion == "I" else np.eye(size)
-            for cycle, size in zip(candidates.cycles, sizes, strict=True)
+            cycle.deflections
+            if criterion == "I"
+            # tr Φ M⁻¹ Φᵀ takes of Φ = QR no more than R.
+            else np.asarray(np.linalg.qr(cycle.readings, mode="r"), np.float64)
+            for cycle in candidates.cycles
         ]
-        self.covariances: list[Array] = [np.eye(size) for size in sizes]
+        self.covariances: list[Array] = [np.eye(rows.shape[1]) for rows in self.rows]
 
     def at(self, weights: Array) -> _Information:
         """For weights of the candidates, shape (N,); those of a set are 0 and 1."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,9 +136,10 @@ class RegressionProblem:
         if not any(rows.any() for rows in known):
             raise FitError(f"{self.output} has no reading in any log")
         self.columns = tuple(_columns(basis))
-        parts = [self._values_of(r)[:, k] for r, k in zip(data.records, known, strict=True)]
-        self.values: Array = np.concatenate(parts, axis=1)
-
+        # States carry on over the pauses of a log, as `simulate` has it.
+        logs = groupby(data.records, key=lambda record: record.origin)
+        parts = [self._values_of(list(pieces)) for _, pieces in logs]
+        self.values: Array = np.concatenate(parts, axis=1)[:, np.concatenate(known)]
         self._known = known
         self.measured = self.joined(self.output)
         counts = [int(rows.sum()) for rows in known]
@@ -195,22 +197,26 @@ class RegressionProblem:
         where = {column: k for k, column in enumerate(self.columns)}
         return np.array([where[column] for column in columns], np.intp)
 
-    def _values_of(self, record: Record) -> Array:
+    def _values_of(self, pieces: Sequence[Record]) -> Array:
+        """All columns over all rows of the pieces of one log."""
         data, basis = self.data, self.basis
-        begin = data.records[data.begins[record.origin]]
-        taus, none = np.array(basis.time_constants), (0.0,)
-        powers = [np.ones(len(record))]
+        time, taus = np.concatenate([r.time for r in pieces]), np.array(basis.time_constants)
+
+        def whole(name: str) -> Array:
+            return np.concatenate([r.column(name) for r in pieces])
+
+        powers = [np.ones(len(time))]
         if basis.position is not None:
-            at = record.column(basis.position)
+            at = whole(basis.position)
             powers = [at**power for power in range(basis.degree + 1)]
         rows: list[Array] = []
         for name in basis.sensors:
-            hold = data.holds[data.inputs.index(name)]
-            level = rest_level(begin.column(name), drive_reference(name), hold)
-            u, own = record.column(name), np.array([level])
+            hold, u = data.holds[data.inputs.index(name)], whole(name)
+            level = rest_level(u, drive_reference(name), hold)
             states = [u - level]
             if basis.time_constants:
-                states += list(mode_responses(record.elapsed, u[None], own, taus, none, (hold,)))
+                own = np.array([level])
+                states += list(mode_responses(time - time[0], u[None], own, taus, (0.0,), (hold,)))
             rows += [state * power for state in states for power in powers]
         return np.array([*rows, *powers[1:]])
 

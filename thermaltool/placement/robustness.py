@@ -16,9 +16,11 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, training_data
 from thermaltool.fitting.selection import BLOCKS
+from thermaltool.model import relative
 from thermaltool.placement.estimators import Method, blocks_of
 from thermaltool.placement.regression import RegressionProblem, Rows, ThermalRegression
 from thermaltool.record import Record
+from thermaltool.units import drive_reference, hold_of
 
 # Rows whose mean rise is above this part of the largest are held out as another level.
 LEVEL_PART = 0.6
@@ -51,7 +53,8 @@ class OutputRegression:
     regression : ThermalRegression
         By the method that was asked for, on all rows.
     errors : mapping of (method, form) to mapping of trial to float [unit of the output]
-        Root mean square over rows that were not fitted; form is "static" or "lagged".
+        Root mean square over rows that the weights were not fitted to (time constants and terms
+        are chosen on all); form is "static" or "lagged".
     """
 
     problem: RegressionProblem
@@ -96,10 +99,13 @@ def trials(
         held = [conditions == value for value in values]
         found.append(Trial("condition", tuple((~rows, rows) for rows in held)))
     if len(origins) > 1:
+        own_names = distinct(names)
         own = [problem.origin == e for e in origins]
         found.append(Trial("other log", tuple((~rows, rows) for rows in own)))
         for e, rows in zip(origins.tolist(), own, strict=True):
-            name = names[e] if e < len(names) else str(1 + e)
+            # A log without a piece is no experiment.
+            log = problem.data.logs[e] if problem.data.logs else e
+            name = own_names[log] if log < len(own_names) else str(1 + log)
             found.append(Trial(f"{name} alone", ((rows, ~rows),)))
     return tuple(found)
 
@@ -108,16 +114,31 @@ def _any(parts: Sequence[Rows]) -> Rows:
     return np.asarray(np.any(list(parts), axis=0))
 
 
+def distinct(names: Sequence[str]) -> list[str]:
+    """Names of logs, numbered where several are the same.
+
+    Parameters
+    ----------
+    names : sequence of str
+    """
+    several = {name for name in names if names.count(name) > 1}
+    return [f"{name} ({1 + k})" if name in several else name for k, name in enumerate(names)]
+
+
 def _warm(problem: RegressionProblem) -> Rows:
     """Rows whose mean size of rises, each sensor by its own largest, is high."""
-    own = [
-        k
-        for k, c in enumerate(problem.columns)
-        if c.sensor is not None and c.lag == 0 and c.power == 0
-    ]
-    rises = np.abs(problem.values[own])
+    rises = np.abs([_rises(problem, name) for name in problem.basis.sensors])
     mean = np.mean(rises / np.maximum(rises.max(axis=1, keepdims=True), 1e-300), axis=0)
     return np.asarray(mean > LEVEL_PART * mean.max())
+
+
+def _rises(problem: RegressionProblem, sensor: str) -> Array:
+    values = problem.joined(sensor)
+    hold = hold_of(sensor)
+    for e in np.unique(problem.origin):
+        own = problem.origin == e
+        values[own] = relative(values[own], drive_reference(sensor), hold)
+    return values
 
 
 def judged(

@@ -22,7 +22,7 @@ from thermaltool.placement.regression import Basis, RegressionProblem, Rows
 
 # Variance of the errors of all rows over that of the weights, by the mean square of the columns.
 RIDGES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-# Low-pass states beside a sensor: none, or time constants of these parts of the longest record.
+# Low-pass states beside a sensor: none, or time constants of these parts of the longest log.
 LAG_PARTS: tuple[tuple[float, ...], ...] = ((), (16.0,), (50.0, 6.0))
 # A score, a logarithm of an RMS, is better by this at least.
 MIN_GAIN = 1e-9
@@ -54,14 +54,15 @@ class JudgedSet:
         return float(np.mean(np.log(self.errors)))
 
 
-def lag_forms(duration: float) -> tuple[tuple[float, ...], ...]:
-    """Time constants that are tried for records of some length: none, one, two [s].
+def lag_forms(data: TrainingData) -> tuple[tuple[float, ...], ...]:
+    """Time constants that are tried: none, one, two, parts of the longest log with its pauses [s].
 
     Parameters
     ----------
-    duration : float [s]
-        Of the longest record.
+    data : TrainingData
     """
+    begins = {e: data.records[k].time[0] for e, k in data.begins.items()}
+    duration = float(max(record.time[-1] - begins[record.origin] for record in data.records))
     return tuple(tuple(duration / part for part in parts) for parts in LAG_PARTS)
 
 
@@ -75,7 +76,7 @@ def best_time_constants(data: TrainingData, sensors: Sequence[str]) -> tuple[flo
     sensors : sequence of str
     """
     found = []
-    for taus in lag_forms(data.duration):
+    for taus in lag_forms(data):
         scores = HeldOutScores([RegressionProblem(data, Basis(tuple(sensors), taus))])
         found.append(scores.choice(range(len(sensors))))
     return min(found, key=lambda each: each.score).time_constants

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 # Half width of a 95 % interval in standard errors.
 INTERVAL = 1.96
+CHOSEN_ON_ALL = "time constants and terms are chosen on all rows of the fitted logs"
 
 
 def regression_json(outputs: Sequence[OutputRegression]) -> list[dict[str, Any]]:
@@ -79,7 +80,8 @@ def _parts(each: OutputRegression) -> tuple[str, str]:
         errors.append([method, form, *cells])
     return (
         f"{head}\n{aligned(rows, 1)}",
-        f"RMS error over rows that were not fitted [{unit}]:\n{aligned(errors, 2)}",
+        f"RMS error over rows that the weights were not fitted to [{unit}]; {CHOSEN_ON_ALL}:\n"
+        f"{aligned(errors, 2)}",
     )
 
 
