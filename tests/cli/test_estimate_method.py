@@ -70,7 +70,7 @@ def test_a_sensor_that_is_dead_for_a_while_is_named(thermaltool, files):
     [
         (("--rule", "gcv"), 2, "--rule, --at-least, --at-most and --future go with --method"),
         (("--method", "tv", "--smooth"), 2, "--method and --smooth are two"),
-        (("--method", "tv", "--bands"), 2, "--method and --bands are two"),
+        (("--method", "tv", "--bands"), 2, "--method and --bands are two: --method has no bands"),
         (("--method", "tv", "--at-least", 2, "--at-most", 1), 2, "--at-least 2 --at-most 1 leaves"),
         (("--method", "tv", "--future", 3), 2, "--future goes with --method beck"),
         (("--method", "beck", "--future", 9999), 1, "more than half of the record's 240"),

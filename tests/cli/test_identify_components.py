@@ -188,6 +188,7 @@ def test_calibrate_reduces_as_identify_does(thermaltool, log, tmp_path):
     assert done.code == 0, done.err
     assert "rational6_direct" in done.err
     assert "may be zero" not in done.err
+    assert "intervals hold given the components and the ridge (d_z_um: 6 of" in done.err
     assert thermaltool("identify", log, *CALL, "--reduce", "pca:6", "-o", paths[1]).code == 0
     own, other = (json.loads(path.read_text()) for path in paths)
     assert own["terms"] == other["terms"]

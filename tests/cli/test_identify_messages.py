@@ -278,3 +278,15 @@ def test_the_command_of_a_validation_reads_as_it_was_read(thermaltool, tmp_path)
     words = shlex.split(line.removeprefix("validation: ").replace("MODEL", f"{tmp_path}/m.json"))
     assert words[-2:] == ["--nan-policy", "omit"]
     assert thermaltool(*words).code == 0
+
+
+def test_the_table_is_there_where_no_model_file_can_be(thermaltool, tmp_path):
+    log = write_log(tmp_path / "log.csv", run_of([-0.6]))
+    model = tmp_path / "model.json"
+    result = thermaltool("identify", str(log), *ONE, "--structure", "oe", "--orders", "1,1,1",
+                         "-o", str(model))  # fmt: skip
+    assert result.code == 1
+    assert "Q_a_W  1,1,1" in result.out
+    last = result.err.splitlines()[-1]
+    assert "take --real-poles, a lower order, or leave this input out" in last
+    assert not model.exists()

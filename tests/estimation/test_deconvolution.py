@@ -168,8 +168,24 @@ def test_bounds_of_every_method_hold():
         plan = DeconvolutionPlan(method, None, 1.0, 6.0)
         found = deconvolve(problem.estimator, time, readings, LEVEL, plan)
         assert (found.heat.min() >= 1.0, found.heat.max() <= 6.0) == (True, True)
+        misfit = problem.misfit(readings - problem.simulated(found.heat))
+        assert found.residual_over_noise == pytest.approx(np.sqrt(misfit / readings.size))
+        told = f"the bounds leave residuals of {found.residual_over_noise:.3g} times the noise"
+        assert (told in found.notes) == (found.residual_over_noise > 2)
         doubled = deconvolve(problem.estimator, time, readings, LEVEL, plan, lambda end: end / 2)
         assert doubled.heat.max() <= 3.0
+
+
+@pytest.mark.parametrize("method", ["tv", "beck"])
+def test_what_is_told_of_the_rule_is_the_result(method):
+    problem = problem_of()
+    _, readings = readings_of(problem, 100)
+    plan = DeconvolutionPlan(method, "discrepancy")
+    found = deconvolve(problem.estimator, DT * np.arange(100), readings, LEVEL, plan)
+    taken = next(each for each in found.choices if each.rule == found.chosen)
+    assert taken.parameter == pytest.approx(found.parameter)
+    assert taken.residual_over_noise == pytest.approx(found.residual_over_noise)
+    assert found.notes == ()
 
 
 def test_beck_fits_the_next_rows():

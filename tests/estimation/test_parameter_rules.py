@@ -69,3 +69,22 @@ def test_what_has_no_answer_is_refused_with_the_reason(path):
     assert "no corner inside the grid" in chosen(straight)["l-curve"].reason
     growing = replace(path, solutions=np.outer(2.0 ** np.arange(25), np.ones(3)))
     assert "no minimum inside the grid" in chosen(growing)["quasi-optimality"].reason
+
+
+def test_every_length_of_a_path_has_an_answer_or_a_reason(path):
+    for n in range(1, 9):
+        short = replace(path, **{
+            name: getattr(path, name)[9 : 9 + n]
+            for name in ("parameter", "solutions", "misfit", "freedom", "penalty",
+                         "log_likelihood", "expected_error")
+        })  # fmt: skip
+        told = chosen(short)
+        assert all(each.place is not None or each.reason for each in told.values())
+        assert ("a corner needs 4 points" in told["l-curve"].reason) == (n < 4)
+
+
+def test_a_grid_of_steps_is_told_as_it_is(path):
+    gcv = chosen(replace(path, is_stepped=True))["gcv"]
+    k = int(gcv.place)
+    assert gcv.parameter == pytest.approx(WEIGHTS[k])
+    assert gcv.residual_over_noise == pytest.approx(np.sqrt(path.misfit[k] / COUNT))

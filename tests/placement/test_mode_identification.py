@@ -42,6 +42,21 @@ def test_a_record_of_seventy_minutes_shows_two():
     assert len(identified(SHORT, 7).time_constants) == 2
 
 
+def test_a_drift_of_the_room_is_no_mode():
+    time = np.arange(0.0, 12 * HOUR, 60.0)
+    gains = {name: each[1:] for name, each in SPINDLE_GAINS.items()}
+    readings = SharedModes(SPINDLE_TAUS[1:], gains).readings(
+        time, [(600.0, 0.0), (5 * HOUR, 1.0), (7 * HOUR, 0.0)], 0.05, np.random.default_rng(7)
+    )
+    for name in gains:
+        readings[name] = readings[name] + 0.5 * time / time[-1]
+    found = identify_modes([Record(time, readings)], ["duty_spindle_1"], tuple(gains))
+    taus = [e.value for e in found.time_constants]
+    assert taus == pytest.approx(SPINDLE_TAUS[1:], rel=0.2)
+    assert found.drifts
+    assert "is not identified by a log of 4.31e+04 s" in found.limit
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("duty", [WARM_AND_COOL, LONG_COOLING])
 def test_intervals_cover(duty):

@@ -7,7 +7,15 @@ import pytest
 
 from thermaltool.effects.convection_state import ConvectionState
 from thermaltool.errors import LogError
-from thermaltool.model import Drive, Model, Output, Term, characteristics, deviations
+from thermaltool.model import (
+    Drive,
+    Model,
+    Output,
+    Term,
+    at_operating_points,
+    characteristics,
+    deviations,
+)
 from thermaltool.report.responses import (
     draw_model,
     draw_step_responses,
@@ -177,3 +185,29 @@ def test_steps_at_the_levels_of_a_loss_rate():
         time = np.linspace(0.0, settling_time(one.terms[0].response), 600)
         assert fast == pytest.approx(-np.expm1(-0.04 * time) / 4, abs=1e-3)
         assert any("at 8000 rpm of n_spindle_rpm" in text for text in texts(ax))
+
+
+def test_bands_are_drawn_where_intervals_are_told():
+    """At a level at which a rate acts that the term was not fitted with nothing tells the band."""
+    term = Term("Q_1_W", "d_z_um", rational_kind(1, 0)(K1=1.0, tau1=100.0),
+                np.diag([0.01, 25.0]), ("K1", "tau1"))  # fmt: skip
+    heights = {}
+    for rate in (0.0, 0.03):
+        table = {"level0": 0.0, "rate0": 0.01, "level1": 8000.0, "rate1": rate}
+        model = Model(
+            (Drive("Q_1_W", "zero", 0.0, (0.0, 1.0)),),
+            (Output("d_z_um", "deflection", "first", (0.0, 9.0)),),
+            (term,),
+            10.0,
+            effects=(ConvectionState("n_spindle_rpm", table),),
+        )
+        (ax,) = draw_step_responses({"m.json": model}).axes
+        told = [each.gain.low < each.gain.high for _, _, each in at_operating_points(model)]
+        bands = [each.get_paths()[0].vertices for each in ax.collections]
+        lines = [line.get_ydata() for line in ax.lines[: len(bands)]]
+        heights[rate] = [
+            bool(np.max(band[:, 1]) > np.max(line) + 1e-9)
+            for band, line in zip(bands, lines, strict=True)
+        ]
+        assert heights[rate] == told
+    assert heights == {0.0: [False, True], 0.03: [False, False]}

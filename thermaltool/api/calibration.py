@@ -224,13 +224,13 @@ def _reduced(
     from thermaltool.api.identification import check_clock, warn_holes
     from thermaltool.api.identification_arguments import COMPONENTS
     from thermaltool.fitting.reduced import calibrate_reduced
-    from thermaltool.report.components import component_warnings
+    from thermaltool.report.components import component_warnings, given_components
 
     for log in logs:
         check_clock(log, logs[0].period, warn)
         warn_holes(log, plan.drives, (*plan.sensors, *plan.deflections), COMPONENTS, warn)
     model, fits = calibrate_reduced(logs, plan, reduction)
-    for sentence in component_warnings(fits):
+    for sentence in (given_components(fits), *component_warnings(fits)):
         warn(sentence)
     return Calibration(model, tuple(logs))
 

@@ -38,7 +38,19 @@ class LogModes(Result):
         """What to know before using the modes, each a sentence."""
         from thermaltool.report.mode_identification import identified_notes
 
-        return tuple(identified_notes(self.modes))
+        return (*identified_notes(self.modes), *self._drift())
+
+    def _drift(self) -> list[str]:
+        """Where something slower than the log acts: what it may be."""
+        if not self.modes.drifts:
+            return []
+        from thermaltool.effects.channels import is_air
+
+        first = self.modes.network.outputs[0]
+        used = {*first.names, *(output.target for output in self.modes.network.outputs)}
+        air = [c for log in self.logs for c in log.columns if is_air(c) and c not in used]
+        remedy = f"--drive {air[0]} takes it along" if air else "log its temperature as a --drive"
+        return [f"the channels drift more slowly than the log is long: of the room, {remedy}"]
 
     @property
     def frame(self) -> pandas.DataFrame:

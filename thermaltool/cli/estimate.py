@@ -101,7 +101,8 @@ def _clash(options: dict[str, Any]) -> str | None:
         return None
     for name in ("smooth", "lag", "walk", "bands"):
         if options[name] not in (None, False):
-            return f"--method and --{name} are two: --method takes the whole log, and no bands"
+            why = "has no bands" if name == "bands" else "takes the whole log its own way"
+            return f"--method and --{name} are two: --method {why}"
     if future is not None and (options["method"] != "beck" or options["rule"]):
         return "--future goes with --method beck, without --rule"
     if low is not None and high is not None and low >= high:

@@ -106,12 +106,12 @@ def command(
     shared.check_files(model_file, *logs, options["validate"])
     found = api.identify(logs, inputs, outputs, reference=rest, warn=warn,
                          progress=terminal_progress("identify"), **options)  # fmt: skip
-    notes = (*found.notes, *(found.model_notes if model_file is not None else ()))
-    # The file last: where anything before it fails, the old one stays.
     if as_json:
         write_json(found.document(), "-")
     elif model_file != "-":
         click.echo(found.table())
+    # Where there is no model file of these fits, the table is there, and the old file stays.
+    notes = (*found.notes, *(found.model_notes if model_file is not None else ()))
     if model_file is not None:
         api.write_model(found, model_file, command_line())
     for message in notes if not quiet else ():

@@ -33,6 +33,8 @@ VARIATION_WEIGHTS = np.geomspace(160.0, 0.25, 9)
 # The quadratic step of total variation, over the weight of that random walk [1]: the fastest on
 # simulated machines.
 VARIATION_PACE = 2.0
+# Residuals of a heat within bounds that are so many times the noise are told [1].
+LARGE_RESIDUAL = 2.0
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,8 @@ class Deconvolved:
         Why this one.
     notes : tuple of str
         What a user should know.
+    residual_over_noise : float
+        Root mean square of the residuals of this heat over that of the noise [1].
     """
 
     plan: DeconvolutionPlan
@@ -100,6 +104,7 @@ class Deconvolved:
     chosen: Rule | None
     reason: str
     notes: tuple[str, ...] = ()
+    residual_over_noise: float = np.nan
 
 
 def deconvolve(
@@ -136,6 +141,19 @@ def deconvolve(
     if plan.rule == "likelihood" and plan.method in WITHOUT_LIKELIHOOD:
         raise FitError(f"--rule likelihood: {plan.method} has no likelihood in closed form")
     problem = _problem(kalman, time, readings, level)
+    found = _deconvolved(problem, readings, plan, acting)
+    misfit = problem.misfit(readings - problem.simulated(found.heat))
+    ratio = float(np.sqrt(misfit / readings.size))
+    if ratio > LARGE_RESIDUAL and (plan.low, plan.high) != (None, None):
+        told = f"the bounds leave residuals of {ratio:.3g} times the noise"
+        found = replace(found, notes=(*found.notes, told))
+    return replace(found, residual_over_noise=ratio)
+
+
+def _deconvolved(
+    problem: HeatProblem, readings: Float, plan: DeconvolutionPlan, acting: Callable[[float], float]
+) -> Deconvolved:
+    kalman, level = problem.estimator, problem.level
     ends = sorted(acting(end) for end in (plan.low, plan.high) if end is not None)
     if len(ends) == 2:
         bounds = Bounds(*ends)
@@ -143,9 +161,9 @@ def deconvolve(
         bounds = Bounds(-np.inf if plan.low is None else ends[0],
                         np.inf if plan.high is None else ends[0])  # fmt: skip
     if plan.future is not None:
-        if 2 * plan.future > len(time):
+        if 2 * plan.future > len(readings):
             raise LogError(f"{plan.future} future rows are more than half of the record's "
-                           f"{len(time)}")  # fmt: skip
+                           f"{len(readings)}")  # fmt: skip
         heat = FunctionSpecification(problem, plan.future).run(readings, bounds.low, bounds.high)
         return Deconvolved(plan, heat, kalman.drives[0], plan.future, (), None, "given")
     walk = tikhonov_path(problem, readings, 1)
@@ -197,7 +215,7 @@ def _varied(
     variation = np.sum(np.abs(np.diff(solutions, axis=1, prepend=0.0)), axis=1) / problem.level
     # The degrees of freedom are the steps that are there (Tibshirani and Taylor 2011).
     path = Path(weights, solutions, np.array(misfit), readings.size,
-                np.maximum(steps, 1.0), variation**2)  # fmt: skip
+                np.maximum(steps, 1.0), variation**2, is_stepped=True)  # fmt: skip
     choices, choice, reason = _chosen(path, plan)
     at = round(choice.place or 0.0)
     notes = () if converged[at] else ("the search was stopped before it stood still",)

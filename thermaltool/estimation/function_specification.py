@@ -114,7 +114,7 @@ def specification_path(
     if len(futures) < 3:
         raise LogError(f"{rows} rows are too few for a choice of future rows; give --future")
     return Path(np.array(futures)[::-1], np.array(found)[::-1], np.array(misfits)[::-1],
-                readings.size, np.array(freedom)[::-1])  # fmt: skip
+                readings.size, np.array(freedom)[::-1], is_stepped=True)  # fmt: skip
 
 
 def _freedom(method: FunctionSpecification, problem: HeatProblem, rows: int) -> float:

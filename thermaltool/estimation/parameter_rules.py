@@ -49,6 +49,8 @@ class Path:
         Root mean square error that each solution is expected to have; None where nothing tells it.
     noise_known : bool
         Whether the variance of the noise was measured.
+    is_stepped : bool
+        Whether only the parameters of the grid have a solution: choices are the nearest of them.
     """
 
     parameter: Float
@@ -60,6 +62,7 @@ class Path:
     log_likelihood: Float | None = None
     expected_error: Float | None = None
     noise_known: bool = True
+    is_stepped: bool = False
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,8 @@ def _applied(rule: Rule, path: Path) -> RuleChoice:
         place = _PLACES[rule](path)
     except NoChoiceError as error:
         return RuleChoice(rule, None, reason=str(error))
+    if path.is_stepped:
+        place = float(round(place))
     parameter = _between(place, path.parameter)
     residual = _between(place, path.misfit / path.count) ** 0.5
     if path.expected_error is None:
@@ -188,7 +193,11 @@ def _l_curve(path: Path) -> float:
     from scipy.interpolate import make_interp_spline
 
     at = np.arange(len(path.parameter), dtype=float)
-    xy = [make_interp_spline(at, np.log(np.maximum(each, 1e-300)) / 2, k=min(5, len(at) - 1 | 1))
+    if len(at) < 4:
+        raise NoChoiceError(f"a corner needs 4 points of the grid; there are {len(at)}")
+    # An odd degree below the number of points.
+    degree = min(5, (len(at) - 2) | 1)
+    xy = [make_interp_spline(at, np.log(np.maximum(each, 1e-300)) / 2, k=degree)
           for each in (path.misfit, path.penalty)]  # fmt: skip
     fine = np.linspace(1.0, len(at) - 2.0, 20 * len(at))
     x1, y1, x2, y2 = (each(fine, nu=order) for order in (1, 2) for each in xy)

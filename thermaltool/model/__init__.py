@@ -8,6 +8,7 @@ from thermaltool.model.characteristics import (
     deviations,
     operating_points,
     step_at_rate,
+    with_known_spread,
 )
 from thermaltool.model.document import (
     Drive,
@@ -90,5 +91,6 @@ __all__ = [
     "sum_terms",
     "term_input",
     "to_document",
+    "with_known_spread",
     "zero_of",
 ]

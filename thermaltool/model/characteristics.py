@@ -176,9 +176,19 @@ def at_operating_points(model: Model) -> list[tuple[Term, OperatingPoint, Charac
     found = []
     for term in model.terms:
         for point in operating_points(model, term):
-            own = replace(term, covariance=None) if point.rate and term.band is None else term
-            found.append((term, point, characteristics(own, point.rate)))
+            found.append((term, point, characteristics(with_known_spread(term, point), point.rate)))
     return found
+
+
+def with_known_spread(term: Term, point: OperatingPoint) -> Term:
+    """The term, without its covariance where a rate acts at a level that it has no fit at.
+
+    Parameters
+    ----------
+    term : Term
+    point : OperatingPoint
+    """
+    return replace(term, covariance=None) if point.rate and term.band is None else term
 
 
 def step_at_rate(response: Response, time: NDArray[Any], rate: float) -> NDArray[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -237,11 +237,26 @@ def _heat(whole: Part, body: SolidBody) -> tuple[dict[str, tuple[str, ...]], dic
         if not on:
             raise ModelError(f"{place}.on: names nothing")
         found[name] = tuple(_boundary(body, each, f"{place}.on", *body.regions) for each in on)
+        _one_measure(body, on, f"{place}.on")
         usual = LARGEST_HEAT / UNITS[parse_channel(name).unit][1]
         largest[name] = part.read("largest", above_zero, usual)
     if not found:
         raise ModelError("heat: there is none")
     return found, largest
+
+
+def _one_measure(body: SolidBody, on: Sequence[str], place: str) -> None:
+    """A heat is spread over areas or over volumes, and each name is one of them."""
+    both = [each for each in on if each in body.regions and each in body.boundaries]
+    if both:
+        raise ModelError(f"{place}: {both[0]!r:.60} is a region and a boundary: rename one of them")
+    inside = [each for each in on if each in body.regions]
+    if inside and len(inside) < len(on):
+        outside = next(each for each in on if each not in inside)
+        raise ModelError(
+            f"{place}: {outside} is a boundary and {inside[0]} a region: a heat is spread over "
+            "areas or over volumes; declare two heats"
+        )
 
 
 def _supports(whole: Part, body: SolidBody) -> tuple[str, ...]:

@@ -35,6 +35,8 @@ from thermaltool.placement.sparse_solver import symmetric_solver
 Array = NDArray[np.float64]
 # Two Gauss points per direction integrate products of linear shapes exactly.
 _QUADRATURE = 2
+# What a chord of a curved surface leaves out at most, over the size of an element [1].
+CHORD = 0.25
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,7 @@ class FiniteElements:
         Raises
         ------
         ModelError
-            A point farther from the body than an element is large.
+            A point outside the body by more than a chord of a curved surface leaves out.
         """
         nearest = self.nearest_node(name, at)
         places = self.body.mesh.p
@@ -151,7 +153,9 @@ class FiniteElements:
         distance = np.linalg.norm(mesh.p - at[:, None], axis=0)
         nearest = int(np.argmin(distance))
         corners = mesh.p[:, mesh.t[:, np.any(mesh.t == nearest, axis=0)]]
-        if distance[nearest] > float(np.max(np.ptp(corners, axis=1))):
+        size = float(np.max(np.ptp(corners, axis=1)))
+        outside = at - np.clip(at, mesh.p.min(axis=1), mesh.p.max(axis=1))
+        if distance[nearest] > size or np.linalg.norm(outside) > CHORD * size:
             place = ", ".join(f"{x:g}" for x in at)
             raise ModelError(f"{name}: ({place}) m is {distance[nearest]:.3g} m from the body")
         return nearest

@@ -20,6 +20,8 @@ Index = NDArray[np.integer]
 _ENDS = (("left", "right"), ("front", "back"), ("bottom", "top"))
 # Corners of a hexahedron: order of mesh files (VTK) to that of scikit-fem.
 _HEXAHEDRON = [0, 4, 3, 1, 7, 5, 2, 6]
+# An element is flat below this volume, over the cube of its size [1].
+FLAT = 1e-10
 
 
 @dataclass(frozen=True)
@@ -75,10 +77,11 @@ def solid_mesh(data: MeshData) -> Mesh:
     Raises
     ------
     ModelError
-        Pieces that share no points, a boundary whose facets belong to no element, elements in no
-        region or in several.
+        Flat elements, pieces that share no points, a boundary whose facets belong to no element,
+        elements in no region or in several.
     """
     _check_regions(data)
+    _check_volumes(data)
     used, elements = np.unique(data.elements, return_inverse=True)
     elements = elements.reshape(data.elements.shape)
     place = np.full(len(data.points), -1)
@@ -105,6 +108,25 @@ def _check_one_piece(elements: Index, points: int) -> None:
         raise ModelError(
             f"the mesh is in {pieces} pieces that share no points ({largest} of {points} points "
             "in the largest): merge coincident points, so that heat passes"
+        )
+
+
+def _check_volumes(data: MeshData) -> None:
+    corners = data.points[data.elements]
+    if corners.shape[1] == 4:
+        edges = corners[:, 1:] - corners[:, :1]
+    else:
+        # Of a hexahedron the means of four edges along each of its axes.
+        ends = [1, 2, 5, 6], [2, 3, 6, 7], [4, 5, 6, 7]
+        middle = corners.mean(axis=1)
+        edges = np.stack([2 * (corners[:, end].mean(axis=1) - middle) for end in ends], axis=1)
+    volume, size = np.abs(np.linalg.det(edges)), np.max(np.ptp(corners, axis=1), axis=1)
+    flat = np.flatnonzero(volume <= FLAT * size**3)
+    if len(flat):
+        at = ", ".join(f"{x:.3g}" for x in corners[flat[0]].mean(axis=0))
+        raise ModelError(
+            f"{len(flat)} of {len(volume)} elements are flat, the first is element "
+            f"{flat[0] + 1} at ({at}) m"
         )
 
 

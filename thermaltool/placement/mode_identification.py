@@ -20,11 +20,15 @@ from thermaltool.fitting.network.model import Network, NetworkOutput
 from thermaltool.fitting.network.plan import NetworkPlan
 from thermaltool.fitting.start_state import Initial
 from thermaltool.record import Record
-from thermaltool.signals.intervals import Estimate, normal_estimate
+from thermaltool.signals.intervals import NORMAL_95, Estimate, normal_estimate
 
 Array = NDArray[np.float64]
 # Twice the gain of log-likelihood beyond its cost in BIC from which a further mode is there.
 MIN_EVIDENCE = 10.0
+# Standard error of a time constant, over it, above which a mode is none of the log [1].
+MAX_RELATIVE_ERROR = 1.0
+# Lengths of the log beyond which a mode is a straight line in it, such as a drift of the room.
+MAX_LENGTHS = 3.0
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,8 @@ class IdentifiedModes:
         Of the longest record [s].
     at_rest : bool
         Whether every record begins settled.
+    drifts : bool
+        Whether a further mode has evidence that is slower than the log is long.
     """
 
     network: Network
@@ -63,6 +69,7 @@ class IdentifiedModes:
     limit: str
     duration: float
     at_rest: bool
+    drifts: bool = False
 
     @property
     def time_constants(self) -> tuple[Estimate, ...]:
@@ -91,7 +98,8 @@ def identify_modes(
     outputs : sequence of str
         Temperatures and deflections that follow.
     modes : int, optional
-        Number of modes. Default: one more as long as BIC gains `MIN_EVIDENCE`.
+        Number of modes. Default: one more as long as BIC gains `MIN_EVIDENCE`
+        and the log identifies its time constant.
     initial : {"auto", "rest", "free"}
         State at the first row.
 
@@ -106,7 +114,7 @@ def identify_modes(
     data.check()
     data = plan.start(data)
     delays = tuple((0.0,) * len(drives) for _ in outputs)
-    found, candidates, limit = None, [], ""
+    found, candidates, limit, drifts = None, [], "", False
     for count in (modes,) if modes is not None else range(1, MAX_MODES + 1):
         try:
             tried = identify_network(data, count, delays)
@@ -120,9 +128,29 @@ def identify_modes(
         if found is not None and tried.criteria.bic > found.criteria.bic - MIN_EVIDENCE:
             limit = f"{count} modes have no evidence beside {count - 1}"
             break
+        doubtful = _not_identified(tried, data.duration)
+        if modes is None and found is not None and doubtful is not None:
+            drifts = doubtful > MAX_LENGTHS * data.duration
+            limit = (
+                f"{count} modes: that of {doubtful:.3g} s is not identified by a log of "
+                f"{data.duration:.3g} s"
+            )
+            break
         found = tried
     assert found is not None
-    return IdentifiedModes(found, tuple(candidates), limit, data.duration, _is_at_rest(data))
+    return IdentifiedModes(
+        found, tuple(candidates), limit, data.duration, _is_at_rest(data), drifts
+    )
+
+
+def _not_identified(network: Network, duration: float) -> float | None:
+    """The slowest time constant that the log cannot identify [s]."""
+    wide = 2 * NORMAL_95 * MAX_RELATIVE_ERROR
+    return max(
+        (e.value for e in network.outputs[0].time_constant_estimates()
+         if e.value > MAX_LENGTHS * duration or np.log(e.high) - np.log(e.low) > wide),
+        default=None,
+    )  # fmt: skip
 
 
 def _is_at_rest(data: TrainingData) -> bool:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import linalg, sparse
 from scipy.sparse import linalg as sparse_linalg
 
+from thermaltool.errors import FitError
 from thermaltool.placement.finite_elements import BodyEquations
 from thermaltool.placement.sparse_solver import symmetric_solver
 
@@ -127,17 +128,22 @@ def thermal_modes(equations: BodyEquations, count: int | None = None) -> Thermal
         wanted = min(wanted, n - 1)
         conduction = sparse.csc_matrix(equations.conduction)
         solve = symmetric_solver(equations.conduction)
-        rates, shapes = sparse_linalg.eigsh(
-            conduction,
-            k=wanted,
-            M=sparse.csc_matrix(equations.capacity),
-            sigma=0.0,
-            tol=TOLERANCE,
-            v0=np.ones(n),
-            OPinv=sparse_linalg.LinearOperator(
-                conduction.shape, lambda b: solve(b.ravel()), dtype=np.float64
-            ),
-        )
+        try:
+            rates, shapes = sparse_linalg.eigsh(
+                conduction,
+                k=wanted,
+                M=sparse.csc_matrix(equations.capacity),
+                sigma=0.0,
+                tol=TOLERANCE,
+                v0=np.ones(n),
+                OPinv=sparse_linalg.LinearOperator(
+                    conduction.shape, lambda b: solve(b.ravel()), dtype=np.float64
+                ),
+            )
+        except sparse_linalg.ArpackNoConvergence as error:
+            raise FitError(
+                f"{wanted} modes are not found after many iterations: ask for fewer (--count)"
+            ) from error
         order = np.argsort(rates)
         rates, shapes = rates[order], shapes[:, order]
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]

@@ -119,6 +119,20 @@ def component_table(fits: Sequence[Fit]) -> str:
     return "\n\n".join(parts)
 
 
+def given_components(fits: Sequence[Fit]) -> str:
+    """What the intervals of fits by components leave out, one sentence."""
+    told = []
+    for fit in fits:
+        model = _output(fit)
+        first = model.choices[0]
+        told.append(
+            f"{model.target}: {first.choice.components} of {len(model.names)} components, ridge "
+            f"{first.choice.ridge:.3g}, which counts {100 * first.weight:.0f} % of "
+            f"{len(model.choices)} choices"
+        )
+    return f"intervals hold given the components and the ridge ({'; '.join(told)})"
+
+
 def _choices(model: ComponentOutput) -> str:
     rows = [["components", "direct", "lags", "ridge", "held-out RMS", "counts"]]
     for each in model.choices[:LISTED_CANDIDATES]:

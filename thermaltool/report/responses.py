@@ -18,6 +18,7 @@ from thermaltool.model import (
     deviations,
     operating_points,
     step_at_rate,
+    with_known_spread,
 )
 from thermaltool.report.clock_axis import time_unit
 from thermaltool.report.presentation import at_level, duration, with_interval
@@ -101,6 +102,8 @@ def _draw_term(figure: SubFigure, term: Term, points: Sequence[OperatingPoint], 
                period: float) -> None:  # fmt: skip
     """One row: steps at every level, the frequency response and the poles at the first."""
     first = points[0]
+    # Bands are drawn at the first level.
+    term = with_known_spread(term, first)
     found = characteristics(term, first.rate)
     known = [with_interval(each) for each in found.time_constants]
     told = [f"gain {found.gain}", *known]
@@ -121,7 +124,7 @@ def _draw_step(ax: Axes, term: Term, points: Sequence[OperatingPoint], span: flo
     time = np.linspace(0.0, span, 600)
     label, length = time_unit(span)
     first, *others = points
-    step, half = _step_and_band(term, time, first.rate)
+    step, half = _step_and_band(term, time, first)
     unit = _gain_unit(term.drive, term.output)
     if term.covariance is not None:
         hidden = ", within the line" if half.max() < MIN_BAND_SHARE * np.ptp(step) else ""
@@ -286,7 +289,7 @@ def _draw_together(model: Model, name: str, outputs: Sequence[str]) -> Figure:
             size = sizes[term.drive]
             color = CYCLE[k % len(CYCLE)]
             told = f"{size:+.3g} {channel_unit(term.drive)}{at_level(point)}"
-            step, half = (size * each for each in _step_and_band(term, time, point.rate))
+            step, half = (size * each for each in _step_and_band(term, time, point))
             half = np.abs(half)
             ax.fill_between(time / length, step - half, step + half, color=color, alpha=0.15, lw=0)
             ax.plot(time / length, step, color=color, ls=("-", "--", ":")[k // len(CYCLE) % 3],
@@ -299,10 +302,11 @@ def _draw_together(model: Model, name: str, outputs: Sequence[str]) -> Figure:
     return figure
 
 
-def _step_and_band(term: Term, time: Array, rate: float) -> tuple[Array, Array]:
-    """Unit step response, and half of its 95 % band."""
-    of = partial(step_at_rate, time=time, rate=rate)
-    half = NORMAL_95 * np.linalg.norm(deviations(term, of), axis=-1)
+def _step_and_band(term: Term, time: Array, point: OperatingPoint) -> tuple[Array, Array]:
+    """Unit step response, and half of its 95 % band; zero where the spread is not known."""
+    of = partial(step_at_rate, time=time, rate=point.rate)
+    known = with_known_spread(term, point)
+    half = NORMAL_95 * np.linalg.norm(deviations(known, of), axis=-1)
     return of(term.response), np.asarray(half)
 
 
@@ -340,10 +344,10 @@ def draw_step_responses(models: Mapping[str, Model], channels: Sequence[str] = (
                 for point in operating_points(model, term)
             ]
             for term, point in told_at:
-                step, half = _step_and_band(term, time, point.rate)
+                step, half = _step_and_band(term, time, point)
                 ax.fill_between(time / length, step - half, step + half, color=look["color"],
                                 alpha=0.25, lw=0)  # fmt: skip
-                each = characteristics(term, point.rate)
+                each = characteristics(with_known_spread(term, point), point.rate)
                 tau = 1 / (1 / term.response.slowest() + point.rate)
                 told = f"{each.gain.value:.4g} {each.gain.unit}, {duration(tau)}{at_level(point)}"
                 ax.plot(time / length, step, **look,

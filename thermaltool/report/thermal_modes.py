@@ -20,11 +20,17 @@ MAX_ROWS = 12
 EVEN = 1e-6
 # Part of a steady state that the modes leave out, above which that is said.
 MAX_MISSING = 0.05
+# Length of a body from which on its unit is doubted [m].
+MAX_LENGTH = 30.0
+# Part of the largest rise by which a heat may seem to cool on a mesh of linear elements.
+MAX_COOLED = 0.02
+# Part of a gain that one mode makes, above which what the modes leave of each other is doubted.
+MAX_SHARE = 10.0
 
 
 def mode_notes(modes: ThermalEigenmodes, body: SolidBody) -> list[str]:
     """What to know before using the modes, each a sentence."""
-    notes, count = [], len(modes.time_constants)
+    notes, count = _doubts(modes, body), len(modes.time_constants)
     if not modes.is_complete:
         notes.append(
             f"weights are parts of the sum over these {count} modes of "
@@ -40,6 +46,36 @@ def mode_notes(modes: ThermalEigenmodes, body: SolidBody) -> list[str]:
                         "steady state"
                     )
     return notes
+
+
+def _doubts(modes: ThermalEigenmodes, body: SolidBody) -> list[str]:
+    """Signs that the mesh is too coarse for the body, or its unit another."""
+    doubts = []
+    length = float(np.max(np.ptp(body.mesh.p, axis=1)))
+    if length > MAX_LENGTH:
+        doubts.append(f"the body is {length:.3g} m long: is the unit of [mesh] right?")
+    # Nothing that heat alone acts on is colder than what is around it.
+    coldest, hottest = modes.steady_states.min(axis=0), modes.steady_states.max(axis=0)
+    doubts += [
+        f"{heat} cools parts of the body ({100 * low / high:.0f} % of the largest rise): the mesh "
+        "is too coarse, or the unit of [mesh] wrong"
+        for heat, low, high in zip(body.heat, coldest, hottest, strict=True)
+        if low < -MAX_COOLED * high
+    ]
+    for k, name in enumerate((*body.points, *body.deflections)):
+        for h, heat in enumerate(body.heat):
+            largest = float(np.max(np.abs(modes.contributions[k, :, h])))
+            gain = abs(modes.gains[k, h])
+            if gain and largest > MAX_SHARE * gain:
+                doubts.append(
+                    f"{name} by {heat}: modes of up to {100 * largest / gain:.3g} % of the gain "
+                    "cancel: the heat hardly reaches it, the mesh is too coarse or its unit wrong"
+                )
+    if np.any(modes.time_constants <= 0):
+        doubts.append(
+            "a time constant is not above zero: the mesh is too coarse, or its unit wrong"
+        )
+    return doubts
 
 
 def reduction_notes(model: Model) -> list[str]:
@@ -60,6 +96,11 @@ def _outputs(body: SolidBody) -> list[tuple[str, float]]:
         # Lengths are counted in micrometres.
         *((name, 1e6 / UNITS[parse_channel(name).unit][1]) for name in body.deflections),
     ]
+
+
+def _watts(heat: str) -> float:
+    """A unit of the heat [W]."""
+    return UNITS[parse_channel(heat).unit][1]
 
 
 def _extremes(modes: ThermalEigenmodes, body: SolidBody, j: int) -> list[tuple[float, list[float]]]:
@@ -103,8 +144,8 @@ def mode_document(modes: ThermalEigenmodes, body: SolidBody) -> dict[str, Any]:
         "gains": {
             name: {
                 heat: {
-                    "value": factor * float(modes.gains[k, h]),
-                    "by_mode": (factor * modes.contributions[k, :, h]).tolist(),
+                    "value": factor * _watts(heat) * float(modes.gains[k, h]),
+                    "by_mode": (factor * _watts(heat) * modes.contributions[k, :, h]).tolist(),
                 }
                 for h, heat in enumerate(body.heat)
             }
@@ -168,7 +209,7 @@ def _place(at: list[float]) -> str:
 
 def _gain_table(modes: ThermalEigenmodes, body: SolidBody) -> str:
     """Steady states, and the modes that make most of them."""
-    rows = [["output", "heat", "gain", "per W", "by modes"]]
+    rows = [["output", "heat", "gain", "unit", "by modes"]]
     for k, (name, factor) in enumerate(_outputs(body)):
         for h, heat in enumerate(body.heat):
             each, gain = modes.contributions[k, :, h], modes.gains[k, h]
@@ -176,5 +217,6 @@ def _gain_table(modes: ThermalEigenmodes, body: SolidBody) -> str:
             told = ", ".join(f"{j + 1}: {100 * each[j] / gain:.0f} %" for j in largest if gain
                              and abs(each[j]) > 0.005 * abs(gain))  # fmt: skip
             unit = "K" if name in body.points else parse_channel(name).unit
-            rows.append([name, heat, f"{factor * gain:.4g}", unit, told])
+            per = f"{unit}/{parse_channel(heat).unit}"
+            rows.append([name, heat, f"{factor * _watts(heat) * gain:.4g}", per, told])
     return aligned(rows)

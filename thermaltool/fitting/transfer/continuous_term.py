@@ -190,8 +190,8 @@ def _continues(z: complex, place: str) -> None:
         )
     if z.imag == 0 and z.real <= 0:
         raise ModelError(
-            f"{place}: a pole at z = {value} has no equivalent in continuous time: take a lower "
-            "order"
+            f"{place}: a pole at z = {value} has no equivalent in continuous time: take "
+            "--real-poles, a lower order, or leave this input out"
         )
 
 
