@@ -66,8 +66,7 @@ def command(
     from thermaltool.documents import write_json, write_whole
     from thermaltool.report.style import figure_format, render
 
-    if static and time_constants:
-        raise click.UsageError("--static has no --time-constant")
+    taus = shared.low_pass_of(static, time_constants)
     shared.check_files(None, *logs)
     if plot is not None:
         for log in logs:
@@ -75,7 +74,6 @@ def command(
         figure_format(plot)
     pairs = [shared.pair_of(each, "--cost") for each in costs]
     price = {name: shared.number_of(value, "--cost") for name, value in pairs}
-    taus = () if static else time_constants or None
     with shared.usage_errors():
         found = api.place(logs, outputs, costs=price, time_constants=taus, warn=warn, **options)
     figure = None if plot is None else render(found.draw, figure_format(plot))

@@ -65,10 +65,8 @@ def command(
     from thermaltool import api
     from thermaltool.documents import write_json
 
-    if static and time_constants:
-        raise click.UsageError("--static has no --time-constant")
+    taus = shared.low_pass_of(static, time_constants)
     shared.check_files(model_file, *logs, *options["validate"], as_json=as_json)
-    taus = () if static else time_constants or None
     with shared.usage_errors():
         found = api.regress(logs, outputs, time_constants=taus, warn=warn, **options)
     if model_file is not None:

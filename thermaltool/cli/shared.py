@@ -141,6 +141,13 @@ def one_thread() -> None:
         os.environ.setdefault(name, "1")
 
 
+def low_pass_of(static: bool, time_constants: tuple[float, ...]) -> tuple[float, ...] | None:
+    """Time constants of low-pass states [s]: none by --static, None where they are chosen."""
+    if static and time_constants:
+        raise click.UsageError("--static has no --time-constant")
+    return () if static else time_constants or None
+
+
 def number_of(text: str, option: str) -> float:
     """What is given as NAME=VALUE or as a word or a number; UsageError where it is no number."""
     try:

@@ -23,6 +23,7 @@ from thermaltool.errors import FitError
 from thermaltool.fitting.components.choose import averaged
 from thermaltool.fitting.components.problem import ComponentProblem
 from thermaltool.fitting.components.reduction import (
+    NEARLY_SAME_CORRELATION,
     Reduction,
     correlation,
     is_reducible,
@@ -47,8 +48,6 @@ MIN_RUN = 40
 RIDGES = 10.0 ** np.arange(-10, 3.1, 0.5)
 # Components of the inputs kept have to leave less than this of the squared error held out.
 MAX_SQUARE_RATIO = 0.9
-# An input that is left out says the same as one that is kept above this correlation.
-SAME_CORRELATION = 0.99
 
 
 @dataclass(frozen=True)
@@ -220,7 +219,7 @@ def screen(data: TrainingData) -> tuple[tuple[str, ...], tuple[LeftOut, ...]]:
     left_out = []
     for i in dropped:
         same = max(kept, key=lambda k: near[i, k])
-        found = names[same] if near[i, same] >= SAME_CORRELATION else ""
+        found = names[same] if near[i, same] >= NEARLY_SAME_CORRELATION else ""
         left_out.append(LeftOut(names[i], evidences[i], found))
     return tuple(names[i] for i in kept), (*idle, *left_out)
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermaltool.fitting.components.reduction import correlation, same_inputs
+from thermaltool.fitting.components.reduction import (
+    NEARLY_SAME_CORRELATION,
+    correlation,
+    same_inputs,
+)
 from thermaltool.fitting.data import Array, TrainingData
-
-# Correlation above which sensors say the same.
-SAME_CORRELATION = 0.99
 
 
 @dataclass(frozen=True)
@@ -50,5 +51,5 @@ def collinearity(data: TrainingData) -> Collinearity:
         data.inputs,
         float(np.sqrt(values[-1] / smallest)),
         tuple(np.maximum(inflation, 1.0).tolist()),
-        same_inputs(data, SAME_CORRELATION),
+        same_inputs(data, NEARLY_SAME_CORRELATION),
     )

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from thermaltool.placement.body import SolidBody
+
 # Modes that are drawn, and bars of weights, at most.
 MAX_SHAPES, MAX_BARS = 4, 12
 # Largest displacement as part of the body's size in the figure of a solid.
@@ -30,9 +32,12 @@ def draw_modes(modes: ThermalEigenmodes, elements: FiniteElements, name: str) ->
     deflected = ": surface, deflection exaggerated" if elements.body.deflections else ": surface"
     figure = new_figure(f"Thermal modes, {name}{deflected}, axes in m", 3.4 * len(shown), 7.0)
     grid = figure.add_gridspec(2, len(shown), height_ratios=[3, 2])
+    body = elements.body
+    elastic = Thermoelasticity(elements) if body.deflections else None
     for k, j in enumerate(shown):
-        _draw_solid(figure.add_subplot(grid[0, k], projection="3d"), modes, elements, j)
-    _draw_weights(figure.add_subplot(grid[1, :]), modes, list(elements.body.heat))
+        ax = figure.add_subplot(grid[0, k], projection="3d")
+        _draw_solid(ax, modes, body, elastic, j)
+    _draw_weights(figure.add_subplot(grid[1, :]), modes, list(body.heat))
     return figure
 
 
@@ -47,41 +52,44 @@ def _draw_rod(
 ) -> Figure:
     body, x = elements.body, elements.body.mesh.p[0]
     order = np.argsort(x)
-    elastic = bool(body.fixed) and all(m.expansion is not None for m in body.materials.values())
-    figure = new_figure(f"Thermal modes, {name}", 11.0, 9.0 if elastic else 6.5)
-    axes = figure.subplots(3 if elastic else 2, 1)
+    held = bool(body.fixed) and all(m.expansion is not None for m in body.materials.values())
+    elastic = Thermoelasticity(elements) if held else None
+    figure = new_figure(f"Thermal modes, {name}", 11.0, 9.0 if held else 6.5)
+    axes = figure.subplots(3 if held else 2, 1)
     axes[0].axhline(0.0, color=MARK, lw=0.8)
     for k, j in enumerate(shown):
         axes[0].plot(x[order], modes.unit_shapes[order, j], color=CYCLE[k],
                      label=mode_label(modes, j))  # fmt: skip
-        if elastic:
+        if elastic is not None:
             # 1 K at the largest value of the temperature.
-            moved = 1e6 * Thermoelasticity(elements).displacements(modes.unit_shapes[:, j])[0]
+            moved = 1e6 * elastic.displacements(modes.unit_shapes[:, j])[0]
             axes[1].plot(x[order], moved[order], color=CYCLE[k], label=mode_label(modes, j))
     places = [float(at[0]) for at in body.points.values()]
     axes[0].plot(places, np.zeros(len(places)), "|", ms=12, color=MARK,
                  label="points" if places else "_")  # fmt: skip
     axes[0].set(title="Temperature", ylabel="shape, largest 1", xlabel="place [m]")
     legend_beside(axes[0])
-    if elastic:
+    if held:
         axes[1].axhline(0.0, color=MARK, lw=0.8)
         axes[1].set(title="Deflection", ylabel="µm at a largest 1 K", xlabel="place [m]")
     _draw_weights(axes[-1], modes, list(body.heat))
     return figure
 
 
-def _draw_solid(ax: Any, modes: ThermalEigenmodes, elements: FiniteElements, j: int) -> None:
+def _draw_solid(
+    ax: Any, modes: ThermalEigenmodes, body: SolidBody, elastic: Thermoelasticity | None, j: int
+) -> None:
     """The surface coloured by a shape; deformed by it where the body is elastic and held."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    body, mesh = elements.body, elements.body.mesh
+    mesh = body.mesh
     shape, places = modes.unit_shapes[:, j], mesh.p
     size = float(np.max(np.ptp(places, axis=1)))
-    if body.deflections:
-        moved = Thermoelasticity(elements).displacements(shape)
+    if elastic is not None:
+        moved = elastic.displacements(shape)
         places = places + moved * EXAGGERATION * size / float(np.max(np.abs(moved)))
     facets = _rings(mesh)
     values = shape[facets].mean(axis=0)

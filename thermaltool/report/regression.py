@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from thermaltool.documents import jsonable
 from thermaltool.report.style import channel_unit
 from thermaltool.report.text import aligned
+from thermaltool.signals.intervals import NORMAL_95
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
     from thermaltool.placement.regression import Column
     from thermaltool.placement.robustness import OutputRegression
 
-# Half width of a 95 % interval in standard errors.
-INTERVAL = 1.96
 CHOSEN_ON_ALL = "time constants and terms are chosen on all rows of the fitted logs"
 
 
@@ -66,7 +65,7 @@ def _parts(each: OutputRegression) -> tuple[str, str]:
     lags = ", ".join(f"{tau:.3g}" for tau in basis.time_constants)
     rows = [["term", "weight", "95 %"]]
     for column, weight, deviation in zip(own.columns, own.weights, own.deviations, strict=True):
-        half = INTERVAL * float(deviation)
+        half = NORMAL_95 * float(deviation)
         rows.append([_name(column, basis.time_constants, basis.position), f"{weight:.4g}",
                      f"± {half:.2g}"])  # fmt: skip
     head = (

@@ -18,8 +18,8 @@ from thermaltool.fitting.data import MIN_MOVEMENT, Array, TrainingData
 
 Method = Literal["pca", "pls", "none"]
 
-# Columns whose correlation is above this say the same.
-SAME_CORRELATION = 0.999
+# Columns whose correlation is above this say the same, and nearly the same.
+SAME_CORRELATION, NEARLY_SAME_CORRELATION = 0.999, 0.99
 # So many inputs at least are many, and few components carry so much of their variance.
 MANY_INPUTS, CARRIED_VARIANCE = 6, 0.99
 
