@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,6 +47,38 @@ def test_place_by_design(thermaltool, log, criterion):
     dear = ("--cost", "T_1_degC=2", "--forbid", "T_2_degC")
     sets = thermaltool("place", log, *options, *dear, "--json").json["sets"]
     assert not any("T_2_degC" in each["sensors"] for each in sets)
+
+
+BODY = Path(__file__).parents[2] / "data_samples/bodies/rod.toml"
+
+
+@pytest.mark.parametrize("criterion", ["I", "modes"])
+def test_place_on_a_body(thermaltool, tmp_path, criterion):
+    figure = tmp_path / "body.png"
+    options = ("--criterion", criterion, "--forbid", "left", "--reading-noise", 0.05,
+               "--sensors", 2)  # fmt: skip
+    result = thermaltool("place", BODY, *options, "--plot", figure)
+    assert result.code == 0
+    assert "from the heat m" in result.out
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    document = thermaltool("place", BODY, *options, "--json").json
+    assert document["reading_noise_K"] == 0.05
+    chosen = {name for each in document["sets"] for name in each["sensors"]}
+    assert set(document["places_m"]) == chosen
+    assert all(x > 0 for (x,) in document["places_m"].values())
+
+
+def test_options_of_logs_and_of_bodies_are_told_apart(thermaltool, log):
+    for source, option, words in (
+        (BODY, ("--static",), "--static is of logs"),
+        (BODY, ("--criterion", "held-out"), "held-out is of logs"),
+        (log, (), "logs need --output"),
+        (log, ("--output", "d_tip_um", "--criterion", "modes"), "--criterion modes is of a body"),
+        (log, ("--output", "d_tip_um", "--reading-noise", 1), "--reading-noise is of a body"),
+    ):
+        result = thermaltool("place", source, *option)
+        assert (result.code, result.out) == (2, "")
+        assert words in result.err
 
 
 @pytest.mark.parametrize(

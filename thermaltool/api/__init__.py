@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from thermaltool.api.arma import *  # noqa: F403
     from thermaltool.api.body_modes import *  # noqa: F403
+    from thermaltool.api.body_placement import *  # noqa: F403
     from thermaltool.api.calibration import *  # noqa: F403
     from thermaltool.api.comparison import *  # noqa: F403
     from thermaltool.api.compensator import *  # noqa: F403
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 PUBLIC = {
     "api.arma": ("ArmaFit", "SeriesForecast", "fit", "forecast"),
     "api.body_modes": ("BodyModes", "thermal_modes"),
+    "api.body_placement": ("BodyPlacement", "place_on_body"),
     "api.calibration": ("Calibration", "calibrate"),
     "api.comparison": ("Comparison", "compare"),
     "api.compensator": ("Compensator",),

@@ -69,15 +69,9 @@ class SensorPlacement(Result):
     @property
     def frame(self) -> pandas.DataFrame:
         """One row for each number of sensors and output."""
-        import pandas
+        from thermaltool.report.placement import sets_frame
 
-        rows = [
-            (len(each.sensors), output, error, " ".join(each.sensors))
-            for each in self.sets
-            for output, error in zip(self.placed.outputs, each.errors, strict=True)
-        ]
-        columns = ["count", "output", "rmse", "sensors"]
-        return pandas.DataFrame(rows, columns=columns).set_index(columns[:2])
+        return sets_frame(self.sets, self.placed.outputs)
 
 
 @reads(Reading)
@@ -353,10 +347,9 @@ def _design_sets(
     noise: Any,
     costs: Mapping[str, float] | None,
 ) -> tuple[SensorSet, ...]:
-    from thermaltool.placement.candidates import Candidates, output_errors
+    from thermaltool.placement.candidates import Candidates
     from thermaltool.placement.duty_cycles import cycle_of, reading_noise
-    from thermaltool.placement.optimal_design import place_sensors
-    from thermaltool.placement.sensor_sets import SensorSet
+    from thermaltool.placement.optimal_design import placed_sets
 
     known = {} if noise is None else {name: n.white for name, n in read_noise(noise).items()}
     sigma = np.array([known.get(name) or reading_noise(logs, name) for name in channels])
@@ -365,18 +358,4 @@ def _design_sets(
         if name in channels:
             price[list(channels).index(name)] = cost
     cycles = [cycle_of(log, channels, outputs, sigma) for log in logs]
-    candidates = Candidates.of(cycles, sigma, price)
-    found: list[SensorSet] = []
-    for count in range(1, most + 1):
-        # More than all of them cost buys no more.
-        budget = min(float(count), float(price.sum()))
-        if budget < price.min():
-            continue
-        each = place_sensors(candidates, budget, criterion)
-        errors = output_errors(candidates, each.sensors)
-        named = tuple(channels[k] for k in sorted(each.sensors))
-        if not found or named != found[-1].sensors:
-            found.append(SensorSet(named, tuple(errors.tolist()), (), each.efficiency))
-    if not found:
-        raise FitError(f"no sensor costs {most:g} or less")
-    return tuple(found)
+    return placed_sets(Candidates.of(cycles, sigma, price), channels, most, criterion)

@@ -59,10 +59,8 @@ def command(
     from thermaltool.documents import write_json, write_whole
     from thermaltool.report.style import figure_format, render
 
-    body = len(logs) == 1 and logs[0].endswith(".toml")
+    body = shared.is_body(logs, _OF_LOGS)
     given = {name: options.pop(name) for name in _OF_LOGS}
-    if body and (wrong := [name for name in _OF_LOGS if given[name] not in (None, ())]):
-        raise click.UsageError(f"--{wrong[0].removesuffix('s')} is of logs, {logs[0]} is a body")
     if not body and model_file is not None:
         raise click.UsageError(
             "--model is of a body: identify --structure network makes one of logs"

@@ -141,6 +141,24 @@ def one_thread() -> None:
         os.environ.setdefault(name, "1")
 
 
+def is_body(logs: Sequence[str], of_logs: Sequence[str]) -> bool:
+    """Whether a body is declared, by one .toml file; UsageError beside options of logs.
+
+    Parameters
+    ----------
+    logs : sequence of str
+        What stands for logs.
+    of_logs : sequence of str
+        Parameters that count for logs alone.
+    """
+    if len(logs) != 1 or not logs[0].endswith(".toml"):
+        return False
+    for parameter in click.get_current_context().command.params:
+        if parameter.name in of_logs and is_given(parameter.name):
+            raise click.UsageError(f"{parameter.opts[-1]} is of logs, {logs[0]} is a body")
+    return True
+
+
 def low_pass_of(static: bool, time_constants: tuple[float, ...]) -> tuple[float, ...] | None:
     """Time constants of low-pass states [s]: none by --static, None where they are chosen."""
     if static and time_constants:

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array
-from thermaltool.placement.candidates import Candidates, deflection_errors
+from thermaltool.placement.candidates import Candidates, deflection_errors, output_errors
+from thermaltool.placement.sensor_sets import SensorSet
 
 Criterion = Literal["I", "A", "D"]
 CRITERIA = get_args(Criterion)
@@ -182,6 +183,43 @@ def place_sensors(
     efficiency = float(np.exp((value - bound) / (len(chosen) if criterion == "D" else 1)))
     errors = deflection_errors(candidates, chosen)
     return Placement(tuple(chosen), value, bound, efficiency, errors)
+
+
+def placed_sets(
+    candidates: Candidates, names: Sequence[str], most: int, criterion: Criterion
+) -> tuple[SensorSet, ...]:
+    """Sensors for a budget of 1, 2, 3 …, each set once.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    names : sequence of str
+        Of all candidates.
+    most : int
+    criterion : {"I", "A", "D"}
+
+    Raises
+    ------
+    FitError
+        More than there are candidates, or none that costs so little.
+    """
+    price = candidates.costs[candidates.allowed]
+    if most > len(price):
+        raise FitError(f"{most} sensors of {len(price)} candidates: ask for fewer")
+    found: list[SensorSet] = []
+    for count in range(1, most + 1):
+        # More than all of them cost buys no more.
+        budget = min(float(count), float(price.sum()))
+        if budget < price.min():
+            continue
+        each = place_sensors(candidates, budget, criterion)
+        errors = output_errors(candidates, each.sensors)
+        named = tuple(names[k] for k in sorted(each.sensors))
+        if not found or named != found[-1].sensors:
+            found.append(SensorSet(named, tuple(errors.tolist()), (), each.efficiency))
+    if not found:
+        raise FitError(f"no sensor costs {most:g} or less")
+    return tuple(found)
 
 
 def _weights(candidates: Candidates, sensors: Sequence[int]) -> Array:

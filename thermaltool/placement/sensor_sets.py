@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,14 +57,15 @@ class PlacedSensors:
     sets: tuple[SensorSet, ...]
     collinearity: Collinearity
 
-    def gain(self, k: int) -> float | None:
-        """Part by which the error falls from the k-th set to the next; None for the last.
 
-        Parameters
-        ----------
-        k : int
-            From 1 on.
-        """
-        if not 0 < k < len(self.sets):
-            return None
-        return 1 - self.sets[k].mean_error / self.sets[k - 1].mean_error
+def gains_of_the_next(sets: Sequence[SensorSet]) -> list[float | None]:
+    """Part by which the error falls from each set to the next; None for the last.
+
+    Parameters
+    ----------
+    sets : sequence of SensorSet
+    """
+    found: list[float | None] = [
+        1 - after.mean_error / before.mean_error for before, after in itertools.pairwise(sets)
+    ]
+    return [*found, None]

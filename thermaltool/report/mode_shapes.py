@@ -80,32 +80,64 @@ def _draw_solid(
     ax: Any, modes: ThermalEigenmodes, body: SolidBody, elastic: Thermoelasticity | None, j: int
 ) -> None:
     """The surface coloured by a shape; deformed by it where the body is elastic and held."""
+    shape, places = modes.unit_shapes[:, j], body.mesh.p
+    size = float(np.max(np.ptp(places, axis=1)))
+    if elastic is not None:
+        moved = elastic.displacements(shape)
+        places = places + moved * EXAGGERATION * size / float(np.max(np.abs(moved)))
+    draw_surface(ax, body.mesh, places, shape, (-1.0, 1.0), "RdBu_r", 1.0, "temperature, largest 1")
+    ax.set_title(mode_label(modes, j))
+
+
+def draw_surface(
+    ax: Any,
+    mesh: Any,
+    places: Array,
+    values: Array,
+    limits: tuple[float, float],
+    colours: str,
+    opacity: float,
+    label: str,
+) -> None:
+    """The surface of a solid in three dimensions, its facets coloured by nodal values.
+
+    Parameters
+    ----------
+    ax : Axes3D
+    mesh : skfem.Mesh
+    places : ndarray, shape (3, n) [m]
+        Of the nodes.
+    values : ndarray, shape (n,)
+    limits : (float, float)
+        Values at the ends of the colours.
+    colours : str
+        Name of a map of matplotlib.
+    opacity : float
+        1 is opaque.
+    label : str
+        Of the values.
+    """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    mesh = body.mesh
-    shape, places = modes.unit_shapes[:, j], mesh.p
-    size = float(np.max(np.ptp(places, axis=1)))
-    if elastic is not None:
-        moved = elastic.displacements(shape)
-        places = places + moved * EXAGGERATION * size / float(np.max(np.abs(moved)))
     facets = _rings(mesh)
-    values = shape[facets].mean(axis=0)
-    colours = ScalarMappable(Normalize(-1.0, 1.0), "RdBu_r")
-    surface = Poly3DCollection(places.T[facets.T], facecolors=colours.to_rgba(values),
-                               edgecolors="none", linewidths=0.0)  # fmt: skip
+    scale = ScalarMappable(Normalize(*limits), colours)
+    surface = Poly3DCollection(
+        places.T[facets.T],
+        facecolors=scale.to_rgba(values[facets].mean(axis=0), alpha=opacity),
+        edgecolors="none",
+        linewidths=0.0,
+    )
     ax.add_collection3d(surface)
     low, high = places.min(axis=1), places.max(axis=1)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    ax.set_box_aspect(np.maximum(high - low, 0.05 * size))
-    ax.set_title(mode_label(modes, j))
+    ax.set_box_aspect(np.maximum(high - low, 0.05 * float(np.max(high - low))))
     ax.tick_params(labelsize=7)
     for axis, length in zip((ax.xaxis, ax.yaxis, ax.zaxis), high - low, strict=True):
-        axis.set_major_locator(MaxNLocator(4 if length > 0.5 * size else 2))
-    ax.figure.colorbar(colours, ax=ax, shrink=0.5, orientation="horizontal", pad=0.02,
-                       label="temperature, largest 1")  # fmt: skip
+        axis.set_major_locator(MaxNLocator(4 if length > 0.5 * np.max(high - low) else 2))
+    ax.figure.colorbar(scale, ax=ax, shrink=0.5, orientation="horizontal", pad=0.02, label=label)
 
 
 def _rings(mesh: Any) -> Array:

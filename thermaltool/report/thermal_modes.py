@@ -30,21 +30,27 @@ MAX_SHARE = 10.0
 
 def mode_notes(modes: ThermalEigenmodes, body: SolidBody) -> list[str]:
     """What to know before using the modes, each a sentence."""
-    notes, count = _doubts(modes, body), len(modes.time_constants)
+    notes = body_notes(modes, body)
     if not modes.is_complete:
         notes.append(
-            f"weights are parts of the sum over these {count} modes of "
+            f"weights are parts of the sum over these {len(modes.time_constants)} modes of "
             f"{modes.shapes.shape[0]}: more modes (--count) lower them"
         )
-        found = modes.contributions.sum(axis=1)
-        for k, name in enumerate((*body.points, *body.deflections)):
-            for h, heat in enumerate(body.heat):
-                missing = abs(1 - found[k, h] / modes.gains[k, h]) if modes.gains[k, h] else 0.0
-                if missing > MAX_MISSING:
-                    notes.append(
-                        f"{name} by {heat}: these modes leave out {100 * missing:.0f} % of the "
-                        "steady state"
-                    )
+    return notes
+
+
+def body_notes(modes: ThermalEigenmodes, body: SolidBody) -> list[str]:
+    """Doubts of a mesh, and what few modes of it leave out, each a sentence."""
+    notes = _doubts(modes, body)
+    found = modes.contributions.sum(axis=1)
+    for k, name in enumerate((*body.points, *body.deflections) if not modes.is_complete else ()):
+        for h, heat in enumerate(body.heat):
+            missing = abs(1 - found[k, h] / modes.gains[k, h]) if modes.gains[k, h] else 0.0
+            if missing > MAX_MISSING:
+                notes.append(
+                    f"{name} by {heat}: these modes leave out {100 * missing:.0f} % of the "
+                    "steady state"
+                )
     return notes
 
 
