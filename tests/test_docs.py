@@ -50,6 +50,7 @@ class Outputs(doctest.OutputChecker):
         return all(b == pytest.approx(a, rel=TOLERANCE, abs=1e-9) for a, b in pairs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["reference/python.md"])
 def test_pages_for_python_show_what_python_shows(
     page: str, monkeypatch: pytest.MonkeyPatch
@@ -153,6 +154,7 @@ def missing(wanted: str, shown: str) -> str:
     return ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", TUTORIALS)
 def test_tutorials_run_and_show_what_they_say(page: Path, tmp_path: Path) -> None:
     (tmp_path / "data_samples").symlink_to(ROOT / "data_samples")

@@ -90,6 +90,7 @@ def test_one_bad_cell_is_named_with_its_row_like_that_of_a_file(tmp_path: Path) 
     assert np.isnan(tt.read_log(empty).columns["T_a_degC"]).all()
 
 
+@pytest.mark.slow
 def test_a_string_is_one_name() -> None:
     assert names("T_a_degC") == names(["T_a_degC"]) == ("T_a_degC",)
     assert names(()) == ()

@@ -62,6 +62,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(drift):
     assert 0.93 <= every.mean() <= 0.97, (every.mean(), shares)
 
 
+@pytest.mark.slow
 def test_figures_of_a_machine_without_noise():
     true = displacements(TIME, SPEED, np.random.default_rng(1))
     frame = frame_of(TIME, true, n_spindle_rpm=SPEED, T_air_degC=20.0)
@@ -129,6 +130,7 @@ def test_what_cannot_be_evaluated():
             parse_probe("d_p_um", place)
 
 
+@pytest.mark.slow
 def test_labels_follow_the_order_that_was_given():
     frame = pd.DataFrame(
         {"time_s": TIME, "d_a_um": 10.0 * (TIME > 60), "d_b_um": 30.0 * (TIME > 60)}

@@ -42,6 +42,7 @@ def trial(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_a_loop_of_two_processes(tmp_path, trial):
     """plant | fcc > pipe > plant: the cut is deeper and rounder than without."""
     pipe, closed = tmp_path / "commands", tmp_path / "closed.csv"

@@ -148,6 +148,7 @@ def streamed(*args, out=subprocess.PIPE):
     return subprocess.run(line, stdout=out, stderr=subprocess.PIPE, timeout=60)
 
 
+@pytest.mark.slow
 def test_a_stream_to_parquet_is_a_readable_file(fitted, log, tmp_path):
     path = tmp_path / "ahead.parquet"
     with open(path, "wb") as out:
@@ -213,6 +214,7 @@ def test_a_sink_goes_with_a_stream(fitted, log, monkeypatch):
     assert "--to udp goes with --stream" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_stream_takes_outliers_as_they_are(fitted, log, tmp_path):
     """100 K above the rest, 40 standard deviations: left out, or the start of a new forecast."""
     lines = log.read_text().splitlines(keepends=True)
@@ -236,6 +238,7 @@ def test_a_stream_takes_outliers_as_they_are(fitted, log, tmp_path):
     assert "outlier" not in messages
 
 
+@pytest.mark.slow
 def test_a_stream_forgets_the_samples_before_a_pause(fitted, log, tmp_path):
     """A pause of 4 samples: bridged by default, as of 10 in a batch; not above --max-gap."""
     lines = log.read_text().splitlines(keepends=True)

@@ -189,7 +189,7 @@ def test_usage(thermaltool, log, extra, message):
     assert message in done.err
 
 
-@pytest.mark.parametrize("structure", ["oe", "arx", "armax"])
+@pytest.mark.parametrize("structure", [pytest.param("oe", marks=pytest.mark.slow), "arx", "armax"])
 def test_hairdryer_delay_and_free_run(thermaltool, structure):
     """Three samples of delay; a free run over the second half at 85 % or better."""
     done = thermaltool("identify", whole_log("daisy/hairdryer_ljung.csv"), "--columns",
@@ -200,6 +200,7 @@ def test_hairdryer_delay_and_free_run(thermaltool, structure):
     assert model["validation"]["fit_percent"] >= 85
 
 
+@pytest.mark.slow
 def test_heating_system_held_out_half(thermaltool):
     done = thermaltool("identify", whole_log("daisy/heating_system.csv"), "--columns",
                        MAPS / "heating_system.toml", "--input", "U_lamp_V", "--output",
@@ -306,6 +307,7 @@ def test_other_commands_take_a_network(thermaltool, pair, tmp_path):
     assert done.code == 0, done.err
 
 
+@pytest.mark.slow
 def test_a_network_finds_its_delay(thermaltool, log):
     done = thermaltool("identify", log, *CALL, "--structure", "network", "--delay", "auto",
                        "--json")  # fmt: skip

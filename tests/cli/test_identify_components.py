@@ -125,6 +125,7 @@ def test_options_that_contradict(thermaltool, log, options, why):
     assert why in done.err
 
 
+@pytest.mark.slow
 def test_a_sensor_with_holes(thermaltool, machine, tmp_path):
     """Named; its last value stands in where that is asked for."""
     temperatures, growth, time = machine
@@ -158,7 +159,7 @@ def without(log, path, columns, first):
     return path
 
 
-@pytest.mark.parametrize("first", [1, 600])
+@pytest.mark.parametrize("first", [pytest.param(1, marks=pytest.mark.slow), 600])
 def test_the_others_stand_for_a_dead_sensor(log, model, tmp_path, first):
     """From the first row on, or later: the announced band bounds what is lost."""
     column = 1 + NAMES.index("T_s5_degC")
@@ -179,6 +180,7 @@ def test_too_many_dead_sensors_are_safe(log, model, tmp_path):
     assert {line[3] for line in lines[700:]} == {"safe"}
 
 
+@pytest.mark.slow
 def test_calibrate_reduces_as_identify_does(thermaltool, log, tmp_path):
     """One path: the same model, for raw sensors, and for compensate where one of them dies."""
     drives = [part for name in NAMES for part in ("--drive", name)]

@@ -214,6 +214,7 @@ def test_delay_dead_time_and_units(thermaltool, two, structure):
     assert shown == ["20", "10"]
 
 
+@pytest.mark.slow
 def test_delay_dead_time_and_units_of_a_network(thermaltool, two):
     call = ("identify", two, *BOTH, "--structure", "network", "--modes", "1", "--delay", "20")
     (model,) = thermaltool(*call, "--json").json["models"]

@@ -27,6 +27,7 @@ def test_a_pipe_in_and_a_pipe_out() -> None:
     assert result.stderr == b""
 
 
+@pytest.mark.slow
 def test_stdin_that_starts_with_a_brace_is_a_document() -> None:
     text = '\n{"time_s": [1, 2], "value_1": [1, 2], "error_1": [0, 0], "wanted": [1e-9, 1e-9]}\n'
     assert plot("-", stdin=text).stdout.startswith(PNG)

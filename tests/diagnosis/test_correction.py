@@ -13,9 +13,11 @@ from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.record import Record
 
 HEAT = "Q_main_1"
+# Further machines.
+SLOWLY = [pytest.param(k, marks=pytest.mark.slow) for k in (8, 9)]
 
 
-@pytest.fixture(scope="module", params=[7, 8, 9])
+@pytest.fixture(scope="module", params=[7, *SLOWLY])
 def clean(request):
     """A machine calibrated on steps, and a clean log of a random duty."""
     found = hide([], 5.0, request.param, request.param + 100)

@@ -50,6 +50,7 @@ def test_a_clean_log_is_adequate(model: Model) -> None:
     assert 0.8 < found.noise_share <= 1
 
 
+@pytest.mark.slow
 def test_heat_by_the_square_is_found_and_then_known(model: Model) -> None:
     wrong = log(LEVELS**2, 3)
     found = diagnose(model, [wrong])

@@ -2,9 +2,9 @@
 
 Their seeds come from one `SeedSequence`, the date on which this file was written; no other was
 tried. The limits are those of the study with a binomial allowance: a tool that names the right
-cause in 85 % of all logs gets at least 14 of 20 with a chance of 98 %, 5 of 6 with 78 % and 2 of
-3 with 94 %, one with 3 % of false alarms has at most one in 6 clean logs with 99 %. That is a
-guide: there are four machines, and the logs of one share the error of its calibration.
+cause in 85 % of all logs gets at least 14 of 20 with a chance of 98 %, 1 of 2 with 98 %,
+one with 3 % of false alarms has at most one in 6 clean logs with 99 % and none in one with 97 %.
+That is a guide: there are four machines, and the logs of one share the error of its calibration.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def scores_of(half: int, hidden: int, clean: int):
         yield scoring.score(trial, calibrated(*machines[k % 2]), powers=False)
 
 
-def check_half(half: int, count: int, without: int, least: float = 0.7):
+def check_half(half: int, count: int, without: int, least: float = 0.7, alarms: int = 1):
     scores = list(scores_of(half, count, without))
     for s in scores:
         error = "" if s.error is None else f", error {s.error:.2f}"
@@ -62,7 +62,7 @@ def check_half(half: int, count: int, without: int, least: float = 0.7):
     assert len(hidden) >= 0.9 * count
     assert len(clean) == without
     assert sum(s.first for s in hidden) >= least * len(hidden)
-    assert sum(s.alarm for s in clean) <= 1
+    assert sum(s.alarm for s in clean) <= alarms
     # At the right place, and of the right size where the laws are the same.
     assert np.mean([s.channel for s in hidden if s.channel is not None]) >= 0.85
     errors = [
@@ -74,7 +74,7 @@ def check_half(half: int, count: int, without: int, least: float = 0.7):
 
 
 def test_hidden_effects_are_named_and_clean_logs_left_alone():
-    check_half(0, 3, 1, least=2 / 3)
+    check_half(0, 2, 1, least=1 / 2, alarms=0)
 
 
 # ---------------------------------------------------------------- the judge judged

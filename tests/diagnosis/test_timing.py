@@ -57,7 +57,9 @@ def test_a_delay_is_found_on_any_clock(irregular):
     assert found.causes[0].effect.parameters["delay"] == pytest.approx(50.0, abs=1.5)
 
 
-@pytest.mark.parametrize("irregular", [False, True], ids=["even", "irregular"])
+@pytest.mark.parametrize(
+    "irregular", [pytest.param(False, marks=pytest.mark.slow), True], ids=["even", "irregular"]
+)
 def test_a_known_delay_leaves_what_no_delay_leaves(irregular):
     post, model = machine(irregular)
     time = uneven(SEED + 2) if irregular else even()

@@ -168,6 +168,7 @@ def test_logs_that_lack_a_channel_are_told_and_the_others_count(thermaltool, fol
     }
 
 
+@pytest.mark.slow
 def test_an_output_that_only_unseen_logs_have(thermaltool, folder, model):
     part = without(folder / "bed.csv", "d_y_um")
     found = thermaltool("diagnose", model, part, "--validate", folder / "again.csv")

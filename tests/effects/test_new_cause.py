@@ -39,6 +39,7 @@ def with_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(effects.CATALOGUE, "supply_droop", "SupplyDroop")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("with_the_page")
 def test_the_cause_of_the_page_is_found() -> None:
     generator = np.random.default_rng(20261121)

@@ -279,6 +279,7 @@ def test_pinned_settings_are_kept():
     assert kernel.estimator.document()["delay_s"] == 5.0
 
 
+@pytest.mark.slow
 def test_what_is_free_is_searched_around_what_is_pinned():
     near = machine("dT_near_K")
     pinned = {**SMOOTH, "cutoff_Hz": 0.05}

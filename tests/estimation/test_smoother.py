@@ -169,6 +169,7 @@ def test_the_likelihood_finds_the_sizes_that_made_the_record():
     assert pinned.noise[0].white == pytest.approx(0.05, rel=0.1)
 
 
+@pytest.mark.slow
 def test_pauses_do_not_pass_for_noise():
     generator = np.random.default_rng(26)
     true = estimator(walk=0.3)

@@ -30,7 +30,9 @@ def log_of(seed, between, digest):
                   digest=digest)  # fmt: skip
 
 
-@pytest.mark.parametrize(("between", "hold"), [(True, "first"), (False, "zero")])
+@pytest.mark.parametrize(
+    ("between", "hold"), [pytest.param(True, "first", marks=pytest.mark.slow), (False, "zero")]
+)
 def test_commands_between_rows_go_along_lines(between, hold):
     logs = [log_of(20261122 + k, between, f"log {k}") for k in range(3)]
     model = calibrate(logs[:2], CalibrationPlan((HEAT,), (OUTPUT,), choose=True))

@@ -47,6 +47,7 @@ def log_of(law, seed, levels=(0.0, 0.25, 0.5, 0.75, 1.0), noise=0.02):
 PLAN = CalibrationPlan((DRIVE,), OUTPUTS, choose=True, reference=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "name", "value"),
     [
@@ -82,7 +83,9 @@ def test_a_later_log_is_followed_to_the_noise():
         assert left[1] > 2 * left[0]
 
 
-@pytest.mark.parametrize("seed", [20261126, 20261127, 20261128])
+@pytest.mark.parametrize(
+    "seed", [20261126, *(pytest.param(s, marks=pytest.mark.slow) for s in (20261127, 20261128))]
+)
 def test_a_linear_drive_is_taken_as_it_is(seed):
     assert not calibrate([log_of("linear", seed)], PLAN).effects
 
@@ -236,7 +239,7 @@ def test_a_conductivity_that_rises_with_the_temperature_bends_readings():
     assert left < 0.5 * was
 
 
-@pytest.mark.parametrize("seed", [20261125, 20261126])
+@pytest.mark.parametrize("seed", [20261125, pytest.param(20261126, marks=pytest.mark.slow)])
 def test_a_capacity_that_stays_is_left_alone(seed):
     assert not calibrate([wall_log(0.0, seed)], WALL_PLAN).effects
 
@@ -292,12 +295,16 @@ def hot_log(seed, noise, law=lambda share: share, outlier=None):
 HOT_PLAN = CalibrationPlan((DRIVE,), ("T_a_degC",), choose=True)
 
 
-@pytest.mark.parametrize("outlier", [None, 0.0, 850.0])
+@pytest.mark.parametrize(
+    "outlier",
+    [None, pytest.param(0.0, marks=pytest.mark.slow), pytest.param(850.0, marks=pytest.mark.slow)],
+)
 def test_a_straight_machine_is_not_bent(outlier):
     """Where a log is mostly hot a bend makes the noise smaller, and is no better for it."""
     assert not calibrate([hot_log(1, 0.3, outlier=outlier)], HOT_PLAN).effects
 
 
+@pytest.mark.slow
 def test_a_law_of_the_drive_is_not_shared_with_a_bend():
     model = calibrate([hot_log(2, 0.3, lambda share: share**2)], HOT_PLAN)
     (effect,) = model.effects

@@ -86,7 +86,7 @@ def test_a_rod_is_followed_to_its_noise_on_another_input(seed):
     assert agreements(model, [unseen])[OUTPUT].rmse < 1.5 * sigma
 
 
-@pytest.mark.parametrize("seed", [5, 6])
+@pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.slow)])
 def test_a_wall_has_its_films(seed):
     """Sixty cells, heat into the first one, a film on either face, a probe in the hotter third."""
     cells, generator, u = 60, np.random.default_rng(seed), switched(seed)

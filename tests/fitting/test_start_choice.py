@@ -81,6 +81,7 @@ def test_rest_is_taken_for_rest():
     assert gains_of(model) == pytest.approx(GAINS, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_machine_that_stood_under_power_is_not_at_rest():
     # Nothing moves at first, and still it is far from rest.
     log = log_of(20261127, before=60.0)

@@ -153,6 +153,7 @@ def test_a_schedule_can_be_corrected():
     np.testing.assert_allclose(taus, [900.0, 1500.0], rtol=0.05)
 
 
+@pytest.mark.slow
 def test_a_damped_pair_stays_one():
     """On the way to a curve the damping must not leave its range."""
     pair = Oscillation(4.0, 0.0, 1e-3, 0.99)

@@ -48,6 +48,7 @@ def test_measured_logs_that_are_absent_are_left_out(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_measured_log_is_judged_on_its_second_half(tmp_path: Path) -> None:
     target = tmp_path / "heating_system.held_out.json"
     data = whole_log("daisy/heating_system.csv").parents[1]
@@ -93,6 +94,7 @@ def test_forecasts_of_a_log_by_its_best_order(tmp_path: Path) -> None:
     assert (tmp_path / "out/my_cut.orders.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_machine_and_its_control_in_a_loop(tmp_path: Path) -> None:
     shell(f"OUT=. DURATION=1 {ROOT}/pipelines/fcc.sh", tmp_path)
     said = (tmp_path / "fcc.log").read_text().splitlines()[-1]
@@ -105,6 +107,7 @@ def test_a_machine_and_its_control_in_a_loop(tmp_path: Path) -> None:
     assert not (tmp_path / "commands").exists()
 
 
+@pytest.mark.slow
 def test_the_streams_of_the_readme_run(tmp_path: Path) -> None:
     text = (ROOT / "README.md").read_text()
     section = text.split("## Errors that come again, and delays")[1].split("\n## ")[0]

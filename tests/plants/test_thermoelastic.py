@@ -107,6 +107,7 @@ def test_a_uniform_rise_expands_freely():
     )
 
 
+@pytest.mark.slow
 def test_a_transverse_gradient_bends_with_second_order_in_the_mesh():
     # T = g y leaves a free bar without stress; its axis bends to u_y = -expansion g x² / 2.
     # Trilinear elements are too stiff in bending by 1 + c h²: the order shows in exact/computed.

@@ -397,6 +397,7 @@ def test_evidence_chart():
     assert ax.get_legend_handles_labels()[1] == ["decisive from 10", "accepted", "not accepted"]
 
 
+@pytest.mark.slow
 def test_pictures_are_few_and_named_apart():
     several = [curves(f"in/run{k}.csv") for k in range(8)]
     made = list(pictures(several, document()))

@@ -94,6 +94,7 @@ def test_no_more_weights_are_free_than_there_are(log):
     assert 0 < model.freedom <= model.weights.size
 
 
+@pytest.mark.slow
 def test_document_runs_as_the_model(log):
     (fit,) = identify([log], NAMES, ["d_z_um"], ComponentPlan(initial="rest", split=0.6))
     whole = model_document([fit], None, {})
@@ -122,6 +123,7 @@ def test_others_stand_in_for_a_lost_sensor(log):
         assert np.all(errors < 0.2 * np.std(late[lost], axis=1))
 
 
+@pytest.mark.slow
 def test_a_sensor_that_stands_still_is_left_out(log):
     still = replace(log, columns={**log.columns, "T_s3_degC": np.full(ROWS, 21.0)})
     (fit,) = identify([still], NAMES, ["d_z_um"], ComponentPlan(initial="rest"))

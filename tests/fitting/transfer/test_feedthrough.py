@@ -48,6 +48,7 @@ def test_feedthrough_is_found_by_output_error_of_two_inputs():
     assert found.model.terms[0].response.direct == pytest.approx(1.5, rel=0.02)
 
 
+@pytest.mark.slow
 def test_inputs_read_at_the_end_of_their_sample_act_at_once():
     """Chosen, and the model file runs as the fit does."""
     record = log(3, logged_late=True, rows=400, gains=(2, 0))

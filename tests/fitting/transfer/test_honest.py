@@ -49,7 +49,7 @@ def test_a_second_order_is_found_whatever_the_colour_of_the_errors(colour):
 
 
 @pytest.mark.parametrize(
-    "seed", [*range(2), *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 6))]
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 6))]
 )
 def test_a_delay_does_not_stand_for_a_third_pole(seed):
     """The loss of second-order models has minima at long delays, too."""
