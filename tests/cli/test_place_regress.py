@@ -240,3 +240,34 @@ def test_cheap_sensors_cost_no_more_than_all(thermaltool, log):
         "place", log, "--output", "d_tip_um", "--criterion", "I", *costs, "--json"
     ).json
     assert document["sets"][-1]["count"] == 9
+
+
+def test_logs_update_a_body(thermaltool, tmp_path):
+    rng = np.random.default_rng(4)
+    heat = random_heat(rng, 360, 60)
+    columns = rod_columns(0.8 * heat, 10.0, rng, 0.05)
+    log = write(tmp_path / "my rod.csv", {**columns, "Q_motor_W": heat})
+    model = tmp_path / "model.json"
+    result = thermaltool("calibrate", log, "--body", BODY, "--json", "-o", model)
+    assert result.code == 0
+    share = next(p for p in result.json["parameters"] if p["kind"] == "heat")
+    assert share["value"] == pytest.approx(0.8, rel=0.05)
+    assert share["identified"]
+    assert thermaltool("simulate", model, log, "-o", tmp_path / "out.csv").code == 0
+    assert "film coefficient" in thermaltool("calibrate", log, "--body", BODY, "-o", model).err
+    assert thermaltool("calibrate", log, "--body", BODY, "-o", model, "--max-rmse", 1e-6).code == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        ((), 2, "needs --drive, or --body"),
+        (("--body", BODY, "--drive", "Q_motor_W"), 2, "--drive has no meaning beside --body"),
+        (("--body", BODY, "--linear"), 2, "--linear has no meaning beside --body"),
+        (("--body", BODY), 1, "no column Q_motor_W"),
+    ],
+)
+def test_a_body_has_no_responses_to_choose(thermaltool, log, options, code, words):
+    result = thermaltool("calibrate", log, *options)
+    assert (result.code, result.out) == (code, "")
+    assert words in result.err

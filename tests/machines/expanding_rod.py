@@ -20,11 +20,15 @@ OUTPUT, ROOM = "d_tip_um", 20.0
 
 
 def rod_columns(
-    heat: Array, dt: float, rng: np.random.Generator | None = None, noise: float = 0.0
+    heat: Array,
+    dt: float,
+    rng: np.random.Generator | None = None,
+    noise: float = 0.0,
+    rod: HeatedRod = ROD,
 ) -> dict[str, Array]:
     """Time, temperatures at the nine places and the expansion for a heat [W], with noise [K]."""
-    rises = ROD.temperatures(heat, dt)
-    centres = (np.arange(ROD.cells) + 0.5) * ROD.length / ROD.cells
+    rises = rod.temperatures(heat, dt)
+    centres = (np.arange(rod.cells) + 0.5) * rod.length / rod.cells
     columns: dict[str, Array] = {"time_s": np.arange(len(heat), dtype=float) * dt}
     for name, place in zip(SENSORS, PLACES, strict=True):
         k = int(np.searchsorted(centres, place))
@@ -32,7 +36,7 @@ def rod_columns(
         columns[name] = ROOM + (1 - part) * rises[:, k - 1] + part * rises[:, k]
         if rng is not None:
             columns[name] = columns[name] + noise * rng.standard_normal(len(heat))
-    columns[OUTPUT] = EXPANSION * ROD.length * rises.mean(axis=1)
+    columns[OUTPUT] = EXPANSION * rod.length * rises.mean(axis=1)
     return columns
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from thermaltool.api.arma import *  # noqa: F403
+    from thermaltool.api.body_calibration import *  # noqa: F403
     from thermaltool.api.body_modes import *  # noqa: F403
     from thermaltool.api.body_placement import *  # noqa: F403
     from thermaltool.api.calibration import *  # noqa: F403
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 # module of the package -> what it offers
 PUBLIC = {
     "api.arma": ("ArmaFit", "SeriesForecast", "fit", "forecast"),
+    "api.body_calibration": ("BodyCalibration", "calibrate_body"),
     "api.body_modes": ("BodyModes", "thermal_modes"),
     "api.body_placement": ("BodyPlacement", "place_on_body"),
     "api.calibration": ("Calibration", "calibrate"),

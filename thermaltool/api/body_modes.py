@@ -136,12 +136,29 @@ def thermal_modes(body: BodyLike, *, count: int | None = None) -> BodyModes:
     [141.0, 56.5, 20.1]
     """
     from thermaltool.errors import ModelError
-    from thermaltool.placement.declaration import load_body
-    from thermaltool.placement.finite_elements import FiniteElements
     from thermaltool.placement.thermal_modes import thermal_modes as solve
 
     if count is not None and count < 1:
         raise ValueError(f"{count} modes: at least one")
+    elements, name, source = finite_elements(body)
+    try:
+        equations = elements.equations()
+    except ModelError as error:
+        raise ModelError(f"{source}: {error}") from error
+    return BodyModes(solve(equations, count), elements, name)
+
+
+def finite_elements(body: BodyLike) -> tuple[FiniteElements, str, str]:
+    """Mesh of a declaration, the name of the body, and where it is declared.
+
+    Raises
+    ------
+    ModelError
+        A declaration or a mesh that cannot be read.
+    """
+    from thermaltool.placement.declaration import load_body
+    from thermaltool.placement.finite_elements import FiniteElements
+
     source, folder, document = "<body>", "", body
     if not isinstance(body, Mapping):
         source = os.fspath(body)
@@ -155,11 +172,6 @@ def thermal_modes(body: BodyLike, *, count: int | None = None) -> BodyModes:
         return read_mesh(os.path.join(folder, file), unit)
 
     elements = FiniteElements(load_body(document, source, read_mesh))
-    try:
-        equations = elements.equations()
-    except ModelError as error:
-        raise ModelError(f"{source}: {error}") from error
-    found = solve(equations, count)
     title = document.get("name")
     default = os.path.splitext(os.path.basename(source))[0].strip("<>")
-    return BodyModes(found, elements, title if isinstance(title, str) else default)
+    return elements, title if isinstance(title, str) else default, source

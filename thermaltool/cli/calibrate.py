@@ -12,13 +12,20 @@ from thermaltool.cli.messages import DID_NOT_PASS, command_line, warn
 from thermaltool.cli.progress import terminal_progress
 from thermaltool.documents import write_json
 
+# Options that choose and fit responses: the mesh of a body has its own.
+_OF_RESPONSES = ("drives", "sensors", "deflections", "responses", "fixed", "reference", "initial",
+                 "linear", "reduce", "loss", "starts")  # fmt: skip
+
 
 @click.command(
     epilog="Example: thermaltool plant frame --input step | thermaltool calibrate - "
     "--drive Q_main_1 --sensor dT_pair1_K --deflection d_y_um -o model.json"
 )
 @shared.logs_argument
-@click.option("--drive", "drives", multiple=True, required=True, metavar="CHANNEL",
+@click.option("--body", type=click.Path(exists=True, dir_okay=False), metavar="BODY.toml",
+              help="Finite-element model that the logs update, as modes takes it; its heats are "
+              "the drives.")  # fmt: skip
+@click.option("--drive", "drives", multiple=True, metavar="CHANNEL",
               help="Known input: a heat, a voltage, or any measured channel; "
               "repeatable.")  # fmt: skip
 @click.option("--sensor", "sensors", multiple=True, metavar="CHANNEL",
@@ -56,6 +63,7 @@ from thermaltool.documents import write_json
 @shared.quiet_option
 def command(
     logs: tuple[str, ...],
+    body: str | None,
     responses: tuple[str, ...],
     fixed: tuple[str, ...],
     reference: str | None,
@@ -68,12 +76,17 @@ def command(
     """Fit temperature and deflection models to measured logs.
 
     Any input will do, not only a step; several logs are fitted together. The model goes to -o, a
-    table of the fit to stderr (with --json to stdout).
+    table of the fit to stderr (with --json to stdout). With --body the logs say what its films,
+    conductivities, heats and expansions are, about what is declared.
     """
     from thermaltool import api
     from thermaltool.api.calibration import check_reduce
 
-    shared.check_files(output, *logs, as_json=as_json)
+    shared.check_files(output, *logs, body, as_json=as_json)
+    if body is not None:
+        shared.refuse_given(_OF_RESPONSES, "has no meaning beside --body: the mesh has its own")
+    elif not options["drives"]:
+        raise click.UsageError("calibrate needs --drive, or --body with the model of a body")
     kinds = dict(shared.pair_of(item, "--response") for item in responses)
     constants = {
         n: shared.number_of(value, "--fix")
@@ -82,9 +95,14 @@ def command(
     with shared.usage_errors():
         check_reduce(options["reduce"], len(options["drives"]), kinds=kinds, fixed=constants,
                      **{name: options[name] for name in ("linear", "loss", "starts")})  # fmt: skip
-    fit = api.calibrate(logs, **options, kinds=kinds, fixed=constants,
-                        reference=shared.reference_of(reference), warn=warn,
-                        progress=terminal_progress("calibrate"))  # fmt: skip
+    fit: Any
+    if body is not None:
+        own = {name: value for name, value in options.items() if name not in _OF_RESPONSES}
+        fit = api.calibrate_body(body, logs, warn=warn, **own)
+    else:
+        fit = api.calibrate(logs, **options, kinds=kinds, fixed=constants,
+                            reference=shared.reference_of(reference), warn=warn,
+                            progress=terminal_progress("calibrate"))  # fmt: skip
     api.write_model(fit.model, output, command_line())
     if as_json:
         write_json(fit.document(), "-")

@@ -153,10 +153,15 @@ def is_body(logs: Sequence[str], of_logs: Sequence[str]) -> bool:
     """
     if len(logs) != 1 or not logs[0].endswith(".toml"):
         return False
-    for parameter in click.get_current_context().command.params:
-        if parameter.name in of_logs and is_given(parameter.name):
-            raise click.UsageError(f"{parameter.opts[-1]} is of logs, {logs[0]} is a body")
+    refuse_given(of_logs, f"is of logs, {logs[0]} is a body")
     return True
+
+
+def refuse_given(parameters: Sequence[str], why: str) -> None:
+    """UsageError for the first of some parameters that is given: its option, and why not."""
+    for each in click.get_current_context().command.params:
+        if each.name in parameters and is_given(each.name):
+            raise click.UsageError(f"{each.opts[0]} {why}")
 
 
 def low_pass_of(static: bool, time_constants: tuple[float, ...]) -> tuple[float, ...] | None:

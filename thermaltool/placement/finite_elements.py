@@ -107,16 +107,27 @@ class FiniteElements:
 
     def conduction(self) -> sparse.csr_array:
         """Conduction and convection [W/K]."""
-        matrix = self._by_material(
-            lambda m: BilinearForm(
-                lambda u, v, _: self.area * m.conductivity * dot(grad(u), grad(v))
+        return sparse.csr_array(_total((*self.conductances().values(), *self.films().values())))
+
+    def conductances(self) -> dict[str, sparse.csr_array]:
+        """Conduction of every region [W/K]."""
+        return {
+            name: sparse.csr_array(
+                BilinearForm(
+                    lambda u, v, _, m=material: self.area * m.conductivity * dot(grad(u), grad(v))
+                ).assemble(self._region(name))
             )
-        )
+            for name, material in self.body.materials.items()
+        }
+
+    def films(self) -> dict[str, sparse.csr_array]:
+        """Convection of every boundary [W/K]."""
+        found = {}
         for name, film in self.body.convection.items():
             basis, width = self._surface(name)
             form = BilinearForm(lambda u, v, _, film=film, width=width: film * width * u * v)
-            matrix = matrix + sparse.csr_array(form.assemble(basis))
-        return sparse.csr_array(matrix)
+            found[name] = sparse.csr_array(form.assemble(basis))
+        return found
 
     def load(self, parts: Sequence[str]) -> Array:
         """Nodal load of 1 W spread evenly over boundaries or regions, shape (n,)."""
