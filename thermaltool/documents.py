@@ -288,6 +288,11 @@ def above_zero(value: Any) -> float:
     return number
 
 
+def is_place(value: Any, count: int) -> bool:
+    """Whether a value is the place of one of so many things, counted from 0."""
+    return type(value) is int and 0 <= value < count
+
+
 def rest(value: Any) -> float | Literal["first"]:
     """A number, or "first" for the first value of a log."""
     return "first" if value == "first" else finite(value)

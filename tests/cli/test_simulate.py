@@ -11,6 +11,8 @@ import sys
 import numpy as np
 import pytest
 
+from thermaltool.api.inputs import drives_over_pauses
+
 COLUMNS = ["time_s", "dT_pair1_K", "residual_dT_pair1_K", "d_x_um", "residual_d_x_um"]
 
 
@@ -218,3 +220,22 @@ def test_a_full_device(files):
     result = outside("simulate", files.model, files.log, "-o", "/dev/full", capture_output=True)
     assert result.returncode == 1
     assert "/dev/full: No space left on device" in result.stderr
+
+
+def test_an_output_that_the_log_lacks_is_told(thermaltool, files):
+    names, values = table(files.log.read_text())
+    kept = [k for k, name in enumerate(names) if name != "d_x_um"]
+    rows = [[names[k] for k in kept], *values[:, kept].tolist()]
+    text = "".join(",".join(map(str, row)) + "\n" for row in rows)
+    result = thermaltool("simulate", files.model, stdin=text)
+    assert result.code == 0
+    assert "<stdin>: not in the log, so simulated and not judged: d_x_um\n" in result.err
+    assert "not judged" not in thermaltool("simulate", files.model, files.log).err
+
+
+def test_what_drives_do_over_a_pause():
+    held, straight = drives_over_pauses(["zero"]), drives_over_pauses(["first", "first"])
+    assert held == "the drive is taken as held over it"
+    assert straight == "the drive is taken along a straight line over it"
+    both = drives_over_pauses(["zero", "first"])
+    assert both == "drives are taken as held over it, temperatures along a straight line"

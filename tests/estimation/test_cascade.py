@@ -95,6 +95,8 @@ def test_document_round_trip():
     [
         ("to_outputs", [{"to": 1, "from": 0, "gain": 1.0}]),
         ("to_outputs", [{"to": 0, "from": -1, "gain": 1.0}]),
+        ("to_outputs", [{"to": False, "from": 0, "gain": 1.0}]),
+        ("to_outputs", [{"to": 0, "from": 0.0, "gain": 1.0}]),
         ("to_outputs", [{"to": 0, "from": 0, "gain": float("nan")}]),
         ("to_outputs", [{"to": 0, "from": 0}]),
         ("to_sensors", [{"to": 0, "from": 0, "gain": 1.0}]),
@@ -105,5 +107,7 @@ def test_document_round_trip():
 )
 def test_known_columns_that_are_not_sound_are_told(part, damage):
     document = estimator().document()
+    with pytest.raises(ModelError, match="reads no column"):
+        load_estimator({key: value for key, value in document.items() if key != "known"})
     with pytest.raises(ModelError, match="run thermaltool regularize again"):
         load_estimator({**document, "known": {**document["known"], part: damage}})

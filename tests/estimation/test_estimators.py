@@ -390,7 +390,7 @@ def test_numbers_that_make_no_kalman_form_are_told(estimators, damage):
 @forms
 def test_terms_that_lead_nowhere_are_told(estimators, form):
     good = estimators[form].document()
-    for damage in ({"to": 7}, {"to": -1}, {"drive": 1}):
+    for damage in ({"to": 7}, {"to": -1}, {"to": False}, {"drive": 1}):
         with pytest.raises(ModelError, match="not there"):
             load_estimator({**good, "followed": [{**good["followed"][0], **damage}]})
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.stats import multivariate_normal
 
 from thermaltool.errors import LogError, ModelError
 from thermaltool.estimation import smoother
+from thermaltool.estimation.bands import model_errors
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.fixed_lag import FixedLag, fixed_lag
 from thermaltool.estimation.likelihood import fit_sizes
@@ -190,3 +192,12 @@ def test_what_cannot_be_smoothed_says_so():
     for seconds in (0.0, -1.0, 0.2, 1e9, np.nan):
         with pytest.raises(ModelError, match="a lag of"):
             FixedLag(estimator(), seconds, 1.0)
+
+
+def test_a_fit_that_keeps_no_number_is_told():
+    sensor = SimpleNamespace(channel="dT_a_K", fit={"rmse": [0.01, 0.01], "noise": 0.01})
+    model, kalman = SimpleNamespace(outputs=[sensor]), SimpleNamespace(sensors=["dT_a_K"])
+    with pytest.raises(ModelError, match=r"fit of dT_a_K: rmse, noise: not a finite number"):
+        model_errors(model, kalman)
+    sensor.fit = {"rmse": 0.05, "noise": 0.03}
+    assert model_errors(model, kalman) == [pytest.approx(0.04)]

@@ -74,6 +74,17 @@ def test_drift_has_its_size_and_time():
     assert lag == pytest.approx(np.exp(-1), abs=0.05)
 
 
+@pytest.mark.parametrize("period", [10.0, 15.0, 29.0])
+def test_noise_has_the_size_that_averaging_leaves(period):
+    """Where bins and readings do not match, levels lie on lines between bins: smoother."""
+    rng = np.random.default_rng(5)
+    time = np.arange(0.0, 32400.0, period)
+    levels = [even_level(time, rng.standard_normal(len(time)), 60.0) for _ in range(20)]
+    noise = noise_repeats(levels[0], 1.0, 0.0, 1.0, rng)
+    found = np.std([each.level for each in levels])
+    assert noise.std() == pytest.approx(found, rel=0.03)
+
+
 def test_stretches_of_one_speed():
     speed = np.array([0, 0, np.nan, 0, 5, 5, 5, 5, 7, 5, 5, 5, 5], float)
     assert constant_stretches(speed, 4) == [slice(0, 4), slice(4, 8), slice(9, 13)]

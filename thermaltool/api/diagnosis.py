@@ -7,7 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
-from thermaltool.api.inputs import Reading, all_of, as_model, read, reads, warn_pauses, write_model
+from thermaltool.api.inputs import (
+    Reading,
+    all_of,
+    as_model,
+    drives_over_pauses,
+    read,
+    reads,
+    warn_pauses,
+    write_model,
+)
 from thermaltool.api.result import Notice, Result, notice, silent
 from thermaltool.documents import source_name, write_whole
 from thermaltool.errors import LogError, ModelError
@@ -252,7 +261,7 @@ def diagnose(
                 warn(f"{log.name}: no column {output.channel}{near}: it is not judged there")
         for excursion in excursions(found, log.columns):
             warn(excursion_message(log, excursion))
-        warn_pauses(log, warn)
+        warn_pauses(log, warn, drives_over_pauses(drive.hold for drive in found.drives))
         return log
 
     logs, unseen = (tuple(judged(each) for each in several) for several in (all_of(data), validate))

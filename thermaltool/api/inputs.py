@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar, Unpack, cast
 
@@ -20,6 +20,7 @@ from thermaltool.documents import (
     write_whole,
 )
 from thermaltool.errors import LogError, ModelError
+from thermaltool.units import Hold, hold_of
 
 if TYPE_CHECKING:
     from thermaltool.estimation.estimator import SensorNoise
@@ -95,8 +96,6 @@ def reads(options: type) -> Callable[[Stage], Stage]:
     return decorate
 
 
-# What a pause means where nothing else is said.
-HELD_OVER_PAUSES = "the drive is taken as held over it"
 # Time constant given to a drift of which the log tells only the rate [s].
 BOUNDED_DRIFT_TIME = 3600.0
 
@@ -136,7 +135,7 @@ def read_for_fit(
     outputs: Sequence[str] = (),
     whole: bool = False,
     min_rows: int = 2,
-    pauses: str = HELD_OVER_PAUSES,
+    pauses: str | None = None,
     warn: Notice = notice,
     **reading: Unpack[Reading],
 ) -> Log:
@@ -154,11 +153,26 @@ def read_for_fit(
     part = log.between(*span)
     if len(part) < min_rows:
         raise LogError(f"{len(part)} rows say nothing of a {subject}", log.name)
-    warn_pauses(part, warn, pauses)
+    warn_pauses(part, warn, drives_over_pauses(map(hold_of, need)) if pauses is None else pauses)
     return log if whole else part
 
 
-def warn_pauses(log: Log, warn: Notice, meaning: str = HELD_OVER_PAUSES) -> None:
+def drives_over_pauses(holds: Iterable[Hold]) -> str:
+    """What drives do over a pause, by their holds.
+
+    Parameters
+    ----------
+    holds : iterable of "zero" or "first"
+    """
+    found = set(holds)
+    if found == {"first"}:
+        return "the drive is taken along a straight line over it"
+    if "first" in found:
+        return "drives are taken as held over it, temperatures along a straight line"
+    return "the drive is taken as held over it"
+
+
+def warn_pauses(log: Log, warn: Notice, meaning: str) -> None:
     """Say where a log pauses, and what that means."""
     from thermaltool.report.text import pause_messages
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from thermaltool.api.inputs import Reading, as_model, read, reads, warn_pauses
+from thermaltool.api.inputs import Reading, as_model, drives_over_pauses, read, reads, warn_pauses
 from thermaltool.api.result import Notice, Result, notice, to_frame
 
 if TYPE_CHECKING:
@@ -170,7 +170,10 @@ def simulate(
     model = as_model(model)
     need = model.needs()
     log = read(data, need, warn=warn, **reading)
-    warn_pauses(log, warn)
+    warn_pauses(log, warn, drives_over_pauses(drive.hold for drive in model.drives))
+    absent = [o.channel for o in model.outputs if o.channel not in log.columns]
+    if 0 < len(absent) < len(model.outputs):
+        warn(f"{log.name}: not in the log, so simulated and not judged: {', '.join(absent)}")
     drives = Record(log.time, {name: log.column(name) for name in need}, digest=log.digest)
     simulated = model.simulate(drives)
     columns: dict[str, Any] = {"time_s": log.time}

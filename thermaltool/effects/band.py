@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.documents import finite
+from thermaltool.documents import finite, is_place
 from thermaltool.effects.effect import Float
 from thermaltool.errors import ModelError
 
@@ -42,7 +42,7 @@ class ScheduleBand:
         levels = np.array(self.levels, float)
         if not np.all(np.isfinite(levels)) or np.any(np.diff(levels) <= 0):
             raise ModelError("the levels of a schedule rise")
-        if self.index not in range(len(levels)):
+        if not is_place(self.index, len(levels)):
             raise ModelError(f"a schedule of {len(levels)} levels has no number {self.index}")
 
     def share(self, values: Float) -> Float:

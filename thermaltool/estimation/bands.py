@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from thermaltool.documents import finite
+from thermaltool.errors import ModelError
 from thermaltool.estimation.design_model import DesignModel
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.parameter_error import parameter_variance
@@ -56,10 +58,20 @@ def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
     ----------
     model : Model
     kalman : KalmanEstimator
+
+    Raises
+    ------
+    ModelError
+        What a fit keeps of them is no number.
     """
     fits = {output.channel: output.fit for output in model.outputs}
     found = []
     for sensor in kalman.sensors:
-        rmse, noise = (fits[sensor].get(key, value) for key, value in (("rmse", 0), ("noise", inf)))
+        fit = fits[sensor]
+        try:
+            rmse = finite(fit.get("rmse", 0.0))
+            noise = finite(fit["noise"]) if "noise" in fit else inf
+        except ModelError as error:
+            raise ModelError(f"fit of {sensor}: rmse, noise: {error}") from error
         found.append(sqrt(1 - (noise / rmse) ** 2) * rmse if rmse > noise else 0.0)
     return found

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from thermaltool.documents import finite, names
+from thermaltool.documents import finite, is_place, names
 from thermaltool.errors import ModelError
 from thermaltool.estimation.known_inputs import Feedforward, load_known_inputs
 from thermaltool.estimation.linear_estimator import LinearEstimator
@@ -315,7 +315,7 @@ def _terms(
     documents: list[dict[str, Any]], targets: tuple[str, ...], drives: tuple[str, ...]
 ) -> tuple[tuple[int, int, Modes], ...]:
     for d in documents:
-        if d["to"] not in range(len(targets)) or d["drive"] not in range(len(drives)):
+        if not (is_place(d["to"], len(targets)) and is_place(d["drive"], len(drives))):
             raise ModelError(f"a term from {d['drive']!r} to {d['to']!r}, which are not there")
     return tuple((d["to"], d["drive"], Modes.from_document(d["modes"])) for d in documents)
 
@@ -339,7 +339,11 @@ def load_estimator(document: dict[str, Any]) -> Estimator:
     """
     try:
         inner = _load_form(document)
-        return load_known_inputs(inner, document["known"]) if "known" in document else inner
+        if "known" in document:
+            return load_known_inputs(inner, document["known"])
+        if not inner.sensors:
+            raise ModelError("the design reads no column")
+        return inner
     except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
         raise ModelError(
             f"the design is not sound ({error}); run thermaltool regularize again"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from thermaltool.documents import is_place
 from thermaltool.effects.band import ScheduleBand, load_band
 from thermaltool.errors import ModelError
 from thermaltool.estimation.linear_estimator import LinearEstimator
@@ -192,7 +193,7 @@ def load_known_inputs(inner: Estimator, document: dict[str, Any]) -> KnownInputE
     def paths(documents: list[dict[str, Any]], targets: Sequence[str]) -> tuple[InputPath, ...]:
         found: list[InputPath] = []
         for d in documents:
-            if d["to"] not in range(len(targets)) or d["from"] not in range(len(known)):
+            if not (is_place(d["to"], len(targets)) and is_place(d["from"], len(known))):
                 raise ModelError(f"a path from {d['from']!r} to {d['to']!r}, which are not there")
             gain = None if "modes" in d else float(d["gain"])
             if gain is not None and not np.isfinite(gain):

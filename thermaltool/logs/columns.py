@@ -175,14 +175,19 @@ def read_map(source: Columns) -> ColumnMap:
                 for key, make in (("angles", _angle), ("computed", _computed))
                 for name, entry in _typed(key, document.get(key, {}), dict).items()
             ),
-            duplicates=_choice("duplicates", document["duplicates"], DUPLICATES)
-            if "duplicates" in document
-            else None,
+            duplicates=_duplicates(document),
             table=_typed("table", document["table"], str) if "table" in document else None,
             messages=_messages(document["messages"]) if "messages" in document else None,
         )
     except (UnitError, _MapError) as error:
         raise LogError(str(error), path) from error
+
+
+def _duplicates(document: Mapping[str, Any]) -> str | None:
+    """What rows of one time become; messages of one sensor each are no rows but together."""
+    if "duplicates" in document:
+        return _choice("duplicates", document["duplicates"], DUPLICATES)
+    return "first" if "messages" in document else None
 
 
 def _toml(path: str) -> dict[str, Any]:

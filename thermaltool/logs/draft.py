@@ -16,6 +16,7 @@ from thermaltool.logs.draft_clock import guess_clock
 from thermaltool.logs.draft_names import distinct, guess_channel
 from thermaltool.logs.foreign_units import known_unit
 from thermaltool.logs.formats import load_reader, read_format_of
+from thermaltool.logs.ndjson_table import message_keys
 from thermaltool.logs.table import InputBytes, Table, read_source
 from thermaltool.logs.text import decoded
 from thermaltool.logs.time_stamps import iso_clock, joined_stamps
@@ -27,12 +28,12 @@ MAX_LINES = 5000
 SEPARATORS = ("\t", ";", "|", ",")
 # Share of the cells of a column that are numbers, where the others are words for missing values.
 MIN_NUMBERS = 0.6
+# Messages of one sensor each have a few keys, such as those that brokers add.
+MAX_MESSAGE_KEYS = 8
 MAX_WORDS = 6
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 # Letters that are typed in place of digits.
 _LOOK_ALIKE = str.maketrans("OoIlSB", "001158")
-_NAME_KEYS = ("sensor", "name", "topic", "channel", "id", "sensor_id", "key", "device")
-_VALUE_KEYS = ("value", "val", "reading", "v", "temperature", "temp")
 
 
 @dataclass
@@ -168,14 +169,13 @@ def _is_values(row: Sequence[str]) -> bool:
 
 def _messages(table: Table) -> SensorMessages | None:
     """The keys of messages of one sensor each; None where lines hold more."""
-    names = [name for name in table.names if name.lower().rpartition(".")[2] in _NAME_KEYS]
-    values = [name for name in table.names if name.lower().rpartition(".")[2] in _VALUE_KEYS]
-    if len(table.names) > 4 or not names or not values:
+    found = message_keys(table.names)
+    if len(table.names) > MAX_MESSAGE_KEYS or found is None:
         return None
-    cells = table.cells(["text" if name == names[0] else None for name in table.names])
-    sensors = cells.values[table.names.index(names[0])]
+    cells = table.cells(["text" if name == found.name else None for name in table.names])
+    sensors = cells.values[table.names.index(found.name)]
     repeats = sensors is not None and len(set(sensors)) < len(sensors) / 2
-    return SensorMessages(names[0], values[0]) if repeats else None
+    return found if repeats else None
 
 
 def _written(file: str, draft: _Draft, table: Table) -> DraftedMap:
@@ -270,8 +270,9 @@ def _seconds(
 
 def _half_a_period(time: Array, numbers: Mapping[str, Array], clock: Clock) -> float:
     """Half the time between two messages of one sensor [s]: what lies closer is one row."""
-    columns = [values for name, values in numbers.items() if name not in clock.columns]
-    steps = [np.median(np.diff(time[np.isfinite(v)])) for v in columns if np.isfinite(v).sum() > 1]
+    read = [np.isfinite(values) for name, values in numbers.items() if name not in clock.columns]
+    # What each message carries is of the broker, and no sensor.
+    steps = [np.median(np.diff(time[has])) for has in read if has.sum() > 1 and not has.all()]
     return float(f"{0.5 * min(steps):.3g}") if steps else 0.0
 
 

@@ -44,13 +44,24 @@ def merged(log: Log, duplicates: str | None, within: float = 0.0) -> Log:
     return log.where(begins).with_columns(columns)
 
 
+def of_one_time(first: float, now: float, within: float) -> bool:
+    """Whether a row counts as of the time of the first of its group.
+
+    Parameters
+    ----------
+    first, now : float [s]
+    within : float [s]
+    """
+    return abs(now - first) <= within
+
+
 def _starts(time: Array, within: float) -> NDArray[np.intp]:
     """Where groups of rows of one time begin."""
     if within == 0:
         return np.flatnonzero(np.concatenate([[True], np.diff(time) != 0])[: len(time)])
     starts, first = [], np.inf
     for k, now in enumerate(time.tolist()):
-        if not abs(now - first) <= within:
+        if not of_one_time(first, now, within):
             starts.append(k)
             first = now
     return np.array(starts, dtype=np.intp)

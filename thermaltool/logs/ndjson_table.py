@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
 from typing import Any, BinaryIO
 
@@ -22,6 +23,11 @@ from thermaltool.logs.table import (
 )
 from thermaltool.logs.text import row_lines
 from thermaltool.record import Array
+
+# Keys of messages of one sensor each, in lower case and without what they are nested in.
+_NAME_KEYS = ("sensor", "name", "topic", "channel", "id", "sensor_id", "key", "device")
+_VALUE_KEYS = ("value", "val", "reading", "v", "temperature", "temp", "payload")
+_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 
 
 def open_table(source: InputBytes, mapping: ColumnMap) -> NdjsonTable:
@@ -53,11 +59,30 @@ def flat(record: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
+def message_keys(names: Iterable[str]) -> SensorMessages | None:
+    """The keys that name and value a sensor in messages of one sensor each; None for other lines.
+
+    Parameters
+    ----------
+    names : iterable of str
+        The keys of all lines.
+    """
+    keys = list(names)
+    named = [name for name in keys if name.lower().rpartition(".")[2] in _NAME_KEYS]
+    valued = [name for name in keys if name.lower().rpartition(".")[2] in _VALUE_KEYS]
+    return SensorMessages(named[0], valued[0]) if named and valued else None
+
+
 def of_messages(record: dict[str, Any], messages: SensorMessages | None) -> dict[str, Any]:
-    """A message ``{"sensor": "bed", "value": 60.1}`` as ``{"bed": 60.1}``; others as they are."""
+    """A message ``{"sensor": "bed", "value": 60.1}`` as ``{"bed": 60.1}``; others as they are.
+
+    Brokers pass payloads on as text: a number in it counts.
+    """
     if messages is None or messages.name not in record or messages.value not in record:
         return record
     name, value = str(record[messages.name]), record[messages.value]
+    if isinstance(value, str) and _NUMBER.fullmatch(value.strip()):
+        value = float(value)
     kept = {k: v for k, v in record.items() if k not in (messages.name, messages.value)}
     return {**kept, name: value}
 

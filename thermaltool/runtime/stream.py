@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,11 +18,14 @@ from thermaltool.runtime.messages import Messages
 from thermaltool.runtime.pipe import LinePipe
 from thermaltool.runtime.process import Process, Reply
 from thermaltool.runtime.restart.keeper import Restart, open_restart
-from thermaltool.runtime.rows import open_rows
-from thermaltool.runtime.rows.row import RowReader
+from thermaltool.runtime.rows import merger_of, open_rows
+from thermaltool.runtime.rows.row import Row, RowReader
 from thermaltool.runtime.settings import Settings
 from thermaltool.runtime.sinks import open_sink
 from thermaltool.runtime.sinks.timed import TimedSink
+
+if TYPE_CHECKING:
+    from thermaltool.runtime.rows.merger import Merger
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 # Time between two lines of a stream that has no period and is silent [s].
@@ -54,17 +58,20 @@ def open_stream(
     """
     pipe = LinePipe(source, sink)
     timeout = process.patience if settings.timeout is None else settings.timeout
+    wanted = settings.wanted(process.columns, process.clock_advice)
+    merger = merger_of(wanted, process.period or USUAL_TICK)
     return Stream(
         pipe,
-        open_rows(settings.from_format, settings.wanted(process.columns, process.clock_advice)),
+        open_rows(settings.from_format, wanted),
         TimedSink(
             open_sink(settings.to_format, pipe, **settings.sink_options(process.names)),
             process.names,
         ),
         process,
         messages,
-        open_restart(process, settings, messages),
+        open_restart(process, settings, messages, merger),
         timeout or math.inf,
+        merger,
         Audit(settings.audit),
         heartbeat_of_process(time.monotonic),
         ramps=settings.end == "ramp",
@@ -85,6 +92,8 @@ class Stream:
     timeout : float [s]
         Without a line that counts for this long the process answers silence; inf never.
     restart : Restart
+    merger : Merger or None
+        Makes rows of messages of one sensor each.
     audit : Audit
     heartbeat : Heartbeat
     ramps : bool
@@ -98,6 +107,7 @@ class Stream:
     messages: Messages
     restart: Restart
     timeout: float = math.inf
+    merger: Merger | None = None
     audit: Audit = field(default_factory=lambda: Audit(None))
     heartbeat: Heartbeat = field(default_factory=lambda: Heartbeat({}, time.monotonic))
     ramps: bool = False
@@ -148,7 +158,7 @@ class Stream:
         self._heard()
         while not self.pipe.signal:
             self.heartbeat.beat()
-            patience = min(self._due - self.now(), self.heartbeat.interval)
+            patience = min(self._due - self.now(), self.heartbeat.interval, self._merges_in())
             if self.pipe.wait(max(patience, 0.0) if patience < math.inf else None):
                 if self.rows.clock is not None:
                     self.rows.clock.nothing_waited = self.pipe.was_empty
@@ -157,20 +167,34 @@ class Stream:
                     self._end()
                     return
                 accepted = self.process.accepted
-                self._answer(lines)
+                self._answer(reply for line in lines for reply in self._replies(line))
                 if self.process.accepted > accepted or not self.process.actuates:
                     self._heard()
                 if self.process.accepted > accepted:
                     self._save()
+            if self.pipe.was_empty and self._merges_in() <= 0 and not self.pipe.signal:
+                self._flush()
             if self.now() >= self._due and not self.pipe.signal:
                 self._silence()
 
-    def _answer(self, lines: list[bytes]) -> None:
-        """Reply to lines; those that move an actuator leave one by one where they are kept."""
+    def _merges_in(self) -> float:
+        """Until a row that waits for messages has to leave [s]."""
+        return math.inf if self.merger is None else self.merger.due - self.now()
+
+    def _flush(self) -> None:
+        """The row that waits leaves without what has not come."""
+        if self.merger is not None:
+            accepted = self.process.accepted
+            self._answer(self._taken(row) for row in self.merger.flush())
+            if self.process.accepted > accepted:
+                self._heard()
+                self._save()
+
+    def _answer(self, answers: Iterable[Reply | None]) -> None:
+        """Write replies as they are made; one that moves an actuator alone, where it is kept."""
         replies: list[Reply] = []
         standing = self.process.values()
-        for line in lines:
-            reply = self._reply(line)
+        for reply in answers:
             if reply is None:
                 continue
             if self.restart.journal is not None and (values := self.process.values()) != standing:
@@ -188,24 +212,29 @@ class Stream:
         if self.pipe.sink_failed:
             self.restart.record(before)
 
-    def _reply(self, line: bytes) -> Reply | None:
-        """The reply to a line; none to names, comments and blank lines."""
+    def _replies(self, line: bytes) -> Iterator[Reply | None]:
+        """The replies to a line; none to names, comments and blank lines."""
         self.messages.line += 1
         line = line.rstrip(b"\r")
         if self.messages.line == 1:
             line = line.removeprefix(BYTE_ORDER_MARK)
         start = line.lstrip()
         if not start or start.startswith(b"#"):
-            return None
+            return
         if self.rows.clock is None and not self._open(line):
-            return None
+            return
         row = self.rows.row(line)
         if (row.time is None or all(row.faults)) and self.rows.is_header(line):
             if message := self.rows.reopen(line, self.process.time):
                 self.messages("", message)
                 if self.rows.clock is not None:
                     self.sink.follow(self.rows.clock)
-            return None
+            return
+        for each in (row,) if self.merger is None else self.merger.take(row):
+            yield self._taken(each)
+
+    def _taken(self, row: Row) -> Reply | None:
+        """What the process replies to a row."""
         reply = self.process.take(row)
         if reply is not None:
             self._replied_at = reply[0]
@@ -294,6 +323,9 @@ class Stream:
             raise LogError(
                 "empty: a stream begins with a line that names its columns", self.messages.source
             )
+        if self.restart.checkpoint is None:
+            # Else it waits there for the messages of the next run.
+            self._flush()
 
     def _finish(self) -> None:
         self.heartbeat.close()

@@ -41,8 +41,10 @@ class EvenLevel:
     time : ndarray, shape (n,) [s]
         Around which each bin lies: the first reading, and on to the last.
     step : float [s]
-    readings : ndarray, shape (n,)
-        In each bin: one over the white variance of its mean, in that of a reading.
+    at : ndarray, shape (m,) [s]
+        Where the readings of each bin lie on average; bins without any are left out.
+    readings : ndarray, shape (m,)
+        In each of these bins.
     half : int
         Bins on either side over which a parabola goes.
     level : ndarray, shape (n,)
@@ -50,6 +52,7 @@ class EvenLevel:
 
     time: Array
     step: float
+    at: Array
     readings: Array
     half: int
     level: Array
@@ -89,15 +92,24 @@ def even_level(time: Array, values: Array, average: float) -> EvenLevel:
     # Where the readings of a bin lie, and not its middle: those at the ends are halves.
     at = np.bincount(place, time, bins)[there] / count[there]
     mean = np.bincount(place, values, bins)[there] / count[there]
-    even = np.interp(moments, at, mean)
-    readings = np.maximum(count, 1.0)
-    for end, inner in ((0, 1), (-1, -2)):
-        # On along a line, by so much of it.
-        on = (moments[end] - at[end]) / (at[end] - at[inner])
-        even[end] += on * (mean[end] - mean[inner])
-        readings[end] = 1 / ((1 + on) ** 2 / readings[end] + on**2 / readings[inner])
     half = max(0, min(round(average / step / 2), (bins - 1) // 2))
-    return EvenLevel(moments, step, readings, half, local_parabolas(even, half))
+    level = local_parabolas(_along_lines(moments, at, mean), half)
+    return EvenLevel(moments, step, at, count[there].astype(float), half, level)
+
+
+def _along_lines(moments: Array, at: Array, values: Array) -> Array:
+    """Values at other moments, along the lines between them, and on along them at the ends.
+
+    Parameters
+    ----------
+    moments : ndarray, shape (n,) [s]
+    at : ndarray, shape (m,) [s]
+        At least two.
+    values : ndarray, shape (..., m)
+    """
+    after = np.clip(np.searchsorted(at, moments), 1, len(at) - 1)
+    share = (moments - at[after - 1]) / (at[after] - at[after - 1])
+    return np.asarray((1 - share) * values[..., after - 1] + share * values[..., after])
 
 
 def local_parabolas(values: Array, half: int) -> Array:
@@ -131,11 +143,12 @@ def noise_repeats(
         Standard deviation of an Ornstein-Uhlenbeck process, and its time constant [s].
     rng : Generator
     """
-    shape = (REPEATS, len(like.time))
-    added = white / np.sqrt(like.readings) * rng.standard_normal(shape)
+    # Bins as the readings fill them: what lies along lines between them is smoother.
+    added = white / np.sqrt(like.readings) * rng.standard_normal((REPEATS, len(like.at)))
+    added = _along_lines(like.time, like.at, added)
     if drift > 0:
         keeps = math.exp(-like.step / drift_time)
-        pushes = rng.standard_normal(shape)
+        pushes = rng.standard_normal(added.shape)
         pushes[:, 1:] *= math.sqrt(1 - keeps**2)
         added += drift * lfilter([1.0], [1.0, -keeps], pushes, axis=1)
     return local_parabolas(added, like.half)

@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from thermaltool.errors import ModelError, OutputError
 from thermaltool.runtime.clocks import LineClock
@@ -16,8 +16,13 @@ from thermaltool.runtime.restart.checkpoint import REMEDY, Checkpoint, Kept
 from thermaltool.runtime.restart.journal import SetpointJournal
 from thermaltool.runtime.settings import Settings
 
+if TYPE_CHECKING:
+    from thermaltool.runtime.rows.merger import Merger
 
-def open_restart(process: Process, settings: Settings, messages: Messages) -> Restart:
+
+def open_restart(
+    process: Process, settings: Settings, messages: Messages, merger: Merger | None = None
+) -> Restart:
     """What a process keeps by its settings; no file is touched yet.
 
     Raises
@@ -33,6 +38,7 @@ def open_restart(process: Process, settings: Settings, messages: Messages) -> Re
         _start(settings.at, names),
         Checkpoint(path, process.digest) if path else None,
         SetpointJournal(path, names) if path and names else None,
+        merger,
     )
 
 
@@ -62,6 +68,8 @@ class Restart:
     checkpoint : Checkpoint or None
     journal : SetpointJournal or None
         Where they stood when the last line left.
+    merger : Merger or None
+        Whose row waits for the rest of its messages.
     """
 
     process: Process
@@ -70,6 +78,7 @@ class Restart:
     start: list[float] | None = None
     checkpoint: Checkpoint | None = None
     journal: SetpointJournal | None = None
+    merger: Merger | None = None
     _clock: dict[str, Any] | None = field(default=None, init=False)
     _age: float = field(default=0.0, init=False)
     _saved_at: float | None = field(default=None, init=False)
@@ -126,6 +135,8 @@ class Restart:
         self._clock = kept.state["clock"]
         self._clock.items()
         self.process.resume(kept.state, self._age)
+        if self.merger is not None and kept.state.get("pending") is not None:
+            self.merger.resume(kept.state["pending"])
         return f"from the state of {kept.age:.3g} s ago"
 
     def resume_clock(self, clock: LineClock) -> None:
@@ -165,7 +176,8 @@ class Restart:
                 self.journal.close()
 
     def _state(self, clock: LineClock | None) -> dict[str, Any]:
-        return {"clock": clock.state() if clock else self._clock or {}, **self.process.state()}
+        state = {"clock": clock.state() if clock else self._clock or {}, **self.process.state()}
+        return state if self.merger is None else {**state, "pending": self.merger.state()}
 
     @contextlib.contextmanager
     def _whole_checkpoint(self) -> Iterator[None]:

@@ -8,6 +8,7 @@ from thermaltool.runtime.registry import load
 
 if TYPE_CHECKING:
     from thermaltool.runtime.rows.layout import Wanted
+    from thermaltool.runtime.rows.merger import Merger
     from thermaltool.runtime.rows.row import RowReader
 
 ROW_FORMATS = {
@@ -26,3 +27,22 @@ def open_rows(form: str, wanted: Wanted) -> RowReader:
     """
     reader: RowReader = load(ROW_FORMATS, form, "a stream reads lines, not")(wanted)
     return reader
+
+
+def merger_of(wanted: Wanted, period: float) -> Merger | None:
+    """What makes rows of messages of one time; None where each line is a row.
+
+    Parameters
+    ----------
+    wanted : Wanted
+    period : float [s]
+        How long it waits for the rest of a row.
+    """
+    if not wanted.merges:
+        return None
+    # Imported where it is asked for: a stream starts without the package that reads logs.
+    from thermaltool.runtime.rows.merger import Merger
+
+    assert wanted.mapping is not None
+    within = wanted.mapping.clock.within if wanted.mapping.clock is not None else 0.0
+    return Merger(len(wanted.sensors), within, wanted.mapping.duplicates == "mean", period)

@@ -36,6 +36,22 @@ class Wanted:
     clock_advice: str = "--period gives one to a stream without"
 
     @property
+    def merges(self) -> bool:
+        """Whether lines of one time make one row, as in logs."""
+        mapping = self.mapping
+        if mapping is None or self.counts_lines:
+            return False
+        return mapping.duplicates in ("first", "mean")
+
+    @property
+    def counts_lines(self) -> bool:
+        """Whether each line has a time of its own: it counts periods."""
+        clock = self.mapping.clock if self.mapping else None
+        if self.clock is not None:
+            return isinstance(self.clock, PeriodClock)
+        return clock is not None and clock.period is not None
+
+    @property
     def time_name(self) -> str | None:
         """What the time is called where it is written; None where the first line shows it."""
         clock = self.mapping.clock if self.mapping else None

@@ -6,16 +6,22 @@ import json
 from typing import Any
 
 from thermaltool.errors import LogError
+from thermaltool.runtime.rows.layout import Wanted
 from thermaltool.runtime.rows.row import Row, RowReader
 
 
 class NdjsonRows(RowReader):
     """One JSON object per line; the first shows the names.
 
-    Keys of an object in an object are ``outer.inner``, as in logs.
+    Keys of an object in an object are ``outer.inner``, as in logs. Where a map says that lines are
+    messages of one sensor each, or that they make rows together, the first has the clock alone.
     """
 
     _nested = False
+
+    def __init__(self, wanted: Wanted) -> None:
+        super().__init__(wanted)
+        self._messages = wanted.mapping.messages if wanted.mapping else None
 
     def _open(self, line: bytes) -> bool:
         try:
@@ -24,13 +30,32 @@ class NdjsonRows(RowReader):
             raise LogError(f"not a JSON object: {error}") from error
         if not isinstance(fields, dict):
             raise LogError("not a JSON object")
-        self._nested = any(isinstance(value, dict | list) for value in fields.values())
+        if self._messages is not None and self.wanted.counts_lines:
+            raise LogError("messages of one sensor each are no periods: they need a clock")
+        self._nested = self.wanted.merges or any(
+            isinstance(value, dict | list) for value in fields.values()
+        )
         fields = self._flat(fields)
-        self._lay_out({name: name for name in fields}, json_number)
+        names = [*fields]
+        if self.wanted.merges and (mapping := self.wanted.mapping) is not None:
+            names += self.wanted.sensors if mapping.unmapped == "keep" else ()
+            names += mapping.columns
+        try:
+            self._lay_out({name: name for name in names}, json_number)
+        except LogError as error:
+            if self._messages is None and _ndjson_table().message_keys(fields) is not None:
+                raise LogError(
+                    f"{error.message}; messages of one sensor each take a map with [messages]",
+                    column=error.column,
+                ) from error
+            raise
         return True
 
     def _flat(self, fields: dict[str, Any]) -> dict[str, Any]:
-        return _ndjson_table().flat(fields) if self._nested else fields
+        if not self._nested:
+            return fields
+        table = _ndjson_table()
+        return dict(table.of_messages(table.flat(fields), self._messages))
 
     def row(self, line: bytes) -> Row:
         """The row in a line; of one that is no JSON object no reading counts."""

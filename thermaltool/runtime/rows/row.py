@@ -13,6 +13,8 @@ from thermaltool.runtime.rows.layout import Sensed, Wanted, find_layout
 UNREADABLE = (LookupError, OverflowError, TypeError, ValueError)
 # Words for a missing value, in lower case.
 EMPTY = ("", "null", "none", "na")
+# The fault of a sensor that a line does not have.
+MISSING = "missing"
 # Of a field that is no number, a message shows so many characters.
 SHOWN_CHARACTERS = 40
 
@@ -141,7 +143,7 @@ class RowReader:
         try:
             field = fields[key]
         except LookupError:
-            return math.nan, "missing"
+            return math.nan, MISSING
         try:
             return self._number(field), ""
         except UNREADABLE:
