@@ -19,6 +19,7 @@ from typing import Any
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import thermaltool as tt
+from thermaltool.errors import ThermalToolError
 
 SAMPLES = Path(__file__).parents[1] / "data_samples"
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -75,7 +76,7 @@ def compared(case: Case, options: dict[str, Any]) -> list[tuple[str, float, floa
 
     Raises
     ------
-    ValueError
+    ThermalToolError
         The structure has no model of the log, or the model no document.
     """
     read: dict[str, Any] = {} if case.columns is None else {"columns": case.columns}
@@ -88,7 +89,7 @@ def compared(case: Case, options: dict[str, Any]) -> list[tuple[str, float, floa
             run = tt.simulate(found.model, case.path, initial=held.initial, start=held.start,
                               stop=held.stop, **read)  # fmt: skip
             simulated = run.agreements[fit.model.target].fit_percent
-            rows.append((fit.model.target, held.fit_percent, simulated))
+            rows.append((fit.model.target, fit.validation.carried_on.fit_percent, simulated))
     return rows
 
 
@@ -112,7 +113,7 @@ def main() -> None:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
                     rows = compared(case, options)
-            except ValueError as error:
+            except ThermalToolError as error:
                 print(f"{begin} | {error} | | |", flush=True)
                 continue
             for output, printed, simulated in rows:
