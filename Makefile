@@ -93,6 +93,7 @@ study: $(READY)
 	@$(BIN)/python benchmarks/identify.py coverage
 	@$(BIN)/python benchmarks/identify_process.py coverage
 	@$(BIN)/python benchmarks/identify.py measured
+	@$(BIN)/python benchmarks/validation.py
 	@$(BIN)/python benchmarks/spectrum.py coverage
 	@$(BIN)/python benchmarks/heaters.py
 	@$(BIN)/python benchmarks/stream_faults.py

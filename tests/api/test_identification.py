@@ -10,6 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 import thermaltool as tt
+from thermaltool.api.result import silent
 from thermaltool.errors import LogError
 from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.transfer import registry
@@ -134,3 +135,24 @@ def test_a_structure_is_a_class_and_a_line_of_the_registry(monkeypatch: Any) -> 
     assert found.frame["value"]["d_z_um"].index.tolist() == ["g1", "b1"]
     assert found.frame["value"][("d_z_um", "b1")] == pytest.approx(0.1 * (1 - POLE), rel=0.05)
     assert "DOUBLED" in str(found)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"orders": [(1, 1, 1)]},
+        {"structure": "arx", "orders": [(1, 1, 1)]},
+        {"structure": "network", "modes": 1},
+        {"structure": "subspace", "modes": 1},
+    ],
+)
+def test_printed_validation_is_simulate_carried_on(options: dict[str, Any]) -> None:
+    log = "data_samples/frame_step100_first10min.csv"
+    found = tt.identify(log, "Q_main_1", "dT_pair1_K", split=0.6, warn=silent, **options)
+    (fit,) = found.fits
+    assert fit.validation is not None
+    (held,) = fit.validation.logs
+    run = tt.simulate(
+        found.model, log, initial=held.initial, start=held.start, stop=held.stop, warn=silent
+    )
+    assert run.agreements["dT_pair1_K"].fit_percent == pytest.approx(held.fit_percent, abs=0.5)

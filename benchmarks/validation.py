@@ -1,0 +1,129 @@
+"""What ``identify`` prints as validation, beside ``simulate`` carried on: a Markdown table.
+
+``python benchmarks/validation.py`` (in make study) takes the logs of ``make measured`` and of the
+study, each with several structures, fitted to the first share of its rows. Of cnc_spindle only the
+first 16 h count: fitted and judged within them, since its later rows are kept for other judgement.
+The exit code is 1 where the two differ by more than half a point anywhere; --only names a log.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+# One core; before numpy loads.
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import thermaltool as tt
+from thermaltool.errors import ThermalToolError
+
+SAMPLES = Path(__file__).parents[1] / "data_samples"
+DATA = Path(__file__).parents[2] / "shared" / "data"
+# What printed and simulated fit may differ by [points].
+MAX_DIFFERENCE = 0.5
+SPINDLE_STOP_S = 16 * 3600.0
+STRUCTURES: dict[str, dict[str, Any]] = {
+    "defaults": {},
+    "oe, real poles": {"real_poles": True},
+    "bj": {"structure": "bj", "orders": [(2, 2, 1)]},
+    "arx": {"structure": "arx", "orders": [(2, 2, 1)]},
+    "network": {"structure": "network"},
+    "subspace": {"structure": "subspace"},
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A log, what drives and follows in it, and how it is read."""
+
+    path: Path
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    split: float = 0.6
+    columns: Path | None = None
+    options: tuple[tuple[str, Any], ...] = ()
+
+
+def cases() -> list[Case]:
+    maps, heat = SAMPLES / "maps", ("Q_main_1",)
+    bent = ("dT_pair1_K", "d_x_um")
+    frames = [
+        Case(SAMPLES / f"frame_{name}.parquet", heat, bent)
+        for name in ("step100", "step050", "step025", "triangle", "duty")
+    ]
+    runs = sorted((DATA / "gantry").glob("run_*.csv"))
+    printer = [
+        Case(path, ("T_bed_degC",), ("T_frame_degC", "d_z_um"), columns=maps / "gantry.toml")
+        for path in runs
+    ]
+    daisy, spindle = DATA / "daisy", DATA / "cnc_spindle/spindle_first_28h.csv"
+    hairdryer, heating = daisy / "hairdryer_ljung.csv", daisy / "heating_system.csv"
+    others = [
+        Case(hairdryer, ("U_heater_V",), ("U_air_V",), 0.5, maps / "hairdryer.toml"),
+        Case(heating, ("U_lamp_V",), ("T_plate_degC",), 0.5, maps / "heating_system.toml"),
+        Case(spindle, ("T_t5_degC",), ("d_ch1_um", "d_ch3_um"), columns=maps / "cnc_spindle.toml",
+             options=(("stop", SPINDLE_STOP_S),)),
+    ]  # fmt: skip
+    return [*(case for case in (*others, *printer) if case.path.exists()), *frames]
+
+
+def compared(case: Case, options: dict[str, Any]) -> list[tuple[str, float, float]]:
+    """Output, printed fit and that of ``simulate`` for every held-out log [%].
+
+    Raises
+    ------
+    ThermalToolError
+        The structure has no model of the log, or the model no document.
+    """
+    read: dict[str, Any] = {} if case.columns is None else {"columns": case.columns}
+    found = tt.identify(case.path, case.inputs, case.outputs, split=case.split,
+                        **read, **dict(case.options), **options)  # fmt: skip
+    rows = []
+    for fit in found.fits:
+        assert fit.validation is not None
+        for held in fit.validation.logs:
+            run = tt.simulate(found.model, case.path, initial=held.initial, start=held.start,
+                              stop=held.stop, **read)  # fmt: skip
+            simulated = run.agreements[fit.model.target].fit_percent
+            rows.append((fit.model.target, fit.validation.carried_on.fit_percent, simulated))
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", help="part of the name of a log")
+    parser.add_argument("--structure", choices=sorted(STRUCTURES), help="default: all")
+    given = parser.parse_args()
+    kinds = {k: v for k, v in STRUCTURES.items() if given.structure in (None, k)}
+    if not DATA.exists():
+        print(f"measured logs left out, there is no {DATA} here\n")
+    print("| log | structure | output | printed % | by simulate % | difference |")
+    print("|---|---|---|---|---|---|")
+    worst, count = 0.0, 0
+    for case in cases():
+        if given.only not in case.path.name:
+            continue
+        for title, options in kinds.items():
+            begin = f"| {case.path.stem} | {title} |"
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    rows = compared(case, options)
+            except ThermalToolError as error:
+                print(f"{begin} | {error} | | |", flush=True)
+                continue
+            for output, printed, simulated in rows:
+                off = abs(printed - simulated)
+                worst, count = max(worst, off), count + 1
+                print(f"{begin} {output} | {printed:.1f} | {simulated:.1f} | {off:.2g} |",
+                      flush=True)  # fmt: skip
+    print(f"\n{count} comparisons, the largest difference is {worst:.2g} points")
+    raise SystemExit(worst > MAX_DIFFERENCE)
+
+
+if __name__ == "__main__":
+    main()
