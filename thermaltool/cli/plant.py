@@ -13,10 +13,10 @@ from thermaltool.cli import shared
 from thermaltool.cli.types import NOT_NEGATIVE, NUMBER, POSITIVE
 from thermaltool.plants import PLANTS, SettingError
 
-BAR, HEATED = "boring-bar", "quill, c-frame"
+BAR, MILL, HEATED = "boring-bar", "knee-mill", "quill, c-frame"
 
 # Options of the clock where none is given [s].
-FRAME, PAIR, CUT = (PLANTS[name].usual for name in ("frame", "quill", BAR))
+FRAME, PAIR, CUT, JOINT = (PLANTS[name].usual for name in ("frame", "quill", BAR, MILL))
 
 
 @click.command(
@@ -35,14 +35,16 @@ FRAME, PAIR, CUT = (PLANTS[name].usual for name in ("frame", "quill", BAR))
               help=f"Length, idle time included [s].  [default: {FRAME['duration']:g}; {BAR}: "
               f"{CUT['duration']:g}; {HEATED}: {PAIR['duration']:g}]")  # fmt: skip
 @click.option("--dt", type=POSITIVE,
-              help=f"Sample period [s].  [default: {FRAME['dt']:g}; {HEATED}: "
-              f"{PAIR['dt']:g}]")  # fmt: skip
+              help=f"Sample period [s].  [default: {FRAME['dt']:g}; {MILL}: {JOINT['dt']:g}; "
+              f"{HEATED}: {PAIR['dt']:g}]")  # fmt: skip
 @click.option("--ambient", type=NUMBER, default=20.0, help="Air temperature [degC].")
 @click.option("--seed", type=click.IntRange(min=0), default=1, help="Seed of noise and of duty.")
 @click.option("--sigma", type=NOT_NEGATIVE, default=0.02, help="White noise of temperatures [K].")
 @click.option("--drift", type=NOT_NEGATIVE, default=0.008, help="Drift of temperatures [K].")
 @click.option("--drift-time", type=POSITIVE, default=900.0, help="Time constant of drift [s].")
 @click.option("--sigma-d", type=NOT_NEGATIVE, default=0.2, help="Noise of displacements [um].")
+@click.option("--load", type=NUMBER, default=0.0,
+              help=f"{MILL}: force down on the end of the table [N].")  # fmt: skip
 @click.option("--clean", is_flag=True, help="The truth: no noise, no rounding.")
 @click.option("--speed", type=POSITIVE, default=600.0, help=f"{BAR}: spindle [rev/min].")
 @click.option("--part", type=click.Choice(["straight", "taper", "eccentric", "none"]),
@@ -70,6 +72,9 @@ def command(
 
     Q_main_1 acts from its row to the next. Temperatures are read to 0.001 K with white noise and
     slow drift, displacements to 0.01 um; heat, air and clock are exact.
+
+    knee-mill has a joint that opens and closes as it warms, four temperatures down the joint, and
+    takes what frame takes; it is not in proportion to its heat.
 
     boring-bar samples every 0.5 ms: speed, command, error as read, true deflection of the cutter
     and the trace that it cuts; of the general options it takes --duration and --seed. With

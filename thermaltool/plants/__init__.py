@@ -48,6 +48,12 @@ PLANTS = {
     ),
     "quill": Offer("quill", _HEATED, _DUTIES, _HALF_A_DAY),
     "c-frame": Offer("c_frame", _HEATED, _DUTIES, _HALF_A_DAY),
+    "knee-mill": Offer(
+        "knee_mill",
+        _ROOM | {"level", "sigma", "drift", "drift_time", "sigma_d", "load"},
+        ("step", "idle", "triangle", "duty"),
+        {"duration": 9000.0, "start": 60.0, "dt": 10.0},
+    ),
     "boring-bar": Offer(
         "boring_bar", frozenset({"speed", "part", "commands"}), (), {"duration": 4.0}
     ),

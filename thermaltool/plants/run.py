@@ -70,7 +70,7 @@ def run(
     LogError
         As `read`; commands of a loop without their column.
     """
-    runs = {"frame": _frame, "boring-bar": _boring_bar}
+    runs = {"frame": _frame, "knee-mill": _frame, "boring-bar": _boring_bar}
     given = {**options, **{k: v for k, v in PLANTS[name].usual.items() if options[k] is None}}
     return runs.get(name, _heated)(name, given, read, echo)
 
@@ -86,7 +86,8 @@ def _frame(
     else:
         (heat,), air = _from_log(name, given["shape"], read, (HEAT,), since, air)
     heat = np.round(given["level"] * heat, 6)
-    outputs: Columns = build(name).simulate(heat, air, given["dt"])
+    load = {"load": given["load"]} if "load" in PLANTS[name].options else {}
+    outputs: Columns = build(name).simulate(heat, air, given["dt"], **load)
     if not given["clean"]:
         temperature = Sensor(given["sigma"], given["drift"], given["drift_time"], decimals=3)
         displacement = Sensor(given["sigma_d"], decimals=2)

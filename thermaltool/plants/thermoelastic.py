@@ -22,7 +22,7 @@ Facets = NDArray[np.integer]
 MICROMETRES = 1e6  # per metre
 # Two Gauss points per direction integrate every form exactly on rectangular elements.
 _QUADRATURE = 3
-_GAMMA = 1.0 - np.sqrt(0.5)  # makes the two-stage scheme L-stable
+SDIRK = 1.0 - np.sqrt(0.5)  # makes the two-stage scheme L-stable
 
 
 @dataclass(frozen=True)
@@ -112,6 +112,70 @@ def nearest_node(mesh: MeshHex, point: Sequence[float]) -> int:
     return int(np.argmin(np.sum((mesh.p - np.reshape(point, (3, 1))) ** 2, axis=0)))
 
 
+@dataclass(frozen=True)
+class ElasticSystem:
+    """Semi-discrete thermoelasticity, ``stiffness u = expansion θ + forces``.
+
+    Attributes
+    ----------
+    stiffness : (dofs, dofs) csc_array
+        [N/m]
+    expansion : (dofs, nodes) array
+        Forces of nodal temperature rises [N/K].
+    dofs : (3, nodes) ndarray of int
+        Index of the displacement of a node along each axis.
+    """
+
+    stiffness: sparse.csc_array
+    expansion: sparse.csr_array
+    dofs: NDArray[np.integer]
+
+
+def elastic_system(
+    mesh: MeshHex, material: Material, relative_modulus: Array | None = None
+) -> ElasticSystem:
+    """Assemble linear thermoelasticity of a free body.
+
+    Parameters
+    ----------
+    relative_modulus : (elements,) ndarray, optional
+        Young's modulus of each element over that of the material.
+    """
+    temperature = Basis(mesh, ElementHex1(), intorder=_QUADRATURE)
+    displacement = Basis(mesh, ElementVector(ElementHex1()), intorder=_QUADRATURE)
+    modulus, nu = material.youngs_modulus, material.poisson_ratio
+    shear = modulus / (2.0 * (1.0 + nu))
+    lame = modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    thermal_stress = (3.0 * lame + 2.0 * shear) * material.expansion
+    factor = np.ones((1, 1)) if relative_modulus is None else relative_modulus[:, None]
+    stiffness = BilinearForm(
+        lambda u, v, _: factor * (2.0 * shear * ddot(sym_grad(u), grad(v)) + lame * div(u) * div(v))
+    ).assemble(displacement)
+    expansion = BilinearForm(lambda u, v, _: factor * (thermal_stress * u * div(v))).assemble(
+        temperature, displacement
+    )
+    return ElasticSystem(
+        sparse.csc_array(stiffness), sparse.csr_array(expansion), displacement.nodal_dofs
+    )
+
+
+def elastic_responses(system: ElasticSystem, loads: Array, held: Sequence[int]) -> Array:
+    """Displacements under each column of `loads`, shape (dofs, loads).
+
+    Parameters
+    ----------
+    system : ElasticSystem
+    loads : (dofs, loads) ndarray
+        [N]
+    held : sequence of int
+        Displacements held at zero.
+    """
+    free = np.setdiff1d(np.arange(loads.shape[0]), held)
+    displacements = np.zeros_like(loads)
+    displacements[free] = symmetric_factor(system.stiffness[free][:, free]).solve(loads[free])
+    return displacements
+
+
 def deflection_rows(
     mesh: MeshHex,
     material: Material,
@@ -134,29 +198,14 @@ def deflection_rows(
     ndarray, shape (pairs, nodes)
         [µm/K]
     """
-    temperature = Basis(mesh, ElementHex1(), intorder=_QUADRATURE)
-    displacement = Basis(mesh, ElementVector(ElementHex1()), intorder=_QUADRATURE)
-    modulus, nu = material.youngs_modulus, material.poisson_ratio
-    shear = modulus / (2.0 * (1.0 + nu))
-    lame = modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
-    thermal_stress = (3.0 * lame + 2.0 * shear) * material.expansion
-    stiffness = BilinearForm(
-        lambda u, v, _: 2.0 * shear * ddot(sym_grad(u), grad(v)) + lame * div(u) * div(v)
-    ).assemble(displacement)
-    expansion = BilinearForm(lambda u, v, _: thermal_stress * u * div(v)).assemble(
-        temperature, displacement
-    )
-    dofs = displacement.nodal_dofs
-    free = np.setdiff1d(np.arange(displacement.N), [dofs[axis, node] for node, axis in supports])
-    outputs = np.zeros((displacement.N, len(pairs)))
+    system = elastic_system(mesh, material)
+    dofs = system.dofs
+    outputs = np.zeros((dofs.size, len(pairs)))
     for column, (node, other, axis) in enumerate(pairs):
         outputs[dofs[axis, node], column] += 1.0
         outputs[dofs[axis, other], column] -= 1.0
-    adjoint = np.zeros_like(outputs)
-    adjoint[free] = symmetric_factor(sparse.csc_array(stiffness)[free][:, free]).solve(
-        outputs[free]
-    )
-    rows: Array = MICROMETRES * (expansion.T @ adjoint).T
+    adjoint = elastic_responses(system, outputs, [dofs[axis, node] for node, axis in supports])
+    rows: Array = MICROMETRES * (system.expansion.T @ adjoint).T
     return rows
 
 
@@ -180,11 +229,11 @@ class HeatStepper:
     def __init__(self, system: ThermalSystem, dt: float) -> None:
         self.dt = dt
         self._conduction = sparse.csr_array(system.conduction)
-        self._factor = symmetric_factor(system.capacity + _GAMMA * dt * system.conduction)
+        self._factor = symmetric_factor(system.capacity + SDIRK * dt * system.conduction)
 
     def __call__(self, state: Array, load: Array) -> Array:
         """Nodal temperatures [K] one step after `state`; `load` in W per node."""
         first = self._factor.solve(load - self._conduction @ state)
-        middle = state + (1.0 - _GAMMA) * self.dt * first
+        middle = state + (1.0 - SDIRK) * self.dt * first
         second = self._factor.solve(load - self._conduction @ middle)
-        return middle + _GAMMA * self.dt * second
+        return middle + SDIRK * self.dt * second
