@@ -184,20 +184,21 @@ def frame_mesh(geometry: FrameGeometry) -> MeshHex:
 def outer_facets(mesh: MeshHex, geometry: FrameGeometry) -> Facets:
     """Facets that the air touches; those of the closed cavity are left out."""
     facets = mesh.boundary_facets()
-    cavity = _inside(_facet_centres(mesh, facets), geometry, inset=geometry.wall / 2)
+    cavity = _inside(facet_centres(mesh, facets), geometry, inset=geometry.wall / 2)
     return facets[~cavity]
 
 
 def pad_facets(mesh: MeshHex, facets: Facets, geometry: FrameGeometry) -> Facets:
     """Those of `facets` that the pads cover, on both side walls."""
-    x, y, z = _facet_centres(mesh, facets)
+    x, y, z = facet_centres(mesh, facets)
     pad = geometry.pad
     side = np.abs(np.abs(z) - geometry.tube / 2) < _MESH_TOLERANCE
     covered = (pad.x[0] < x) & (x < pad.x[1]) & (pad.y[0] < y) & (y < pad.y[1])
     return facets[side & covered]
 
 
-def _facet_centres(mesh: MeshHex, facets: Facets) -> Array:
+def facet_centres(mesh: MeshHex, facets: Facets) -> Array:
+    """Midpoints of `facets` [m], shape (3, m)."""
     centres: Array = mesh.p[:, mesh.facets[:, facets]].mean(axis=1)
     return centres
 

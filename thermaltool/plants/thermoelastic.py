@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse import linalg as sparse_linalg
 from skfem import Basis, BilinearForm, ElementHex1, ElementVector, FacetBasis, LinearForm, MeshHex
 from skfem.helpers import ddot, div, dot, grad, sym_grad
@@ -22,6 +22,8 @@ Facets = NDArray[np.integer]
 MICROMETRES = 1e6  # per metre
 # Two Gauss points per direction integrate every form exactly on rectangular elements.
 _QUADRATURE = 3
+# Expansion points of a reduction [1/s]; with 25 it is within 1e-8 of the mesh (tested).
+_SHIFTS = np.geomspace(1e-4, 30.0, 25)
 SDIRK = 1.0 - np.sqrt(0.5)  # makes the two-stage scheme L-stable
 
 
@@ -217,6 +219,35 @@ def symmetric_factor(matrix: sparse.sparray) -> sparse_linalg.SuperLU:
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
+
+
+def galerkin_modes(
+    capacity: sparse.csc_array, conduction: sparse.csc_array, loads: Array, observe: Array
+) -> tuple[Array, Array, Array]:
+    """Thermal modes on a rational Krylov space: ``x' = -rates x + inputs u``, ``y = outputs x``.
+
+    Parameters
+    ----------
+    capacity, conduction : (nodes, nodes) sparse, symmetric positive definite
+    loads : (nodes, m) ndarray
+        [W] per unit of each input.
+    observe : (p, nodes) ndarray
+
+    Returns
+    -------
+    rates : (k,) ndarray
+        [1/s]
+    inputs : (k, m) ndarray
+    outputs : (p, k) ndarray
+    """
+    sources = np.column_stack([loads, observe.T])
+    blocks = [symmetric_factor(conduction + s * capacity).solve(sources) for s in _SHIFTS]
+    directions = np.hstack(blocks)
+    directions /= np.linalg.norm(directions, axis=0)
+    basis, _, _ = linalg.svd(directions, full_matrices=False)
+    rates, modes = linalg.eigh(basis.T @ (conduction @ basis), basis.T @ (capacity @ basis))
+    shapes = basis @ modes
+    return rates, shapes.T @ loads, observe @ shapes
 
 
 class HeatStepper:

@@ -1,0 +1,89 @@
+"""What two control heaters on the simulated frame can hold at best: a Markdown table.
+
+``python benchmarks/heater_control.py``. The heats are found offline, as a linear program, with the
+disturbance known beforehand and the plant for its own model: the least band of the worse of x and
+y over the time given, each heat between zero and full power, held for 1/80 of that time. Beside it
+the bands that Fraser (1997), section 8.8, measured with his controllers, and 60 % of them.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+
+# One core; before numpy loads.
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from thermaltool.plants.controlled_frame import ControlledFrame, controlled_frame
+from thermaltool.plants.frame import OUTPUTS
+
+Array = NDArray[np.float64]
+# Step of heat [full scale] to the band that the source measured [um]; 32 um is a peak, saturated.
+PUBLISHED = {0.5: 6.0, 1.0: 9.5, 1.5: 32.0}
+DURATIONS = (600.0, 1200.0, 2400.0, 3600.0)  # [s]
+HELD = 80  # stretches over which a heat is constant
+FULL = (250.0, 500.0)  # [W]
+DEFLECTIONS = [OUTPUTS.index("d_x_um"), OUTPUTS.index("d_y_um")]
+
+
+def least_band(frame: ControlledFrame, level: float, duration: float) -> tuple[float, float]:
+    """Band without and with the best heats, zero included [um].
+
+    Parameters
+    ----------
+    frame : ControlledFrame
+    level : float
+        Step of the disturbance at time 0 [full scale].
+    duration : float [s]
+    """
+    time_of = duration / HELD * np.arange(1, HELD + 1)
+    steps = frame.step_responses(time_of)[:, DEFLECTIONS, :]
+    pulses = np.diff(steps, axis=0, prepend=0.0)
+    acting = np.zeros((HELD, 2, HELD, 2))
+    for k in range(HELD):
+        acting[k, :, : k + 1, :] = pulses[k::-1, :, 1:].transpose(1, 0, 2)
+    effect = acting.reshape(2 * HELD, 2 * HELD)
+    free = level * steps[:, :, 0].ravel()
+    # Unknown beside the heats: lower and upper edge of each axis, and the width W of the band.
+    axes, nothing = np.tile(np.eye(2), (HELD, 1)), np.zeros((2 * HELD, 2))
+    no_width, heats = np.zeros((2 * HELD, 1)), 2 * HELD
+    above = np.hstack([effect, nothing, -axes, no_width])
+    below = np.hstack([-effect, axes, nothing, no_width])
+    width = np.hstack([np.zeros((2, heats)), -np.eye(2), np.eye(2), -np.ones((2, 1))])
+    found = linprog(
+        np.append(np.zeros(heats + 4), 1.0),
+        A_ub=np.vstack([above, below, width]),
+        b_ub=np.concatenate([-free, free, np.zeros(2)]),
+        bounds=[(0.0, 1.0)] * heats + [(None, 0.0)] * 2 + [(0.0, None)] * 3,
+        method="highs",
+    )
+    ends = np.vstack([np.zeros(2), free.reshape(HELD, 2)])
+    return float(np.ptp(ends, axis=0).max()), float(found.fun)
+
+
+def main() -> None:
+    began = time.perf_counter()
+    print(
+        "| full power W | step | over s | without um | least band um | published um | 60 % um | |"
+    )
+    print("|---" * 8 + "|")
+    for full in FULL:
+        frame = controlled_frame(full=full)
+        for level, published in PUBLISHED.items():
+            for duration in DURATIONS:
+                free, band = least_band(frame, level, duration)
+                within = "yes" if band <= 0.6 * published else "no"
+                print(
+                    f"| {full:g} | {level:g} | {duration:g} | {free:.0f} | {band:.1f} | "
+                    f"{published:g} | {0.6 * published:.1f} | {within} |",
+                    flush=True,
+                )
+    print(f"\n{time.perf_counter() - began:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
