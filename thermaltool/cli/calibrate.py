@@ -95,14 +95,16 @@ def command(
     with shared.usage_errors():
         check_reduce(options["reduce"], len(options["drives"]), kinds=kinds, fixed=constants,
                      **{name: options[name] for name in ("linear", "loss", "starts")})  # fmt: skip
+    progress = terminal_progress("calibrate")
     fit: Any
     if body is not None:
         own = {name: value for name, value in options.items() if name not in _OF_RESPONSES}
         fit = api.calibrate_body(body, logs, warn=warn, **own)
+        progress("done\n")
     else:
         fit = api.calibrate(logs, **options, kinds=kinds, fixed=constants,
                             reference=shared.reference_of(reference), warn=warn,
-                            progress=terminal_progress("calibrate"))  # fmt: skip
+                            progress=progress)  # fmt: skip
     api.write_model(fit.model, output, command_line())
     if as_json:
         write_json(fit.document(), "-")

@@ -8,6 +8,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import POSITIVE
 
 # Options that only logs take.
@@ -89,6 +90,7 @@ def command(
         figure_format(plot)
     pairs = [shared.pair_of(each, "--cost") for each in costs]
     price = {name: shared.number_of(value, "--cost") for name, value in pairs}
+    progress = terminal_progress("place")
     found: Any
     with shared.usage_errors():
         if body:
@@ -106,6 +108,7 @@ def command(
             found = api.place(logs, outputs, criterion=criterion or "held-out", costs=price,
                               time_constants=taus, warn=warn, **options)  # fmt: skip
     figure = None if plot is None else render(found.draw, figure_format(plot))
+    progress("done\n")
     if as_json:
         write_json(found.document(), "-")
     else:
