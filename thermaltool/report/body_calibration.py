@@ -47,7 +47,7 @@ def update_table(parameters: Sequence[BodyParameter], model: Model) -> str:
         said = f"{found.value:.4g} ({found.low:.4g} to {found.high:.4g})"
         rows.append([
             WORDS[each.kind], each.name, f"{each.declared:.4g}",
-            said if each.identified else f"{said}, as declared", found.unit or "-",
+            said if each.identified else f"{said}, not identified", found.unit or "-",
         ])  # fmt: skip
     fits = [["output", "rmse", "zero free", "fit %", "max", "rows"]]
     for output in model.outputs:
@@ -65,8 +65,8 @@ def update_notes(
 ) -> list[str]:
     """What logs leave open, each a sentence."""
     notes = [
-        f"{WORDS[each.kind]} of {each.name}: these logs say little of it, it stays near what is "
-        "declared"
+        f"{WORDS[each.kind].partition(',')[0]} of {each.name}: these logs say little of it, "
+        "it stays near what is declared"
         for each in parameters
         if not each.identified
     ]
