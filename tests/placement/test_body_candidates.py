@@ -56,12 +56,18 @@ def test_more_sensors_leave_less_unknown_and_the_design_is_no_worse_than_the_rul
 
 
 def test_a_dear_boundary_is_left(block):
+    sides = {"left": (0, 0.0), "right": (0, 0.2), "front": (1, 0.0), "back": (1, 0.1),
+             "bottom": (2, 0.0), "top": (2, 0.08)}  # fmt: skip
     free = tt.place_on_body(block, sensors=1)
     (at,) = free.places.values()
-    boundary = "left" if at[0] == 0 else "right" if at[0] == 0.2 else "top"
+    boundary, (axis, end) = next(
+        (name, side) for name, side in sides.items() if at[side[0]] == pytest.approx(side[1])
+    )
     dear = tt.place_on_body(block, sensors=1, costs={boundary: 5.0})
-    assert dear.places != free.places
-    assert dear.sets[0].errors[0] > free.sets[0].errors[0]
+    ((*other,),) = dear.places.values()
+    assert other[axis] != pytest.approx(end)
+    # Of two places that mirror each other the other one may be as good.
+    assert dear.sets[0].errors[0] >= free.sets[0].errors[0] * (1 - 1e-6)
 
 
 @pytest.mark.parametrize(
