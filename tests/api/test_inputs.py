@@ -90,11 +90,14 @@ def test_one_bad_cell_is_named_with_its_row_like_that_of_a_file(tmp_path: Path) 
     assert np.isnan(tt.read_log(empty).columns["T_a_degC"]).all()
 
 
-@pytest.mark.slow
 def test_a_string_is_one_name() -> None:
     assert names("T_a_degC") == names(["T_a_degC"]) == ("T_a_degC",)
     assert names(()) == ()
     assert len(tt.read_log(FRAME, need="T_a_degC", nan_policy="omit")) == 3
+
+
+@pytest.mark.slow
+def test_a_string_is_one_name_for_fits() -> None:
     time = np.arange(0.0, 1200.0, 10.0)
     heat = np.where(time // 300 % 2 == 0, 0.0, 100.0)
     frame = pd.DataFrame({"time_s": time, "Q_motor_W": heat, "d_z_um": 0.0})

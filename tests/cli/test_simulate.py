@@ -238,4 +238,4 @@ def test_what_drives_do_over_a_pause():
     assert held == "the drive is taken as held over it"
     assert straight == "the drive is taken along a straight line over it"
     both = drives_over_pauses(["zero", "first"])
-    assert both == "drives are taken as held over it, temperatures along a straight line"
+    assert both == "commands are taken as held over it, what is measured along a straight line"

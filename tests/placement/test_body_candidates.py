@@ -5,7 +5,7 @@ import pytest
 
 import thermaltool as tt
 from thermaltool.errors import FitError, ModelError
-from thermaltool.placement.body_candidates import DWELL_TIMES, duty_cycles_of, sites_of
+from thermaltool.placement.body_candidates import CORRELATION_TIMES, duty_cycles_of, sites_of
 
 
 def test_moments_are_those_of_a_heat_that_switches_at_random(rod):
@@ -16,8 +16,8 @@ def test_moments_are_those_of_a_heat_that_switches_at_random(rod):
     cycle = duty_cycles_of(modes, sites, 1e6 * equations.deflections, np.array([1000.0]))[1]
     told = np.vstack([cycle.readings, cycle.deflections])
     told = told @ told.T
-    dwell = DWELL_TIMES[1] * modes.time_constants[0]
-    dt, count, machines = dwell / 20, 4000, 200
+    correlation = CORRELATION_TIMES[1] * modes.time_constants[0]
+    dt, count, machines = correlation / 20, 4000, 200
     inverse = np.linalg.inv(equations.capacity.toarray() / dt + equations.conduction.toarray())
     step = inverse @ equations.capacity.toarray() / dt
     rng = np.random.default_rng(5)
@@ -26,7 +26,7 @@ def test_moments_are_those_of_a_heat_that_switches_at_random(rod):
     rows = np.vstack([sites.shapes @ np.linalg.pinv(modes.shapes), 1e6 * equations.deflections])
     total = np.zeros((3, 3))
     for k in range(count):
-        on ^= rng.random(machines) < 0.5 * dt / dwell  # a switch draws a level anew
+        on ^= rng.random(machines) < 0.5 * dt / correlation  # a switch draws a level anew
         state = step @ state + inverse @ equations.loads * (1000.0 * on)
         if k >= count // 4:
             seen = rows @ state

@@ -79,7 +79,7 @@ def test_readings_that_are_missing_are_left_out(mesh):
 def test_logs_without_the_heat_or_any_output_are_refused(mesh):
     log = log_of(1, 60, 60)
     bare = Record(log.time, {"Q_motor_W": log.column("Q_motor_W")})
-    with pytest.raises(FitError, match="no log has a point or a deflection"):
+    with pytest.raises(FitError, match="no log has readings of a point or a deflection"):
         tt.calibrate_body(mesh, bare)
     with pytest.raises(LogError, match="no column Q_motor_W"):
         tt.calibrate_body(mesh, Record(log.time, {"T_1_degC": log.column("T_1_degC")}))

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
+import numpy as np
+
 from thermaltool.api.body_modes import finite_elements
 from thermaltool.api.inputs import Reading, all_of, read, read_for_fit, reads
 from thermaltool.api.result import Notice, Result, notice
@@ -34,19 +36,23 @@ class BodyCalibration(Result):
     logs : tuple of Log
     noise : mapping of output to float [unit of the output]
         White noise of its readings.
+    settled : bool
+        Whether the weights of the outputs came to rest.
     """
 
     model: Model
     parameters: tuple[BodyParameter, ...]
     logs: tuple[Log, ...]
     noise: Mapping[str, float]
+    settled: bool = True
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the logs leave open, and how far the model is from the mesh, each a sentence."""
-        from thermaltool.report.body_calibration import update_notes
+        from thermaltool.report.body_calibration import NOT_SETTLED, update_notes
 
-        return tuple(update_notes(self.parameters, self.model, self.noise))
+        notes = update_notes(self.parameters, self.model, self.noise)
+        return tuple(notes if self.settled else [NOT_SETTLED, *notes])
 
     @property
     def frame(self) -> pandas.DataFrame:
@@ -122,7 +128,7 @@ def calibrate_body(
     ModelError
         As `thermal_modes`.
     FitError
-        No log has a point or deflection of the body.
+        No log has readings of a point or deflection of the body, or one of these is constant.
 
     Examples
     --------
@@ -160,7 +166,8 @@ def calibrate_body(
     model = reduced_model(thermal_modes(updated.equations), declared, provenance)
     outputs, noise = [], {}
     for output in model.outputs:
-        read_in = [log for log in logs if output.channel in log.columns]
+        read_in = [log for log in logs if output.channel in log.columns
+                   and np.isfinite(log.column(output.channel)).any()]  # fmt: skip
         if read_in:
             found = agreements(model, read_in, [output])[output.channel].document()
             noise[output.channel] = max(
@@ -169,5 +176,9 @@ def calibrate_body(
             output = replace(output, fit={**output.fit, **found})
         outputs.append(output)
     return BodyCalibration(
-        replace(model, outputs=tuple(outputs)), updated.parameters, tuple(logs), noise
+        replace(model, outputs=tuple(outputs)),
+        updated.parameters,
+        tuple(logs),
+        noise,
+        updated.settled,
     )

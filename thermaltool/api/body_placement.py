@@ -10,7 +10,7 @@ import numpy as np
 
 from thermaltool.api.body_modes import thermal_modes
 from thermaltool.api.result import Result
-from thermaltool.api.sensor_placement import USUAL_MOST
+from thermaltool.api.sensor_placement import USUAL_MOST, refuse_twice
 from thermaltool.errors import FitError, ModelError
 from thermaltool.record import hint
 from thermaltool.units import UNITS, names, parse_channel
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from thermaltool.placement.body_candidates import BodySensors, BodySites
     from thermaltool.placement.candidates import Candidates
     from thermaltool.placement.sensor_sets import SensorSet
+
+
+# Noise of a reading over the largest rise, below which covariances lose their digits.
+LEAST_NOISE = 1e-5
 
 
 @dataclass(frozen=True, repr=False)
@@ -93,9 +97,9 @@ def place_on_body(
 ) -> BodyPlacement:
     """Where on a body of finite elements sensors belong, for deflections that are to be predicted.
 
-    Each heat switches at random between nothing and its largest value, for each of three mean
-    dwell times (a slowest time constant, a tenth and a hundredth of it); the criterion is the mean
-    over these duty cycles.
+    Each heat switches at random between nothing and its largest value, with each of three
+    correlation times (a slowest time constant, a tenth and a hundredth of it); the criterion is the
+    mean over these duty cycles.
 
     Parameters
     ----------
@@ -130,7 +134,7 @@ def place_on_body(
     FitError
         More sensors than candidates; fewer than the dominant modes need.
     ValueError
-        A criterion of logs.
+        A criterion of logs, a name that is given twice.
 
     Examples
     --------
@@ -151,6 +155,7 @@ def place_on_body(
 
     if criterion not in (*CRITERIA, "modes"):
         raise ValueError(f"the criterion {criterion} is of logs")
+    refuse_twice(names(candidates), names(outputs))
     source = thermal_modes(body)
     modes, declared = source.modes, source.body
     targets = names(outputs) or tuple(declared.deflections)
@@ -164,6 +169,12 @@ def place_on_body(
     scale = [1e6 / UNITS[parse_channel(name).unit][1] for name in targets]
     largest = largest_heats(declared)
     cycles = duty_cycles_of(modes, sites, np.array(scale)[:, None] * rows, largest)
+    rise = max(float(np.max(np.linalg.norm(each.readings, axis=1))) for each in cycles)
+    if reading_noise < LEAST_NOISE * rise:
+        raise FitError(
+            f"a noise of {reading_noise:g} K beside rises of {rise:.3g} K: the least that is "
+            f"computed with is {LEAST_NOISE * rise:.2g} K"
+        )
     closed = np.zeros(len(sites.names), bool)
     for name in forbid:
         closed |= sites.at(declared, name)

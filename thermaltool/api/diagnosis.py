@@ -268,11 +268,19 @@ def diagnose(
     _check_different([*logs, *unseen])
     calibration = _calibration_logs(found, [*logs, *unseen], reading)
     able = limits_of(limits, [name for log in logs for name in log.columns])
-    diagnosis = run(found, logs, unseen, progress, calibration, able)
+    sound = {log.digest: _without_spikes(log, found, reading)
+             for log in (*logs, *unseen, *calibration)}  # fmt: skip
+    diagnosis = run(found, logs, unseen, progress, calibration, able, sound)
     progress("done\n")
     given = isinstance(model, str | os.PathLike)
     name = os.path.basename(source_name(os.fspath(model))) if given else "<model>"  # type: ignore[arg-type]
     return DiagnosisReport(diagnosis, name, logs, unseen, calibration, allowed)
+
+
+def _without_spikes(log: Log, model: Model, reading: Mapping[str, Any]) -> Log:
+    """A log as `simulate` reads it: what stands out is a fault of its sensor there."""
+    own = {name: reading[name] for name in ("faults", "nan_policy") if name in reading}
+    return read(log, model.needs(), warn=silent, **own)
 
 
 def _typed(tolerance: Tolerance) -> list[str]:

@@ -168,7 +168,7 @@ def drives_over_pauses(holds: Iterable[Hold]) -> str:
     if found == {"first"}:
         return "the drive is taken along a straight line over it"
     if "first" in found:
-        return "drives are taken as held over it, temperatures along a straight line"
+        return "commands are taken as held over it, what is measured along a straight line"
     return "the drive is taken as held over it"
 
 

@@ -270,6 +270,14 @@ def read_sensors(
     return logs, every, chosen
 
 
+def refuse_twice(sensors: Sequence[str], outputs: Sequence[str]) -> None:
+    """ValueError for a name that is given twice in a role."""
+    for role, own in (("sensors", sensors), ("outputs", outputs)):
+        for name in own:
+            if own.count(name) > 1:
+                raise ValueError(f"{name} is given twice among the {role}")
+
+
 def candidates_of(
     logs: Sequence[Record],
     given: Sequence[str],
@@ -292,10 +300,7 @@ def candidates_of(
     ValueError
         A name that is given twice, or in two roles.
     """
-    for role, own in (("sensors", given), ("outputs", outputs)):
-        for name in own:
-            if own.count(name) > 1:
-                raise ValueError(f"{name} is given twice among the {role}")
+    refuse_twice(given, outputs)
     for name in given:
         if name in outputs or name in beside:
             other = "an output" if name in outputs else "the position or the condition"

@@ -105,12 +105,14 @@ def command(
         fit = api.calibrate(logs, **options, kinds=kinds, fixed=constants,
                             reference=shared.reference_of(reference), warn=warn,
                             progress=progress)  # fmt: skip
+    # The file last: where anything before it fails, the old one stays.
+    document, table, notes = fit.document(), fit.table(), fit.notes
     api.write_model(fit.model, output, command_line())
     if as_json:
-        write_json(fit.document(), "-")
+        write_json(document, "-")
     elif not quiet:
-        warn(fit.table())
-    for sentence in fit.notes if not quiet else ():
+        warn(table)
+    for sentence in notes if not quiet else ():
         warn(sentence)
     if max_rmse is not None and fit.exceeds(max_rmse):
         sys.exit(DID_NOT_PASS)

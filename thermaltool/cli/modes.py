@@ -59,7 +59,7 @@ def command(
     from thermaltool.documents import write_json, write_whole
     from thermaltool.report.style import figure_format, render
 
-    body = shared.is_body(logs, _OF_LOGS)
+    body = shared.is_body(logs, (*_OF_LOGS, *shared.LOG_PARAMETERS))
     given = {name: options.pop(name) for name in _OF_LOGS}
     if not body and model_file is not None:
         raise click.UsageError(

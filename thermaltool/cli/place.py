@@ -12,7 +12,7 @@ from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import POSITIVE
 
 # Options that only logs take.
-_OF_LOGS = ("time_constants", "static", "noise", "start", "stop")
+_OF_LOGS = ("time_constants", "static", "noise", "start", "stop", *shared.LOG_PARAMETERS)
 
 
 @click.command(

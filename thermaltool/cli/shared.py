@@ -133,6 +133,8 @@ def faults_option(default: str) -> Decorator:
 reading_options = together(columns_option, from_option, gap_option, duplicates_option)
 table_options = together(reading_options, faults_option("omit"))
 log_options = together(table_options, nan_option)
+# Their parameters, which a body has no use for.
+LOG_PARAMETERS = ("columns", "from_format", "max_gap", "duplicates", "faults", "nan_policy")
 
 
 def one_thread() -> None:

@@ -54,8 +54,9 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     noise = {o: reading_noise(first, o) for o in first.groups}
     masked = last.simulation.masked if task.readings is None else search.left_out
     written = account(
-        full.model, extended, effects, full.logs, full.validate, full.calibration, masked, noise
-    )
+        full.model, extended, effects, full.logs, full.validate, full.calibration, masked, noise,
+        task.simulated,
+    )  # fmt: skip
     worse = search.spoiled(task, fitted) if full is not task else None
     if worse is not None and written.spoiled is None:
         written = replace(written, spoiled=f"{worse[1]} in {worse[0].name or 'a log'}")

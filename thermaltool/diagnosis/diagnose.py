@@ -9,8 +9,9 @@ causes made idle is taken out again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -66,6 +67,7 @@ def diagnose(
     progress: Progress = lambda message: None,
     calibration: Sequence[Record] = (),
     limits: ExperimentLimits = USUAL_LIMITS,
+    simulated: Mapping[str, Record] = MappingProxyType({}),
 ) -> Diagnosis:
     """What a model gets wrong on measured logs, and why.
 
@@ -86,6 +88,9 @@ def diagnose(
         is told. They are no veto: what has changed since is what is looked for.
     limits : ExperimentLimits
         What can be done at the machine; experiments that are asked for keep within.
+    simulated : mapping of digest to Record
+        Logs as `simulate` has them, where that is otherwise: outliers that are sought here are
+        faults of sensors there. Errors of the models are told of these.
 
     Returns
     -------
@@ -99,7 +104,9 @@ def diagnose(
     _check(model, logs)
     if validate:
         _check(model, validate)
-    asked = DiagnosisTask(model, tuple(logs), tuple(validate), tuple(calibration), progress, limits)
+    asked = DiagnosisTask(
+        model, tuple(logs), tuple(validate), tuple(calibration), progress, limits, simulated
+    )
     task = asked.averaged()
     progress("noise")
     first = task.first()

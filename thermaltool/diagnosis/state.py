@@ -41,6 +41,8 @@ class DiagnosisTask:
         Told what is being done.
     limits : ExperimentLimits
         What can be done at the machine.
+    simulated : mapping of digest to Record
+        Logs as `simulate` has them, where that is otherwise.
     readings : DiagnosisTask or None
         The same with every reading, where `logs`, `validate` and `calibration` are averages.
     """
@@ -51,6 +53,7 @@ class DiagnosisTask:
     calibration: tuple[Record, ...]
     progress: Progress
     limits: ExperimentLimits = USUAL_LIMITS
+    simulated: Mapping[str, Record] = field(default_factory=dict)
     readings: DiagnosisTask | None = None
 
     def averaged(self) -> DiagnosisTask:

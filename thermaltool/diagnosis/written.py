@@ -290,6 +290,7 @@ def account(
     calibration: Sequence[Record],
     masked: Mask,
     noise: Mapping[str, float],
+    simulated: Mapping[str, Record],
 ) -> WrittenAccount:
     """The written model beside the one that came in, on all logs.
 
@@ -303,6 +304,8 @@ def account(
         are some; the calibration's are no veto.
     masked, noise
         As in `spoiled_by`.
+    simulated : mapping of digest to Record
+        Logs as `simulate` has them, where that is otherwise.
     """
     models, notes, spoiled = steps_of(model, extended, causes), [], None
     why = {id(log): cannot_run(extended, log) for log in (*logs, *validate, *calibration)}
@@ -327,7 +330,8 @@ def account(
         judged = tuple(own if cause.log is not None else unseen or own)
         runs = [SimulatedLogs(each, judged, masked) for each in (one, other)]
         gains.append(gains_of(runs[0], runs[1], lambda output: True) if one != other else None)
-    steps = written_steps(models, causes, [*own, *unseen, *before])
+    told = [simulated.get(log.digest, log) for log in (*own, *unseen, *before)]
+    steps = written_steps(models, causes, told)
     return WrittenAccount(steps, tuple(gains), spoiled, tuple(notes))
 
 

@@ -84,7 +84,8 @@ def of_messages(record: dict[str, Any], messages: SensorMessages | None) -> dict
     if isinstance(value, str) and _NUMBER.fullmatch(value.strip()):
         value = float(value)
     kept = {k: v for k, v in record.items() if k not in (messages.name, messages.value)}
-    return {**kept, name: value}
+    # A sensor that is called as the clock or another key takes nothing from it.
+    return {name: value, **kept}
 
 
 class NdjsonTable:

@@ -1,8 +1,9 @@
 """Candidates on a finite-element model: nodes of its surface or points, under random heat.
 
-Each heat switches at random between nothing and its largest value. With a mean dwell time T its
-autocovariance is σ² e^(−|t|/T), and modes with the rates λ and the forcing ξ have the covariance
-σ² ξ_i ξ_j (1/(λ_i + 1/T) + 1/(λ_j + 1/T))/(λ_i + λ_j) (the stationary Lyapunov equation).
+Each heat switches at random between nothing and its largest value. With a correlation time T (it
+stays at a level for 2 T on average) its autocovariance is σ² e^(−|t|/T), and modes with the rates
+λ and the forcing ξ have the covariance σ² ξ_i ξ_j (1/(λ_i + 1/T) + 1/(λ_j + 1/T))/(λ_i + λ_j) (the
+stationary Lyapunov equation).
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from thermaltool.placement.thermal_modes import ThermalEigenmodes
 from thermaltool.record import hint
 from thermaltool.units import UNITS, parse_channel
 
-# Mean dwell times of a duty cycle, in slowest time constants: from steady states to switching.
-DWELL_TIMES = (1.0, 0.1, 0.01)
+# Correlation times of a heat, in slowest time constants: from steady states to switching.
+CORRELATION_TIMES = (1.0, 0.1, 0.01)
 # Nodes among which sensors are sought, at most; of a finer mesh evenly spread ones.
 MAX_NODES = 5000
 # Part of the largest variance below which a combination of modes is none.
@@ -54,7 +55,7 @@ class BodySites:
     nodes: NDArray[np.int64]
 
     def at(self, body: SolidBody, name: str) -> NDArray[np.bool_]:
-        """Which of them a point or a boundary of the body has, shape (N,).
+        """Which of them a point (the nearest) or a boundary of the body has, shape (N,).
 
         Raises
         ------
@@ -63,12 +64,15 @@ class BodySites:
         """
         if name in self.names:
             return np.array([each == name for each in self.names])
+        if name in body.points:
+            away = np.linalg.norm(self.places - body.points[name], axis=1)
+            return np.asarray(away == away.min())
         boundaries = body.mesh.boundaries or {}
         if body.section is not None and name == SIDE:
             return np.ones(len(self.names), bool)
         if name not in boundaries:
             message = f"no point or boundary is called {name}"
-            raise ModelError(f"{message}{hint(name, [*self.names, *body.boundaries])}")
+            raise ModelError(f"{message}{hint(name, [*body.points, *body.boundaries])}")
         return np.isin(self.nodes, body.mesh.facets[:, boundaries[name]])
 
 
@@ -179,7 +183,7 @@ def duty_cycles_of(
     moved = np.asarray(deflections @ modes.shapes)
     found = []
     for forcing, size in zip((modes.modal_heat * rates[:, None]).T, largest, strict=True):
-        for part in DWELL_TIMES:
+        for part in CORRELATION_TIMES:
             passed = 1 / (rates + 1 / (part * modes.time_constants[0]))
             cover = np.outer(forcing, forcing) * np.add.outer(passed, passed)
             cover /= np.add.outer(rates, rates)

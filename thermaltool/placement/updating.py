@@ -39,8 +39,8 @@ SPREAD, MOMENTS = 4.0, 4
 BASIS_MODES, NEGLIGIBLE = 20, 1e-12
 # A parameter of which the logs leave more than this part of what was open is not identified.
 MAX_LEFT_OPEN = 0.7
-# Turns of fit and of the size of the errors.
-TURNS = 4
+# Turns of fit and of the size of the errors, until no weight moves by more than this part.
+MAX_TURNS, SETTLED = 50, 0.01
 MICROMETRES = 1e6
 
 
@@ -166,10 +166,13 @@ class UpdatedBody:
     parameters : tuple of BodyParameter
     equations : BodyEquations
         Of the mesh, with them.
+    settled : bool
+        Whether the weights of the outputs, which follow from the errors, came to rest.
     """
 
     parameters: tuple[BodyParameter, ...]
     equations: BodyEquations
+    settled: bool
 
 
 def update_body(elements: FiniteElements, logs: Sequence[Record]) -> UpdatedBody:
@@ -184,26 +187,29 @@ def update_body(elements: FiniteElements, logs: Sequence[Record]) -> UpdatedBody
     Raises
     ------
     FitError
-        No log has a point or a deflection of the body.
+        No log has readings of a point or a deflection of the body, or one of these is constant.
     """
     body = elements.body
-    outputs = [n for n in (*body.points, *body.deflections) if any(n in r.columns for r in logs)]
+    every = (*body.points, *body.deflections)
+    outputs = [name for name in every if any(_is_read(log, name) for log in logs)]
     if not outputs:
-        raise FitError(
-            "no log has a point or a deflection of the body: "
-            f"{', '.join((*body.points, *body.deflections)) or 'it has none'}"
-        )
+        named = ", ".join(every) or "it has none"
+        raise FitError(f"no log has readings of a point or a deflection of the body: {named}")
+    for name in outputs:
+        if all(np.nanmin(log.column(name)) == np.nanmax(log.column(name))
+               for log in logs if _is_read(log, name)):  # fmt: skip
+            raise FitError(f"{name} is constant: there is nothing to fit")
     reduced = ReducedBody(elements, outputs)
     prior = np.array([PRIOR[kind] for kind, _ in reduced.parameters])
     weights = np.ones(len(outputs))
 
     def errors(values: Array) -> list[list[Array]]:
-        """About the mean of each output in each log."""
+        """About the mean of each output in each log that has readings of it; NaN without one."""
         found: list[list[Array]] = [[] for _ in outputs]
         for log in logs:
             computed = reduced.run(values, log)
             for k, name in enumerate(outputs):
-                if name in log.columns:
+                if _is_read(log, name):
                     left = log.column(name) - computed[k]
                     found[k].append(left - np.nanmean(left))
         return found
@@ -216,15 +222,18 @@ def update_body(elements: FiniteElements, logs: Sequence[Record]) -> UpdatedBody
         ]
         return np.concatenate([*parts, values / prior])
 
-    values = np.zeros(len(prior))
-    for _ in range(TURNS):
+    values, settled = np.zeros(len(prior)), False
+    for _ in range(MAX_TURNS):
+        before = weights.copy()
         for k, own in enumerate(errors(values)):
-            kept = [each[np.isfinite(each)] for each in own]
             # Rows that follow each other err alike: they count as few as their correlation says.
-            spread = np.sqrt(np.mean(np.concatenate(kept) ** 2))
-            weights[k] = np.sqrt(effective_share(kept)) / max(spread, 1e-300)
+            spread = np.sqrt(np.nanmean(np.concatenate(own) ** 2))
+            weights[k] = np.sqrt(effective_share(own)) / max(spread, 1e-300)
+        settled = bool(np.all(np.abs(weights - before) <= SETTLED * before))
         found = least_squares(stacked, values, x_scale=prior)
         values = found.x
+        if settled:
+            break
     slopes = np.asarray(found.jac, float)
     covariance = np.linalg.inv(slopes.T @ slopes)
     declared = {**{(CONDUCTIVITY, n): m.conductivity for n, m in body.materials.items()},
@@ -235,7 +244,12 @@ def update_body(elements: FiniteElements, logs: Sequence[Record]) -> UpdatedBody
             reduced.parameters, values, np.sqrt(np.diag(covariance)), strict=True
         )
     )
-    return UpdatedBody(parameters, _with(elements, parameters))
+    return UpdatedBody(parameters, _with(elements, parameters), settled)
+
+
+def _is_read(log: Record, name: str) -> bool:
+    """Whether a log has at least one reading of a channel."""
+    return name in log.columns and bool(np.isfinite(log.column(name)).any())
 
 
 def _with(elements: FiniteElements, parameters: Sequence[BodyParameter]) -> BodyEquations:

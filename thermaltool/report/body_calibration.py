@@ -12,6 +12,10 @@ from thermaltool.report.thermal_modes import reduction_notes
 
 # What is left of an output beside the noise of its readings, above which that is said.
 MAX_LEFT = 3.0
+NOT_SETTLED = (
+    "the errors of the outputs do not settle how much each of them counts: take the intervals with "
+    "care, and a longer log"
+)
 WORDS = {
     "film": "film coefficient",
     "conductivity": "conductivity",
