@@ -72,6 +72,22 @@ def test_the_extended_model_tells_its_own_errors(found: api.DiagnosisReport) -> 
     assert "causes from <frame>: errors are those of the model there" in str(tt.present(found))
 
 
+@pytest.mark.parametrize("faults", ["omit", "keep"])
+def test_errors_are_those_of_simulate_where_readings_stand_out(
+    fit: api.Calibration, faults: str
+) -> None:
+    """`simulate` leaves spikes out as faults of a sensor; the report counts so, and names them."""
+    log = frame(3)
+    log.loc[[30, 55, 80, 101], "d_z_um"] += [3.0, -2.5, 4.0, -3.0]
+    told = tt.diagnose(fit, log, faults=faults, warn=lambda message: None)
+    assert [cause.effect.name for cause in told.diagnosis.causes] == ["outliers"]
+    (step, *_) = told.diagnosis.written
+    real = tt.simulate(fit, log, faults=faults, warn=lambda message: None).agreements["d_z_um"]
+    assert step.agreement.rmse == pytest.approx(real.rmse, rel=1e-9)
+    assert step.agreement.rows == real.rows
+    assert (real.rows < len(log)) is (faults == "omit")
+
+
 def test_one_log_twice_is_refused(fit: api.Calibration) -> None:
     with pytest.raises(LogError, match="the same log as"):
         tt.diagnose(fit, frame(1), validate=[frame(1)])

@@ -71,6 +71,7 @@ def test_place_on_a_body(thermaltool, tmp_path, criterion):
 def test_options_of_logs_and_of_bodies_are_told_apart(thermaltool, log):
     for source, option, words in (
         (BODY, ("--static",), "--static is of logs"),
+        (BODY, ("--nan-policy", "omit"), "--nan-policy is of logs"),
         (BODY, ("--criterion", "held-out"), "held-out is of logs"),
         (log, (), "logs need --output"),
         (log, ("--output", "d_tip_um", "--criterion", "modes"), "--criterion modes is of a body"),

@@ -78,6 +78,7 @@ def test_a_dear_boundary_is_left(block):
         ({}, {"forbid": ["rigth"]}, "no point or boundary is called rigth .near: right"),
         ({}, {"forbid": ["side"]}, "all are forbidden"),
         ({}, {"sensors": 40}, "40 sensors of 23 candidates"),
+        ({}, {"reading_noise": 1e-7}, "the least that is computed with"),
         ({}, {"costs": {"left": 2.0}, "criterion": "modes"}, "knows no costs"),
         ({}, {"costs": {"left": -2.0}}, "above zero"),
         ({"deflections": {}}, {}, "no .deflections."),
@@ -91,3 +92,15 @@ def test_bad_input_is_one_clear_line(rod, changes, options, words):
 def test_a_criterion_of_logs_is_refused(rod):
     with pytest.raises(ValueError, match="of logs"):
         tt.place_on_body(rod, criterion="held-out")
+
+
+def test_a_name_that_is_given_twice_is_refused(rod):
+    with pytest.raises(ValueError, match="T_1_degC is given twice among the sensors"):
+        tt.place_on_body(rod, candidates=["T_1_degC", "T_1_degC"])
+
+
+def test_a_point_may_be_forbidden_among_the_nodes(rod):
+    free = tt.place_on_body(rod, sensors=1).places
+    rod["points"]["T_best_degC"] = {"at": next(iter(free.values()))[0]}
+    other = tt.place_on_body(rod, sensors=1, forbid=["T_best_degC"]).places
+    assert not set(free) & set(other)

@@ -73,12 +73,15 @@ def test_readings_that_are_missing_are_left_out(mesh):
         for each in (log, Record(log.time, columns))
     )
     for one, other in zip(whole.parameters, found.parameters, strict=True):
-        assert other.factor == pytest.approx(one.factor, rel=0.03)
+        assert other.factor == pytest.approx(one.factor, rel=0.01)
 
 
 def test_logs_without_the_heat_or_any_output_are_refused(mesh):
     log = log_of(1, 60, 60)
     bare = Record(log.time, {"Q_motor_W": log.column("Q_motor_W")})
+    still = Record(log.time, {"Q_motor_W": log.column("Q_motor_W"), "T_1_degC": 0 * log.time})
+    with pytest.raises(FitError, match="T_1_degC is constant"):
+        tt.calibrate_body(mesh, still)
     with pytest.raises(FitError, match="no log has readings of a point or a deflection"):
         tt.calibrate_body(mesh, bare)
     with pytest.raises(LogError, match="no column Q_motor_W"):

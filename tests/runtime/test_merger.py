@@ -14,9 +14,10 @@ from thermaltool.estimation.batch import estimate
 from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.logs import read_log
 from thermaltool.logs.columns import read_map
-from thermaltool.runtime.clocks import PeriodClock
+from thermaltool.runtime.clocks import ArrivalClock, PeriodClock
 from thermaltool.runtime.compensation import offsets
 from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.rows import merger_of
 from thermaltool.runtime.rows.layout import Wanted
 from thermaltool.runtime.rows.merger import Merger
 from thermaltool.runtime.rows.ndjson_rows import NdjsonRows
@@ -247,3 +248,16 @@ def test_messages_are_no_periods(column_map):
     assert not wanted.merges
     with pytest.raises(LogError, match="they need a clock"):
         NdjsonRows(wanted).open(b'{"ts": 1, "sensor": "far", "value": 900}')
+
+
+def test_messages_without_a_clock_make_rows_by_when_they_arrive(tmp_path):
+    path = tmp_path / "map.toml"
+    messages = MAP.format(duplicates="first", unmapped='unmapped = "drop"').partition("[time]")[0]
+    path.write_text(messages + '[columns]\n"pair 1" = "dT_pair1_K"\n"far" = "T_far_degC"\n')
+    wanted = Wanted(("dT_pair1_K", "T_far_degC"), read_map(str(path)), ArrivalClock(1.0))
+    merger = merger_of(wanted, 1.0)
+    rows = []
+    for second in range(4):
+        rows += merger.take(Row(float(second), [1.0, NAN], LEFT))
+        rows += merger.take(Row(second + 0.05, [NAN, 2.0], RIGHT))
+    assert rows == [Row(float(second), [1.0, 2.0], FULL) for second in range(4)]

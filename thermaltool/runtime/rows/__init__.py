@@ -29,6 +29,10 @@ def open_rows(form: str, wanted: Wanted) -> RowReader:
     return reader
 
 
+# Messages that arrive within so much of a period are of one row.
+HALF = 0.5
+
+
 def merger_of(wanted: Wanted, period: float) -> Merger | None:
     """What makes rows of messages of one time; None where each line is a row.
 
@@ -45,4 +49,7 @@ def merger_of(wanted: Wanted, period: float) -> Merger | None:
 
     assert wanted.mapping is not None
     within = wanted.mapping.clock.within if wanted.mapping.clock is not None else 0.0
+    if wanted.clock is not None and not within:
+        # By the time of arrival no two messages are of one time.
+        within = HALF * period
     return Merger(len(wanted.sensors), within, wanted.mapping.duplicates == "mean", period)
