@@ -55,7 +55,7 @@ def answer(case):
     patch = pytest.MonkeyPatch()
 
     def set_to(**answers):
-        def engine(model, logs, validate=(), progress=print, calibration=(), limits=None):
+        def engine(model, logs, validate=(), progress=print, calibration=(), limits=None, *_):
             case.calls.append((model, logs, validate))
             case.limits = limits
             shown = answers.get("causes", 1), answers.get("verdict", "not adequate")
