@@ -152,6 +152,7 @@ def place_on_body(
     )
     from thermaltool.placement.candidates import Candidates
     from thermaltool.placement.optimal_design import CRITERIA, placed_sets
+    from thermaltool.placement.reduction import MICROMETRES
 
     if criterion not in (*CRITERIA, "modes"):
         raise ValueError(f"the criterion {criterion} is of logs")
@@ -166,7 +167,7 @@ def place_on_body(
             raise ModelError(f"no deflection is called {name}{hint(name, declared.deflections)}")
     sites = sites_of(modes, declared, names(candidates))
     rows = modes.equations.deflections[[list(declared.deflections).index(n) for n in targets]]
-    scale = [1e6 / UNITS[parse_channel(name).unit][1] for name in targets]
+    scale = [MICROMETRES / UNITS[parse_channel(name).unit][1] for name in targets]
     largest = largest_heats(declared)
     cycles = duty_cycles_of(modes, sites, np.array(scale)[:, None] * rows, largest)
     rise = max(float(np.max(np.linalg.norm(each.readings, axis=1))) for each in cycles)

@@ -21,6 +21,7 @@ from scipy.optimize import least_squares
 from thermaltool.errors import FitError
 from thermaltool.fitting.error_model import effective_share
 from thermaltool.placement.finite_elements import BodyEquations, FiniteElements
+from thermaltool.placement.reduction import MICROMETRES
 from thermaltool.placement.sparse_solver import symmetric_solver
 from thermaltool.placement.thermal_modes import thermal_modes
 from thermaltool.record import Record
@@ -41,7 +42,6 @@ BASIS_MODES, NEGLIGIBLE = 20, 1e-12
 MAX_LEFT_OPEN = 0.7
 # Turns of fit and of the size of the errors, until no weight moves by more than this part.
 MAX_TURNS, SETTLED = 50, 0.01
-MICROMETRES = 1e6
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class ReducedBody:
     """
 
     def __init__(self, elements: FiniteElements, outputs: Sequence[str]) -> None:
-        body = elements.body
+        self.body = body = elements.body
         self.heat = tuple(body.heat)
         self.parts = {(CONDUCTIVITY, n): m for n, m in elements.conductances().items()}
         self.parts |= {(FILM, n): m for n, m in elements.films().items()}
@@ -95,7 +95,7 @@ class ReducedBody:
         self.parameters = [*self.parts, *((HEAT, name) for name in self.heat)]
         self.parameters += [(EXPANSION, name) for name in deflections]
         self.outputs = tuple(outputs)
-        equations = elements.equations()
+        self.equations = equations = elements.equations()
         rows = np.vstack([equations.readings.toarray(), equations.deflections])
         names = [*body.points, *body.deflections]
         scale = [
@@ -244,7 +244,7 @@ def update_body(elements: FiniteElements, logs: Sequence[Record]) -> UpdatedBody
             reduced.parameters, values, np.sqrt(np.diag(covariance)), strict=True
         )
     )
-    return UpdatedBody(parameters, _with(elements, parameters), settled)
+    return UpdatedBody(parameters, _with(reduced, parameters), settled)
 
 
 def _is_read(log: Record, name: str) -> bool:
@@ -252,16 +252,15 @@ def _is_read(log: Record, name: str) -> bool:
     return name in log.columns and bool(np.isfinite(log.column(name)).any())
 
 
-def _with(elements: FiniteElements, parameters: Sequence[BodyParameter]) -> BodyEquations:
+def _with(reduced: ReducedBody, parameters: Sequence[BodyParameter]) -> BodyEquations:
     """Equations of the mesh with other parameters."""
     factor = {(each.kind, each.name): each.factor for each in parameters}
-    body, equations = elements.body, elements.equations()
-    parts = [factor[CONDUCTIVITY, n] * m for n, m in elements.conductances().items()]
-    parts += [factor[FILM, n] * m for n, m in elements.films().items()]
-    bent = [factor.get((EXPANSION, name), 1.0) for name in body.deflections]
+    parts = [factor[key] * part for key, part in reduced.parts.items()]
+    bent = [factor.get((EXPANSION, name), 1.0) for name in reduced.body.deflections]
+    equations = reduced.equations
     return replace(
         equations,
         conduction=sparse.csr_array(sum(parts[1:], parts[0])),
-        loads=equations.loads * [factor[HEAT, name] for name in body.heat],
+        loads=equations.loads * [factor[HEAT, name] for name in reduced.heat],
         deflections=np.array(bent)[:, None] * equations.deflections,
     )
