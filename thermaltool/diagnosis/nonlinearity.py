@@ -52,7 +52,9 @@ class _SimulatedOutput:
         return self.model.simulate(record)[self.target]
 
 
-def nonlinearity(model: Model, logs: Sequence[Record], output: str) -> LinearityTest | None:
+def nonlinearity(
+    model: Model, logs: Sequence[Record], output: str, beside: Sequence[str] = ()
+) -> LinearityTest | None:
     """Test of what a model leaves of one output; None where the logs are too few.
 
     Parameters
@@ -60,9 +62,12 @@ def nonlinearity(model: Model, logs: Sequence[Record], output: str) -> Linearity
     model : Model
     logs : sequence of Record
     output : str
+    beside : sequence of str
+        Channels that may act, too, linearly and in products.
     """
     own = next(o for o in model.outputs if o.channel == output)
-    names = tuple(dict.fromkeys(t.drive for t in model.terms if t.output == output))
+    drives = dict.fromkeys(t.drive for t in model.terms if t.output == output)
+    names = tuple(dict.fromkeys((*drives, *beside)))
     parts = []
     try:
         for log in logs:
@@ -73,13 +78,18 @@ def nonlinearity(model: Model, logs: Sequence[Record], output: str) -> Linearity
         data = even_training_data(parts, (*names, SIMULATED), (output,)).driven_by(names)
         moved = np.ptp(np.hstack(data.u), axis=1)
         data = data.driven_by([n for n, span in zip(names, moved, strict=True) if span > 0])
-        drives = tuple(replace(d, reference=0.0, rest=None) for d in model.drives)
-        terms = tuple(t for t in model.terms if t.output == output and t.drive in data.inputs)
         linear = replace(
             model,
-            drives=tuple(d for d in drives if d.channel in data.inputs),
-            outputs=(own,), terms=terms, effects=(), redundancy=None,
-        )  # fmt: skip
+            drives=tuple(
+                replace(d, reference=0.0, rest=None)
+                for d in model.drives
+                if d.channel in data.inputs
+            ),
+            outputs=(own,),
+            terms=tuple(t for t in model.terms if t.output == output and t.drive in data.inputs),
+            effects=(),
+            redundancy=None,
+        )
         zeros = (0.0,) * data.experiments
         return linearity_test(_SimulatedOutput(linear, data.inputs, output, zeros), data)
     except (FitError, LogError, ModelError, IndexError):
@@ -109,6 +119,22 @@ def is_bent(test: LinearityTest | None) -> bool:
     return test is not None and test.nonlinear and test.explained >= MIN_NONLINEAR
 
 
+def explains_more(without: LinearityTest | None, with_channel: LinearityTest | None) -> bool:
+    """Whether a channel explains what products and powers of the others do not.
+
+    Parameters
+    ----------
+    without, with_channel : LinearityTest or None
+        Of one output, with the drives of the model alone and with the channel beside them.
+    """
+    if without is None or with_channel is None:
+        return False
+    if not is_bent(with_channel):
+        return True
+    left, less = (1 - test.nonlinear_fit_percent / 100 for test in (without, with_channel))
+    return less**2 <= MAX_LEFT * left**2
+
+
 def stands_for_another(
     effect: Effect, before: LinearityTest | None, after: LinearityTest | None
 ) -> bool:
@@ -124,7 +150,6 @@ def stands_for_another(
         return False
     if not (effect.bends or effect.channel):
         return True
-    # A channel that the model lacked may be what products of the others stood for.
     return nonlinear_power(after) > MAX_LEFT * nonlinear_power(before)
 
 
@@ -139,18 +164,25 @@ def stand_ins(task: DiagnosisTask, search: SearchState) -> list[tuple[Cause, str
     causes = [cause for cause in search.causes if cause.effect.name not in BESIDE]
     if not causes:
         return []
-    before = {o: nonlinearity(task.model, task.logs, o) for o in search.hypothesis.groups}
+    model, logs = task.model, task.logs
+    before = {o: nonlinearity(model, logs, o) for o in search.hypothesis.groups}
     bent = {o: test for o, test in before.items() if test is not None and is_bent(test)}
     if not bent:
         return []
     written = search.written(task)
-    after = {o: nonlinearity(written, task.logs, o) for o in bent}
+    after = {o: nonlinearity(written, logs, o) for o in bent}
+    own = {channel.channel for channel in (*model.drives, *model.outputs)}
     found = []
     for cause in causes:
+        effect = cause.effect
+        # A channel that the model lacks may be what products of the others stand for.
+        lacked = () if effect.bends or effect.channel in own | {""} else (effect.channel,)
         for output, test in bent.items():
-            if cause.effect.side == "sensor" and cause.effect.channel != output:
+            if effect.side == "sensor" and effect.channel != output:
                 continue  # it acts on another output alone
-            if stands_for_another(cause.effect, test, after[output]):
+            if lacked and explains_more(test, nonlinearity(model, logs, output, lacked)):
+                continue
+            if stands_for_another(effect, test, after[output]):
                 found.append((cause, f"{output} is not linear, {_reached(test)}"))
                 break
     return found

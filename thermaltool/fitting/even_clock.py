@@ -12,8 +12,9 @@ from thermaltool.record import MAX_UNEVENNESS, Record
 
 Array = NDArray[np.float64]
 
-# A step longer than so many periods parts a record on an even clock.
-MAX_STEP_PERIODS = 1.5
+# A step longer than so many periods parts a record; on a clock that is not even, longer than so
+# many of the steps that all but this share of them stay below.
+MAX_STEP_PERIODS, LONG_SHARE = 1.5, 0.01
 
 
 def check_period(log: Record, period: float) -> None:
@@ -36,6 +37,19 @@ def uneven_steps(log: Record, period: float) -> tuple[int, int]:
     return int(np.sum(np.abs(steps - period) > MAX_UNEVENNESS * period)), len(steps)
 
 
+def longest_step(log: Record, period: float) -> float:
+    """The longest step [s] that the clock of a log makes by itself: one above it is a hole.
+
+    Parameters
+    ----------
+    log : Record
+    period : float [s]
+    """
+    steps = [np.diff(log.time[part]) for part in log.segments if part.stop - part.start > 1]
+    usual = np.quantile(np.concatenate(steps), 1 - LONG_SHARE, method="lower") if steps else period
+    return float(MAX_STEP_PERIODS * max(period, usual))
+
+
 def even_records(
     record: Record,
     inputs: Sequence[str],
@@ -47,7 +61,7 @@ def even_records(
 
     Where an output alone is missing it is NaN, for what drives acts there, too; a record without
     any reading of an output is none. Where the steps are not all `period` a straight line between
-    the readings is taken on the even clock; a step above 1.5 periods parts the record.
+    the readings is taken on the even clock; a step above `longest_step` parts the record.
 
     Parameters
     ----------
@@ -59,11 +73,12 @@ def even_records(
     """
     channels = (*inputs, *outputs)
     columns, known = record.matrix(channels), record.known(channels if parted else inputs)
+    longest = longest_step(record, period)
     for part in record.segments:
         rows = part.start + np.flatnonzero(known[part])
         if not len(rows):
             continue
-        breaks = np.flatnonzero(np.diff(record.time[rows]) > MAX_STEP_PERIODS * period) + 1
+        breaks = np.flatnonzero(np.diff(record.time[rows]) > longest) + 1
         for piece in np.split(rows, breaks):
             time: Array = record.time[piece]
             values = columns[:, piece]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermaltool.fitting.even_clock import MAX_STEP_PERIODS
+from thermaltool.fitting.even_clock import longest_step
 from thermaltool.model import Model
 from thermaltool.record import MAX_UNEVENNESS, Record
 from thermaltool.signals.changes import Float, larger_changes, largest_changes
@@ -45,10 +45,10 @@ def with_seen_changes(model: Model, records: Sequence[Record]) -> Model:
 
 def _even(record: Record, channel: str, period: float) -> Iterator[Float]:
     """A channel on an even clock; straight lines where it is not, and cut at longer steps."""
-    values = record.column(channel)
+    values, longest = record.column(channel), longest_step(record, period)
     for part in record.segments:
         rows = part.start + np.flatnonzero(np.isfinite(values[part]))
-        breaks = np.flatnonzero(np.diff(record.time[rows]) > MAX_STEP_PERIODS * period) + 1
+        breaks = np.flatnonzero(np.diff(record.time[rows]) > longest) + 1
         for piece in np.split(rows, breaks):
             if len(piece) < 2:
                 continue
