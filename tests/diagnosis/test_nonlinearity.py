@@ -7,7 +7,12 @@ import pytest
 from machines.stateful import levels
 
 from thermaltool.diagnosis.diagnose import diagnose
-from thermaltool.diagnosis.nonlinearity import is_bent, nonlinearity, stands_for_another
+from thermaltool.diagnosis.nonlinearity import (
+    explains_more,
+    is_bent,
+    nonlinearity,
+    stands_for_another,
+)
 from thermaltool.effects import effect_class
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.model import Drive, Model, Output, Term
@@ -58,6 +63,21 @@ def test_what_bends_nothing_stands_for_another(model: Model) -> None:
     assert stands_for_another(bends, before, before)
     straight = nonlinearity(model, [logged(4, False)], READ)
     assert not stands_for_another(swings, straight, straight)
+
+
+def test_a_channel_that_the_model_lacks_is_tried_beside_the_products(model: Model) -> None:
+    log = logged(4, False)
+    fan, idle = (levels(np.random.default_rng(k), len(log), 0, 1, 30, 90) for k in (5, 6))
+    slow, heats = 0.0, []
+    for on in fan:
+        slow += 3.0 / 150 * (on - slow)
+        heats.append(8 * slow)
+    log = log.with_columns({READ: log.column(READ) + heats, "x_fan_1": fan, "x_door_1": idle})
+    alone = nonlinearity(model, [log], READ)
+    assert explains_more(alone, nonlinearity(model, [log], READ, ["x_fan_1"]))
+    curved = logged(4, True).with_columns({"x_door_1": idle})
+    bent = nonlinearity(model, [curved], READ)
+    assert not explains_more(bent, nonlinearity(model, [curved], READ, ["x_door_1"]))
 
 
 def test_too_few_rows_say_nothing(model: Model) -> None:

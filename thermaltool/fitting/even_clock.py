@@ -13,8 +13,8 @@ from thermaltool.record import MAX_UNEVENNESS, Record
 Array = NDArray[np.float64]
 
 # A step longer than so many periods parts a record; on a clock that is not even, longer than so
-# many of the steps that all but this share of them stay below.
-MAX_STEP_PERIODS, LONG_SHARE = 1.5, 0.01
+# many of the steps that all but this share of them stay below, but never so many periods.
+MAX_STEP_PERIODS, LONG_SHARE, MOST_PERIODS = 1.5, 0.01, 4.0
 
 
 def check_period(log: Record, period: float) -> None:
@@ -47,7 +47,7 @@ def longest_step(log: Record, period: float) -> float:
     """
     steps = [np.diff(log.time[part]) for part in log.segments if part.stop - part.start > 1]
     usual = np.quantile(np.concatenate(steps), 1 - LONG_SHARE, method="lower") if steps else period
-    return float(MAX_STEP_PERIODS * max(period, usual))
+    return float(min(MAX_STEP_PERIODS * max(period, usual), MOST_PERIODS * period))
 
 
 def even_records(

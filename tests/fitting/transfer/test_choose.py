@@ -266,3 +266,14 @@ def test_continuous_time_gives_the_same_physics(hold, dt):
     slow, fast = model.time_constants()
     assert slow.low < 400.0 < slow.high
     assert fast.low < 40.0 < fast.high
+
+
+def test_an_irregular_clock_is_cut_at_its_holes_alone():
+    generator = np.random.default_rng(8)
+    steps = generator.uniform(0.6, 1.4, 600)
+    steps[::25] += 1.0  # a row that is not there belongs to such a clock
+    steps[300] = 8.0
+    time = np.append(0.0, np.cumsum(steps))
+    parts = list(even_records(Record(time, {"u": time, "y": time}), ("u",), ("y",), 1.0))
+    assert len(parts) == 2
+    assert np.allclose(parts[1].columns["y"], parts[1].time)
