@@ -56,8 +56,10 @@ from thermaltool.fitting.transfer.registry import MAX_MODES, STRUCTURES, describ
               "[default: 1,1]")  # fmt: skip
 @click.option("--continuous", is_flag=True,
               help="In continuous time: simplified refined instrumental variables.")  # fmt: skip
-@click.option("--real-poles", is_flag=True,
-              help="Overdamped models only: real, stable poles.")  # fmt: skip
+@click.option("--real-poles/--any-poles", default=None,
+              help="Overdamped models only: real, stable poles; or oscillations, too.  [default: "
+              "real where orders of oe are chosen and heats, temperatures or speeds drive "
+              "temperatures or displacements]")  # fmt: skip
 @click.option("--initial", type=click.Choice(["auto", "rest", "free"]), default="auto",
               help="State at the first row: settled, free (estimated), or rest unless free "
               "is clearly better; not for arx and armax.")  # fmt: skip
