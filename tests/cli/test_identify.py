@@ -83,7 +83,7 @@ def test_bursts_are_rows(thermaltool, columns, tmp_path):
     done = thermaltool("identify", log, *CALL, "--json")
     assert "in bursts of readings: the mean of each is one row, 200 in all" in done.err
     (model,) = done.json["models"]
-    assert model["training"]["fit_percent"] > 90
+    assert model["fit_training_percent"] > 90
 
 
 @pytest.mark.parametrize("extra", [(), ("--continuous",), ("--structure", "bj"), ("--real-poles",)])
