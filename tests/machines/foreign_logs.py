@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from datetime import datetime, timedelta
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -62,8 +63,7 @@ def lvm(folder: Path) -> Path:
 
 def tdms(folder: Path) -> Path:
     """Waveforms, by the writer of npTDMS."""
-    import nptdms
-
+    nptdms = import_module("nptdms")
     path = folder / "run.tdms"
     channels = [
         ("Heater", HEAT, "W"),
@@ -79,8 +79,7 @@ def tdms(folder: Path) -> Path:
 
 def workbook(folder: Path) -> Path:
     """A workbook with a title, and a date and a time of day as Excel has them."""
-    import openpyxl
-
+    openpyxl = import_module("openpyxl")
     book = openpyxl.Workbook()
     book.active.title = "Notes"
     sheet = book.create_sheet("Run 3")
@@ -108,8 +107,7 @@ def matlab_5(folder: Path) -> Path:
 
 def matlab_73(folder: Path) -> Path:
     """HDF5 as MATLAB lays it out: rows of columns, its header before."""
-    import h5py
-
+    h5py = import_module("h5py")
     path = folder / "log73.mat"
     columns = {"time_ms": 1e3 * TIME, "Q_W": HEAT, "T_bearing": TEMPERATURE, "probe_um": DEFLECTION}
     with h5py.File(path, "w", userblock_size=512) as file:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermaltool.errors import FitError, ModelError
-from thermaltool.fitting.data import TrainingData
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.identification import Plan
 from thermaltool.fitting.lpv.plan import LpvPlan
@@ -101,5 +101,7 @@ def writable(structure: Structure, data: TrainingData, orders: Orders) -> Transf
 def _cancellation(response: Response) -> float:
     """The largest weight of a sum of lags over the largest value of its step response."""
     rates = response.modes(1.0).poles
-    step = response.step(np.geomspace(0.1 / np.max(abs(rates)), 10.0 / np.min(abs(rates)), 200))
-    return float(max(abs(getattr(response, name)) for name in response.gains) / np.max(abs(step)))
+    ends = np.log([0.1 / np.max(abs(rates)), 10.0 / np.min(abs(rates))])
+    time: Array = np.exp(np.linspace(ends[0], ends[1], 200))
+    size = float(np.max(np.abs(response.step(time))))
+    return max(abs(float(getattr(response, name))) for name in response.gains) / size
