@@ -33,7 +33,7 @@ from thermaltool.fitting.transfer.oe import OeStructure
 DATA = Path(__file__).parents[2] / "shared" / "data"
 MAPS = Path(__file__).parents[1] / "data_samples" / "maps"
 STRUCTURES: dict[str, dict[str, Any]] = {
-    "oe": {},
+    "oe": {"real_poles": False},
     "oe, real poles": {"real_poles": True},
     "network": {"structure": "network"},
     "subspace": {"structure": "subspace"},

@@ -27,7 +27,7 @@ DATA = Path(__file__).parents[2] / "shared" / "data"
 MAX_DIFFERENCE = 0.5
 SPINDLE_STOP_S = 16 * 3600.0
 STRUCTURES: dict[str, dict[str, Any]] = {
-    "defaults": {},
+    "defaults": {"real_poles": False},
     "oe, real poles": {"real_poles": True},
     "bj": {"structure": "bj", "orders": [(2, 2, 1)]},
     "arx": {"structure": "arx", "orders": [(2, 2, 1)]},

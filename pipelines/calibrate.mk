@@ -129,30 +129,52 @@ $(OUT)/%.kernel.parquet: $(OUT)/%.kernel.json
 $(OUT)/%.kernel.png: $(OUT)/%.kernel.parquet
 	$(attempt) $(THERMALTOOL) plot $< -o $@
 
-# One row for each log and output: the fit, and what the designs promise; or why a log failed.
+# One row for each log and output: the fit, what the designs promise ("predicted"), and what
+# `estimate` finds of it on the next log that has a model ("judged": none of it was in the fit); or
+# why a log failed.
 define SUMMARY
-import csv, json, os, sys
+import csv, json, os, shlex, subprocess, sys
 
-target, *names = sys.argv[1:]
+target, folder, mapping, tool, *files = sys.argv[1:]
+stem = os.path.join(os.path.dirname(target), "")
+logs = {os.path.splitext(f.replace("/", "_"))[0]: f.replace("/", " ") for f in files}
+logs = {name: os.path.join(folder, logs[name]) for name in sorted(logs)}
+forms = ("kalman", "kernel")
+
+def failures(name):
+    failed = [f"{stem}{name}.{what}.json.failed" for what in ("model", *forms)]
+    return [open(path).read().strip() for path in failed if os.path.exists(path)]
+
+def judged(name, form, other):
+    call = [*shlex.split(tool), "estimate", f"{stem}{name}.{form}.json", logs[other], "--json",
+            "-q", "--nan-policy", "omit"]
+    call += ["--columns", mapping] if mapping else []
+    done = subprocess.run(call, stdout=subprocess.PIPE)
+    return json.loads(done.stdout) if done.returncode == 0 else {}
+
 heading = ["log", "output", "rmse", "fit_percent"]
-heading += [f"{form}_{what}" for form in ("kalman", "kernel") for what in ("band", "lag_s")]
+heading += [f"{form}_{what}" for form in forms for what in ("predicted_band", "lag_s")]
+heading += ["judged_on", *(f"{form}_judged_{what}" for form in forms for what in ("band", "rmse"))]
 heading += ["failure"]
 rows = [heading]
-for name in names:
-    stem = os.path.join(os.path.dirname(target), name)
-    failed = [f"{stem}.{what}.json.failed" for what in ("model", "kalman", "kernel")]
-    failures = [open(path).read().strip() for path in failed if os.path.exists(path)]
-    if failures:
-        rows.append([name, *[""] * (len(heading) - 2), "; ".join(failures)])
+good = [name for name in logs if not failures(name)]
+for name in logs:
+    if failures(name):
+        rows.append([name, *[""] * (len(heading) - 2), "; ".join(failures(name))])
         continue
-    designs = [json.load(open(f"{stem}.{form}.json"))["design"] for form in ("kalman", "kernel")]
-    for output in json.load(open(f"{stem}.model.json"))["outputs"]:
+    other = good[(good.index(name) + 1) % len(good)]
+    found = [judged(name, form, other) if other != name else {} for form in forms]
+    designs = [json.load(open(f"{stem}{name}.{form}.json"))["design"] for form in forms]
+    for output in json.load(open(f"{stem}{name}.model.json"))["outputs"]:
         channel, fit = output["channel"], output["fit"]
         row = [name, channel, f"{fit['rmse']:.4g}", f"{fit['fit_percent']:.2f}"]
         for design in designs:
             band = dict(zip(design["outputs"], design["predicted"]["band"])).get(channel)
             lag = f"{design['predicted']['lag']:.1f}"
             row += ["", ""] if band is None else [f"{band:.3g}", lag]
+        errors = [each.get(channel, {}) for each in found]
+        row += [other if any(errors) else ""]
+        row += [f"{e[what]:.3g}" if e else "" for e in errors for what in ("band", "rmse")]
         rows.append([*row, ""])
 with open(target + ".part", "w", newline="") as stream:
     csv.writer(stream).writerows(rows)
@@ -164,4 +186,4 @@ endef
 export SUMMARY
 
 $(OUT)/summary.csv: $(DESIGNS)
-	@$(PYTHON) -c "$$SUMMARY" $@ $(NAMES)
+	@$(PYTHON) -c "$$SUMMARY" $@ "$(LOGS)" "$(MAP)" "$(THERMALTOOL)" $(FOUND)

@@ -25,6 +25,7 @@ Reference = float | Literal["first"]
 # Quantities that run on between samples; heat, voltage, speed are commanded.
 _CONTINUOUS = ("temperature", "temperature difference", "length", "angle")
 _DISPLACEMENTS = ("length", "angle")
+_HEATING = ("power", "heat flux", "ratio", "speed", "temperature", "temperature difference")
 _SYMBOLS = {
     "degC": "°C",
     "um": "µm",
@@ -228,6 +229,20 @@ def is_absolute(channel: str) -> bool:
 def is_displacement(channel: str) -> bool:
     """Whether a channel is a length or an angle, which have no zero of their own."""
     return parse_channel(channel).dimension in _DISPLACEMENTS
+
+
+def is_overdamped(drives: Sequence[str], output: str) -> bool:
+    """Whether heat alone leads from drives to an output, so that nothing swings.
+
+    Heats, temperatures and speeds drive a temperature or a displacement.
+
+    Parameters
+    ----------
+    drives : sequence of str
+    output : str
+    """
+    heating = all(parse_channel(name).dimension in _HEATING for name in drives)
+    return heating and (is_temperature(output) or is_displacement(output))
 
 
 def drive_reference(channel: str) -> Reference:

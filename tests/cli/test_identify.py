@@ -62,6 +62,30 @@ def test_json_says_what_was_identified(thermaltool, log):
     assert model["candidates"][0]["nk"] == [5]
 
 
+def test_heat_has_real_poles(thermaltool, tmp_path):
+    """Two lags that are nearly one."""
+    rng = np.random.default_rng()
+    time, power = 10.0 * np.arange(700), np.repeat(rng.uniform(0, 200, 14), 50)
+    grown = simulate_response(Rational2(7.0, 700.0, -6.5, 650.0), time, power, "zero")
+    names = {"time_s": time, "Q_main_W": power, "d_z_um": grown + rng.standard_normal(700)}
+    log = write_log(tmp_path / "near.csv", names)
+    model = tmp_path / "model.json"
+    assert thermaltool("identify", log, *CALL, "-o", model).code == 0
+    (term,) = json.loads(model.read_text())["terms"]
+    assert term["kind"].startswith("rational")
+
+
+def test_bursts_are_rows(thermaltool, columns, tmp_path):
+    """Three readings within 8 s of every minute."""
+    rows = {name: np.repeat(values[::12], 3) for name, values in columns.items()}
+    rows["time_s"] = rows["time_s"] + np.tile([0.0, 4.0, 8.0], len(columns["time_s"][::12]))
+    log = write_log(tmp_path / "bursts.csv", rows)
+    done = thermaltool("identify", log, *CALL, "--json")
+    assert "in bursts of readings: the mean of each is one row, 200 in all" in done.err
+    (model,) = done.json["models"]
+    assert model["fit_training_percent"] > 90
+
+
 @pytest.mark.parametrize("extra", [(), ("--continuous",), ("--structure", "bj"), ("--real-poles",)])
 def test_simulate_takes_the_model(thermaltool, log, tmp_path, extra):
     model = tmp_path / "model.json"

@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+import thermaltool as tt
 from thermaltool.logs import read_log, write_table
 
 ROOT = Path(__file__).parents[2]
@@ -97,7 +98,7 @@ def test_all_is_every_product_of_every_log(logs: Path, made: Path) -> None:
 
 
 @pytest.mark.slow
-def test_summary_is_what_the_models_say(made: Path) -> None:
+def test_summary_is_what_the_models_say(logs: Path, made: Path) -> None:
     with open(made / "summary.csv", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [(row["log"], row["output"]) for row in rows] == [
@@ -107,7 +108,13 @@ def test_summary_is_what_the_models_say(made: Path) -> None:
     fit = model["outputs"][1]["fit"]
     assert float(rows[3]["rmse"]) == pytest.approx(fit["rmse"], rel=1e-3)
     band = model["design"]["predicted"]["band"][0]
-    assert float(rows[3]["kalman_band"]) == pytest.approx(band, rel=1e-2)
+    assert float(rows[3]["kalman_predicted_band"]) == pytest.approx(band, rel=1e-2)
+    # What `estimate` finds on the other log, which was not in the fit.
+    assert [row["judged_on"] for row in rows] == ["", "two", "", "one"]
+    found = tt.estimate(str(made / "two.kalman.json"), str(logs / "logs/one.csv"))
+    assert float(rows[3]["kalman_judged_band"]) == pytest.approx(
+        found.document()["d_y_um"]["band"], rel=1e-2
+    )
 
 
 @pytest.mark.slow
@@ -129,7 +136,8 @@ def test_a_touched_log_redoes_its_own_products(logs: Path, made: Path) -> None:
     finally:
         os.utime(log, ns=(kept.st_atime_ns, kept.st_mtime_ns))
     assert "out/one.model.json" in told
-    assert "two" not in told.replace("out/summary.csv one two", "")
+    # The summary takes all logs.
+    assert "two" not in told.replace("one.csv two.parquet", "")
     assert "noise -o" not in told
     assert "idle.csv" not in told
 

@@ -149,11 +149,21 @@ def test_messages_name_line_and_channel(run):
     ]
 
 
-def test_a_last_line_without_its_end_is_not_used(run):
+def test_a_last_line_of_a_pipe_without_its_end_is_not_used(run):
     """27.35 cut to 2 looks like a reading."""
     _, out = run(HEADER + b"0,0\n0.5,2")
     assert [line.split(",")[0] for line in out[1:]] == ["0.0", "0.5"]
     assert run.said == ["<stdin>:3: the last line has no end, it may be cut: not used"]
+
+
+def test_a_last_line_of_a_file_needs_no_end(model, tmp_path):
+    path, said = tmp_path / "log.csv", []
+    path.write_bytes(HEADER + b"0,0\n0.5,1.25")
+    with open(path, "rb") as source, open(tmp_path / "out.csv", "wb") as sink:
+        compensating(model, Settings(), source.fileno(), sink.fileno(), said.append).run()
+    out = (tmp_path / "out.csv").read_text().splitlines()
+    assert [line.split(",")[0] for line in out[1:]] == ["0.0", "0.5", "1.0"]
+    assert said == []
 
 
 def test_a_line_that_never_ends_does_not_fill_the_memory(run):

@@ -20,7 +20,7 @@ from thermaltool.api.identification_arguments import (
 )
 from thermaltool.api.inputs import Reading, all_of, options_of, read_for_fit, reads
 from thermaltool.api.result import Notice, Result, notice, silent
-from thermaltool.units import names
+from thermaltool.units import is_overdamped, names
 
 if TYPE_CHECKING:
     import pandas
@@ -143,7 +143,7 @@ def identify(
     delay: float | Literal["auto"] | None = None,
     noise_orders: tuple[int, int] | None = None,
     continuous: bool = False,
-    real_poles: bool = False,
+    real_poles: bool | None = None,
     initial: Literal["auto", "rest", "free"] = "auto",
     split: float | None = None,
     validate: Data | None = None,
@@ -186,8 +186,9 @@ def identify(
         Orders of the noise of armax (C) and bj (C, D). Default: 1, 1.
     continuous : bool
         In continuous time (oe).
-    real_poles : bool
-        Overdamped models only: real, stable poles.
+    real_poles : bool, optional
+        Overdamped models only: real, stable poles. Default: where orders of oe are chosen and
+        heats, temperatures or speeds drive temperatures or displacements, for heat never swings.
     initial : {"auto", "rest", "free"}
         State at the first row: settled, free (estimated), or rest unless free is clearly better.
     split : float, optional
@@ -256,6 +257,8 @@ def identify(
         log = read_for_fit(each, inputs, "transfer function", (start, stop), outputs=outputs,
                            whole=True, pauses="the record is parted there", warn=warn,
                            **reading)  # fmt: skip
+        if structure != NETWORK:
+            log = _without_bursts(log, warn)
         part = log.between(start, stop)
         if structure != NETWORK:
             check_clock(part, (parts or [part])[0].period, warn)
@@ -288,6 +291,9 @@ def identify(
         reduction = Reduction() if reduce is None else parse_reduction(reduce)
         plan = ComponentPlan(reduction=reduction, **common)
     else:
+        if real_poles is None:
+            heat = all(is_overdamped(inputs, output) for output in outputs)
+            real_poles = structure == USUAL and heat and (not orders or None in orders)
         form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
         plan = TransferPlan(structure=form, orders=tuple(orders), linear=not usual,
                             rough=bool(left_out), **common)  # fmt: skip
@@ -334,6 +340,17 @@ def _say_the_same(
         "components; --structure oe gives each a transfer function of its own"
     )
     return True
+
+
+def _without_bursts(log: Log, warn: Notice) -> Log:
+    """A log with a row for each burst of readings, which an even clock would part; says so."""
+    from thermaltool.logs.duplicates import burst_means
+
+    means = burst_means(log)
+    if len(means) < len(log):
+        warn(f"{log.name}: in bursts of readings: the mean of each is one row, {len(means)} in all "
+             "(--structure network takes every reading)")  # fmt: skip
+    return means
 
 
 def warn_holes(

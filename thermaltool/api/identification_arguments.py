@@ -32,7 +32,7 @@ def check_arguments(
     delay: float | str | None = None,
     noise_orders: tuple[int, int] | None = None,
     continuous: bool = False,
-    real_poles: bool = False,
+    real_poles: bool | None = None,
     initial: str = "auto",
     split: float | None = None,
     validate: Any = None,
@@ -75,10 +75,10 @@ def check_arguments(
     if noise_orders is not None and (shared or not STRUCTURES[structure].load().noise_orders):
         having = sorted(n for n, entry in STRUCTURES.items() if entry.load().noise_orders)
         raise ValueError(f"--noise-orders go with --structure {' and '.join(having)}")
-    if real_poles and shared:
+    if real_poles is not None and shared:
         raise ValueError(
-            "--real-poles: those of a network, of components, of lpv and bilinear are always "
-            "real, of a subspace any"
+            f"--{'real' if real_poles else 'any'}-poles: those of a network, of components, of lpv "
+            "and bilinear are always real, of a subspace any"
         )
     if initial != "auto" and not shared and not STRUCTURES[structure].load().estimates_start:
         raise ValueError(f"--initial: {structure} takes its first rows as they are, from any state")

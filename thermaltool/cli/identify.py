@@ -56,16 +56,16 @@ from thermaltool.fitting.transfer.registry import MAX_MODES, STRUCTURES, describ
               "[default: 1,1]")  # fmt: skip
 @click.option("--continuous", is_flag=True,
               help="In continuous time: simplified refined instrumental variables.")  # fmt: skip
-@click.option("--real-poles", is_flag=True,
-              help="Overdamped models only: real, stable poles.")  # fmt: skip
+@click.option("--real-poles/--any-poles", default=None,
+              help="Real, stable poles only, or pairs, too.  [default: real where orders of oe are "
+              "chosen and heat leads from inputs to outputs: temperatures, growth]")  # fmt: skip
 @click.option("--initial", type=click.Choice(["auto", "rest", "free"]), default="auto",
               help="State at the first row: settled, free (estimated), or rest unless free "
               "is clearly better; not for arx and armax.")  # fmt: skip
 @click.option("--split", type=PROPER_SHARE,
               metavar="SHARE", help="Fit on this first share of the rows, validate on the "
               "rest.")  # fmt: skip
-@click.option("--validate", type=InputPath(), metavar="LOG",
-              help="Validate on another log.")  # fmt: skip
+@click.option("--validate", type=InputPath(), metavar="LOG", help="Validate on another log.")
 @click.option("--reference", metavar="first|NUMBER",
               help="What counts as no input in the model file.  [default: first for T_..._degC, "
               "else 0]")  # fmt: skip

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.logs.clock import sampling
 from thermaltool.logs.columns import DUPLICATES
 from thermaltool.logs.log import Log
 from thermaltool.record import Array
@@ -42,6 +43,19 @@ def merged(log: Log, duplicates: str | None, within: float = 0.0) -> Log:
     begins = np.zeros(len(log), dtype=bool)
     begins[starts] = True
     return log.where(begins).with_columns(columns)
+
+
+def burst_means(log: Log) -> Log:
+    """The log with one row for each burst, its mean; itself where it is not sampled in bursts.
+
+    Parameters
+    ----------
+    log : Log
+    """
+    clock = sampling(log.time)
+    if clock.burst_rows is None or clock.burst_rows < 2 or clock.burst_period is None:
+        return log
+    return merged(log, "mean", clock.burst_period / 2)
 
 
 def of_one_time(first: float, now: float, within: float) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import select
 import signal
+import stat
 from types import FrameType, TracebackType
 
 from thermaltool.errors import LogError, OutputError
@@ -37,7 +38,7 @@ class LinePipe:
     signals : int
         How many have come.
     torn : bytes
-        What followed the last newline when the source ended.
+        What followed the last newline when the source ended; of a file it is the last line.
     was_empty : bool
         Nothing waited to be read when `wait` was called last.
     sink_failed : bool
@@ -125,12 +126,22 @@ class LinePipe:
         except OSError as error:
             raise LogError(f"cannot be read: {error.strerror}") from error
         if not chunk:
-            return None
+            if not (self.torn and self._is_file()):
+                return None
+            lines, self.torn = [self.torn], b""
+            return lines
         *lines, self.torn = (self.torn + chunk).split(b"\n")
         if len(self.torn) > LONGEST_LINE:
             lines.append(self.torn)
             self.torn = b""
         return lines
+
+    def _is_file(self) -> bool:
+        """Whether the source is a file, whose last line is whole without a newline."""
+        try:
+            return stat.S_ISREG(os.fstat(self.source).st_mode)
+        except OSError:
+            return False
 
     def write(self, data: bytes) -> None:
         """Write whole lines.

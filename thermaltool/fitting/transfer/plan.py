@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from thermaltool.errors import FitError, ModelError
-from thermaltool.fitting.data import TrainingData
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.identification import Plan
 from thermaltool.fitting.lpv.plan import LpvPlan
@@ -15,7 +17,11 @@ from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.structure import Structure
+from thermaltool.responses import Response
 from thermaltool.units import Reference
+
+# The data carry fewer real poles where a lag's weight is so many times the largest step.
+MAX_CANCELLATION = 100.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,12 +85,23 @@ def writable(structure: Structure, data: TrainingData, orders: Orders) -> Transf
     Raises
     ------
     FitError
-        There is none.
+        There is none, or it is made of lags that cancel.
     """
     model = structure.fit(data, orders)
     try:
         for k in range(len(model.names)):
-            model.term(k)
+            response = model.term(k).response
+            if structure.real_poles and _cancellation(response) > MAX_CANCELLATION:
+                raise FitError(f"{model.names[k]} → {model.target}: lags that cancel")
     except ModelError as error:
         raise FitError(str(error)) from error
     return model
+
+
+def _cancellation(response: Response) -> float:
+    """The largest weight of a sum of lags over the largest value of its step response."""
+    rates = response.modes(1.0).poles
+    ends = np.log([0.1 / np.max(abs(rates)), 10.0 / np.min(abs(rates))])
+    time: Array = np.exp(np.linspace(ends[0], ends[1], 200))
+    size = float(np.max(np.abs(response.step(time))))
+    return max(abs(float(getattr(response, name))) for name in response.gains) / size
