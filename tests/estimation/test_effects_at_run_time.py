@@ -65,6 +65,10 @@ AMBIENT = effect("ambient_drift", AIR, gain__T_column_degC=0.8, gain__d_y_um=6.0
                  time_constant=500.0)  # fmt: skip
 PART_WARM = effect("part_temperature", PART, coefficient__d_y_um=4.0)
 JOINT = effect("joint_contact", X, curvature=0.01)
+JOINTLY = (
+    effect("joint_contact", NEAR, forces__d_x_um=6.0, forces__d_y_um=-4.0, heat__d_y_um=3.0,
+           heat__T_column_degC=-0.5, time_constant=400.0, level=10.0)
+)  # fmt: skip
 NONLINEAR = effect("drive_nonlinearity", HEAT, exponent=1.8, dead_band=0.05, level=1.0)
 DRIVE_GAIN = effect("drive_gain", HEAT, gain=1.3)
 SATURATION = effect("actuator_saturation", HEAT, limit=0.7, level=1.0)
@@ -89,6 +93,7 @@ SUPPORTED = {
     "ambient": (AMBIENT,),
     "part": (PART_WARM,),
     "joint": (JOINT,),
+    "outputs by a joint": (JOINTLY,),
     "source, joint": (BEARING_HEAT, JOINT),
     "nonlinear": (NONLINEAR,),
     "drive gain": (DRIVE_GAIN,),
