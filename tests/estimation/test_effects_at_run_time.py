@@ -266,6 +266,32 @@ def test_what_a_column_tells_is_left_out_of_sensors_and_added_to_deflections(nam
         np.testing.assert_allclose(got[channel], values + share, atol=1e-9 * np.ptp(values))
 
 
+def test_the_heat_of_a_joint_is_told_by_the_contact_temperature_that_is_read():
+    """Readings of the contact that depart from the linear model move the deflections alone."""
+    joint = replace(
+        effect("joint_contact", NEAR, forces__d_x_um=6.0, deviation__d_x_um=5.0,
+               deviation__d_y_um=-3.0, time_constant=400.0, level=10.0),
+        partner=COLUMN,
+    )  # fmt: skip
+    plain = ranged(model(joint))
+    outputs = tuple(replace(o, role="deflection") if o.channel == COLUMN else o
+                    for o in plain.outputs)  # fmt: skip
+    document = replace(plain, outputs=outputs)
+    time, table, _ = log_of(ranged(model()))
+    table[COLUMN] = table[COLUMN] + 2.0 * (time > 0.4 * time[-1])
+    expected = document.simulate(Record(time, table))
+    for measured in ((), (HEAT,)):
+        machine = designed(document, measured=measured)
+        got, streamed = batch(machine, time, table), stream(machine, time, table)
+        for deflection in (X, Y):
+            np.testing.assert_allclose(
+                streamed[deflection], got[deflection], atol=1e-8 * np.ptp(got[deflection])
+            )
+            off = got[deflection] - expected[deflection]
+            # Read, z is of the moment; estimated, the heat comes late.
+            assert np.sqrt(np.mean(off**2)) < 0.02 * np.ptp(expected[deflection])
+
+
 @pytest.mark.parametrize("name", ["nonlinear", "saturation", "delay"])
 def test_drives_are_told_as_they_are_logged_where_one_can(name):
     document = ranged(model(*SUPPORTED[name]))
@@ -460,6 +486,10 @@ REFUSED = [
     (effect("sensor_conversion", NEAR, curvature=-0.03), "two values give one reading"),
     (effect("sensor_gain", NEAR, gain=0.0), "two values give one reading"),
     (effect("joint_contact", NEAR, curvature=0.1), "joint_contact of dT_near_K"),
+    (
+        effect("joint_contact", X, forces__d_y_um=1.0, time_constant=9.0, level=1.0),
+        "joint_contact of d_x_um: supported only where a temperature",
+    ),
     (effect("sensors_swapped", NEAR, partner=X), "not two sensors of the model"),
     (effect("sensors_swapped", NEAR), "not two sensors of the model"),
     (
