@@ -65,7 +65,7 @@ def parts(plant: JointedPlant, level: float, dt: float) -> tuple[Array, Array]:
     run = plant.start(dt)
     by_heat, by_force = [], []
     for _ in range(round(DURATION / dt)):
-        by_heat.append(plant.bodies.deflection_by_heat @ run._rise)
+        by_heat.append(plant.bodies.deflection_by_heat @ run.rise)
         by_force.append(plant.bodies.deflection_by_force @ run.contact.force)
         run.advance(level, 0.0)
     return np.array(by_heat), np.array(by_force)

@@ -395,13 +395,47 @@ def test_a_joint_has_another_slope_each_way_and_bends():
 
 
 def test_a_joint_that_is_moved_one_way_alone_has_no_asymmetry_to_try():
-    both = {tuple(e.parameters) for e in effect_class("joint_contact").probes(scene(columns()))}
-    one = {
-        tuple(e.parameters)
-        for e in effect_class("joint_contact").probes(scene(columns(bipolar=False)))
-    }
+    both, one = (
+        {
+            tuple(e.parameters)
+            for e in effect_class("joint_contact").probes(scene(columns(bipolar=bipolar)))
+            if not e.spreads
+        }
+        for bipolar in (True, False)
+    )
     assert both == {("curvature",), ("asymmetry",), ("curvature", "asymmetry")}
     assert one == {("curvature",)}
+
+
+def test_a_joint_bends_outputs_together_by_what_the_linear_model_has_near_the_source():
+    log = scene(columns()).logs[0]
+    given = {f"forces[{X}]": 4.0, "heat[T_column_degC]": -2.0, "time_constant": 400.0}
+    joint = make("joint_contact", NEAR, "p", level=10.0, **given)
+    plain, y = model().simulate(log), model(joint).simulate(log)
+    b = plain[NEAR] * np.abs(plain[NEAR]) / 100.0
+    np.testing.assert_allclose(y[X] - plain[X], 4.0 * b, atol=1e-9)
+    step = np.diff(log.time)[0]
+    late = y["T_column_degC"] - plain["T_column_degC"]
+    # τ y' + y = u, in the middle of a sample.
+    rate, middle = np.diff(late) / step, (late[1:] + late[:-1]) / 2
+    np.testing.assert_allclose(400.0 * rate + middle, -(b[1:] + b[:-1]), atol=2e-3 * np.ptp(late))
+    assert np.array_equal(y[NEAR], plain[NEAR])
+
+
+def test_a_joint_tells_its_heat_by_the_contact_temperature_that_is_read():
+    log = scene(columns()).logs[0]
+    linear = model().simulate(log)
+    read = 21.5 + linear["T_column_degC"] - 3.0 * (log.time > 1000.0)
+    told = log.with_columns({"T_column_degC": read})
+    joint = effect_class("joint_contact")(
+        NEAR, {f"deviation[{Y}]": 2.0, "time_constant": 1e-3, "level": 10.0}, None, None,
+        "T_column_degC",
+    )  # fmt: skip
+    assert joint.needs() == ("T_column_degC",)
+    moved = model(joint).simulate(told)[Y] - linear[Y]
+    late = log.time > 1000.0 + 2 * log.period
+    np.testing.assert_allclose(moved[late], -6.0, atol=1e-6)
+    np.testing.assert_allclose(moved[log.time < 1000.0], 0.0, atol=1e-6)
 
 
 def test_displacements_jump_together_at_one_time():

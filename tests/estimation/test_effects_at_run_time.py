@@ -65,6 +65,10 @@ AMBIENT = effect("ambient_drift", AIR, gain__T_column_degC=0.8, gain__d_y_um=6.0
                  time_constant=500.0)  # fmt: skip
 PART_WARM = effect("part_temperature", PART, coefficient__d_y_um=4.0)
 JOINT = effect("joint_contact", X, curvature=0.01)
+JOINTLY = (
+    effect("joint_contact", NEAR, forces__d_x_um=6.0, forces__d_y_um=-4.0, heat__d_y_um=3.0,
+           heat__T_column_degC=-0.5, time_constant=400.0, level=10.0)
+)  # fmt: skip
 NONLINEAR = effect("drive_nonlinearity", HEAT, exponent=1.8, dead_band=0.05, level=1.0)
 DRIVE_GAIN = effect("drive_gain", HEAT, gain=1.3)
 SATURATION = effect("actuator_saturation", HEAT, limit=0.7, level=1.0)
@@ -89,6 +93,7 @@ SUPPORTED = {
     "ambient": (AMBIENT,),
     "part": (PART_WARM,),
     "joint": (JOINT,),
+    "outputs by a joint": (JOINTLY,),
     "source, joint": (BEARING_HEAT, JOINT),
     "nonlinear": (NONLINEAR,),
     "drive gain": (DRIVE_GAIN,),
@@ -259,6 +264,32 @@ def test_what_a_column_tells_is_left_out_of_sensors_and_added_to_deflections(nam
     for channel, values in expected.items():
         share = truth[channel] - without[channel] if channel in truth else 0.0
         np.testing.assert_allclose(got[channel], values + share, atol=1e-9 * np.ptp(values))
+
+
+def test_the_heat_of_a_joint_is_told_by_the_contact_temperature_that_is_read():
+    """Readings of the contact that depart from the linear model move the deflections alone."""
+    joint = replace(
+        effect("joint_contact", NEAR, forces__d_x_um=6.0, deviation__d_x_um=5.0,
+               deviation__d_y_um=-3.0, time_constant=400.0, level=10.0),
+        partner=COLUMN,
+    )  # fmt: skip
+    plain = ranged(model(joint))
+    outputs = tuple(replace(o, role="deflection") if o.channel == COLUMN else o
+                    for o in plain.outputs)  # fmt: skip
+    document = replace(plain, outputs=outputs)
+    time, table, _ = log_of(ranged(model()))
+    table[COLUMN] = table[COLUMN] + 2.0 * (time > 0.4 * time[-1])
+    expected = document.simulate(Record(time, table))
+    for measured in ((), (HEAT,)):
+        machine = designed(document, measured=measured)
+        got, streamed = batch(machine, time, table), stream(machine, time, table)
+        for deflection in (X, Y):
+            np.testing.assert_allclose(
+                streamed[deflection], got[deflection], atol=1e-8 * np.ptp(got[deflection])
+            )
+            off = got[deflection] - expected[deflection]
+            # Read, z is of the moment; estimated, the heat comes late.
+            assert np.sqrt(np.mean(off**2)) < 0.02 * np.ptp(expected[deflection])
 
 
 @pytest.mark.parametrize("name", ["nonlinear", "saturation", "delay"])
@@ -455,6 +486,10 @@ REFUSED = [
     (effect("sensor_conversion", NEAR, curvature=-0.03), "two values give one reading"),
     (effect("sensor_gain", NEAR, gain=0.0), "two values give one reading"),
     (effect("joint_contact", NEAR, curvature=0.1), "joint_contact of dT_near_K"),
+    (
+        effect("joint_contact", X, forces__d_y_um=1.0, time_constant=9.0, level=1.0),
+        "joint_contact of d_x_um: supported only where a temperature",
+    ),
     (effect("sensors_swapped", NEAR, partner=X), "not two sensors of the model"),
     (effect("sensors_swapped", NEAR), "not two sensors of the model"),
     (

@@ -82,10 +82,10 @@ def test_heat_is_balanced():
     assert there.heat.sum() == pytest.approx(197.5 / 2)
     stored = []
     for _ in range(5):
-        stored.append(one @ (there.thermal.capacity @ run._rise))
+        stored.append(one @ (there.thermal.capacity @ run.rise))
         run.advance(2.0, 0.0)
-    convected = there.thermal.film @ run._rise
-    change = (one @ (there.thermal.capacity @ run._rise) - stored[-1]) / DT
+    convected = there.thermal.film @ run.rise
+    change = (one @ (there.thermal.capacity @ run.rise) - stored[-1]) / DT
     assert change + convected == pytest.approx(197.5, rel=2e-3)
 
 

@@ -194,7 +194,7 @@ class OutputNuisance:
         """Change of the output per unit of each of its own parameters."""
         simulation, result = self.simulation, []
         # Where no effect joins outputs, the others need not be simulated.
-        alone = not any(e.side in ("state", "wiring") for e in simulation.model.effects)
+        alone = not any(e.joins for e in simulation.model.effects)
         outputs = simulation.model.outputs
         if alone:
             outputs = tuple(o for o in outputs if o.channel == self.output)

@@ -201,10 +201,8 @@ class Effect:
     # Whether it is over soon after the first row: no later rows can say how large it was.
     at_start: ClassVar[bool] = False
     bends: ClassVar[bool] = False  # Whether outputs are no longer in proportion to drives.
-    # Whether it is a defect rather than how such a machine works.
-    defect: ClassVar[bool] = False
-    # Whether `drive` and `output` look at the value of the moment alone.
-    memoryless: ClassVar[bool] = False
+    defect: ClassVar[bool] = False  # Whether it is none of how such a machine works.
+    memoryless: ClassVar[bool] = False  # Whether it looks at the value of the moment alone.
     # Whether `drive`, `loss` and `output` give for rows one after another, with a memory that goes
     # from each to the next, what they give for the whole record. What is not is refused by name.
     causal: ClassVar[bool] = False
@@ -313,10 +311,8 @@ class Effect:
 
     def plausible(self, scene: Scene) -> bool:
         """Whether its parameters are what a machine may have; judged before it is believed."""
-        return all(
-            self.parameter(name).low <= value <= self.parameter(name).high
-            for name, value in self.parameters.items()
-        )
+        known = ((self.parameter(name), value) for name, value in self.parameters.items())
+        return all(each.low <= value <= each.high for each, value in known)
 
     @property
     def odds(self) -> float:
@@ -329,6 +325,11 @@ class Effect:
     def everywhere(self) -> bool:
         """Whether it is no cause unless it reaches more than one output."""
         return False
+
+    @property
+    def joins(self) -> bool:
+        """Whether what it makes of an output goes by other outputs."""
+        return self.side in ("state", "wiring")
 
     def needs(self) -> tuple[str, ...]:
         """Channels that a log must hold beside the drives."""
@@ -387,7 +388,6 @@ class Effect:
     def document(self) -> dict[str, Any]:
         """As JSON."""
         covariance = None if self.covariance is None else np.asarray(self.covariance).tolist()
-        partner = {} if self.partner is None else {"partner": self.partner}
         return {
             "name": self.name,
             "channel": self.channel,
@@ -396,5 +396,5 @@ class Effect:
             "covariance": covariance,
             "covariance_names": list(self.parameters),
             "log": self.log,
-            **partner,
+            **({} if self.partner is None else {"partner": self.partner}),
         }

@@ -178,8 +178,12 @@ class DesignModel:
                         f"{t.drive} → {t.output} has {what}: such a drive cannot be estimated; "
                         f"where it is measured: --measured {t.drive}"
                     )
+            followed = [(t.output, t.drive, paths.response(t)) for t in own]
+            followed += [(o, *each) for o in targets for each in paths.redirected(o)]
             return tuple(
-                (targets.index(t.output), drives.index(t.drive), paths.response(t)) for t in own
+                (targets.index(o), drives.index(drive), modes)
+                for o, drive, modes in followed
+                if drive in drives
             )
 
         levels = {d.channel: np.array([max(map(abs, d.range))]) for d in model.drives}

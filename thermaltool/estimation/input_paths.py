@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from thermaltool.effects.effect import Effect
+from thermaltool.effects.joint_contact import JointContact
 from thermaltool.estimation.cascade import lagged_modes
 from thermaltool.estimation.known_inputs import KnownInput
 from thermaltool.estimation.permanent_effects import permanent_effects, sensor_time_constants
@@ -68,6 +69,10 @@ class InputPaths:
             if drive is None or chooser not in {k.channel for k in found}:
                 found.append(KnownInput(chooser, hold, "state" if drive is None else "drive"))
         found += [_source(e) for e in self._sources()]
+        for joint in self.joints:
+            found.append(_contact(joint))
+            if joint.partner is not None:
+                found.append(_partner(joint))
         found += [
             KnownInput(c, hold_of(c), "state")
             for e in cooling_effects(self.model)
@@ -80,6 +85,47 @@ class InputPaths:
             reached = (effect.path(o) for o in (*self.sensors, *self.outputs))
             if effect.side == "source" and any(reached):
                 yield effect
+
+    @cached_property
+    def joints(self) -> tuple[JointContact, ...]:
+        """Joints by which outputs bend together."""
+        every = permanent_effects(self.model)
+        return tuple(e for e in every if isinstance(e, JointContact) and e.spreads)
+
+    def redirected(self, target: str) -> Iterator[tuple[str, Modes]]:
+        """What a joint adds to an output for what the linear model has at the contact, by drive.
+
+        The rest of it is a path from what is read there.
+
+        Parameters
+        ----------
+        target : str
+        """
+        for joint in self.joints:
+            gain = joint.parameters.get(f"deviation[{target}]", 0.0)
+            for term in self.model.terms:
+                if gain and term.output == joint.partner:
+                    lags = joint.parameters["time_constant"], *self._sensor_lags(target)
+                    late = lagged_modes(term.response.modes(self.dt), *lags)
+                    weights, double = -gain * late.weights, -gain * late.double
+                    yield term.drive, replace(late, weights=weights, double=double)
+
+    def _of_joints(self, targets: tuple[str, ...]) -> Iterator[InputPath]:
+        for joint in self.joints:
+            tau, by = joint.parameters["time_constant"], self.known.index(_contact(joint))
+            for k, target in enumerate(targets):
+                forces, heat, deviation = joint.gains(target)
+                if forces:
+                    yield k, by, self._first_order(target, forces, 0.0)
+                if heat:
+                    yield k, by, self._first_order(target, heat, tau)
+                if deviation:
+                    read = self.known.index(_partner(joint))
+                    yield k, read, self._first_order(target, deviation, tau)
+                for drive, modes in self.redirected(target):
+                    for source, known in enumerate(self.known):
+                        if known.role == "drive" and known.channel == drive:
+                            yield k, source, modes
 
     def to(self, targets: tuple[str, ...]) -> tuple[InputPath, ...]:
         """The paths that end in `targets` (the sensors, or the deflections).
@@ -99,7 +145,7 @@ class InputPaths:
             for k, target in enumerate(targets):
                 if (path := effect.path(target)) is not None:
                     paths.append((k, source, self._first_order(target, *path)))
-        return tuple(paths)
+        return (*paths, *self._of_joints(targets))
 
     def _first_order(self, target: str, gain: float, time_constant: float) -> Modes | float:
         """A first-order lag, or a gain at once, as it is read."""
@@ -114,3 +160,12 @@ class InputPaths:
 
 def _source(effect: Effect) -> KnownInput:
     return KnownInput(effect.channel, hold_of(effect.channel), "source")
+
+
+def _contact(joint: JointContact) -> KnownInput:
+    return KnownInput(joint.channel, hold_of(joint.channel), "contact")
+
+
+def _partner(joint: JointContact) -> KnownInput:
+    assert joint.partner is not None
+    return KnownInput(joint.partner, hold_of(joint.partner), "source")

@@ -25,7 +25,7 @@ from thermaltool.responses.sample_clock import uniform_spans
 if TYPE_CHECKING:
     from thermaltool.estimation.estimator import Estimator
 
-Role = Literal["drive", "source", "state"]
+Role = Literal["drive", "source", "state", "contact"]
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,10 @@ class KnownInput:
     ----------
     channel : str
     hold : "zero" or "first"
-    role : "drive", "source" or "state"
+    role : "drive", "source", "state" or "contact"
         A drive of the model, relative to its reference; the channel of a source, relative to its
-        first value; a state on which the loss of heat or a schedule depends, as it is.
+        first value; a state on which the loss of heat or a schedule depends, as it is; an output by
+        which a joint bends others, relative to rest.
     band : ScheduleBand or None
         Of a drive: only this level's share of it.
     """

@@ -17,10 +17,11 @@ from typing import NoReturn
 import numpy as np
 
 from thermaltool.effects.effect import STILL, Effect, Side
+from thermaltool.effects.joint_contact import JointContact
 from thermaltool.errors import ModelError
 from thermaltool.model import Model, acting_effects
 from thermaltool.responses.modes import Float
-from thermaltool.units import Hold, Reference, is_absolute
+from thermaltool.units import Hold, Reference, is_absolute, is_displacement
 
 # A function of the moment alone, of values of any shape.
 StaticMap = Callable[[Float], Float | None]
@@ -149,6 +150,21 @@ def drive_maps(model: Model, drive: str) -> tuple[StaticMap, ...]:
     return tuple(partial(e.drive, STILL) for e in effects if e.memoryless)
 
 
+def contact_column(model: Model, channel: str) -> InputColumn:
+    """How an output is read by which a joint bends others.
+
+    Parameters
+    ----------
+    model : Model
+    channel : str
+    """
+    own = next(o for o in model.outputs if o.channel == channel)
+    joints = [e for e in permanent_effects(model) if isinstance(e, JointContact) and e.spreads]
+    bent = next(e.bent for e in joints if e.channel == channel)
+    maps = reading_maps(model, channel)
+    return InputColumn(channel, own.offset, own.range, False, to_true=maps, to_acting=(bent,))
+
+
 def _bent(effect: Effect, values: Float) -> Float:
     return effect.output(effect.channel, {effect.channel: values}, STILL)
 
@@ -224,6 +240,9 @@ def check_supported(model: Model, measured: Sequence[str] = ()) -> tuple[str, ..
         elif effect.side == "source":
             if not any(effect.path(output) for output in roles):
                 refuse(effect, "no column tells a stream of it")
+        elif effect.side == "structure" and effect.joins:
+            if channel not in roles or is_displacement(channel):
+                refuse(effect, "supported only where a temperature that is read says how far")
         elif effect.side == "structure":
             if roles.get(channel) != "deflection" or not effect.memoryless:
                 refuse(effect, "supported only where it bends an estimated deflection at once")

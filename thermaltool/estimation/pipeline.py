@@ -20,6 +20,7 @@ from thermaltool.estimation.permanent_effects import (
     InputColumn,
     StaticMap,
     apply_maps,
+    contact_column,
     drive_maps,
     estimate_maps,
     reading_columns,
@@ -230,6 +231,8 @@ def _known_column(model: Model, known: KnownInput) -> InputColumn:
         return InputColumn(known.channel, "first", None, False, known.hold == "zero")
     if known.role == "state":
         return InputColumn(known.channel, 0.0, None, False, True)
+    if known.role == "contact":
+        return contact_column(model, known.channel)
     for drive in model.drives:
         if drive.channel == known.channel:
             maps = drive_maps(model, drive.channel)

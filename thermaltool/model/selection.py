@@ -39,7 +39,7 @@ def only_sensors(model: Model, sensors: Sequence[str]) -> Model:
 
 def _seen(effect: Effect, dropped: set[str]) -> Effect | None:
     """What is left of an effect without some sensors."""
-    if effect.side in ("wiring", "state"):
+    if effect.joins:
         for needed in {effect.channel, effect.partner} & dropped:
             raise ModelError(f"the effect {effect.name} needs the sensor {needed}: keep it")
     gone = tuple(n for n in effect.parameters if reference_of(n)[1] in dropped)

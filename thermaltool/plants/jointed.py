@@ -126,6 +126,8 @@ class JointedRun:
         Of heat and contact, the most that a step has taken.
     residual : float [µm]
         Of the contact, the largest that a step has left.
+    rise : (nodes,) ndarray [K]
+        Temperatures above the start.
     """
 
     def __init__(self, plant: JointedPlant, dt: float, load: float) -> None:
@@ -144,7 +146,7 @@ class JointedRun:
         self._drop_by_flux = self._by_flux[knee] - self._by_flux[column]
         self._gap_by_flux = bodies.gap_by_heat @ self._by_flux
         self._observe = np.vstack([*plant.rows.values(), bodies.deflection_by_heat])
-        self._rise = np.zeros(plant.heat.size)
+        self.rise = np.zeros(plant.heat.size)
         self._load = load * bodies.gap_by_load
         self.iterations, self.residual, self._steps = 0, 0.0, 0
         closed = bodies.joint.closed()
@@ -154,16 +156,16 @@ class JointedRun:
 
     def outputs(self) -> Array:
         """Temperature rises, then deflections from the first sample."""
-        values = self._observe @ self._rise
+        values = self._observe @ self.rise
         values[-2:] += self._plant.bodies.deflection_by_force @ self.contact.force - self._first
         return values
 
     def advance(self, level: float, air: float) -> None:
         """One step with held heat Q [1] and air [K above the first]."""
         load = level * self._plant.heat + air * self._plant.thermal.film
-        first, _ = self._stage(self._rise, load)
-        middle = self._rise + (1 - SDIRK) / SDIRK * (first - self._rise)
-        self._rise, self.contact = self._stage(middle, load)
+        first, _ = self._stage(self.rise, load)
+        middle = self.rise + (1 - SDIRK) / SDIRK * (first - self.rise)
+        self.rise, self.contact = self._stage(middle, load)
         self._steps += 1
 
     def _stage(self, before: Array, load: Array) -> tuple[Array, Contact]:
