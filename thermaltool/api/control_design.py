@@ -140,7 +140,9 @@ def design(
     >>> effect = np.convolve(np.diff(heat[0], prepend=0), step)[:300]
     >>> frame["d_z_um"] = 0.2 * effect - 0.3 * np.convolve(np.diff(heat[1], prepend=0), step)[:300]
     >>> fit = tt.calibrate(frame, ["Q_motor_W", "Q_pad_W"], deflections=["d_z_um"])
-    >>> print(tt.design(tt.regularize(fit), {"Q_pad_W": 90.0}, method="inversion"))
+    >>> report = tt.design(tt.regularize(fit), {"Q_pad_W": 90.0}, method="output-lqr")
+    >>> report.frame[["without", "held"]].round(1).iloc[0].tolist()
+    [12.6, 0.0]
     """
     from thermaltool.control.design import ControlPlan, design_controller
 

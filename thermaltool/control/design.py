@@ -229,7 +229,7 @@ def _trial(controller: HeaterController, disturbance: int, duration: float) -> C
     levels = np.array(disturbance_levels(controller.model, prediction))
     start = prediction.held(np.where(np.arange(len(levels)) == disturbance, levels, 0.0))
     dt = max(controller.period, duration / TRIAL_SAMPLES)
-    time = dt * np.arange(max(round(duration / dt), 1) + 1)
+    time = np.arange(max(round(duration / dt), 1) + 1, dtype=float) * dt
 
     def course(limited: bool) -> tuple[Float, Float, Float, float]:
         """Outputs, heats, what is asked for, and the share of samples at a limit."""

@@ -118,12 +118,12 @@ class ControlPrediction:
         first = len(self.estimator.inner.sensors)
         return np.concatenate([x[self._places], [readings[first + k] for k in self._others]])
 
-    def held(self, disturbances: Sequence[float]) -> Float:
+    def held(self, disturbances: Sequence[float] | Float) -> Float:
         """z at rest where these disturbances have just begun.
 
         Parameters
         ----------
-        disturbances : sequence of float
+        disturbances : sequence of float, or ndarray, shape (m,)
             In the order of `disturbances`.
         """
         z, drives = np.zeros(self.states), len(self._drives)

@@ -112,7 +112,7 @@ class HeatPlan:
     def now(self) -> Float:
         """The heats of the stretch that the plan has reached."""
         return np.asarray(
-            self.powers[min(np.searchsorted(self.ends, self.age), len(self.ends) - 1)]
+            self.powers[min(int(np.searchsorted(self.ends, self.age)), len(self.ends) - 1)]
         )
 
 

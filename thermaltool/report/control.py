@@ -17,6 +17,7 @@ from thermaltool.report.style import (
     quantity_label,
 )
 from thermaltool.report.text import aligned
+from thermaltool.units import parse_channel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -108,11 +109,11 @@ def draw_control(design: ControlDesign) -> Figure:
     for ax, output in zip(axes, trial.held, strict=False):
         ax.plot(minutes, trial.free[output], color=MEASURED, label="without control")
         ax.plot(minutes, trial.held[output], color=COMPUTED, label="held")
-        ax.set_ylabel(quantity_label(channel_unit(output)))
+        ax.set_ylabel(quantity_label(parse_channel(output).unit))
         legend_beside(ax, plain(output))
     for channel, heat in trial.heats.items():
         axes[-1].step(minutes, heat, where="pre", label=plain(channel))
-    axes[-1].set_ylabel(quantity_label(channel_unit(next(iter(trial.heats)))))
+    axes[-1].set_ylabel(quantity_label(parse_channel(next(iter(trial.heats))).unit))
     axes[-1].set_xlabel("time after the step, min")
     legend_beside(axes[-1], "set")
     return figure

@@ -150,11 +150,18 @@ class ControlStepper(Steps):
             self._saturated += 1
             self._worst = np.maximum(self._worst, np.abs(decision.left))
         given = self._given()
+        if self.gives_nothing:
+            return [*[0.0] * len(given), *estimates, *decision.left.tolist()]
         wanted = [
             self.actuation.setpoint(k, power, given[k], self._measured[k])
             for k, power in enumerate(decision.powers)
         ]
         return [*wanted, *estimates, *decision.left.tolist()]
+
+    @property
+    def gives_nothing(self) -> bool:
+        """Whether there is no plan any more: every heater is off, one that is tried too."""
+        return self._law is not None and self.decision.status == FAILED
 
     def _decide(self, read: list[float], dt: float) -> Decision:
         """What the law gives, for all heaters: those that do not follow get nothing."""
@@ -207,7 +214,7 @@ class ControlProcess(SetpointProcess):
         status = super()._state_of(safe)
         if status == "safe":
             return status
-        if self.stepper.decision.status == FAILED:
+        if self.stepper.gives_nothing:
             return "safe"
         if self.stepper.actuation.stuck.any():
             return FAULT
