@@ -110,6 +110,9 @@ ARMA = DocumentFormat("thermaltool-arma", 1, "what thermaltool fit -o writes")
 DIAGNOSIS = DocumentFormat("thermaltool-diagnosis", 1, "a diagnosis")
 RC = DocumentFormat("thermaltool-rc", 1, "a network of thermaltool rc")
 BODY = DocumentFormat("thermaltool-body", 1, "a body of thermaltool modes")
+CONTROLLER = DocumentFormat(
+    "thermaltool-controller", 1, "a controller of thermaltool design", sealed=True
+)
 CHECKPOINT = DocumentFormat("thermaltool-checkpoint", 2, "a checkpoint", sealed=True)
 
 

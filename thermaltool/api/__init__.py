@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from thermaltool.api.calibration import *  # noqa: F403
     from thermaltool.api.comparison import *  # noqa: F403
     from thermaltool.api.compensator import *  # noqa: F403
+    from thermaltool.api.control_design import *  # noqa: F403
     from thermaltool.api.diagnosis import *  # noqa: F403
     from thermaltool.api.estimation import *  # noqa: F403
     from thermaltool.api.grey_box import *  # noqa: F403
@@ -43,6 +44,7 @@ PUBLIC = {
     "api.calibration": ("Calibration", "calibrate"),
     "api.comparison": ("Comparison", "compare"),
     "api.compensator": ("Compensator",),
+    "api.control_design": ("ControlReport", "design"),
     "api.diagnosis": ("DiagnosisReport", "diagnose"),
     "api.estimation": ("DesignReport", "LogEstimate", "estimate", "regularize"),
     "api.grey_box": ("GreyBox", "rc"),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar, Unpack, ca
 
 from thermaltool.api.result import Notice, notice
 from thermaltool.documents import (
+    CONTROLLER,
     MODEL,
     NOISE,
     Part,
@@ -23,6 +24,7 @@ from thermaltool.errors import LogError, ModelError
 from thermaltool.units import Hold, hold_of
 
 if TYPE_CHECKING:
+    from thermaltool.control.controller import HeaterController
     from thermaltool.estimation.estimator import SensorNoise
     from thermaltool.logs import Log
     from thermaltool.logs.columns import Columns
@@ -244,8 +246,10 @@ def read_model(path: str) -> Model:
     return loads(*read_text(path))
 
 
-def read_sealed_model(path: str) -> tuple[Model, Callable[[], str]]:
-    """The model in a file, and what checks that nobody has changed it and gives its digest.
+def read_sealed(path: str) -> tuple[Model | HeaterController, Callable[[], str]]:
+    """The model or controller in a file, and what checks that nobody has changed it.
+
+    The check gives the digest of the file.
 
     Parameters
     ----------
@@ -257,17 +261,26 @@ def read_sealed_model(path: str) -> tuple[Model, Callable[[], str]]:
     ModelError
         As `read_model`; from the check: another content than was written.
     """
-    from thermaltool.model import loads
+    from thermaltool.model import from_document
+    from thermaltool.parsing import parse_json
 
     text, name = read_text(path)
+    document = parse_json(text, name, f" (not {MODEL.noun})")
+    sealed = isinstance(document, dict) and CONTROLLER.matches(document)
+    form = CONTROLLER if sealed else MODEL
 
     def checked() -> str:
         try:
-            return MODEL.check_seal(MODEL.loads(text, name), name)
+            return form.check_seal(form.check(document, name), name)
         except ModelError as error:
             raise ModelError(f"{error}: write it anew with the command that made it") from error
 
-    return loads(text, name), checked
+    if form is MODEL:
+        return from_document(document, name), checked
+    # Imported for a controller alone: the other streams start without it.
+    from thermaltool.control.controller import load_controller
+
+    return load_controller(document, name), checked
 
 
 def write_model(model: ModelLike, path: str, command: str | None = None) -> None:

@@ -31,6 +31,7 @@ COMMANDS: dict[str, str] = {
     "schedule": "Several models by level, switched without a bump.",
     "superpose": "The sum of several models.",
     "regularize": "Design the estimator from the model and the measured noise.",
+    "design": "A controller of heaters, from a model and the drives that are set.",
     "invert": "Time-domain kernel of the inverse model, with its singular weights.",
     "present": "What is in models: gains, time constants, delays, effects, estimator.",
     "simulate": "Outputs of a model for the drives in a log.",

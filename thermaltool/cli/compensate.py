@@ -74,18 +74,19 @@ def command(model: str, log: str, **options: Any) -> None:
     measured drives and effects of the model need (regularize names them). Readings that are bad
     (text, NaN, out of range, frozen, faster than the machine) are held, then the safe setpoint is
     written until good ones return; one of several sensors is left out. The safe setpoint is also
-    the last line, whatever ends the stream, at once (see --end); before, it is approached at
-    --slew.
+    the last line, whatever ends the stream, at once (see --end); it is approached at --slew before.
     Each deflection d_PLACE_um gives a column offset_PLACE_um; --limit and --safe count in its unit,
     --slew and --step, too, where they have none.
 
     With --heater MODEL is one from identify, correct, schedule or superpose: LOG has its other
     drives, and the power of the heater comes out that brings --target to zero after --lead, for the
-    limits that it has. Here the safe setpoint is no power.
+    limits that it has. Here the safe setpoint is no power. So it is where MODEL is a controller of
+    design: LOG has its sensors, and the mean power of each heater since the line before.
     """
     shared.one_thread()
-    from thermaltool.api.inputs import read_sealed_model
-    from thermaltool.runtime.compensation import heater_power, offsets
+    from thermaltool.api.inputs import read_sealed
+    from thermaltool.control.controller import HeaterController
+    from thermaltool.runtime.compensation import controlled_heaters, heater_power, offsets
     from thermaltool.runtime.refusal import refused_setpoints
 
     shared.check_files(None, model, log)
@@ -97,19 +98,21 @@ def command(model: str, log: str, **options: Any) -> None:
         clock="count" if counted else options["clock"],
         ranges=dict(options["ranges"]),
         **dict.fromkeys(options["also"], True),
-        lag=options["lag"],
         slew=options["slew"],
         step=options["step"],
         at=positions_of(options["at"]),
     )
 
     def process(messages: Messages) -> Process:
-        machine, digest_of_file = read_sealed_model(model)
-        if heater is None:
+        machine, digest_of_file = read_sealed(model)
+        if isinstance(machine, HeaterController):
+            streaming.check_heater(options, controller=True)
+            process = controlled_heaters(machine, settings, messages, settled)
+        elif heater is None:
             process = offsets(machine, settings, messages, float(options["sign"]), settled)
         else:
-            target, lead = options["target"], options["lead"]
-            process = heater_power(machine, settings, messages, heater, target, lead, settled)
+            held = options["target"], options["lead"]
+            process = heater_power(machine, settings, messages, heater, *held, settled)
         process.title = f"{model} (sha256 {digest_of_file()[:12]})"
         return process
 

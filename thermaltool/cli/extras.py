@@ -16,6 +16,7 @@ EXTRAS = {
     "h5py": "formats",
     "nptdms": "formats",
     "openpyxl": "formats",
+    "piqp": "control",
 }
 # What a command will need next, too: named at once.
 OF_COMMANDS = {"plant": "plants", "plot": "plot"}
@@ -43,7 +44,8 @@ def missing_package(name: str | None, command: str, arguments: Sequence[str]) ->
     if extra == "batch":
         extra = next((each for o, each in OF_OPTIONS.items() if o in options), extra)
     called = DISTRIBUTIONS.get(package, package)
+    aside = "" if extra == "control" else " (streams do without)"
     return (
-        f"needs {called}, which is not installed (streams do without): "
+        f"needs {called}, which is not installed{aside}: "
         f"pip install 'thermaltool[{extra}]', or 'thermaltool[all]' for all commands"
     )

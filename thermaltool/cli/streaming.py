@@ -85,8 +85,9 @@ checkpoint_options = shared.together(
 also_options = shared.together(
     click.option("--also", type=click.Choice(["estimates", "status", "bands"]), multiple=True,
                  help="Add columns: heat and deflections (the power wanted and the output); what "
-                 "lines rest on: ok, settles, held, reduced, safe, extrapolates, resumed, parted; "
-                 "standard errors sigma_..., with the alarm when model and machine part."),
+                 "lines rest on: ok, settles, held, reduced, safe, extrapolates, resumed, parted, "
+                 "saturated, fault, old-plan; standard errors sigma_..., with the "
+                 "alarm when model and machine part."),
     click.option("--lag", type=POSITIVE, metavar="S",
                  help="Add columns late_...: estimates of so long ago [s], which have seen the "
                  "readings since; 0 until there are any."),
@@ -118,9 +119,14 @@ actuating_options = shared.together(
 )  # fmt: skip
 
 
-def check_heater(options: Mapping[str, Any]) -> None:
-    """Raise UsageError where options for a heater and for offsets are mixed."""
-    if options["heater"] is None:
+def check_heater(options: Mapping[str, Any], controller: bool = False) -> None:
+    """Raise UsageError where options for a heater, offsets and a controller are mixed."""
+    if controller:
+        shared.refuse_given(
+            ("heater", "target", "lead", "limits", "slew"),
+            "is in the controller: give it to design",
+        )
+    elif options["heater"] is None:
         if options["target"] or options["lead"]:
             raise click.UsageError("--target and --lead go with --heater")
         return
@@ -188,7 +194,7 @@ def run(
                 try:
                     process = make(messages)
                     stream = open_stream(process, settings, source.fileno(), 1, messages)
-                except (ThermalToolError, SystemExit, KeyboardInterrupt):
+                except (ThermalToolError, ImportError, SystemExit, KeyboardInterrupt):
                     # Refused, or a signal before the stream looks after signals itself.
                     write_safe_line(refused(), settings, source.fileno(), 1)
                     raise

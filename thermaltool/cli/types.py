@@ -114,6 +114,16 @@ class Assignment(Parsed):
         return name.strip(), float(number)
 
 
+class ControlType(Parsed):
+    """CHANNEL, or CHANNEL:MAX, as a tuple (channel, maximum or None)."""
+
+    name, form = "channel[:max]", "CHANNEL or CHANNEL:MAX"
+
+    def parse(self, text: str) -> tuple[str, float | None]:
+        name, colon, number = text.partition(":")
+        return name.strip(), float(number) if colon else None
+
+
 class Levels(Parsed):
     """Numbers parted by commas, as a tuple."""
 

@@ -8,6 +8,7 @@ limits keep from the machine is remembered by the model.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -168,3 +169,29 @@ def parts_of(
         if effect.side != "drive" or not effect.memoryless:
             raise ModelError(f"a heater cannot be set by a model with the effect {effect.name}")
     return own, tuple(d for d in model.drives if d.channel in needed - {heater}), terms
+
+
+def powers(model: Model, heater: str, limits: tuple[float, float]) -> tuple[float, float]:
+    """What the heater may be given: from 0, and where no limit is given to what was seen.
+
+    Parameters
+    ----------
+    model : Model
+    heater : str
+    limits : (float, float)
+        As the user gives them; infinite where not.
+
+    Raises
+    ------
+    ModelError
+        A limit below 0, or nothing above 0 is left.
+    """
+    if -math.inf < limits[0] < 0:
+        raise ModelError(f"{heater}: a heater has no power below 0: give --limit 0:WATTS")
+    low, high = max(limits[0], 0.0), limits[1]
+    for drive in model.drives:
+        if drive.channel == heater and drive.reference != "first" and math.isinf(high):
+            high = drive.range[1] + drive.reference
+    if not low < high < math.inf:
+        raise ModelError(f"{heater}: no power between {low:g} and {high:g}: give --limit 0:WATTS")
+    return low, high

@@ -18,7 +18,7 @@ from thermaltool.model.document import (
     Term,
 )
 from thermaltool.model.initial_state import Start, StartedOutput, agreements, started_outputs
-from thermaltool.model.model_file import dumps, loads, to_document
+from thermaltool.model.model_file import dumps, from_document, loads, to_document
 from thermaltool.model.rest import (
     Zero,
     beside,
@@ -77,6 +77,7 @@ __all__ = [
     "dumps",
     "excursions",
     "extrapolated",
+    "from_document",
     "loads",
     "only_sensors",
     "operating_points",

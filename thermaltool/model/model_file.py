@@ -86,7 +86,23 @@ def loads(text: str, name: str = "<model>") -> Model:
         No JSON, another format, a newer version, a part missing or out of range; each names the
         file.
     """
-    document = MODEL.loads(text, name)
+    return from_document(MODEL.loads(text, name), name)
+
+
+def from_document(document: dict[str, Any], name: str = "<model>") -> Model:
+    """The model in a document, as `loads`.
+
+    Parameters
+    ----------
+    document : dict
+    name : str
+
+    Raises
+    ------
+    ModelError
+        As `loads`.
+    """
+    document = MODEL.check(document, name)
     try:
         return _load(Part(document))
     except ModelError as error:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from thermaltool.control.heaters import Stabilizer, parts_of
+from thermaltool.control.controller import HeaterController
+from thermaltool.control.heaters import Stabilizer, parts_of, powers
+from thermaltool.control.law_choice import linear_estimator
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.documents import content_digest, finite
 from thermaltool.errors import ModelError
@@ -19,7 +22,8 @@ from thermaltool.model import Model, Term
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import LONGEST_PAUSE, ClockCheck
 from thermaltool.runtime.compensator import SetpointProcess
-from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output, powers
+from thermaltool.runtime.heater_control import ControlProcess, ControlStepper
+from thermaltool.runtime.heaters import LEAD_PERIODS, HeaterStepper, held_output
 from thermaltool.runtime.messages import Messages, Report
 from thermaltool.runtime.policy import Policy
 from thermaltool.runtime.sensing.frozen import FrozenCheck
@@ -247,6 +251,60 @@ def heater_power(
         patience=default_hold(period),
         clock_advice=CLOCK_ADVICE,
         digest=content_digest(digest),
+    )
+
+
+def controlled_heaters(
+    controller: HeaterController, settings: Settings, messages: Messages, settled: bool = False
+) -> SetpointProcess:
+    """Powers of the heaters of a controller document.
+
+    Parameters
+    ----------
+    controller : HeaterController
+    settings, messages, settled
+        As for `offsets`.
+
+    Raises
+    ------
+    ModelError
+        A controller that its model does not bear.
+    ValueError
+        As for `offsets`.
+    """
+    period = _period(settings, controller.period)
+    pipeline, estimator = linear_estimator(controller.model)
+    design = controller.model.estimator_design()
+    tops = {drive.channel: drive.maximum for drive in controller.drives}
+    # A power is measured between nothing and full power, whatever the calibration has seen.
+    columns = [
+        replace(each, calibrated=(0.0, tops[each.column])) if each.column in tops else each
+        for each in pipeline.input_columns
+    ]
+    setpoints = [
+        replace(settings, slew=drive.slew).setpoint((0.0, drive.maximum), channel=drive.channel)
+        for drive in controller.drives
+    ]
+    stepper = ControlStepper(
+        controller, estimator, lambda: [setpoint.value for setpoint in setpoints], messages
+    )
+    wanted = [f"wanted_{channel}" for channel in controller.channels]
+    left = [f"left_{channel.partition('_')[2]}" for channel in controller.tolerance]
+    return ControlProcess(
+        stepper,
+        _sensors(columns, period, settings, messages, design, stands_in=True),
+        list(range(len(setpoints))),
+        setpoints,
+        _policy(settings, period, 1.0, settled),
+        _clock_check(settings, period, messages),
+        messages,
+        names=controller.channels,
+        estimates=(*wanted, *estimator.estimates, *left) if settings.estimates else (),
+        with_status=settings.status,
+        patience=default_hold(period),
+        clock_advice=CLOCK_ADVICE,
+        digest=content_digest(controller.document()),
+        summary=stepper.summary,
     )
 
 

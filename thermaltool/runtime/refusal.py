@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from thermaltool.documents import CONTROLLER
 from thermaltool.runtime.compensation import setpoint_name
 from thermaltool.runtime.pipe import LinePipe
 from thermaltool.runtime.process import STATUS
@@ -16,6 +17,8 @@ from thermaltool.runtime.sinks import open_sink
 
 # In a file that is no JSON any more: outputs that measure a displacement.
 DEFLECTION = re.compile(r'"channel":\s*"(d_[^"\\]+)"')
+# And drives that a controller sets.
+CONTROL = re.compile(r'"channel":\s*"([^"\\]+)",\s*"maximum"')
 
 
 def refused_setpoints(path: str, heater: str | None) -> list[str]:
@@ -33,8 +36,13 @@ def refused_setpoints(path: str, heater: str | None) -> list[str]:
     with contextlib.suppress(OSError, ValueError):
         text = Path(path).read_text(encoding="utf-8", errors="replace")
     with contextlib.suppress(ValueError, RecursionError, TypeError, KeyError, AttributeError):
-        outputs = json.loads(text)["outputs"]
+        document = json.loads(text)
+        if CONTROLLER.matches(document):
+            return [drive["channel"] for drive in document["control"]]
+        outputs = document["outputs"]
         return [setpoint_name(o["channel"]) for o in outputs if o["role"] == "deflection"]
+    if CONTROLLER.name in text:
+        return list(dict.fromkeys(CONTROL.findall(text)))
     return [setpoint_name(name) for name in dict.fromkeys(DEFLECTION.findall(text))]
 
 

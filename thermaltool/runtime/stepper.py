@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -145,6 +145,21 @@ class Stepper(Steps):
         z[states:before] = z[before:]
         estimates: list[float] = self._next[states:].tolist()
         return estimates
+
+    @property
+    def now(self) -> Float:
+        """State of the estimator at the last sample, shape (n,)."""
+        return self._z[: self._states].copy()
+
+    def amend(self, readings: Mapping[int, float]) -> None:
+        """What inputs were in truth since the sample before, by their places.
+
+        Parameters
+        ----------
+        readings : mapping of int to float
+        """
+        for place, value in readings.items():
+            self._z[self._states + place] = value
 
     def _matrix(self, ticks: int) -> Float:
         if len(self._matrices) >= MAX_CACHED_MATRICES:

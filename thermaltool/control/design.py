@@ -1,0 +1,340 @@
+"""A controller from a model: what is asked is checked, and tried on the model itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from thermaltool.control.controller import ControlDrive, HeaterController
+from thermaltool.control.heaters import powers
+from thermaltool.control.law_choice import disturbance_levels, law_of, linear_estimator
+from thermaltool.control.laws import AT_LIMIT, SATURATED
+from thermaltool.control.methods import Method
+from thermaltool.control.prediction import ControlPrediction
+from thermaltool.documents import finite
+from thermaltool.errors import ModelError
+from thermaltool.model import Model
+from thermaltool.responses.modes import Float
+from thermaltool.units import parse_channel
+
+# Without a tolerance of the user's: this part of the largest range that the calibration has seen of
+# an output of the same unit.
+TOLERANCE = 0.01
+# The inversion is at zero after so many sample periods.
+LEAD_PERIODS = 2
+# Usual rate of a setpoint [unit of the drive per s].
+USUAL_SLEW = 10.0
+# Samples of a trial at the most.
+TRIAL_SAMPLES = 400
+# Outputs that one more singular value below this part of the largest cannot tell apart.
+INDEPENDENT = 1e-3
+
+
+@dataclass(frozen=True)
+class ControlPlan:
+    """What is asked of a controller.
+
+    Attributes
+    ----------
+    drives : sequence of (str, float or None)
+        Drives that are set, with the largest value of each; None for what the calibration has seen.
+    method : str
+    outputs : sequence of str
+        That are held; empty for all deflections.
+    tolerance : mapping of output to float
+    slew : float [unit of the drives per s]
+    horizon, lead, duration : float or None [s]
+        As for `HeaterController`; None for the slowest time constant of the control drives, for two
+        sample periods, and for no end.
+    """
+
+    drives: Sequence[tuple[str, float | None]]
+    method: Method = "receding-horizon"
+    outputs: Sequence[str] = ()
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    slew: float = USUAL_SLEW
+    horizon: float | None = None
+    lead: float | None = None
+    duration: float | None = None
+
+
+@dataclass(frozen=True)
+class ControlTrial:
+    """A step of one disturbance on the model, known at once.
+
+    Attributes
+    ----------
+    disturbance : str
+    level : float [unit of the disturbance]
+    time : ndarray, shape (n,) [s]
+    free, held : mapping of output to ndarray, shape (n,)
+        Outputs without control, and with it.
+    heats : mapping of drive to ndarray, shape (n,)
+        Held since the moment before.
+    at_limit : float
+        Share of the time in which the law asks for more or less than there is.
+    asked : mapping of drive to (float, float) [unit of the drive, s]
+        The least that is asked for where there are no limits, and when.
+    needs : str
+        What would help where heat is asked to be taken away; empty where it is not.
+    """
+
+    disturbance: str
+    level: float
+    time: Float
+    free: Mapping[str, Float]
+    held: Mapping[str, Float]
+    heats: Mapping[str, Float]
+    at_limit: float
+    asked: Mapping[str, tuple[float, float]]
+    needs: str = ""
+
+
+@dataclass(frozen=True)
+class ControlDesign:
+    """A controller and its trials.
+
+    Attributes
+    ----------
+    controller : HeaterController
+    trials : tuple of ControlTrial
+    notes : tuple of str
+        Outputs that the drives cannot hold apart.
+    """
+
+    controller: HeaterController
+    trials: tuple[ControlTrial, ...]
+    notes: tuple[str, ...]
+
+
+def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
+    """Design the controller of a model.
+
+    Parameters
+    ----------
+    model : Model
+        With a design whose estimator reads each control drive.
+    plan : ControlPlan
+
+    Raises
+    ------
+    ModelError
+        A drive or output that the model does not have, or that nothing acts on; no power to give;
+        an estimator that does not read the power; effects that are not linear.
+    """
+    outputs = _outputs(model, plan)
+    drives = tuple(_control_drive(model, channel, top, plan.slew) for channel, top in plan.drives)
+    channels = [drive.channel for drive in drives]
+    for channel in channels:
+        if channels.count(channel) > 1:
+            raise ModelError(f"{channel} is given twice")
+    _check_acting(model, channels, outputs)
+    _, estimator = linear_estimator(model)
+    prediction = ControlPrediction(estimator, tuple(channels), outputs)
+    if not prediction.disturbances:
+        raise ModelError(f"nothing but {', '.join(channels)} drives the model: nothing to hold off")
+    period = finite(model.estimator_design().get("sample_period_s", model.sample_period))
+    horizon = plan.horizon or prediction.slowest()
+    for name, length in (("horizon", horizon), ("lead", plan.lead), ("duration", plan.duration)):
+        if length is not None and length < period:
+            raise ModelError(f"a {name} of {length:g} s is below the sample period, {period:g} s")
+    controller = HeaterController(
+        model,
+        plan.method,
+        drives,
+        _tolerances(model, outputs, plan.tolerance),
+        period,
+        horizon,
+        plan.lead or LEAD_PERIODS * period,
+        plan.duration,
+    )
+    law_of(controller, estimator)
+    length = plan.duration or horizon
+    return ControlDesign(
+        controller,
+        tuple(
+            _trial(controller, k, length) for k in range(len(prediction.disturbances))
+        ),
+        _dependent(prediction, drives, length),
+    )  # fmt: skip
+
+
+def _outputs(model: Model, plan: ControlPlan) -> tuple[str, ...]:
+    known = [output.channel for output in model.deflections]
+    if not known:
+        raise ModelError("the model has no deflection to hold")
+    for channel in (*plan.outputs, *plan.tolerance):
+        if channel not in known:
+            raise ModelError(
+                f"{channel} is no deflection of the model; there are {', '.join(known)}"
+            )
+    held = tuple(dict.fromkeys(plan.outputs)) or tuple(known)
+    for channel, value in plan.tolerance.items():
+        if channel not in held:
+            raise ModelError(f"a tolerance for {channel}, which is not held")
+        if not 0 < value < math.inf:
+            raise ModelError(f"a tolerance for {channel} cannot be {value:g}")
+    return held
+
+
+def _control_drive(model: Model, channel: str, top: float | None, slew: float) -> ControlDrive:
+    drives = {drive.channel: drive for drive in model.drives}
+    if channel not in drives:
+        raise ModelError(f"{channel} is not a drive of the model; there are {', '.join(drives)}")
+    if drives[channel].hold != "zero" or drives[channel].reference != 0:
+        raise ModelError(f"{channel} is not set like a power, but measured from its first value")
+    if top is not None and not 0 < top < math.inf:
+        raise ModelError(f"{channel}: no power between 0 and {top:g}: give {channel}:WATTS")
+    if not 0 < slew < math.inf:
+        raise ModelError(f"a slew rate cannot be {slew:g}")
+    limits = (-math.inf, math.inf if top is None else top)
+    return ControlDrive(channel, powers(model, channel, limits)[1], slew)
+
+
+def _check_acting(model: Model, channels: Sequence[str], outputs: Sequence[str]) -> None:
+    acts = {(term.drive, term.output) for term in model.terms}
+    for channel in channels:
+        if all((channel, output) not in acts for output in outputs):
+            raise ModelError(f"{channel} acts on none of {', '.join(outputs)}: it holds nothing")
+    for output in outputs:
+        if all((channel, output) not in acts for channel in channels):
+            raise ModelError(
+                f"{output} cannot be controlled: none of {', '.join(channels)} acts on it "
+                "(--hold the others alone)"
+            )
+
+
+def _tolerances(
+    model: Model, outputs: Sequence[str], given: Mapping[str, float]
+) -> dict[str, float]:
+    spans = {o.channel: o.range[1] - o.range[0] for o in model.deflections}
+    units = {channel: parse_channel(channel).unit for channel in outputs}
+    usual = {
+        channel: TOLERANCE * max(spans[each] for each in outputs if units[each] == units[channel])
+        for channel in outputs
+    }
+    for channel in outputs:
+        if channel not in given and not usual[channel] > 0:
+            raise ModelError(f"{channel} has not moved in the calibration: give it a --tolerance")
+    return {channel: given.get(channel, usual[channel]) for channel in outputs}
+
+
+def _trial(controller: HeaterController, disturbance: int, duration: float) -> ControlTrial:
+    """A step of one disturbance over `duration` [s], by a law that knows it at once."""
+    _, estimator = linear_estimator(controller.model)
+    prediction = law_of(controller, estimator).prediction
+    levels = np.array(disturbance_levels(controller.model, prediction))
+    start = prediction.held(np.where(np.arange(len(levels)) == disturbance, levels, 0.0))
+    dt = max(controller.period, duration / TRIAL_SAMPLES)
+    time = np.arange(max(round(duration / dt), 1) + 1, dtype=float) * dt
+
+    def course(limited: bool) -> tuple[Float, Float, Float, float]:
+        """Outputs, heats, what is asked for, and the share of samples at a limit."""
+        law, (A, B), z = law_of(controller, estimator), prediction.transition(dt), start
+        outputs, heats, asked, beyond = [prediction.readout @ z], [], [], 0
+        given = np.zeros(len(controller.drives))
+        for moment in time[:-1]:
+            decision = law.decide(z, dt, float(moment), given)
+            given = decision.powers if limited else decision.asked
+            z = A @ z + B @ given
+            outputs.append(prediction.readout @ z)
+            heats.append(given)
+            asked.append(decision.asked)
+            beyond += decision.status == SATURATED
+        return np.array(outputs), np.array(heats), np.array(asked), beyond / len(asked)
+
+    held, heats, _, at_limit = course(limited=True)
+    # Without limits the law shows what it would have of the heaters.
+    asked = course(limited=False)[2]
+    free = np.array([prediction.free(float(moment)) @ start for moment in time])
+    least, worst = asked.min(axis=0), asked.argmin(axis=0)
+    shares = least / [drive.maximum for drive in controller.drives]
+    needs = ""
+    if np.any(shares < -AT_LIMIT):
+        at = int(worst[np.argmin(shares)]) + 1
+        needs = _missing_heater(prediction, free[at], float(time[at]), controller)
+    outputs, channels = tuple(controller.tolerance), controller.channels
+    return ControlTrial(
+        prediction.disturbances[disturbance],
+        float(levels[disturbance]),
+        time,
+        dict(zip(outputs, free.T, strict=True)),
+        dict(zip(outputs, held.T, strict=True)),
+        {name: np.append(0.0, heat) for name, heat in zip(channels, heats.T, strict=True)},
+        at_limit,
+        {
+            channel: (float(least[k]), float(time[worst[k]]))
+            for k, channel in enumerate(channels)
+        },
+        needs,
+    )  # fmt: skip
+
+
+def _missing_heater(
+    prediction: ControlPrediction, free: Float, time: float, controller: HeaterController
+) -> str:
+    """Where heat is asked to be taken away: the heater that is missing, and outputs to leave.
+
+    The deflections `free` are to be cancelled by heats that have been on since the step. What heats
+    above zero leave of them is the direction in which no heater bends.
+    """
+    scale = np.array(list(controller.tolerance.values()))
+    steps = prediction.steps(np.array(time)) / scale[:, None]
+    rest = free / scale + steps @ least_heats(steps, -free / scale)
+    outputs, sentences = tuple(controller.tolerance), []
+    if np.abs(rest).max() > 1:
+        moved = ", ".join(
+            f"{channel} by {-value * size:+.0f}"
+            for channel, value, size in zip(outputs, rest, scale, strict=True)
+            if abs(value) > 1
+        )
+        sentences.append(f"a heater that moves {moved} [unit of the output] would hold it")
+    alone = [
+        channel
+        for k, channel in enumerate(outputs)
+        if len(outputs) > 1 and np.any(steps[k] * free[k] < 0)
+    ]
+    if alone:
+        sentences.append(f"{' or '.join(alone)} alone (--hold) needs none")
+    return "; ".join(sentences)
+
+
+def least_heats(steps: Float, wanted: Float) -> Float:
+    """The heats above zero that come nearest to wanted outputs: min ‖S u − w‖ over u ≥ 0.
+
+    Of so few heaters every choice of those that are on is tried.
+
+    Parameters
+    ----------
+    steps : ndarray, shape (m, n)
+    wanted : ndarray, shape (m,)
+    """
+    n = steps.shape[1]
+    best, least = np.zeros(n), float(wanted @ wanted)
+    for choice in range(1, 2**n):
+        on = [k for k in range(n) if choice >> k & 1]
+        heats = np.linalg.lstsq(steps[:, on], wanted, rcond=None)[0]
+        left = wanted - steps[:, on] @ heats
+        if np.all(heats >= 0) and left @ left < least:
+            least, best = float(left @ left), np.zeros(n)
+            best[on] = heats
+    return best
+
+
+def _dependent(
+    prediction: ControlPrediction, drives: Sequence[ControlDrive], time: float
+) -> tuple[str, ...]:
+    """A note where the drives cannot move the outputs one without the other."""
+    if len(prediction.outputs) < 2:
+        return ()
+    tops = np.array([drive.maximum for drive in drives])
+    sizes = np.linalg.svd(prediction.steps(np.array(time)) * tops, compute_uv=False)
+    if len(drives) >= len(prediction.outputs) and sizes[-1] > INDEPENDENT * sizes[0]:
+        return ()
+    return (
+        f"{', '.join(prediction.controls)} move {', '.join(prediction.outputs)} "
+        "together: not all of them can be held at zero",
+    )

@@ -1,0 +1,119 @@
+"""What ``design`` reports of a controller: its drives, and how it does on its own model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thermaltool.control.design import ControlDesign, ControlTrial
+from thermaltool.report.style import (
+    COMPUTED,
+    MEASURED,
+    channel_unit,
+    legend_beside,
+    panels,
+    plain,
+    quantity_label,
+)
+from thermaltool.report.text import aligned
+from thermaltool.units import parse_channel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def band(values: Any) -> float:
+    """What an output covers, zero included."""
+    return float(max(np.max(values), 0.0) - min(np.min(values), 0.0))
+
+
+def control_table(design: ControlDesign) -> str:
+    """One row for each output of each trial, and the limits."""
+    controller = design.controller
+    limits = ", ".join(
+        f"{drive.channel} 0 to {drive.maximum:g} (slew {drive.slew:g}/s)"
+        for drive in controller.drives
+    )
+    plans = {
+        "receding-horizon": f"horizon {controller.horizon:.4g} s"
+        + (f", ends after {controller.duration:g} s" if controller.duration else ""),
+        "inversion": f"lead {controller.lead:g} s",
+    }
+    rows = [["step of", "by", "over s", "output", "without", "held", "at a limit"]]
+    rows += [
+        [
+            trial.disturbance,
+            f"{trial.level:.4g}",
+            f"{trial.time[-1]:.4g}",
+            output,
+            f"{band(trial.free[output]):.3g}",
+            f"{band(trial.held[output]):.3g}",
+            f"{trial.at_limit:.0%}",
+        ]
+        for trial in design.trials
+        for output in trial.held
+    ]
+    what = ", ".join(filter(None, (controller.method, plans.get(controller.method, ""), limits)))
+    return f"{what}\n{aligned(rows, 1)}"
+
+
+def control_notes(design: ControlDesign) -> tuple[str, ...]:
+    """Where heat would have to be taken away, and what would help."""
+    return (*design.notes, *(note for trial in design.trials for note in _negative(trial)))
+
+
+def _negative(trial: ControlTrial) -> list[str]:
+    asked = [
+        f"{channel} {power:.3g} after {at:.4g} s"
+        for channel, (power, at) in trial.asked.items()
+        if power < 0
+    ]
+    if not trial.needs and not asked:
+        return []
+    advice = f": {trial.needs}" if trial.needs else ""
+    return [
+        f"a step of {trial.disturbance} asks for negative heat ({', '.join(asked)}), "
+        f"which no heater gives{advice}"
+    ]
+
+
+def control_document(design: ControlDesign) -> dict[str, Any]:
+    """HeaterController and trials as JSON, without the model."""
+    controller = design.controller.document()
+    return {
+        **{key: value for key, value in controller.items() if key not in ("model", "sha256")},
+        "trials": [
+            {
+                "disturbance": trial.disturbance,
+                "level": trial.level,
+                "duration_s": float(trial.time[-1]),
+                "without": {name: band(values) for name, values in trial.free.items()},
+                "held": {name: band(values) for name, values in trial.held.items()},
+                "at_limit": trial.at_limit,
+                "least_asked": {name: power for name, (power, _) in trial.asked.items()},
+            }
+            for trial in design.trials
+        ],
+        "notes": list(control_notes(design)),
+    }
+
+
+def draw_control(design: ControlDesign) -> Figure:
+    """Outputs and heats of the trial in which the controller leaves most."""
+    trial = max(design.trials, key=lambda each: max(map(band, each.held.values())))
+    unit = channel_unit(trial.disturbance)
+    title = f"{design.controller.method}: step of {trial.disturbance} by {trial.level:.4g} {unit}"
+    figure, axes = panels(title, [1.0] * (len(trial.held) + 1), 2.2 * len(trial.held) + 2.2)
+    minutes = trial.time / 60
+    for ax, output in zip(axes, trial.held, strict=False):
+        ax.plot(minutes, trial.free[output], color=MEASURED, label="without control")
+        ax.plot(minutes, trial.held[output], color=COMPUTED, label="held")
+        ax.set_ylabel(quantity_label(parse_channel(output).unit))
+        legend_beside(ax, plain(output))
+    for channel, heat in trial.heats.items():
+        axes[-1].step(minutes, heat, where="pre", label=plain(channel))
+    axes[-1].set_ylabel(quantity_label(parse_channel(next(iter(trial.heats))).unit))
+    axes[-1].set_xlabel("time after the step, min")
+    legend_beside(axes[-1], "set")
+    return figure

@@ -1,0 +1,222 @@
+"""A controller document in a stream: temperatures and measured powers in, power setpoints out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from thermaltool.control.actuation import Actuation
+from thermaltool.control.controller import HeaterController
+from thermaltool.control.law_choice import law_of
+from thermaltool.control.laws import FAILED, OK, OLD_PLAN, SATURATED, ControlLaw, Decision
+from thermaltool.estimation.known_inputs import KnownInputEstimator
+from thermaltool.responses.sample_clock import CLOCK_STEP
+from thermaltool.runtime.compensator import SetpointProcess
+from thermaltool.runtime.messages import Report
+from thermaltool.runtime.stepper import Stepper, Steps
+
+# Status where a heater does not follow its setpoint.
+FAULT = "fault"
+
+
+class ControlStepper(Steps):
+    """Estimator and law as one: estimates are powers wanted, heats and deflections, what is left.
+
+    Parameters
+    ----------
+    controller : HeaterController
+    estimator : KnownInputEstimator
+    given : callable
+        The setpoints as they stand: limits, slew rate and the safe state have changed them.
+    report : callable
+        Gets (channel, message) once per change of state.
+    """
+
+    def __init__(
+        self,
+        controller: HeaterController,
+        estimator: KnownInputEstimator,
+        given: Callable[[], list[float]],
+        report: Report,
+    ) -> None:
+        super().__init__()
+        self._controller, self._estimator = controller, estimator
+        self._given, self._report = given, report
+        self._stepper = Stepper(estimator, controller.period)
+        self.settling_time = self._stepper.settling_time
+        self._places = [estimator.sensors.index(channel) for channel in controller.channels]
+        maxima = np.array([drive.maximum for drive in controller.drives])
+        self.actuation = Actuation(maxima, controller.period)
+        self._elapsed = 0.0
+        self._law: ControlLaw | None = law_of(controller, estimator)
+        self.decision = self._nothing()
+        self._measured: list[float | None] = []
+        self._told = OK
+        self._samples = self._saturated = 0
+        self._worst = np.zeros(len(controller.tolerance))
+
+    def _nothing(self) -> Decision:
+        zero = np.zeros(len(self._controller.drives))
+        return Decision(zero, zero, np.zeros(len(self._controller.tolerance)))
+
+    def can_do_without(self, lost: Collection[int]) -> bool:
+        """Whether only measured powers are lost: the setpoints stand in for them."""
+        return {*lost} <= {*self._places}
+
+    def cost(self, lost: Collection[int]) -> str:
+        """What stands in for measured powers."""
+        names = ", ".join(self._estimator.sensors[k] for k in sorted(lost))
+        return f"the power of {names} counts as it is set: a heater that fails is not seen"
+
+    def can_start(self, readings: list[float]) -> bool:
+        """Whether all but the powers have been read."""
+        others = [x for k, x in enumerate(readings) if k not in self._places]
+        return super().can_start(others)
+
+    def rest(self) -> list[float]:
+        """Estimates before anything is known."""
+        heats, left = len(self._controller.drives), len(self._controller.tolerance)
+        return [0.0] * heats + self._stepper.rest() + [0.0] * left
+
+    def start(self, readings: list[float], settled: bool = False) -> list[float]:
+        """Estimates at the first readings; see `Stepper.start`."""
+        self._elapsed = 0.0
+        read, _ = self._with_powers(readings)
+        estimates = self._stepper.start(read, settled)
+        return self._decided(estimates, read, self._controller.period)
+
+    def step(self, ticks: int, readings: list[float]) -> list[float]:
+        """Estimates after a sample of `ticks` clock steps (1 ns), which ends with `readings`.
+
+        A measured power is the mean since the sample before.
+
+        Parameters
+        ----------
+        ticks : int
+        readings : list of float
+        """
+        dt = ticks * CLOCK_STEP
+        self._elapsed += dt
+        read, measured = self._with_powers(readings)
+        for k in self.actuation.take(dt, np.array(self._given()), measured):
+            self._change(k, measured[k])
+        self._stepper.amend({place: read[place] for place in self._places})
+        return self._decided(self._stepper.step(ticks, read), read, dt)
+
+    def _with_powers(self, readings: list[float]) -> tuple[list[float], list[float | None]]:
+        """Readings with setpoints in the place of powers that are lost, and powers as measured."""
+        read, measured, given = list(readings), [], self._given()
+        for k, place in enumerate(self._places):
+            known = place not in self.out and np.isfinite(readings[place])
+            measured.append(readings[place] if known else None)
+            read[place] = readings[place] if known else given[k]
+        self._measured = measured
+        return read, measured
+
+    def _change(self, k: int, measured: float | None) -> None:
+        """A heater has ceased to follow, or follows again: the law is that of the others."""
+        channel, stuck = self._controller.channels[k], bool(self.actuation.stuck[k])
+        kept = [] if self._law is None else self._law.state()
+        self._law = self._law_of_those_that_follow()
+        if kept and self._law is not None:
+            self._law.resume(kept)
+        what = f"does not follow: {self._given()[k]:.3g} set, {measured:.3g} measured"
+        rest = "no heater is left" if self._law is None else "the others go on without it"
+        self._report(channel, f"{what}: {rest}" if stuck else "follows again")
+
+    def _law_of_those_that_follow(self) -> ControlLaw | None:
+        """The law of the heaters that follow their setpoints; None where none does."""
+        pairs = zip(self._controller.channels, self.actuation.stuck, strict=True)
+        without = frozenset(channel for channel, stuck in pairs if stuck)
+        if len(without) == len(self._controller.drives):
+            return None
+        return law_of(self._controller, self._estimator, without)
+
+    def _decided(self, estimates: list[float], read: list[float], dt: float) -> list[float]:
+        decision = self._decide(read, dt)
+        self.decision = decision
+        if decision.status in (OLD_PLAN, FAILED) and decision.status != self._told:
+            then = "the last one goes on" if decision.status == OLD_PLAN else "no heat"
+            why = "no heater is left" if self._law is None else self._law.reason
+            self._report("", f"{why}: {then}")
+        elif self._told in (OLD_PLAN, FAILED) and decision.status not in (OLD_PLAN, FAILED):
+            self._report("", "planned again")
+        self._told = decision.status
+        self._samples += 1
+        if decision.status == SATURATED:
+            self._saturated += 1
+            self._worst = np.maximum(self._worst, np.abs(decision.left))
+        given = self._given()
+        if self.gives_nothing:
+            return [*[0.0] * len(given), *estimates, *decision.left.tolist()]
+        wanted = [
+            self.actuation.setpoint(k, power, given[k], self._measured[k])
+            for k, power in enumerate(decision.powers)
+        ]
+        return [*wanted, *estimates, *decision.left.tolist()]
+
+    @property
+    def gives_nothing(self) -> bool:
+        """Whether there is no plan any more: every heater is off, one that is tried too."""
+        return self._law is not None and self.decision.status == FAILED
+
+    def _decide(self, read: list[float], dt: float) -> Decision:
+        """What the law gives, for all heaters: those that do not follow get nothing."""
+        if self._law is None:
+            return replace(self._nothing(), status=FAILED)
+        follows = ~self.actuation.stuck
+        z = self._law.prediction.state(self._stepper.now, read)
+        found = self._law.decide(z, dt, self._elapsed, np.array(self._given())[follows])
+        powers, asked = np.zeros((2, len(follows)))
+        powers[follows], asked[follows] = found.powers, found.asked
+        return replace(found, powers=powers, asked=asked)
+
+    def summary(self) -> str:
+        """How long the limits were reached, and what they leave; nothing where they were not."""
+        if not self._saturated:
+            return ""
+        left = ", ".join(
+            f"{channel} up to {size:.3g}"
+            for channel, size in zip(self._controller.tolerance, self._worst, strict=True)
+        )
+        share = self._saturated / self._samples
+        return (
+            f"the limits of {', '.join(self._controller.channels)} were reached in {share:.0%} of "
+            f"the samples; left at the most, as foretold there: {left}"
+        )
+
+    def state(self) -> list[Any]:
+        """For `resume`, as JSON."""
+        law = [] if self._law is None else self._law.state()
+        return [self._stepper.state(), self._elapsed, self.actuation.state(), law]
+
+    def resume(self, values: list[Any]) -> None:
+        """Raises TypeError or ValueError where `values` are no state of this controller."""
+        estimator, elapsed, actuation, law = values
+        self._stepper.resume(estimator)
+        self._elapsed = float(elapsed)
+        self.actuation.resume(actuation)
+        self._law = self._law_of_those_that_follow()
+        if law and self._law is not None:
+            self._law.resume(law)
+
+
+class ControlProcess(SetpointProcess):
+    """The process of a controller: its status also says what the law rests on."""
+
+    stepper: ControlStepper
+
+    def _state_of(self, safe: bool) -> str:
+        """What a row's reply rests on."""
+        status = super()._state_of(safe)
+        if status == "safe":
+            return status
+        if self.stepper.gives_nothing:
+            return "safe"
+        if self.stepper.actuation.stuck.any():
+            return FAULT
+        found = self.stepper.decision.status
+        return status if found == OK else found
