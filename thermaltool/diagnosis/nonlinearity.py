@@ -171,7 +171,7 @@ def stand_ins(task: DiagnosisTask, search: SearchState) -> list[tuple[Cause, str
         return []
     written = search.written(task)
     after = {o: nonlinearity(written, logs, o) for o in bent}
-    own = {channel.channel for channel in (*model.drives, *model.outputs)}
+    own = {d.channel for d in model.drives} | {o.channel for o in model.outputs}
     found = []
     for cause in causes:
         effect = cause.effect
