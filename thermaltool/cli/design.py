@@ -14,8 +14,8 @@ from thermaltool.documents import write_json
 
 
 @click.command(
-    epilog="Example: thermaltool regularize model.json --noise noise.json --measured Q_top_W | "
-    "thermaltool design - --control Q_top_W:250 -o controller.json"
+    epilog="Example: thermaltool regularize model.json --noise noise.json --measured Q_top_W "
+    "--form kalman | thermaltool design - --control Q_top_W:250 -o controller.json"
 )
 @shared.model_argument
 @click.option("--control", "controls", type=ControlType(), multiple=True, required=True,
