@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.optimize import nnls
 
 from thermaltool.control.controller import ControlDrive, HeaterController
 from thermaltool.control.heaters import powers
@@ -151,15 +152,11 @@ def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
         plan.lead or LEAD_PERIODS * period,
         plan.duration,
     )
-    law_of(controller, estimator)
     length = plan.duration or horizon
-    return ControlDesign(
-        controller,
-        tuple(
-            _trial(controller, k, length) for k in range(len(prediction.disturbances))
-        ),
-        _dependent(prediction, drives, length),
-    )  # fmt: skip
+    trials = tuple(
+        _trial(controller, prediction, k, length) for k in range(len(prediction.disturbances))
+    )
+    return ControlDesign(controller, trials, _dependent(prediction, drives, length))
 
 
 def _outputs(model: Model, plan: ControlPlan) -> tuple[str, ...]:
@@ -222,10 +219,10 @@ def _tolerances(
     return {channel: given.get(channel, usual[channel]) for channel in outputs}
 
 
-def _trial(controller: HeaterController, disturbance: int, duration: float) -> ControlTrial:
+def _trial(
+    controller: HeaterController, prediction: ControlPrediction, disturbance: int, duration: float
+) -> ControlTrial:
     """A step of one disturbance over `duration` [s], by a law that knows it at once."""
-    _, estimator = linear_estimator(controller.model)
-    prediction = law_of(controller, estimator).prediction
     levels = np.array(disturbance_levels(controller.model, prediction))
     start = prediction.held(np.where(np.arange(len(levels)) == disturbance, levels, 0.0))
     dt = max(controller.period, duration / TRIAL_SAMPLES)
@@ -233,7 +230,8 @@ def _trial(controller: HeaterController, disturbance: int, duration: float) -> C
 
     def course(limited: bool) -> tuple[Float, Float, Float, float]:
         """Outputs, heats, what is asked for, and the share of samples at a limit."""
-        law, (A, B), z = law_of(controller, estimator), prediction.transition(dt), start
+        law = law_of(controller, prediction.estimator)
+        (A, B), z = prediction.transition(dt), start
         outputs, heats, asked, beyond = [prediction.readout @ z], [], [], 0
         given = np.zeros(len(controller.drives))
         for moment in time[:-1]:
@@ -305,23 +303,12 @@ def _missing_heater(
 def least_heats(steps: Float, wanted: Float) -> Float:
     """The heats above zero that come nearest to wanted outputs: min ‖S u − w‖ over u ≥ 0.
 
-    Of so few heaters every choice of those that are on is tried.
-
     Parameters
     ----------
     steps : ndarray, shape (m, n)
     wanted : ndarray, shape (m,)
     """
-    n = steps.shape[1]
-    best, least = np.zeros(n), float(wanted @ wanted)
-    for choice in range(1, 2**n):
-        on = [k for k in range(n) if choice >> k & 1]
-        heats = np.linalg.lstsq(steps[:, on], wanted, rcond=None)[0]
-        left = wanted - steps[:, on] @ heats
-        if np.all(heats >= 0) and left @ left < least:
-            least, best = float(left @ left), np.zeros(n)
-            best[on] = heats
-    return best
+    return np.asarray(nnls(steps, wanted)[0])
 
 
 def _dependent(

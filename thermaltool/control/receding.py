@@ -155,8 +155,8 @@ class Program:
         self._change_weight = 2 * CHANGE_WEIGHT * band_weight
         self._weighted = 2 * self.acting.T * weights
         self._heats = len(ends) * self._drives
-        n = self._heats + 2 * self._outputs + 1
-        P = REGULARIZATION * np.eye(n)
+        self._n = self._heats + 2 * self._outputs + 1
+        P = REGULARIZATION * np.eye(self._n)
         P[: self._heats, : self._heats] += self._weighted @ self.acting
         shares = np.repeat((ends - starts) / ends[-1], self._drives)
         P[: self._heats, : self._heats] += np.diag(2 * POWER_WEIGHT * shares)
@@ -166,7 +166,7 @@ class Program:
         P[-1, -1] += 2 * band_weight
         self._G, self._spans = self._rows(bounds, ends, starts)
         self._solver: Any = piqp.DenseSolver()
-        self._P, self._n, self._ready = np.asfortranarray(P), n, False
+        self._P, self._ready = np.asfortranarray(P), False
 
     def _rows(self, bounds: HeatLimits, ends: Float, starts: Float) -> tuple[Float, Float]:
         """Rows of the inequalities, and the upper bounds of those that never change."""
@@ -180,16 +180,13 @@ class Program:
                        -np.ones((outputs, 1))]),
         ]  # fmt: skip
         reach = (bounds.slews / bounds.maxima) * (ends - starts)[:-1, None]
-        change = np.zeros((reach.size, self._n_of(heats)))
+        change = np.zeros((reach.size, self._n))
         at = np.arange(reach.size)
         change[at, at + self._drives], change[at, at] = 1.0, -1.0
         binding = reach.ravel() < 1
         rows += [change[binding], -change[binding]]
         spans = np.concatenate([np.zeros(outputs), *([reach.ravel()[binding]] * 2)])
         return np.asfortranarray(np.vstack(rows)), spans
-
-    def _n_of(self, heats: int) -> int:
-        return heats + 2 * self._outputs + 1
 
     def solve(self, z: Float, stands: Float, reach: Float, spent: tuple[Float, Float]) -> Float:
         """Heats in parts of full power, shape (k, n).

@@ -12,7 +12,11 @@ from thermaltool.effects.effect import Effect
 from thermaltool.effects.joint_contact import JointContact
 from thermaltool.estimation.cascade import lagged_modes
 from thermaltool.estimation.known_inputs import KnownInput
-from thermaltool.estimation.permanent_effects import permanent_effects, sensor_time_constants
+from thermaltool.estimation.permanent_effects import (
+    permanent_effects,
+    sensor_time_constants,
+    spreading_joints,
+)
 from thermaltool.estimation.variable_cooling import cooling_effects
 from thermaltool.model import Model, Term
 from thermaltool.responses.modes import Modes
@@ -89,8 +93,7 @@ class InputPaths:
     @cached_property
     def joints(self) -> tuple[JointContact, ...]:
         """Joints by which outputs bend together."""
-        every = permanent_effects(self.model)
-        return tuple(e for e in every if isinstance(e, JointContact) and e.spreads)
+        return spreading_joints(self.model)
 
     def redirected(self, target: str) -> Iterator[tuple[str, Modes]]:
         """What a joint adds to an output for what the linear model has at the contact, by drive.

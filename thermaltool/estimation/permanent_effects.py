@@ -150,6 +150,17 @@ def drive_maps(model: Model, drive: str) -> tuple[StaticMap, ...]:
     return tuple(partial(e.drive, STILL) for e in effects if e.memoryless)
 
 
+def spreading_joints(model: Model) -> tuple[JointContact, ...]:
+    """Joints by which outputs bend together.
+
+    Parameters
+    ----------
+    model : Model
+    """
+    every = permanent_effects(model)
+    return tuple(e for e in every if isinstance(e, JointContact) and e.spreads)
+
+
 def contact_column(model: Model, channel: str) -> InputColumn:
     """How an output is read by which a joint bends others.
 
@@ -159,8 +170,7 @@ def contact_column(model: Model, channel: str) -> InputColumn:
     channel : str
     """
     own = next(o for o in model.outputs if o.channel == channel)
-    joints = [e for e in permanent_effects(model) if isinstance(e, JointContact) and e.spreads]
-    bent = next(e.bent for e in joints if e.channel == channel)
+    bent = next(e.bent for e in spreading_joints(model) if e.channel == channel)
     maps = reading_maps(model, channel)
     return InputColumn(channel, own.offset, own.range, False, to_true=maps, to_acting=(bent,))
 

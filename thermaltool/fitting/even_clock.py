@@ -33,8 +33,13 @@ def check_period(log: Record, period: float) -> None:
 
 def uneven_steps(log: Record, period: float) -> tuple[int, int]:
     """How many of a log's steps are not a `period` [s] long, and how many there are."""
-    steps = np.concatenate([np.diff(log.time[part]) for part in log.segments])
+    steps = _steps(log)
     return int(np.sum(np.abs(steps - period) > MAX_UNEVENNESS * period)), len(steps)
+
+
+def _steps(log: Record) -> Array:
+    """Steps of the clock between pauses [s]."""
+    return np.concatenate([np.empty(0), *(np.diff(log.time[part]) for part in log.segments)])
 
 
 def longest_step(log: Record, period: float) -> float:
@@ -45,8 +50,8 @@ def longest_step(log: Record, period: float) -> float:
     log : Record
     period : float [s]
     """
-    steps = [np.diff(log.time[part]) for part in log.segments if part.stop - part.start > 1]
-    usual = np.quantile(np.concatenate(steps), 1 - LONG_SHARE, method="lower") if steps else period
+    steps = _steps(log)
+    usual = np.quantile(steps, 1 - LONG_SHARE, method="lower") if len(steps) else period
     return float(min(MAX_STEP_PERIODS * max(period, usual), MOST_PERIODS * period))
 
 
