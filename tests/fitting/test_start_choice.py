@@ -143,3 +143,13 @@ def test_each_output_begins_as_leaves_fewer_gains_open():
     assert as_simulated(told, [log]).outputs == told.outputs
     # Where both know as much, all begin free.
     assert starts_free(free_where_known(free, rested)) == {True}
+
+
+def test_gains_from_rest_that_leave_what_a_start_explains_are_no_better_known():
+    log = log_of(20261128, before=150.0)
+    free, rested = (
+        calibrate([log], replace(PLAN, initial=how, kinds=dict.fromkeys(OUTPUTS, "rational1")))
+        for how in ("free", "rest")
+    )
+    unsure = with_open_gains(with_open_gains(free, OUTPUTS[0]), OUTPUTS[1])
+    assert starts_free(free_where_known(unsure, rested)) == {True}

@@ -59,7 +59,7 @@ def begins_away_from_rest(
             continue
         noise = max(row_noise(r, each.output) for r in records) ** 2
         size, left = (float(np.mean(fit.residual**2)) - noise for fit in (rest, free))
-        explained |= size > noise and left < MAX_LEFT_BY_START * size
+        explained |= _explained_by_start(size, left, noise)
         floor, rows = np.finfo(float).tiny, free.independent
         decays = free.data.problem.decays(free.search.parametrization.gains)
         evidence += rows * float(np.log(rest.size / max(free.size, floor)))
@@ -67,26 +67,42 @@ def begins_away_from_rest(
     return explained and evidence > DECISIVE
 
 
+def _explained_by_start(rested: float, free: float, noise: float) -> bool:
+    """Whether a free start explains what a start from rest leaves: squared errors beyond noise."""
+    return rested > noise and free < MAX_LEFT_BY_START * rested
+
+
 def free_where_known(free: Model, rested: Model) -> Model:
     """The outputs with a free start, or from rest where that leaves fewer gains open.
 
-    With a free start slow drives, zeros and what decays may pass for each other. Where the models
-    differ in laws, which all outputs share, all begin alike.
+    With a free start slow drives, zeros and what decays may pass for each other. A fit from rest
+    that is far off knows its gains no better, sure of them as it may be. Where the models differ
+    in laws, which all outputs share, all begin alike.
 
     Parameters
     ----------
     free, rested : Model
         Calibrations of the same channels.
     """
-    if (free.drives, free.effects) != (rested.drives, rested.effects):
-        return free if _known_gains(free) >= _known_gains(rested) else rested
     channels = [output.channel for output in rested.outputs]
+    explained = {c for c in channels if _far_nearer(free, rested, c)}
+    if (free.drives, free.effects) != (rested.drives, rested.effects):
+        return free if explained or _known_gains(free) >= _known_gains(rested) else rested
     taken = {
-        c: free if _known_gains(free, c) >= _known_gains(rested, c) else rested for c in channels
+        c: free if c in explained or _known_gains(free, c) >= _known_gains(rested, c) else rested
+        for c in channels
     }
     outputs = [o for c in channels for o in taken[c].outputs if o.channel == c]
     terms = [term for c in channels for term in taken[c].terms if term.output == c]
     return replace(rested, outputs=tuple(outputs), terms=tuple(terms))
+
+
+def _far_nearer(free: Model, rested: Model, channel: str) -> bool:
+    """Whether a free start explains what the fit from rest leaves of an output."""
+    fits = [o.fit for m in (rested, free) for o in m.outputs if o.channel == channel]
+    noise = float(fits[-1].get("noise", 0.0)) ** 2
+    size, left = (float(fit.get("rmse_zero_free", fit["rmse"])) ** 2 - noise for fit in fits)
+    return _explained_by_start(size, left, noise)
 
 
 def _known_gains(model: Model, output: str | None = None) -> int:
