@@ -10,6 +10,7 @@ import pytest
 from thermaltool.errors import LogError
 from thermaltool.model import Drive, Model, Output, Term, agreements, started_outputs
 from thermaltool.record import Record
+from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.rational import Rational1
 
 SIGMA = 0.02
@@ -143,3 +144,23 @@ def test_a_machine_that_its_calibration_found_warm_is_at_rest_nowhere():
     model = replace(MODEL, outputs=(warm, MODEL.outputs[1]))
     assert begins(hardly, model=model)[1] == {"free"}
     assert begins(hardly.rows(slice(0, 60)), model=model)[1] == {"rest"}
+
+
+def test_what_a_body_of_many_modes_brings_along_is_followed_in_a_log_shorter_than_its_lags():
+    body = replace(
+        MODEL,
+        outputs=(replace(MODEL.outputs[0], fit={"free_start": True}),),
+        terms=(Term(HEAT, T, Conduction(8.0, 5.0, 1e-5, 0.16)),),
+    )
+    slowest = body.terms[0].response.slowest()
+    assert slowest > TIME[-1]
+    # From no level of the heat: its skin has cooled, its core has not.
+    decays = zip((5.0, -2.0, 0.7, -0.9), (1.0, 0.2, 0.05, 0.01), strict=True)
+    cooling = sum(height * np.exp(-TIME / (part * slowest)) for height, part in decays)
+    noise = SIGMA * np.random.default_rng(11).standard_normal(len(TIME))
+    record = Record(TIME, {HEAT: np.zeros(len(TIME)), T: 20.0 + cooling + noise}, digest="cools")
+    assert begins(record, model=body)[1] == {"free"}
+    assert agreements(body, [record])[T].rmse < 1.1 * SIGMA
+    # A model that was calibrated from rest does not take so slow a course for a start.
+    known = replace(body, outputs=(MODEL.outputs[0],))
+    assert begins(record, model=known)[1] == {"rest"}

@@ -123,8 +123,7 @@ def started_outputs(
             found[o.channel] = state.fit(simulated[o.channel])
     if initial == "auto":
         known = any(o.fit.get("free_start") for o in model.outputs)
-        seen = any(fit.is_start or (known and fit.state.is_seen) for fit in found.values())
-        if not seen:
+        if not any(fit.is_start(known) for fit in found.values()):
             return rested
     for channel, fit in found.items():
         if initial == "free" and not fit.is_determined:
@@ -148,13 +147,23 @@ class _StateFit:
     state : _FreeState
     weights : ndarray, shape (k,) [unit of the output]
         Of the decays, and of the zero where it is free.
-    is_start : bool
+    explains : bool
         Whether the decays are most of what the output is off by from rest.
+    is_over : bool
+        ... and most of that is over in the second half of the rows: a drift goes on.
     """
 
     state: _FreeState
     weights: Float
-    is_start: bool
+    explains: bool = False
+    is_over: bool = False
+
+    def is_start(self, expected: bool) -> bool:
+        """Whether the output says that the machine is not at rest, or is `expected` to be so."""
+        if self.state.is_seen:
+            return (self.explains and self.is_over) or expected
+        # A start that is expected needs no record that tells it from a drift.
+        return self.explains and expected and self.state.is_sampled
 
     @property
     def is_determined(self) -> bool:
@@ -211,16 +220,27 @@ class _FreeState:
         return max((each.slowest() for each in own), default=0.0)
 
     @cached_property
+    def is_sampled(self) -> bool:
+        """Whether the rows are enough to tell any decay."""
+        states = len(START_TIME_CONSTANTS) + self.is_zero_free
+        return len(self.rows) >= MIN_ROWS_PER_STATE * states
+
+    @cached_property
     def is_seen(self) -> bool:
         """Whether the rows are many and long enough to tell any decay, and a start from a drift."""
         time = self.record.time[self.rows]
-        enough = len(time) >= MIN_ROWS_PER_STATE * (len(START_TIME_CONSTANTS) + self.is_zero_free)
-        return enough and float(np.ptp(time)) >= MIN_TIME_CONSTANTS * self.slowest
+        return self.is_sampled and float(np.ptp(time)) >= MIN_TIME_CONSTANTS * self.slowest
+
+    @cached_property
+    def has_many_modes(self) -> bool:
+        """Whether the output has more modes than are fitted one by one."""
+        return not mode_decays(self.model, self.output.channel, np.zeros(1))
 
     def decays(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
         """How the output may come to rest, shape (k, n); by few modes where few rows say so."""
         elapsed, cooling = self.course.clock[rows], self.course.cooling[rows]
-        if not self.is_seen or self.is_forecast:
+        any_decay = self.is_seen or (self.is_sampled and self.has_many_modes)
+        if self.is_forecast or not any_decay:
             return free_decays(self.model, self.output.channel, elapsed, cooling)
         return start_decays(elapsed, self.slowest, self.record.period) * np.exp(-cooling)
 
@@ -234,18 +254,18 @@ class _FreeState:
         decays = self.decays(rows)
         columns = np.vstack([decays, np.ones((int(self.is_zero_free), len(rows)))])
         if not 0 < 2 * len(columns) <= len(rows):
-            return _StateFit(self, np.zeros(len(columns)), False)
+            return _StateFit(self, np.zeros(len(columns)))
         size = np.max(np.abs(columns), axis=1)
         size[size == 0] = 1.0
         table = columns.T / size
         found = np.asarray(lstsq(table, off, cond=MIN_SENSITIVITY)[0])
         left, late = off - table @ found, off[len(off) // 2 :]
         most = MAX_LEFT_BY_STATE * float(np.std(off))
-        is_start = self.is_seen and max(float(np.std(left)), float(np.std(late))) < most
-        if is_start:
+        explains = float(np.std(left)) < most
+        if explains:
             other = float(np.std(self._without_drives(off, rows)))
-            is_start = float(np.std(left)) < MAX_LEFT_BESIDE_DRIVES * other
-        return _StateFit(self, found / size, is_start)
+            explains = float(np.std(left)) < MAX_LEFT_BESIDE_DRIVES * other
+        return _StateFit(self, found / size, explains, float(np.std(late)) < most)
 
     def _without_drives(self, off: Float, rows: NDArray[np.intp]) -> Float:
         """What is left of the errors where the responses to the drives are others."""
@@ -306,22 +326,38 @@ def free_decays(model: Model, channel: str, elapsed: Float, cooling: Float) -> F
     cooling : ndarray, shape (n,)
         Γ, the integral of the rate by which all decays faster.
     """
-    responses = [t.response for t in model.terms if t.output == channel]
-    modes = [each.modes(model.sample_period) for each in responses]
+    columns = mode_decays(model, channel, elapsed)
+    if not columns:
+        responses = [t.response for t in model.terms if t.output == channel]
+        columns = [each.dc_gain() - each.step(elapsed) for each in responses]
+    return np.array(columns).reshape(len(columns), len(elapsed)) * np.exp(-cooling)
+
+
+def mode_decays(model: Model, channel: str, elapsed: Float) -> list[Float]:
+    """Each mode of an output's terms as it decays, shapes (n,); none where these are many.
+
+    Parameters
+    ----------
+    model : Model
+    channel : str
+    elapsed : ndarray, shape (n,) [s]
+        Since the first row.
+    """
     found: list[complex] = []
     columns: list[Float] = []
-    for each in modes:
-        for pole, double in zip(each.poles, each.double, strict=True):
+    for term in model.terms:
+        if term.output != channel:
+            continue
+        modes = term.response.modes(model.sample_period)
+        for pole, double in zip(modes.poles, modes.double, strict=True):
             if not any(abs(pole - other) <= SAME_POLE * abs(pole) for other in found):
                 found.append(complex(pole))
-                if len(found) > MAX_FREE_MODES:
-                    break
                 decay = np.exp(pole * elapsed)
                 columns += [decay.real, *([decay.imag] if pole.imag else [])]
                 columns += [elapsed * decay.real] if double else []
-    if len(columns) > MAX_FREE_MODES or len(found) > MAX_FREE_MODES:
-        columns = [each.dc_gain() - each.step(elapsed) for each in responses]
-    return np.array(columns).reshape(len(columns), len(elapsed)) * np.exp(-cooling)
+                if len(columns) > MAX_FREE_MODES:
+                    return []
+    return columns
 
 
 def agreements(
