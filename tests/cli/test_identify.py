@@ -62,6 +62,7 @@ def test_json_says_what_was_identified(thermaltool, log):
     assert model["candidates"][0]["nk"] == [5]
 
 
+@pytest.mark.slow
 def test_heat_has_real_poles(thermaltool, tmp_path):
     """Two lags that are nearly one."""
     rng = np.random.default_rng()
