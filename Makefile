@@ -51,8 +51,9 @@ $(DOCS_READY): requirements-docs.lock
 demo: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/demo.mk $(TOOLS)
 
-# One thread for each of two workers: more would wait for each other.
-PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal
+# One thread for each of two workers: more would wait for each other. Bytecode is kept, even where
+# the environment says not to: else each process that a test starts compiles the tool again.
+PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal
 
 test: $(READY)
 	$(PYTEST) -m "not slow"

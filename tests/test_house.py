@@ -6,6 +6,7 @@ import ast
 import re
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -33,16 +34,23 @@ def place(path: Path) -> str:
     return path.relative_to(HOUSE).as_posix()
 
 
+@cache
 def source(path: Path) -> str:
     return path.read_text(encoding="utf-8")
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(source(path))
 
 
 def lines(path: Path) -> int:
     return len(source(path).splitlines())
 
 
-def classes(path: Path) -> Iterator[ast.ClassDef]:
-    return (node for node in ast.walk(ast.parse(source(path))) if isinstance(node, ast.ClassDef))
+@cache
+def classes(path: Path) -> tuple[ast.ClassDef, ...]:
+    return tuple(node for node in ast.walk(tree_of(path)) if isinstance(node, ast.ClassDef))
 
 
 def methods(node: ast.ClassDef) -> Iterator[ast.FunctionDef]:
@@ -54,7 +62,7 @@ def methods(node: ast.ClassDef) -> Iterator[ast.FunctionDef]:
 
 def module_names(path: Path) -> Iterator[ast.ClassDef | ast.FunctionDef]:
     """Public classes and functions of a module."""
-    for node in ast.parse(source(path)).body:
+    for node in tree_of(path).body:
         if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
             yield node
 
@@ -183,7 +191,7 @@ def imported(tree: ast.Module) -> set[str]:
 
 
 def test_no_imports_go_in_a_circle() -> None:
-    graph = {module: imported(ast.parse(source(path))) for module, path in MODULES.items()}
+    graph = {module: imported(tree_of(path)) for module, path in MODULES.items()}
     done: set[str] = set()
 
     def visit(module: str, way: tuple[str, ...]) -> None:

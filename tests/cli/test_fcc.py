@@ -31,6 +31,17 @@ def run(*arguments, text=""):
     return done.returncode, done.stdout.decode().splitlines(), done.stderr.decode().splitlines()
 
 
+@pytest.fixture
+def refused(thermaltool):
+    """`run` in this process, for what ends before a line is read."""
+
+    def call(*arguments, text=HEADER):
+        done = thermaltool("fcc", *OPTIONS, *arguments, stdin=text)
+        return done.code, done.out.splitlines(), done.err.splitlines()
+
+    return call
+
+
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory):
     """A log of the piezo moved at random, free of the wall."""
@@ -178,8 +189,8 @@ def test_silence_leads_to_the_safe_command():
         (("--delay", 0.001, "--error-model", "0"), "is not direct|P|P,Q"),
     ],
 )
-def test_usage(arguments, message):
-    code, out, err = run(*arguments, text=HEADER)
+def test_usage(refused, arguments, message):
+    code, out, err = refused(*arguments)
     assert code == 2
     assert out == []
     assert message in err[-1]
@@ -209,15 +220,10 @@ def test_a_trial_in_which_nothing_moves(tmp_path):
     assert "the command does not move" in err[-1]
 
 
-def test_a_trial_of_another_period(trial):
-    done = subprocess.run(
-        [*TOOL, "fcc", "-C", "e_tool_um", "--period", "0.001", "--identify", trial],
-        input=HEADER.encode(),
-        capture_output=True,
-        timeout=60,
-    )
-    assert done.returncode == 2
-    assert "has a sample each 0.0005 s, --period says 0.001 s" in done.stderr.decode()
+def test_a_trial_of_another_period(refused, trial):
+    code, _, err = refused("--period", "0.001", "--identify", trial)
+    assert code == 2
+    assert "has a sample each 0.0005 s, --period says 0.001 s" in err[-1]
 
 
 def test_one_reading_that_stands_alone_is_bridged():
@@ -248,8 +254,8 @@ def test_commands_that_the_readings_do_not_follow():
     assert float(told[-1].split(",")[-1]) == 0  # the safe command
 
 
-def test_a_delay_of_thousands_of_samples():
-    code, _, err = run("--delay", "50", "--gain", "1", text=HEADER)
+def test_a_delay_of_thousands_of_samples(refused):
+    code, _, err = refused("--delay", "50", "--gain", "1")
     assert code == 2
     assert "100000 samples: at most 20000" in err[-1]
 
@@ -279,8 +285,8 @@ def test_a_loop_whose_commands_end_early_keeps_what_was_cut(tmp_path):
     assert len(log.read_text().splitlines()) == 41
 
 
-def test_an_error_model_that_nobody_can_follow():
-    code, _, err = run("--delay", 0.001, "--gain", 1, "--error-model", "5000", text=HEADER)
+def test_an_error_model_that_nobody_can_follow(refused):
+    code, _, err = refused("--delay", 0.001, "--gain", 1, "--error-model", "5000")
     assert code == 2
     assert "at most 200 coefficients" in err[-1]
 

@@ -186,22 +186,23 @@ def test_a_stream_to_parquet_that_is_ended_by_a_signal_is_whole(fitted, log, tmp
 def test_a_stream_reads_lines_only(fitted, log, tmp_path):
     table = read_log(str(log))
     columns = {"time_s": table.time, **table.columns}
-    for name, code, message in (
-        ("log.parquet", 2, "a stream reads lines, not parquet: there are csv, ndjson"),
-        ("log.ndjson", 0, ""),
-    ):
-        write_table(columns, str(tmp_path / name))
-        done = streamed(fitted, tmp_path / name)
-        assert done.returncode == code
-        assert message in done.stderr.decode()
+    table, lines = tmp_path / "log.parquet", tmp_path / "log.ndjson"
+    for path in (table, lines):
+        write_table(columns, str(path))
+    done = CliRunner().invoke(command, [str(fitted), str(table), "--stream"])
+    assert done.exit_code == 2
+    assert "a stream reads lines, not parquet: there are csv, ndjson" in done.stderr
     # A file's format follows its suffix, as in a batch.
+    done = streamed(fitted, lines)
+    assert (done.returncode, done.stderr) == (0, b"")
     assert done.stdout == streamed(fitted, log).stdout
 
 
 def test_a_stream_writes_to_stdout_alone(fitted, log, tmp_path):
-    done = streamed(fitted, log, "-o", tmp_path / "ahead.parquet")
-    assert (done.returncode, done.stdout) == (2, b"")
-    assert b"--stream writes to stdout" in done.stderr
+    to = ("-o", str(tmp_path / "ahead.parquet"))
+    done = CliRunner().invoke(command, [str(fitted), str(log), "--stream", *to])
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "--stream writes to stdout" in done.stderr
     assert not (tmp_path / "ahead.parquet").exists()
 
 

@@ -62,6 +62,7 @@ def test_json_says_what_was_identified(thermaltool, log):
     assert model["candidates"][0]["nk"] == [5]
 
 
+@pytest.mark.slow
 def test_heat_has_real_poles(thermaltool, tmp_path):
     """Two lags that are nearly one."""
     rng = np.random.default_rng()
@@ -80,7 +81,7 @@ def test_bursts_are_rows(thermaltool, columns, tmp_path):
     rows = {name: np.repeat(values[::12], 3) for name, values in columns.items()}
     rows["time_s"] = rows["time_s"] + np.tile([0.0, 4.0, 8.0], len(columns["time_s"][::12]))
     log = write_log(tmp_path / "bursts.csv", rows)
-    done = thermaltool("identify", log, *CALL, "--json")
+    done = thermaltool("identify", log, *CALL, "--orders", "2,2,1", "--json")
     assert "in bursts of readings: the mean of each is one row, 200 in all" in done.err
     (model,) = done.json["models"]
     assert model["fit_training_percent"] > 90
@@ -101,8 +102,10 @@ def test_simulate_takes_the_model(thermaltool, log, tmp_path, extra):
     assert done.json["d_z_um"]["fit_percent"] > 98
 
 
-@pytest.mark.parametrize("response", [Rational1(0.8, 3000.0, 600.0),
-                                      Rational2(1.0, 6000.0, 0.5, 600.0, 600.0)])  # fmt: skip
+@pytest.mark.parametrize("response", [
+    Rational1(0.8, 3000.0, 600.0),
+    pytest.param(Rational2(1.0, 6000.0, 0.5, 600.0, 600.0), marks=pytest.mark.slow),
+])  # fmt: skip
 def test_simulate_repeats_the_fit_to_one_step_from_rest(thermaltool, tmp_path, response):
     rows = np.arange(700)
     power = np.where(rows < 30, 0.0, 60.0)

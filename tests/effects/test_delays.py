@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from effects.machine import HEAT, RESPONSES, X, model
 
 from thermaltool.effects import effect_class
+from thermaltool.effects.dynamics import lagged
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 from thermaltool.responses.rational import Rational2
@@ -112,3 +114,14 @@ def test_a_line_that_acts_before_its_row_is_refused_by_name():
     recursion.start(0.0, {HEAT: 0.0})
     with pytest.raises(ModelError, match="transport_delay"):
         recursion.ahead({HEAT: 1.0})
+
+
+@pytest.mark.parametrize("hold", ["zero", "first"])
+def test_a_lag_row_by_row_is_that_of_the_whole_and_needs_no_scipy(monkeypatch, hold):
+    """To the last digit; a stream has numpy alone."""
+    u = levels()
+    whole = lagged(EVEN, u, 37.0, hold)
+    monkeypatch.setitem(sys.modules, "scipy.signal", None)
+    memory, rows = {}, range(len(EVEN))
+    by_row = [lagged(EVEN[k : k + 1], u[k : k + 1], 37.0, hold, 0.0, memory) for k in rows]
+    assert np.array_equal(np.concatenate(by_row), whole)

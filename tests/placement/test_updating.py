@@ -30,6 +30,7 @@ def mesh(rod):
     return rod
 
 
+@pytest.mark.slow
 def test_an_hour_tells_film_and_heat_and_the_updated_mesh_holds_on_another_duty(mesh):
     """The declared film is 20; the mesh alone and the logs alone are both worse."""
     hour, unseen = log_of(1, 360, 60), log_of(2, 2880, 180)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.errors import ModelError, ThermalToolWarning
 from thermaltool.laplace.contours import hyperbola_rule, windows
@@ -35,6 +36,8 @@ SERIES_BELOW = 1e-4
 STEP_TOLERANCE = 3e-5
 # Nodes of a contour: good to 1e-11 of the steady state.
 CONTOUR_NODES = 28
+# Exponentials of so many times at most are kept for the next response: 400 kB.
+MAX_KEPT_TIMES = 1000
 # The spectrum is fitted from this share of the slowest rate, below which there is nothing, to rates
 # of so many samples, of the slowest rate, and of the delay of diffusion; at most to these.
 SLOWEST_SHARE = 0.9
@@ -185,16 +188,43 @@ def diffusive_step(transfer: Callable[[Complex], Complex], t: Float) -> Float:
     t : ndarray, any shape [s]
     """
     t = np.asarray(t, float)
-    times, back = np.unique(t[t > 0], return_inverse=True)
-    values = np.empty(times.shape)
-    for window in windows(times):
-        last = times[window][-1]
-        nodes, weights = hyperbola_rule(CONTOUR_NODES)
-        terms = transfer(nodes / last) / nodes * weights
-        values[window] = (np.exp(np.outer(times[window] / last, nodes)) @ terms).real
+    positive = t[t > 0]
+    if positive.size > MAX_KEPT_TIMES:
+        inverses, back = _inverses(positive)
+    else:
+        inverses, back = _kept_inverses(positive.tobytes())
+    values = np.empty(positive.shape)
+    for window, frequencies, nodes, weights, kernel in inverses:
+        terms = transfer(frequencies) / nodes * weights
+        values[window] = (kernel @ terms).real
     step = np.zeros(t.shape)
     step[t > 0] = values[back]
     return step
+
+
+Inverse = tuple[slice, Complex, Complex, Complex, Complex]
+
+
+def _inverses(t: Float) -> tuple[Iterable[Inverse], NDArray[np.intp]]:
+    """Per window of the ascending times: its slice, frequencies, nodes, weights and exponentials.
+
+    And where each of the times stands among them.
+    """
+    times, back = np.unique(t, return_inverse=True)
+    nodes, weights = hyperbola_rule(CONTOUR_NODES)
+
+    def of(window: slice) -> Inverse:
+        own = times[window] / (last := times[window][-1])
+        return window, nodes / last, nodes, weights, np.exp(np.outer(own, nodes))
+
+    return map(of, windows(times)), back
+
+
+@lru_cache(maxsize=32)
+def _kept_inverses(t: bytes) -> tuple[tuple[Inverse, ...], NDArray[np.intp]]:
+    """`_inverses` of a few times: a fit asks many responses for the same ones."""
+    inverses, back = _inverses(np.frombuffer(t))
+    return tuple(inverses), back
 
 
 def diffusive_modes(response: Response, slowest: float, delay: float, dt: float) -> Modes:

@@ -21,7 +21,7 @@ from thermaltool.fitting.transfer.model import TransferModel, decay
 from thermaltool.fitting.transfer.oe import OeStructure, search_fields
 from thermaltool.fitting.transfer.orders import Orders
 from thermaltool.fitting.transfer.output_error import Problem
-from thermaltool.fitting.transfer.polynomials import partial_fractions
+from thermaltool.fitting.transfer.polynomials import from_real_roots, partial_fractions
 from thermaltool.fitting.transfer.search import SearchResult
 from thermaltool.fitting.transfer.structure import Structure
 from thermaltool.signals.intervals import Estimate, normal_estimate, standard_error
@@ -42,7 +42,7 @@ class ContinuousProblem(Problem):
         return np.asarray(np.poly(np.exp(np.roots(f))).real)
 
     def start(self, lags: Array) -> Array:
-        return np.asarray(np.poly(-1 / np.asarray(lags, float)).real)
+        return from_real_roots(-1 / np.asarray(lags, float))
 
     def parts(self, lags: Array, nb: int) -> Array:
         return partial_fractions(-1.0 / lags, range(nb))
@@ -60,8 +60,8 @@ class ContinuousProblem(Problem):
         for j, row in enumerate(out):
             row[:] = -lfilter(numerators[len(out) - 1 - j], denominator, x)
 
-    def step_between(self, f: Array, after: Array) -> Array:
-        return (after - f)[1:]
+    def steps_between(self, f: Array, after: Array) -> Array:
+        return np.asarray((after - f)[:, 1:].T)
 
     def moved(self, F: Sequence[Array], step: Array) -> tuple[Array, ...]:
         result, at = [], 0

@@ -138,8 +138,12 @@ class Problem:
 
     def place(self, k: int) -> NDArray[np.intp]:
         """Where the numerators and the offset of record k stand among those shared."""
+        return self._places[k]
+
+    @cached_property
+    def _places(self) -> tuple[NDArray[np.intp], ...]:
         own = sum(self.orders.nb)
-        return np.append(np.arange(own), own + self.data.records[k].origin)
+        return tuple(np.append(np.arange(own), own + r.origin) for r in self.data.records)
 
     def _columns(self, k: int, F: Sequence[Array]) -> Array:
         """Of record k, each a row: room for the denominators, numerators, offset, responses."""
@@ -234,10 +238,11 @@ class Problem:
             columns, y = self._columns(k, F), self.white(self.output(k), k)
             rows, place = self.white(columns[searched:], k), self.place(k)
             own, with_output, count = rows @ rows.T, rows @ y, len(place)
-            inner = solve(own[count:, count:], np.column_stack([own[count:, :count],
-                                                                with_output[count:]]))  # fmt: skip
+            known = np.empty((len(own) - count, count + 1))
+            known[:, :count], known[:, count] = own[count:, :count], with_output[count:]
+            inner = solve(own[count:, count:], known)
             across = own[:count, count:]
-            gram[np.ix_(place, place)] += own[:count, :count] - across @ inner[:, :count]
+            gram[place[:, None], place] += own[:count, :count] - across @ inner[:, :count]
             right[place] += with_output[:count] - across @ inner[:, count]
             power += float(y @ y) - float(with_output[count:] @ inner[:, count])
             parts.append((place, inner))
@@ -258,7 +263,7 @@ class Problem:
             own = self.white(Z, k)
             products, with_error = own @ own.T, own @ e
             inner = solve(products[n:, n:], products[n:, :n])
-            gram[np.ix_(place, place)] += products[:n, :n] - products[:n, n:] @ inner
+            gram[place[:, None], place] += products[:n, :n] - products[:n, n:] @ inner
             score[place] += with_error[:n] - inner.T @ with_error[n:]
             loss += float(e @ e)
             if mixed:
@@ -306,9 +311,19 @@ class Problem:
                 free += n
             yield error, signals
 
-    def step_between(self, f: Array, after: Array) -> Array:
-        """The step of `moved` that leads from one denominator to another."""
-        return np.asarray(np.linalg.solve(self.basis(len(f) - 1).T, (after - f)[1:]))
+    def steps_between(self, f: Array, after: Array) -> Array:
+        """The steps of `moved` that lead from one denominator to others.
+
+        Parameters
+        ----------
+        f : ndarray, shape (n + 1,)
+        after : ndarray, shape (m, n + 1)
+
+        Returns
+        -------
+        steps : ndarray, shape (n, m)
+        """
+        return np.asarray(np.linalg.solve(self.basis(len(f) - 1).T, (after - f)[:, 1:].T))
 
     def moved(self, F: Sequence[Array], step: Array) -> tuple[Array, ...]:
         """Denominators after a step in the difference basis, made stable."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -72,7 +71,7 @@ def _over_time_constants(problem: Problem, tau: list[Array]) -> SearchResult:
     def normal_equations(here: tuple[Array, SearchResult]) -> tuple[Array, Array]:
         theta, found = here
         matrix, score = reduced_equations(problem, found)
-        turn = _jacobian(problem, found.F, theta, denominators)
+        turn = _jacobian(problem, found.F, theta)
         return turn.T @ matrix @ turn, turn.T @ score
 
     end = minimize(
@@ -94,17 +93,13 @@ def _apart(tau: Array) -> Array:
     return tau
 
 
-def _jacobian(
-    problem: Problem,
-    F: tuple[Array, ...],
-    theta: Array,
-    denominators: Callable[[Array], tuple[Array, ...]],
-) -> Array:
+def _jacobian(problem: Problem, F: tuple[Array, ...], theta: Array) -> Array:
     """How steps of the denominators follow the logarithms of the time constants."""
-    columns = []
-    for k in range(len(theta)):
-        beside = theta.copy()
-        beside[k] += LOG_DIFFERENCE
-        steps = [problem.step_between(f, g) for f, g in zip(F, denominators(beside), strict=True)]
-        columns.append(np.concatenate(steps) / LOG_DIFFERENCE)
-    return np.array(columns).T
+    turn, at = np.zeros((len(theta), len(theta))), 0
+    for f in F:
+        own = slice(at, at + len(f) - 1)
+        beside = theta[own] + LOG_DIFFERENCE * np.eye(len(f) - 1)
+        after = np.array([problem.start(lags) for lags in np.exp(beside)]).reshape(-1, len(f))
+        turn[own, own] = problem.steps_between(f, after) / LOG_DIFFERENCE
+        at = own.stop
+    return turn

@@ -49,9 +49,27 @@ def difference_basis(n: int) -> Array:
     return rows
 
 
+def from_real_roots(roots: Array) -> Array:
+    """Coefficients of Π(x − root), as `numpy.poly`; without its checks, for searches call it often.
+
+    Parameters
+    ----------
+    roots : ndarray, shape (n,)
+
+    Returns
+    -------
+    coefficients : ndarray, shape (n + 1,)
+    """
+    f = np.zeros(len(roots) + 1)
+    f[0] = 1.0
+    for k, root in enumerate(roots.tolist()):
+        f[1 : k + 2] -= root * f[: k + 1]
+    return f
+
+
 def from_lags(tau: Array) -> Array:
     """The denominator with real poles exp(−1/τ), τ in samples."""
-    return np.asarray(np.poly(np.exp(-1.0 / np.asarray(tau, float))))
+    return from_real_roots(np.exp(-1.0 / np.asarray(tau, float)))
 
 
 def partial_fractions(roots: Array, powers: Iterable[int]) -> Array:
