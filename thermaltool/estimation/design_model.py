@@ -10,6 +10,7 @@ import numpy as np
 
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, ModelError
+from thermaltool.estimation.balanced import balanced
 from thermaltool.estimation.estimator import (
     Estimator,
     KalmanEstimator,
@@ -34,9 +35,33 @@ from thermaltool.responses.parallel import InputPath
 
 # Least damping ratio [1] of a kernel: below it the regularized inverse rings.
 MIN_DAMPING_RATIO = 0.3
+# What the states that a Kalman form leaves out may do to a sensor at the level of the drive, as a
+# share of its white noise; to any output as shares of its steady state: no more than a third of the
+# error of a diffusive response's exponentials, no less than counts beside rounding.
+LEFT_OUT, MAX_LEFT_OUT, MIN_LEFT_OUT = 0.01, 1e-5, 1e-7
 # The trial step lasts so many of the slowest time constants of the sensors, and between so many
 # samples: shorter ones show no steady state, longer ones only take time.
 TRIAL_TIME_CONSTANTS, MIN_TRIAL_SAMPLES, MAX_TRIAL_SAMPLES = 6, 2000, 40000
+
+
+# From a drive to a sensor or an output, by their places: (sensor or output, drive, response).
+ModalTerm = tuple[int, int, Modes]
+
+
+@dataclass(frozen=True)
+class TruncatedTerms:
+    """Responses of few states.
+
+    Attributes
+    ----------
+    sensed, followed : tuple of ModalTerm
+    error : float [1]
+        What the largest truncation may do, as a share of the steady state of its response.
+    """
+
+    sensed: tuple[ModalTerm, ...]
+    followed: tuple[ModalTerm, ...]
+    error: float
 
 
 @dataclass(frozen=True)
@@ -46,8 +71,7 @@ class DesignModel:
     Attributes
     ----------
     sensors, drives, outputs : tuple of str
-    sensed : tuple of (sensor, drive, Modes)
-    followed : tuple of (output, drive, Modes)
+    sensed, followed : tuple of ModalTerm
     level : tuple of float
         Step of each drive for which the band is predicted.
     noise : tuple of SensorNoise
@@ -64,8 +88,8 @@ class DesignModel:
     sensors: tuple[str, ...]
     drives: tuple[str, ...]
     outputs: tuple[str, ...]
-    sensed: tuple[tuple[int, int, Modes], ...]
-    followed: tuple[tuple[int, int, Modes], ...]
+    sensed: tuple[ModalTerm, ...]
+    followed: tuple[ModalTerm, ...]
     level: tuple[float, ...]
     noise: tuple[SensorNoise, ...]
     dt: float
@@ -104,11 +128,32 @@ class DesignModel:
             self.sensors,
             self.drives,
             self.outputs,
-            self.sensed,
-            self.followed,
+            self.truncated.sensed,
+            self.truncated.followed,
             tuple(walk),
             self.noise,
         )
+
+    @cached_property
+    def truncated(self) -> TruncatedTerms:
+        """The responses with the states that count beside the noise."""
+
+        def least(terms: Sequence[ModalTerm], noise: Sequence[SensorNoise]) -> list[ModalTerm]:
+            found = []
+            for to, drive, modes in terms:
+                steady = abs(modes.dc_gain())
+                allowed = MAX_LEFT_OUT * steady
+                if noise:
+                    seen = LEFT_OUT * noise[to].white / max(abs(self.level[drive]), 1e-300)
+                    allowed = max(min(allowed, seen), MIN_LEFT_OUT * steady)
+                kept, error = balanced(modes, allowed)
+                errors.append(error / max(steady, 1e-300))
+                found.append((to, drive, kept))
+            return found
+
+        errors: list[float] = []
+        sensed, followed = least(self.sensed, self.noise), least(self.followed, ())
+        return TruncatedTerms(tuple(sensed), tuple(followed), max(errors, default=0.0))
 
     @staticmethod
     def of(
@@ -168,7 +213,7 @@ class DesignModel:
         if not drives and not paths.known:
             raise ModelError("nothing acts on the deflections of the model")
 
-        def terms(targets: tuple[str, ...]) -> tuple[tuple[int, int, Modes], ...]:
+        def terms(targets: tuple[str, ...]) -> tuple[ModalTerm, ...]:
             own = [t for t in model.terms if t.output in targets and t.drive in drives]
             for t in own:
                 response = paths.response(t)
