@@ -128,7 +128,7 @@ class Rod:
 
     @classmethod
     def starts(cls, period: float, duration: float, **fixed: float) -> list[tuple[float, ...]]:
-        """Coarse grid: slow time constant, loss, and place of the probe.
+        """Coarse grid: slow time constant, loss, and place of a probe that the records show.
 
         Parameters
         ----------
@@ -140,4 +140,5 @@ class Rod:
         shares = fixed["source"] + (1 - fixed["source"]) * np.array([0.05, 0.3, 0.6, 0.95])
         grid = itertools.product(slow.tolist(), (0.03, 0.3, 3.0, 20.0), shares.tolist())
         least, _ = cls.search_box(period, duration, **fixed)["tau"]
-        return [(max(tau * loss, least), loss, probe) for tau, loss, probe in grid]
+        found = [(max(tau * loss, least), loss, probe) for tau, loss, probe in grid]
+        return [each for each in found if (each[2] - fixed["source"]) ** 2 * each[0] < duration]
