@@ -11,6 +11,7 @@ import numpy as np
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, ModelError
 from thermaltool.estimation.balanced import balanced
+from thermaltool.estimation.delay_lags import with_lags
 from thermaltool.estimation.estimator import (
     Estimator,
     KalmanEstimator,
@@ -28,7 +29,7 @@ from thermaltool.estimation.permanent_effects import (
     reading_columns,
 )
 from thermaltool.estimation.variable_cooling import check_cooling_supported, cooling_effects
-from thermaltool.model import Model
+from thermaltool.model import Model, Term
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Float, Modes
 from thermaltool.responses.parallel import InputPath
@@ -213,17 +214,32 @@ class DesignModel:
         if not drives and not paths.known:
             raise ModelError("nothing acts on the deflections of the model")
 
+        late: list[str] = []
+
+        def prompt(t: Term) -> Modes:
+            response = paths.response(t)
+            what = "direct feedthrough"
+            if isinstance(response, DelayedModes):
+                try:
+                    modes, error = with_lags(response)
+                except ModelError as reason:
+                    what = str(reason)
+                else:
+                    late.append(
+                        f"{t.output} answers {t.drive} {response.delay:.3g} s late: the estimator "
+                        f"takes lags for that, which follow it to {100 * error:.2g} %"
+                    )
+                    return modes
+            elif not response.direct:
+                return response
+            raise ModelError(
+                f"{t.drive} → {t.output} has {what}: such a drive cannot be estimated; "
+                f"where it is measured: --measured {t.drive}"
+            )
+
         def terms(targets: tuple[str, ...]) -> tuple[ModalTerm, ...]:
             own = [t for t in model.terms if t.output in targets and t.drive in drives]
-            for t in own:
-                response = paths.response(t)
-                if isinstance(response, DelayedModes) or response.direct:
-                    what = "direct feedthrough" if response.direct else "a delay"
-                    raise ModelError(
-                        f"{t.drive} → {t.output} has {what}: such a drive cannot be estimated; "
-                        f"where it is measured: --measured {t.drive}"
-                    )
-            followed = [(t.output, t.drive, paths.response(t)) for t in own]
+            followed = [(t.output, t.drive, prompt(t)) for t in own]
             followed += [(o, *each) for o in targets for each in paths.redirected(o)]
             return tuple(
                 (targets.index(o), drives.index(drive), modes)
@@ -232,12 +248,13 @@ class DesignModel:
             )
 
         levels = {d.channel: np.array([max(map(abs, d.range))]) for d in model.drives}
+        sensed, driven = terms(sensors), terms(outputs)
         return DesignModel(
             sensors,
             drives,
             outputs,
-            terms(sensors),
-            terms(outputs),
+            sensed,
+            driven,
             # What acts at the largest level.
             tuple(float(apply_maps(drive_maps(model, name), levels[name])[0]) for name in drives),
             tuple(
@@ -249,7 +266,7 @@ class DesignModel:
             paths.to(sensors),
             paths.to(outputs),
             losses,
-            notes,
+            (*notes, *late),
         )
 
     @cached_property

@@ -86,9 +86,8 @@ class Recursion:
         for k, added in enumerate(carried):
             borders[k + 1] = power @ borders[k] + added
         inside = borders[:-1] @ from_state + chunks @ to_output
-        y = np.concatenate(
-            [(self.C @ x)[None, :], inside.reshape(len(chunks) * BLOCK, len(self.C))[:steps]]
-        )
+        inside = inside.reshape(len(chunks) * BLOCK, len(self.C))
+        y = np.concatenate([(self.C @ x)[None, :], inside[:steps]])
         if not (rest := steps % BLOCK):
             return y, borders[-1]
         x = borders[-2]
