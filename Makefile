@@ -85,6 +85,7 @@ study: $(READY)
 	@$(BIN)/python benchmarks/deflection_bands.py data_samples $(DESIGNS) --repeat 20
 	@$(BIN)/python benchmarks/deflection_bands.py data_samples $(DESIGNS) --repeat 20 --signal 2.54
 	@$(BIN)/python benchmarks/smoothing.py
+	@$(BIN)/python benchmarks/alarm.py
 	@$(BIN)/python benchmarks/walls.py
 	@$(BIN)/python benchmarks/deconvolution.py rules
 	@$(BIN)/python benchmarks/deconvolution.py wall
