@@ -84,7 +84,10 @@ DESIGNS := demo/far_kalman.json demo/far_kernel.json demo/all_kalman.json
 study: $(READY)
 	@$(MAKE) --no-print-directory -j2 -f pipelines/demo.mk $(TOOLS) $(DESIGNS)
 	@$(BIN)/python benchmarks/deflection_bands.py data_samples $(DESIGNS) --repeat 20
+	@$(BIN)/python benchmarks/deflection_bands.py data_samples $(DESIGNS) --repeat 20 --signal 2.54
 	@$(BIN)/python benchmarks/smoothing.py
+	@$(BIN)/python benchmarks/alarm.py
+	@$(BIN)/python benchmarks/walls.py
 	@$(BIN)/python benchmarks/deconvolution.py rules
 	@$(BIN)/python benchmarks/deconvolution.py wall
 	@$(BIN)/python benchmarks/modes.py logs

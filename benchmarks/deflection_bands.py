@@ -21,11 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
+from thermaltool.estimation.design import DesignPlan, design_estimator
 from thermaltool.estimation.design_model import DesignModel
 from thermaltool.estimation.estimator import Estimator, SensorNoise, load_estimator
 from thermaltool.estimation.regularization import best_choice, design_kalman
 from thermaltool.logs import Log, read_log
-from thermaltool.model import loads, relative
+from thermaltool.model import Model, loads, relative
 from thermaltool.plants import build
 from thermaltool.plants.noise import Sensor, read_sensors
 from thermaltool.responses.modes import Modes
@@ -72,7 +73,20 @@ def truth_of(modes: Modes, log: Log) -> np.ndarray:
     return out
 
 
-def bound(plant: dict[str, Modes], sensors: tuple[str, ...], dt: float) -> Estimator:
+def noise(scale: float) -> SensorNoise:
+    return SensorNoise(scale * WHITE, scale * DRIFT, DRIFT_TIME)
+
+
+def redesigned(model: Model, scale: float) -> Model:
+    """The model with its form of estimator designed anew, for another size of the noise."""
+    design = model.estimator_design()
+    machine = DesignModel.of(
+        model, dict.fromkeys(design["sensors"], noise(scale)), model.sample_period
+    )
+    return design_estimator(model, machine, DesignPlan(design["form"])).model
+
+
+def bound(plant: dict[str, Modes], sensors: tuple[str, ...], dt: float, scale: float) -> Estimator:
     """The Kalman filter that knows the plant and the noise."""
     machine = DesignModel(
         sensors=sensors,
@@ -81,7 +95,7 @@ def bound(plant: dict[str, Modes], sensors: tuple[str, ...], dt: float) -> Estim
         sensed=tuple((k, 0, plant[name]) for k, name in enumerate(sensors)),
         followed=tuple((k, 0, plant[name]) for k, name in enumerate(DEFLECTIONS)),
         level=(1.0,),
-        noise=(SensorNoise(WHITE, DRIFT, DRIFT_TIME),) * len(sensors),
+        noise=(noise(scale),) * len(sensors),
         dt=dt,
     )
     return best_choice(design_kalman(machine)).estimator
@@ -100,15 +114,30 @@ def main() -> int:
     parser.add_argument("designs", nargs="+", type=Path, help="model files with a design")
     parser.add_argument("--repeat", type=int, default=0, help="fresh draws of the noise per input")
     parser.add_argument("--seed", type=int, help="of those draws; drawn and printed if absent")
+    parser.add_argument(
+        "--signal",
+        type=float,
+        metavar="K",
+        help="noise as large beside the "
+        "sensors' rise at Q = 1 as beside this one; designs are made anew",
+    )
     parser.add_argument("--must", action="append", default=[], metavar="DESIGN")
     options = parser.parse_args()
     plant = plant_modes()
     models = {path.stem: loads(path.read_text(), str(path)) for path in options.designs}
+    scale = 1.0
+    if options.signal:
+        rises = {c: plant[c].step(np.array(3600.0)) for m in models.values()
+                 for c in m.estimator_design()["sensors"]}  # fmt: skip
+        scale = float(min(rises.values())) / options.signal
+        told = ", ".join(f"{c} {rise:.2f} K" for c, rise in rises.items())
+        print(f"an hour after Q = 1: {told}; noise times {scale:.3g}", file=sys.stderr)
+        models = {name: redesigned(model, scale) for name, model in models.items()}
     estimators = {name: load_estimator(dict(m.estimator_design())) for name, m in models.items()}
     rests = {n: {o.channel: o.offset for o in m.outputs} for n, m in models.items()}
     logs = {name: read_log(str(options.samples / f"frame_{name}.parquet")) for name in INPUTS}
     bounds = {
-        sensors: bound(plant, sensors, logs["step100"].period)
+        sensors: bound(plant, sensors, logs["step100"].period, scale)
         for sensors in {e.sensors for e in estimators.values()}
     }
     seed = (
@@ -135,7 +164,7 @@ def main() -> int:
         draws = [{c: log.column(c) for c in truth if c not in DEFLECTIONS}]
         for k in range(options.repeat):
             clean = {c: truth[c] for c in draws[0]}
-            sensor = {"K": Sensor(WHITE, DRIFT, DRIFT_TIME)}
+            sensor = {"K": Sensor(scale * WHITE, scale * DRIFT, DRIFT_TIME)}
             draws.append(read_sensors(clean, sensor, log.period, seed + k))
         for design, estimator in estimators.items():
             rows = []

@@ -55,6 +55,10 @@ DRAWINGS = (
         "tau": "tau: diffusion time", "biot": "biot: loss of the heated face",
         "biot_far": "biot_far: loss of the far face", "depth": "depth: place of the probe",
     }),
+    Drawing("rod", {"K": 1.0, "tau": 3000.0, "loss": 1.0, "probe": 0.5}, 9000, {
+        "tau": "tau: diffusion time", "loss": "loss: of heat along the side",
+        "probe": "probe: its place",
+    }),
     Drawing("oscillation", {"K": 10.0, "D": 0.0, "omega": 2.0, "zeta": 0.2}, 20, {
         "K": "K: gain", "omega": "omega: natural frequency", "zeta": "zeta: damping",
     }),

@@ -251,7 +251,7 @@ def test_a_delayed_model_streams_from_a_measured_drive(thermaltool, log, columns
     assert np.max(np.abs(estimated[name] - truth)) < 0.1
 
 
-def test_a_drive_cannot_be_estimated_through_a_delay(thermaltool, columns, tmp_path):
+def test_a_drive_is_estimated_through_a_delay(thermaltool, columns, tmp_path):
     columns["dT_pair_K"] = columns["d_z_um"]
     log, model, noise = (tmp_path / name for name in ("log.csv", "model.json", "noise.json"))
     write_log(log, columns)
@@ -259,9 +259,8 @@ def test_a_drive_cannot_be_estimated_through_a_delay(thermaltool, columns, tmp_p
     assert thermaltool("identify", log, *call, "--orders", "2,2,5", "-o", model).code == 0
     assert thermaltool("noise", log, "-o", noise).code == 0
     done = thermaltool("regularize", model, "--noise", noise)
-    assert done.code == 1
-    assert "has a delay" in done.err
-    assert done.err.count("\n") == 1
+    assert done.code == 0, done.err
+    assert "s late: the estimator takes lags for that" in done.err
 
 
 SHARED = ("--input", "Q_main_W", "--output", "d_z_um", "--output", "dT_pair_K",

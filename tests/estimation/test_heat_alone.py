@@ -57,6 +57,8 @@ def test_the_flux_into_a_wall_from_its_other_face():
         error = np.abs(found.columns["Q_front_W"] - log["Q_front_W"].to_numpy())
         assert 0.88 < np.mean(error < 1.96 * found.columns["sigma_Q_front_W"]) < 0.99
         assert "nan" not in found.table()
+        stepped = tt.estimate(design, log, method="tikhonov1", warn=str)
+        assert stepped.agreements["Q_front_W"].fit_percent >= 90
 
 
 def frame_model():

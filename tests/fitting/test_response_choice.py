@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from machines.heated_rod import HeatedRod
 
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.fitting.response_choice import LEFT_OUT
@@ -84,6 +85,23 @@ def test_a_rod_is_followed_to_its_noise_on_another_input(seed):
     model = fitted(record(*rod(seed), sigma, seed))
     unseen = record(*rod(seed + 10), sigma, seed + 10)
     assert agreements(model, [unseen])[OUTPUT].rmse < 1.5 * sigma
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_bar_of_aluminium_is_a_rod(seed):
+    """Finite volumes; at less noise than a plate without ends leaves."""
+    bar, generator, u = HeatedRod(), np.random.default_rng(seed), switched(seed)
+    probe = generator.uniform(0.6, 0.8)
+    rise = bar.step_responses((probe,), 10.0, len(u))[:, 0, 0]
+    y = np.convolve(np.diff(u, prepend=0.0), 0.2 * rise)[: len(u)]
+    model = fitted(record(u, y, 0.005, seed))
+    assert chosen(model)["kinds"] == ["rod"]
+    response = model.terms[0].response
+    assert response.probe == pytest.approx(probe, abs=0.05)
+    stored = bar.capacity * np.pi * bar.radius**2
+    slow = stored / (bar.film * 2 * np.pi * bar.radius)
+    assert response.tau / response.loss == pytest.approx(slow, rel=0.05)
 
 
 @pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.slow)])

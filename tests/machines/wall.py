@@ -25,6 +25,8 @@ class Wall:
     capacity : float [J/(m³ K)]
     film : float [W/(m² K)]
         Of each face.
+    back_film : float, optional [W/(m² K)]
+        Of the back, where it is another one.
     cells : int
     """
 
@@ -33,6 +35,7 @@ class Wall:
     capacity: float = 3.9e6
     film: float = 65.0
     cells: int = 40
+    back_film: float | None = None
 
     def matrices(self) -> tuple[Array, Array, Array]:
         """A [1/s], b [K/s per W/m²] and the row of the back face: x' = A x + b q, y = c x."""
@@ -42,7 +45,7 @@ class Wall:
         for k in range(n - 1):
             exchange[k : k + 2, k : k + 2] += between * np.array([[-1.0, 1.0], [1.0, -1.0]])
         exchange[0, 0] -= self.film
-        exchange[-1, -1] -= self.film
+        exchange[-1, -1] -= self.film if self.back_film is None else self.back_film
         b = np.zeros(n)
         b[0] = 1.0
         c = np.zeros(n)

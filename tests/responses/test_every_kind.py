@@ -237,7 +237,7 @@ def test_a_generated_kind_can_be_pickled():
 
 
 def test_an_unknown_kind_lists_the_known_ones():
-    with pytest.raises(ModelError, match=r"convection.*conduction, slab, deflection"):
+    with pytest.raises(ModelError, match=r"convection.*conduction, slab, rod, deflection"):
         response_class("convection")
 
 

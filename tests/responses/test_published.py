@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from machines.heated_rod import HeatedRod
 from reference import fraser1997 as fraser
 from reference.ring import ring_step, ring_transfer
 from scipy.linalg import expm
@@ -11,6 +12,7 @@ from scipy.linalg import expm
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.deflection import Deflection, JointDeflection
 from thermaltool.responses.modes import Modes
+from thermaltool.responses.rod import Rod
 from thermaltool.responses.slab import Slab
 
 SOURCES = [fraser.PAIR, fraser.MAIN, *fraser.JOINT]
@@ -145,3 +147,30 @@ def test_complex_poles_against_the_matrix_exponential():
     np.testing.assert_allclose(modes.discretize(dt).run(np.ones((50, 1)))[0][:, 0], expected)
     np.testing.assert_allclose(modes.step(dt * np.arange(50)), expected, atol=1e-15)
     assert Modes.from_document(modes.document()).weights[0] == modes.weights[0]
+
+
+@pytest.mark.parametrize(("source", "probe"), [(0.0, 0.15), (0.0, 0.7), (0.0, 0.95)])
+def test_a_rod_is_what_cells_of_it_do(source, probe):
+    machine = HeatedRod(cells=400)
+    expected = machine.step_responses((probe,), 20.0, 400)[:, 0, 0]
+    area = np.pi * machine.radius**2
+    cooled = machine.film * 2 * np.pi * machine.radius
+    rod = Rod(
+        K=1.0,
+        tau=machine.length**2 * machine.capacity / machine.conductivity,
+        loss=cooled * machine.length**2 / (machine.conductivity * area),
+        probe=(int(probe * 400) + 0.5) / 400,
+        source=source,
+    )
+    found = rod.step(20.0 * np.arange(400))
+    np.testing.assert_allclose(found, expected / expected[-1] * found[-1], atol=2e-3)
+    # All the heat leaves by the side: the mean rise is that of the power over all of the film.
+    steady = [Rod(1.0, rod.tau, rod.loss, x) for x in np.linspace(0.0025, 0.9975, 200)]
+    shape = np.array([each._shape(np.sqrt(np.array([rod.loss + 0j])))[0].real for each in steady])
+    assert np.mean(shape) == pytest.approx(1 / rod.loss, rel=1e-4)
+
+
+def test_heat_and_probe_of_a_rod_change_places():
+    s = 1j * np.geomspace(1e-5, 1.0, 50)
+    one, other = Rod(1.0, 700.0, 0.8, 0.8, 0.3), Rod(1.0, 700.0, 0.8, 0.7, 0.2)
+    np.testing.assert_allclose(one.transfer(s), other.transfer(s), atol=1e-12)

@@ -123,7 +123,7 @@ def calibrate(
     deflections : str or sequence of str
         Outputs that will be computed.
     kinds : mapping of output to kind of response, optional
-        Default: of all kinds (`conduction`, `slab` for one drive, `deflection`,
+        Default: of all kinds (`conduction`, `slab` and `rod` for one drive, `deflection`,
         `joint_deflection`, sums of one to four lags with a delay or without) the one that evidence
         and held-out rows speak for.
     fixed : mapping of parameter to value, optional

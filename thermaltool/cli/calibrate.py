@@ -33,7 +33,7 @@ _OF_RESPONSES = ("drives", "sensors", "deflections", "responses", "fixed", "refe
 @click.option("--deflection", "deflections", multiple=True, metavar="CHANNEL",
               help="Output that will be computed; repeatable.")  # fmt: skip
 @click.option("--response", "responses", multiple=True, metavar="CHANNEL=KIND",
-              help="Kind of response: conduction, slab, deflection, joint_deflection, "
+              help="Kind of response: conduction, slab, rod, deflection, joint_deflection, "
               "rational1 (a lag) to rational12.  "
               "[default: chosen by evidence and held-out rows]")  # fmt: skip
 @click.option("--fix", "fixed", multiple=True, metavar="NAME=VALUE",

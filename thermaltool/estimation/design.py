@@ -156,6 +156,7 @@ def design_estimator(
         "predicted": asdict(best.prediction),
     }
     if isinstance(best.estimator, KalmanEstimator):
+        document["left_out"] = problem.truncated.error
         document["bands"] = design_bands(model, problem, best.estimator)
     notes = [hardly_seen, refused, _heat_note(best, problem)]
     return EstimatorDesign(

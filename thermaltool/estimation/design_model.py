@@ -10,6 +10,8 @@ import numpy as np
 
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, ModelError
+from thermaltool.estimation.balanced import balanced
+from thermaltool.estimation.delay_lags import with_lags
 from thermaltool.estimation.estimator import (
     Estimator,
     KalmanEstimator,
@@ -27,16 +29,40 @@ from thermaltool.estimation.permanent_effects import (
     reading_columns,
 )
 from thermaltool.estimation.variable_cooling import check_cooling_supported, cooling_effects
-from thermaltool.model import Model
+from thermaltool.model import Model, Term
 from thermaltool.responses.delay import DelayedModes
 from thermaltool.responses.modes import Float, Modes
 from thermaltool.responses.parallel import InputPath
 
 # Least damping ratio [1] of a kernel: below it the regularized inverse rings.
 MIN_DAMPING_RATIO = 0.3
+# What the states that a Kalman form leaves out may do to a sensor at the level of the drive, as a
+# share of its white noise; to any output as shares of its steady state: no more than a third of the
+# error of a diffusive response's exponentials, no less than counts beside rounding.
+LEFT_OUT, MAX_LEFT_OUT, MIN_LEFT_OUT = 0.01, 1e-5, 1e-7
 # The trial step lasts so many of the slowest time constants of the sensors, and between so many
 # samples: shorter ones show no steady state, longer ones only take time.
 TRIAL_TIME_CONSTANTS, MIN_TRIAL_SAMPLES, MAX_TRIAL_SAMPLES = 6, 2000, 40000
+
+
+# From a drive to a sensor or an output, by their places: (sensor or output, drive, response).
+ModalTerm = tuple[int, int, Modes]
+
+
+@dataclass(frozen=True)
+class TruncatedTerms:
+    """Responses of few states.
+
+    Attributes
+    ----------
+    sensed, followed : tuple of ModalTerm
+    error : float [1]
+        What the largest truncation may do, as a share of the steady state of its response.
+    """
+
+    sensed: tuple[ModalTerm, ...]
+    followed: tuple[ModalTerm, ...]
+    error: float
 
 
 @dataclass(frozen=True)
@@ -46,8 +72,7 @@ class DesignModel:
     Attributes
     ----------
     sensors, drives, outputs : tuple of str
-    sensed : tuple of (sensor, drive, Modes)
-    followed : tuple of (output, drive, Modes)
+    sensed, followed : tuple of ModalTerm
     level : tuple of float
         Step of each drive for which the band is predicted.
     noise : tuple of SensorNoise
@@ -64,8 +89,8 @@ class DesignModel:
     sensors: tuple[str, ...]
     drives: tuple[str, ...]
     outputs: tuple[str, ...]
-    sensed: tuple[tuple[int, int, Modes], ...]
-    followed: tuple[tuple[int, int, Modes], ...]
+    sensed: tuple[ModalTerm, ...]
+    followed: tuple[ModalTerm, ...]
     level: tuple[float, ...]
     noise: tuple[SensorNoise, ...]
     dt: float
@@ -104,11 +129,32 @@ class DesignModel:
             self.sensors,
             self.drives,
             self.outputs,
-            self.sensed,
-            self.followed,
+            self.truncated.sensed,
+            self.truncated.followed,
             tuple(walk),
             self.noise,
         )
+
+    @cached_property
+    def truncated(self) -> TruncatedTerms:
+        """The responses with the states that count beside the noise."""
+
+        def least(terms: Sequence[ModalTerm], noise: Sequence[SensorNoise]) -> list[ModalTerm]:
+            found = []
+            for to, drive, modes in terms:
+                steady = abs(modes.dc_gain())
+                allowed = MAX_LEFT_OUT * steady
+                if noise:
+                    seen = LEFT_OUT * noise[to].white / max(abs(self.level[drive]), 1e-300)
+                    allowed = max(min(allowed, seen), MIN_LEFT_OUT * steady)
+                kept, error = balanced(modes, allowed)
+                errors.append(error / max(steady, 1e-300))
+                found.append((to, drive, kept))
+            return found
+
+        errors: list[float] = []
+        sensed, followed = least(self.sensed, self.noise), least(self.followed, ())
+        return TruncatedTerms(tuple(sensed), tuple(followed), max(errors, default=0.0))
 
     @staticmethod
     def of(
@@ -168,17 +214,32 @@ class DesignModel:
         if not drives and not paths.known:
             raise ModelError("nothing acts on the deflections of the model")
 
-        def terms(targets: tuple[str, ...]) -> tuple[tuple[int, int, Modes], ...]:
-            own = [t for t in model.terms if t.output in targets and t.drive in drives]
-            for t in own:
-                response = paths.response(t)
-                if isinstance(response, DelayedModes) or response.direct:
-                    what = "direct feedthrough" if response.direct else "a delay"
-                    raise ModelError(
-                        f"{t.drive} → {t.output} has {what}: such a drive cannot be estimated; "
-                        f"where it is measured: --measured {t.drive}"
+        late: list[str] = []
+
+        def prompt(t: Term) -> Modes:
+            response = paths.response(t)
+            what = "direct feedthrough"
+            if isinstance(response, DelayedModes):
+                try:
+                    modes, error = with_lags(response)
+                except ModelError as reason:
+                    what = str(reason)
+                else:
+                    late.append(
+                        f"{t.output} answers {t.drive} {response.delay:.3g} s late: the estimator "
+                        f"takes lags for that, which follow it to {100 * error:.2g} %"
                     )
-            followed = [(t.output, t.drive, paths.response(t)) for t in own]
+                    return modes
+            elif not response.direct:
+                return response
+            raise ModelError(
+                f"{t.drive} → {t.output} has {what}: such a drive cannot be estimated; "
+                f"where it is measured: --measured {t.drive}"
+            )
+
+        def terms(targets: tuple[str, ...]) -> tuple[ModalTerm, ...]:
+            own = [t for t in model.terms if t.output in targets and t.drive in drives]
+            followed = [(t.output, t.drive, prompt(t)) for t in own]
             followed += [(o, *each) for o in targets for each in paths.redirected(o)]
             return tuple(
                 (targets.index(o), drives.index(drive), modes)
@@ -187,12 +248,13 @@ class DesignModel:
             )
 
         levels = {d.channel: np.array([max(map(abs, d.range))]) for d in model.drives}
+        sensed, driven = terms(sensors), terms(outputs)
         return DesignModel(
             sensors,
             drives,
             outputs,
-            terms(sensors),
-            terms(outputs),
+            sensed,
+            driven,
             # What acts at the largest level.
             tuple(float(apply_maps(drive_maps(model, name), levels[name])[0]) for name in drives),
             tuple(
@@ -204,7 +266,7 @@ class DesignModel:
             paths.to(sensors),
             paths.to(outputs),
             losses,
-            notes,
+            (*notes, *late),
         )
 
     @cached_property

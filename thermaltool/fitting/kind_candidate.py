@@ -9,6 +9,8 @@ from typing import Any
 # Diffusion through a plate without ends; and through one with two faces, which is tried for one
 # drive beside it, or where none of the others follows the output with as few parameters.
 PLATE, SLAB = "conduction", "slab"
+# Diffusion along a bar with insulated ends: for a temperature that is that of no slab.
+ROD = "rod"
 # What is said of the one that is taken.
 WHY_ALONE = "chosen: no other is as good"
 WHY_SIMPLEST = "chosen: the fewest parameters among those that are as good"

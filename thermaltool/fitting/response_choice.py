@@ -17,6 +17,7 @@ import numpy as np
 from thermaltool.fitting.kind_candidate import (
     MORE_PARAMETERS,
     PLATE,
+    ROD,
     SLAB,
     WHY_ALONE,
     WHY_SIMPLEST,
@@ -27,7 +28,6 @@ from thermaltool.fitting.projection import MAX_CANCELLATION, GridStates
 from thermaltool.fitting.response_search import BLOCKS, CandidateData, FittedKinds, KindSearch
 from thermaltool.model import Drive
 from thermaltool.record import Record
-from thermaltool.responses import parameter_names
 from thermaltool.responses.modes import Float
 
 # Below so many rows for each drive nothing is compared.
@@ -47,6 +47,8 @@ LEFT_OUT = "none"
 DELAYED = ("rational1", "rational2", "rational3")
 # What is tried for one drive where there are several.
 KINDS_FOR_ONE = ("rational1", "rational2", "deflection")
+# Fitted ones of a slab, which is tried where others ask for more.
+SLAB_PARAMETERS = 5
 # Fall of the criterion that counts: odds of 150 to 1.
 DECISIVE = 10.0
 # An error beside that of the best kind counts from this share of a reading's noise: with less of it
@@ -114,12 +116,13 @@ def choose_response(
         return ()
     rows = min(_sound(found), key=lambda each: each.size).independent
     best = _best(found, rows)
-    if len(drives) == 1 and (
-        best.parameters > len(parameter_names(SLAB)) or best.kinds == (PLATE,)
-    ):
-        progress(f"trying {SLAB}")
-        own = task.fit((SLAB,), still)
-        found += [own] if own is not None else []
+    # A wall with weak films is a rod of little loss, too: it is tried first.
+    for kind in (SLAB, *((ROD,) if usual == PLATE else ())) if len(drives) == 1 else ():
+        if best.parameters > SLAB_PARAMETERS or best.kinds == (PLATE,):
+            progress(f"trying {kind}")
+            own = task.fit((kind,), still)
+            found += [own] if own is not None else []
+            best = _best(found, rows)
     if not (fixed or {}).get("delay"):
         progress("trying delays")
         found += _delayed(task, found, rows)

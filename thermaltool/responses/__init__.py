@@ -17,6 +17,7 @@ from thermaltool.responses.modes import Complex, Float, Modes, Range
 KINDS: dict[str, str] = {
     "conduction": "thermaltool.responses.conduction:Conduction",
     "slab": "thermaltool.responses.slab:Slab",
+    "rod": "thermaltool.responses.rod:Rod",
     "deflection": "thermaltool.responses.deflection:Deflection",
     "joint_deflection": "thermaltool.responses.deflection:JointDeflection",
     "rational1": "thermaltool.responses.rational:Rational1",

@@ -86,7 +86,7 @@ class Recursion:
         for k, added in enumerate(carried):
             borders[k + 1] = power @ borders[k] + added
         inside = borders[:-1] @ from_state + chunks @ to_output
-        y = np.concatenate([(self.C @ x)[None, :], inside.reshape(-1, len(self.C))[:steps]])
+        y = np.vstack([self.C @ x, inside.reshape(len(chunks) * BLOCK, len(self.C))[:steps]])
         if not (rest := steps % BLOCK):
             return y, borders[-1]
         x = borders[-2]

@@ -1,0 +1,93 @@
+"""How often model and machine are said to have parted: on a machine that has changed, and on days.
+
+The finite-element frame with three pairs of probes is calibrated on logs of its own, a model each.
+Logs of 50 min and of 2.5 h come from a frame that loses heat half as fast again (its film
+coefficient), days of 24 h from the frame as it was calibrated. Printed is for each model how many
+logs and how many days end with an alarm.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from smoothing import CALIBRATION_ROWS, Case, Noise, model_of
+
+from thermaltool.errors import ModelError
+from thermaltool.estimation.bands import model_errors
+from thermaltool.estimation.innovation_test import InnovationTest, first_alarm
+from thermaltool.estimation.lookahead import linear_kalman
+from thermaltool.estimation.pipeline import EstimatorPipeline
+from thermaltool.model import Model
+from thermaltool.plants.frame import FrameGeometry, build
+
+Array = NDArray[np.float64]
+PERIOD = 2.0
+# Rows of the logs, of a day, and after which a step response stands still.
+SHORT, LONG, DAY, SETTLED = 1500, 4500, 43200, 12000
+PAIRS = ("dT_pair1_K", "dT_pair2_K", "dT_pair3_K")
+
+
+def steps(film: float) -> Array:
+    """Step responses of the frame, shape (DAY, 3, 1)."""
+    heat = np.ones(SETTLED)
+    probes = build(FrameGeometry(film_coefficient=film)).simulate(heat, 0 * heat, PERIOD)
+    rise = np.stack([probes[name] for name in PAIRS], axis=1)
+    return np.concatenate([rise, np.repeat(rise[-1:], DAY - SETTLED, axis=0)])[:, :, None]
+
+
+def parted(
+    case: Case, machine: Array, rows: int, model: Model, generator: np.random.Generator
+) -> bool:
+    """Whether a duty of `rows` rows on a machine ends with an alarm."""
+    kalman = linear_kalman(EstimatorPipeline.of(model).estimator)
+    readings = case.readings(machine, case.heat(rows, generator), generator)
+    test = InnovationTest(kalman, PERIOD, model_errors(model, kalman))
+    return first_alarm(test, PERIOD * np.arange(rows), readings, False) is not None
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--models", type=int, default=8)
+    parser.add_argument("--logs", type=int, default=12, help="of each length, for each model")
+    parser.add_argument("--days", type=int, default=4, help="for each model")
+    parser.add_argument("--seed", type=int, help="drawn and printed if absent")
+    options = parser.parse_args()
+    seed = options.seed
+    if seed is None:
+        seed = int(np.random.SeedSequence().entropy % 2**32)
+    print(f"seed {seed}", file=sys.stderr)
+    case = Case("frame", steps(13.5), steps(20.25), 1.0, PERIOD, Noise(0.02, 0.008))
+    print(
+        "| responses | 50 min, loss + 50 % | 2.5 h, loss + 50 % | clean days |\n|---|---|---|---|"
+    )
+    counts = np.zeros((0, 3), int)
+    for number in range(options.models):
+        generator = np.random.default_rng([seed, number])
+        short = replace(case, calibrated=case.calibrated[:CALIBRATION_ROWS])
+        try:
+            model = model_of(short, generator).model
+        except ModelError as error:
+            print(error, file=sys.stderr)
+            continue
+        asked = [(case.steps, SHORT, options.logs), (case.steps, LONG, options.logs)]
+        asked.append((case.calibrated, DAY, options.days))
+        found = [
+            sum(parted(case, machine, rows, model, generator) for _ in range(count))
+            for machine, rows, count in asked
+        ]
+        counts = np.vstack([counts, found])
+        kinds = ", ".join(term.response.kind for term in model.terms)
+        print(f"| {kinds} | {found[0]} of {options.logs} | {found[1]} of {options.logs} "
+              f"| {found[2]} of {options.days} |", flush=True)  # fmt: skip
+    logs, days = len(counts) * options.logs, len(counts) * options.days
+    total = counts.sum(axis=0)
+    print(f"| all | {total[0]} of {logs} | {total[1]} of {logs} | {total[2]} of {days} |")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
