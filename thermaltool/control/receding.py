@@ -32,6 +32,7 @@ import numpy as np
 from thermaltool.control.laws import (
     AT_LIMIT,
     FAILED,
+    MAX_FAILURES,
     OK,
     OLD_PLAN,
     SATURATED,
@@ -59,8 +60,6 @@ FADING_PARTS = 3.0
 REGULARIZATION = 1e-8
 # The time that is left is planned on a grid of this ratio, and never less than so many periods.
 HORIZON_GRID, LEAST_PERIODS = 1.08, 6
-# After so many samples without a plan the last one is given up.
-MAX_FAILURES = 5
 
 
 def stretch_ends(first: float, horizon: float, count: int = STRETCHES) -> Float:
@@ -277,10 +276,11 @@ class RecedingHorizonLaw(ControlLaw):
         self._plan: HeatPlan | None = None
         self._failures = 0
         self._ends = stretch_ends(period, max(horizon, duration or 0.0))
-        self._program(0.0)
+        self._latest = self._program(0.0)[0]
 
     def decide(self, z: Float, dt: float, elapsed: float, given: Float) -> Decision:
         program, within = self._program(elapsed)
+        self._latest = program
         now = self._C @ z
         if within:
             self._above = np.maximum(self._above, now)
@@ -292,20 +292,22 @@ class RecedingHorizonLaw(ControlLaw):
         try:
             shares = program.solve(z, stands, reach, (self._above, self._below))
         except FitError as error:
-            return self._go_on(z, dt, program, str(error))
+            self.reason = str(error)
+            return self.go_on(z, dt, given)
         self._failures, self._plan = 0, HeatPlan(program.ends, shares * maxima)
         worst = np.abs(program.foretold(z, shares)).max(axis=0) * self._tolerance
         at_limit = np.any((shares < AT_LIMIT) | (shares > 1 - AT_LIMIT))
         status = SATURATED if at_limit and np.any(worst > self._tolerance) else OK
         return Decision(shares[0] * maxima, shares[0] * maxima, worst, status)
 
-    def _go_on(self, z: Float, dt: float, program: Program, reason: str) -> Decision:
+    def go_on(self, z: Float, dt: float, given: Float) -> Decision:
         """The last plan while it is fresh, then no heat."""
-        self._failures, self.reason = self._failures + 1, reason
+        self._failures += 1
         powers, status = np.zeros(len(self.bounds.maxima)), FAILED
         if self._plan is not None and self._failures <= MAX_FAILURES:
             self._plan.age += dt
             powers, status = self._plan.now(), OLD_PLAN
+        program = self._latest
         shares = np.tile(powers / self.bounds.maxima, (len(program.ends), 1))
         worst = np.abs(program.foretold(z, shares)).max(axis=0) * self._tolerance
         return Decision(powers, powers, worst, status)
