@@ -30,15 +30,19 @@ FULL = (250.0, 500.0)  # [W]
 DEFLECTIONS = [OUTPUTS.index("d_x_um"), OUTPUTS.index("d_y_um")]
 
 
-def least_band(frame: ControlledFrame, level: float, duration: float) -> tuple[float, float]:
+def least_band(
+    frame: ControlledFrame, levels: float | Array, duration: float, late: float = 0.0
+) -> tuple[float, float]:
     """Band without and with the best heats, zero included [um].
 
     Parameters
     ----------
     frame : ControlledFrame
-    level : float
-        Step of the disturbance at time 0 [full scale].
+    levels : float, or ndarray, shape (HELD,)
+        The disturbance in each stretch, or a step at time 0 [full scale].
     duration : float [s]
+    late : float [s]
+        Heaters are off for so long: what a controller loses that learns of a step then.
     """
     time_of = duration / HELD * np.arange(1, HELD + 1)
     steps = frame.step_responses(time_of)[:, DEFLECTIONS, :]
@@ -47,7 +51,8 @@ def least_band(frame: ControlledFrame, level: float, duration: float) -> tuple[f
     for k in range(HELD):
         acting[k, :, : k + 1, :] = pulses[k::-1, :, 1:].transpose(1, 0, 2)
     effect = acting.reshape(2 * HELD, 2 * HELD)
-    free = level * steps[:, :, 0].ravel()
+    course = np.broadcast_to(np.asarray(levels, float), (HELD,))
+    free = np.array([course[: k + 1] @ pulses[k::-1, :, 0] for k in range(HELD)]).ravel()
     # Unknown beside the heats: lower and upper edge of each axis, and the width W of the band.
     axes, nothing = np.tile(np.eye(2), (HELD, 1)), np.zeros((2 * HELD, 2))
     no_width, heats = np.zeros((2 * HELD, 1)), 2 * HELD
@@ -58,7 +63,9 @@ def least_band(frame: ControlledFrame, level: float, duration: float) -> tuple[f
         np.append(np.zeros(heats + 4), 1.0),
         A_ub=np.vstack([above, below, width]),
         b_ub=np.concatenate([-free, free, np.zeros(2)]),
-        bounds=[(0.0, 1.0)] * heats + [(None, 0.0)] * 2 + [(0.0, None)] * 3,
+        bounds=[(0.0, float(t > late)) for t in np.repeat(time_of, 2)]
+        + [(None, 0.0)] * 2
+        + [(0.0, None)] * 3,
         method="highs",
     )
     ends = np.vstack([np.zeros(2), free.reshape(HELD, 2)])

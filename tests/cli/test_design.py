@@ -49,6 +49,17 @@ def test_a_controller_runs_and_names_a_heater_that_gives_nothing(paths):
     assert any(row.endswith(",fault") for row in rows)
 
 
+def test_a_controller_has_a_figure(paths, thermaltool):
+    result = thermaltool("plot", paths / "c.json", "--json", "-o", paths / "c.svg")
+    assert result.code == 0, result.err
+    assert result.json["drawn"][0]["kind"] == "controller"
+    drawn = (paths / "c.svg").read_text()
+    assert all(f"<!-- {text} -->" in drawn for text in ("tolerance", "limits: 0, 60", "set"))
+    result = thermaltool("plot", paths / "c.json", "--channel", "Q_pda_W", "-o", paths / "c.svg")
+    assert result.code == 1
+    assert "no channel Q_pda_W" in result.err
+
+
 def test_the_report_as_json(paths, thermaltool):
     result = thermaltool("design", paths / "model.json", "--control", PAD, "--method", "output-lqr",
                          "--json", "-o", paths / "c.json")  # fmt: skip

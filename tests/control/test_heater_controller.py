@@ -97,7 +97,7 @@ class Plant:
 
 
 def closed_loop(control, level, duration, *, steps=None, fault=None, plant=None, missing=None,
-                noise=0.01, process=None, said=None):  # fmt: skip
+                noise=0.01, process=None, said=None, back=np.inf):  # fmt: skip
     """Deflections, setpoints and status of every line."""
     rng, plant = np.random.default_rng(8), plant or Plant()
     said = [] if said is None else said
@@ -113,7 +113,7 @@ def closed_loop(control, level, duration, *, steps=None, fault=None, plant=None,
             time += dt
         values = {PROBE: plant.read(PROBE) + noise * rng.standard_normal()}
         values |= {A: power[0], B: power[1]}
-        gone = missing if missing and time > 200 else ""
+        gone = missing if missing and 200 < time < back else ""
         row = [np.nan if name == gone else values[name] for name in process.columns]
         _, reply = process.take(Row(time, row, [""] * len(row)))
         given = np.array(reply[:2])
@@ -235,6 +235,48 @@ def test_the_setpoint_stands_in_for_a_power_that_is_not_measured(model):
     assert any("the power of Q_b_W counts as it is set" in line for line in said)
     assert states[-1] != "safe"
     assert np.ptp(y, axis=0).max() < 30
+
+
+def heats_of_lines(control, **more):
+    """What was told of each line after readings of the probe end at 200 s, and the setpoints."""
+    y, powers, states, said, process = closed_loop(
+        control, 40.0, 700.0, missing=PROBE, said=[], **more
+    )
+    return y, powers, states, said, process
+
+
+@pytest.mark.parametrize("method", ["receding-horizon", "output-lqr"])
+def test_without_its_temperature_the_model_goes_on_then_the_last_heats_then_none(model, method):
+    y, powers, states, said, _ = heats_of_lines(controller(model, method))
+    (foretold,) = [line for line in said if "is trusted for" in line]
+    trusted = float(foretold.rpartition("about ")[2].split()[0])
+    first, last = states.index("reduced"), len(states) - states[::-1].index("reduced")
+    assert trusted == pytest.approx(DT * (last - first), rel=0.3)
+    assert states[last : last + MAX_FAILURES + 1] == ["old-plan"] * MAX_FAILURES + ["safe"]
+    assert set(states[last + MAX_FAILURES :]) == {"safe"}
+    # Foretold as well as read while nothing changes; the heat goes once there is no plan.
+    read = closed_loop(controller(model, method), 40.0, DT * last)[0]
+    np.testing.assert_allclose(y[:last], read[:last], atol=4.0)
+    assert powers[last - 1].max() > 10
+    assert powers[-1].max() == 0.0
+
+
+def test_readings_that_come_back_count_again(model):
+    _, _, states, said, process = heats_of_lines(controller(model), back=400.0)
+    assert "reduced" in states
+    assert said[-1].endswith("all sensors count again")
+    assert states[-1] not in ("reduced", "safe", "old-plan")
+    kept = json.loads(json.dumps(process.state()))
+    process.resume(kept)
+    assert json.loads(json.dumps(process.state())) == kept
+
+
+def test_what_is_foretold_is_what_a_quiet_sensor_reads(model):
+    # Without noise and with the disturbance known to the filter nothing parts them.
+    read = closed_loop(controller(model), 40.0, 400.0, noise=0.0)[0]
+    blind, _, states, _, _ = closed_loop(controller(model), 40.0, 400.0, noise=0.0, missing=PROBE)
+    assert states[-1] == "reduced"
+    np.testing.assert_allclose(blind, read, atol=0.05)
 
 
 def test_what_is_delivered_too_little_is_added():

@@ -41,7 +41,8 @@ def command(
     """Figure of any log or result, PNG, SVG or PDF by the suffix of -o; stdout is PNG.
 
     FILE is recognized by its content: a log; a model (step and frequency response with 95 % bands,
-    poles and zeros) or one of fit (spectrum, roots); what noise -o writes, what diagnose, order and
+    poles and zeros) or one of fit (spectrum, roots); a controller (a step held and not held, powers
+    with their limits); what noise -o writes, what diagnose, order and
     regularize --json report; a table of invert, simulate, estimate, compensate, forecast or
     laplace. A model and a log show measured, simulated and residual with tests of its whiteness and
     independence, several models and a log what compare shows; a forecast and its log the history

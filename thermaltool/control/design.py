@@ -133,8 +133,7 @@ def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
         if channels.count(channel) > 1:
             raise ModelError(f"{channel} is given twice")
     _check_acting(model, channels, outputs)
-    _, estimator = linear_estimator(model)
-    prediction = ControlPrediction(estimator, tuple(channels), outputs)
+    prediction = ControlPrediction(linear_estimator(model)[1], tuple(channels), outputs)
     if not prediction.disturbances:
         raise ModelError(f"nothing but {', '.join(channels)} drives the model: nothing to hold off")
     period = finite(model.estimator_design().get("sample_period_s", model.sample_period))
@@ -152,11 +151,28 @@ def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
         plan.lead or LEAD_PERIODS * period,
         plan.duration,
     )
-    length = plan.duration or horizon
+    return tried(controller)
+
+
+def tried(controller: HeaterController) -> ControlDesign:
+    """A controller with its trials.
+
+    Parameters
+    ----------
+    controller : HeaterController
+
+    Raises
+    ------
+    ModelError
+        A model that does not bear it.
+    """
+    estimator = linear_estimator(controller.model)[1]
+    prediction = ControlPrediction(estimator, controller.channels, tuple(controller.tolerance))
+    length = controller.duration or controller.horizon
     trials = tuple(
         _trial(controller, prediction, k, length) for k in range(len(prediction.disturbances))
     )
-    return ControlDesign(controller, trials, _dependent(prediction, drives, length))
+    return ControlDesign(controller, trials, _dependent(prediction, controller.drives, length))
 
 
 def _outputs(model: Model, plan: ControlPlan) -> tuple[str, ...]:

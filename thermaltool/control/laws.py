@@ -32,6 +32,8 @@ DOUBLINGS = 24
 # Beyond a limit by more than this part of full power is more than rounding.
 AT_LIMIT = 1e-3
 
+# After so many samples without a plan, or a state to plan from, there is no heat.
+MAX_FAILURES = 5
 # What a law rests on, as a stream has it in its status.
 OK, SATURATED, OLD_PLAN, FAILED = "ok", "saturated", "old-plan", "failed"
 
@@ -111,6 +113,17 @@ class ControlLaw(ABC):
             Setpoints as they stand.
         """
 
+    @abstractmethod
+    def go_on(self, z: Float, dt: float, given: Float) -> Decision:
+        """What to give without a new decision: the last plan, or what is given; else as `decide`.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n,)
+        dt : float [s]
+        given : ndarray
+        """
+
 
 class _ClippedLaw(ControlLaw):
     """A law that asks, and is cut off at the limits; what it leaves is foretold after `lead`."""
@@ -125,6 +138,10 @@ class _ClippedLaw(ControlLaw):
         beyond = np.any(np.abs(asked - powers) > AT_LIMIT * self.bounds.maxima)
         left = self._free @ z + self._steps @ powers
         return Decision(powers, asked, left, SATURATED if beyond else OK)
+
+    def go_on(self, z: Float, dt: float, given: Float) -> Decision:
+        """What is given stays."""
+        return Decision(given, given, self._free @ z + self._steps @ given, OLD_PLAN)
 
     @abstractmethod
     def asks(self, z: Float, dt: float) -> Float:

@@ -5,14 +5,20 @@ time constant. So the heats over a horizon are planned at every sample, and the 
 given:
 
     minimize  Σ w (y/tolerance)² + ω W² + ρ Σ (u/maximum)²
-    over      0 ≤ u ≤ maximum,  |change of u| ≤ slew · time,  every y within a band of width W,
+    over      0 ≤ u ≤ maximum,  |change of u| ≤ slew · time,  every y within a band of width W g,
 
 a quadratic program for PIQP, an interior-point solver that needs some 20 steps for a small dense
 one, whatever is active, and so has a bounded time for each sample. Stretches of constant heat
 become longer by a constant ratio, so that a horizon of an hour has as few as one of a minute.
 
-Where the machine works for a known time, the plan ends with it, and the band counts from the first
-sample on: then the heat is not spent on the first minutes that the last ones will need.
+Where nothing is known of how long the machine works, what is foretold counts the less the further
+ahead it is: w falls by e in a third of the horizon, and the band grows so (g). The disturbance may
+have changed by then, and with equal weights a hold that no heater can keep for all of the horizon
+is given up in its first minutes for the sake of its last.
+
+Where the machine works for a known time, the plan ends with it, all of it counts alike (g = 1), and
+the band from the first sample on: then the heat is not spent on the first minutes that the last
+ones will need.
 """
 
 from __future__ import annotations
@@ -26,6 +32,7 @@ import numpy as np
 from thermaltool.control.laws import (
     AT_LIMIT,
     FAILED,
+    MAX_FAILURES,
     OK,
     OLD_PLAN,
     SATURATED,
@@ -43,16 +50,16 @@ STRETCHES, MOMENTS = 20, 3
 POWER_WEIGHT = 1e-4
 # Weight of a change by full power, from the setpoint as it stands and from stretch to stretch, in
 # weights of the band: it keeps noise out of the heats where many plans are as good.
-CHANGE_WEIGHT = 1.0
+CHANGE_WEIGHT = 0.3
 # Weight of the band of the worst output against the mean square; where the time to work is known
 # the band is what counts.
 BAND_WEIGHT, BAND_WEIGHT_WITHIN = 1.0, 100.0
+# A deflection that is foretold counts less by e for each of so many parts of the horizon.
+FADING_PARTS = 3.0
 # Keeps the program strictly convex.
 REGULARIZATION = 1e-8
 # The time that is left is planned on a grid of this ratio, and never less than so many periods.
 HORIZON_GRID, LEAST_PERIODS = 1.08, 6
-# After so many samples without a plan the last one is given up.
-MAX_FAILURES = 5
 
 
 def stretch_ends(first: float, horizon: float, count: int = STRETCHES) -> Float:
@@ -127,6 +134,8 @@ class Program:
     ends : ndarray, shape (k,) [s]
         Of the stretches.
     band_weight : float
+    fading : float [s]
+        A deflection so far ahead counts less by e; infinite where all count alike.
     """
 
     def __init__(
@@ -136,6 +145,7 @@ class Program:
         tolerance: Sequence[float],
         ends: Float,
         band_weight: float,
+        fading: float = np.inf,
     ) -> None:
         import piqp
 
@@ -151,7 +161,9 @@ class Program:
         steps[:, :-1] -= steps[:, 1:]
         steps *= bounds.maxima / scale[:, None]
         self.acting = steps.transpose(0, 2, 1, 3).reshape(len(self.free), -1)
-        weights = np.repeat(np.diff(times, prepend=0.0) / times[-1], self._outputs)
+        fades = np.exp(-times / fading)
+        counts = np.diff(times, prepend=0.0) * fades
+        weights = np.repeat(counts / counts.sum(), self._outputs)
         self._change_weight = 2 * CHANGE_WEIGHT * band_weight
         self._weighted = 2 * self.acting.T * weights
         self._heats = len(ends) * self._drives
@@ -164,14 +176,16 @@ class Program:
         differ = np.eye(self._heats) - np.eye(self._heats, k=-self._drives)
         P[: self._heats, : self._heats] += self._change_weight * differ.T @ differ
         P[-1, -1] += 2 * band_weight
-        self._G, self._spans = self._rows(bounds, ends, starts)
+        self._G, self._spans = self._rows(bounds, ends, starts, 1 / fades)
         self._solver: Any = piqp.DenseSolver()
         self._P, self._ready = np.asfortranarray(P), False
 
-    def _rows(self, bounds: HeatLimits, ends: Float, starts: Float) -> tuple[Float, Float]:
+    def _rows(
+        self, bounds: HeatLimits, ends: Float, starts: Float, grown: Float
+    ) -> tuple[Float, Float]:
         """Rows of the inequalities, and the upper bounds of those that never change."""
         outputs, heats = self._outputs, self._heats
-        axes = np.tile(np.eye(outputs), (len(self.acting) // outputs, 1))
+        axes = np.kron(grown[:, None], np.eye(outputs))
         none, thin = np.zeros_like(axes), np.zeros((len(axes), 1))
         rows = [
             np.hstack([self.acting, -axes, none, thin]),
@@ -262,10 +276,11 @@ class RecedingHorizonLaw(ControlLaw):
         self._plan: HeatPlan | None = None
         self._failures = 0
         self._ends = stretch_ends(period, max(horizon, duration or 0.0))
-        self._program(0.0)
+        self._latest = self._program(0.0)[0]
 
     def decide(self, z: Float, dt: float, elapsed: float, given: Float) -> Decision:
         program, within = self._program(elapsed)
+        self._latest = program
         now = self._C @ z
         if within:
             self._above = np.maximum(self._above, now)
@@ -277,20 +292,22 @@ class RecedingHorizonLaw(ControlLaw):
         try:
             shares = program.solve(z, stands, reach, (self._above, self._below))
         except FitError as error:
-            return self._go_on(z, dt, program, str(error))
+            self.reason = str(error)
+            return self.go_on(z, dt, given)
         self._failures, self._plan = 0, HeatPlan(program.ends, shares * maxima)
         worst = np.abs(program.foretold(z, shares)).max(axis=0) * self._tolerance
         at_limit = np.any((shares < AT_LIMIT) | (shares > 1 - AT_LIMIT))
         status = SATURATED if at_limit and np.any(worst > self._tolerance) else OK
         return Decision(shares[0] * maxima, shares[0] * maxima, worst, status)
 
-    def _go_on(self, z: Float, dt: float, program: Program, reason: str) -> Decision:
+    def go_on(self, z: Float, dt: float, given: Float) -> Decision:
         """The last plan while it is fresh, then no heat."""
-        self._failures, self.reason = self._failures + 1, reason
+        self._failures += 1
         powers, status = np.zeros(len(self.bounds.maxima)), FAILED
         if self._plan is not None and self._failures <= MAX_FAILURES:
             self._plan.age += dt
             powers, status = self._plan.now(), OLD_PLAN
+        program = self._latest
         shares = np.tile(powers / self.bounds.maxima, (len(program.ends), 1))
         worst = np.abs(program.foretold(z, shares)).max(axis=0) * self._tolerance
         return Decision(powers, powers, worst, status)
@@ -307,6 +324,7 @@ class RecedingHorizonLaw(ControlLaw):
             self._programs[at, within] = Program(
                 self.prediction, self.bounds, self._tolerance.tolist(),
                 shortened(self._ends, self._period * HORIZON_GRID**at), weight,
+                np.inf if within else horizon / FADING_PARTS,
             )  # fmt: skip
         return self._programs[at, within], within
 

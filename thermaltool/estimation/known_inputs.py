@@ -17,6 +17,7 @@ from thermaltool.documents import is_place
 from thermaltool.effects.band import ScheduleBand, load_band
 from thermaltool.errors import ModelError
 from thermaltool.estimation.linear_estimator import LinearEstimator
+from thermaltool.estimation.state_space import StateSpace
 from thermaltool.responses.delay import load_modes
 from thermaltool.responses.modes import Float, Hold, Modes, Recursion
 from thermaltool.responses.parallel import InputPath, parallel
@@ -141,6 +142,28 @@ class KnownInputEstimator(LinearEstimator):
         for rows, dt in uniform_spans(time):
             out[rows], x = self._paths(dt)[0].run(known[rows], x)
         return out[:, :sensors], out[:, sensors:]
+
+    def expected(self, space: StateSpace, dt: float, x: Float, before: Float, now: Float) -> Float:
+        """What the sensors of a Kalman filter are foretold to read after a sample.
+
+        Parameters
+        ----------
+        space : StateSpace
+            Of `inner`, for this sample.
+        dt : float [s]
+        x : ndarray, shape (n,)
+            State at the sample before.
+        before, now : ndarray, shape (number of sensors,)
+            Readings; of `now` the known columns alone count.
+
+        Returns
+        -------
+        ndarray, shape (number of sensors of `inner`,)
+        """
+        paths, S, _ = self._paths(dt)
+        states, sensors = len(space.F), len(self.inner.sensors)
+        behind = paths.F @ x[states:] + paths.G0 @ before[sensors:] + paths.G1 @ now[sensors:]
+        return np.asarray(space.H @ space.F @ x[:states] + S @ behind)
 
     def _paths(self, dt: float) -> tuple[Recursion, Float, Float]:
         """Recursion of all paths side by side, and what sensors and estimates see of it."""

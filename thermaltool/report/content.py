@@ -11,7 +11,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from thermaltool.documents import ARMA, DIAGNOSIS, MODEL, NOISE
+from thermaltool.documents import ARMA, CONTROLLER, DIAGNOSIS, MODEL, NOISE
 from thermaltool.errors import LogError, ModelError
 from thermaltool.logs import Log, read_log
 from thermaltool.logs.table import UNFINISHED, read_source
@@ -34,6 +34,7 @@ Kind = Literal[
     "diagnosis",
     "orders",
     "arma",
+    "controller",
     "reference",
 ]
 
@@ -99,14 +100,21 @@ def read_document(source: str) -> Content:
             raise LogError(str(error)) from error
     if ARMA.matches(document):
         return Content("arma", name, arma.loads(text, name))
+    if CONTROLLER.matches(document):
+        # Imported for a controller alone: the other figures are drawn without its solvers.
+        from thermaltool.control.controller import load_controller
+        from thermaltool.control.design import tried
+
+        return Content("controller", name, tried(load_controller(document, name)))
     if DIAGNOSIS.matches(document):
         return Content("diagnosis", name, DIAGNOSIS.check(document, name))
     for kind, fields in REPORTS.items():
         if fields <= document.keys():
             return Content(kind, name, document)
     raise LogError(
-        "no figure for this document: it is neither a model (of a machine or of a series), nor "
-        "noise, nor a diagnosis, nor what regularize, invert, laplace or order report with --json",
+        "no figure for this document: it is neither a model (of a machine or of a series), nor a "
+        "controller, nor noise, nor a diagnosis, nor what regularize, invert, laplace or order "
+        "report with --json",
         name,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,8 +10,11 @@ import numpy as np
 from thermaltool.control.design import ControlDesign, ControlTrial
 from thermaltool.report.style import (
     COMPUTED,
+    ERROR,
+    MARK,
     MEASURED,
     channel_unit,
+    choose,
     legend_beside,
     panels,
     plain,
@@ -99,21 +103,49 @@ def control_document(design: ControlDesign) -> dict[str, Any]:
     }
 
 
-def draw_control(design: ControlDesign) -> Figure:
-    """Outputs and heats of the trial in which the controller leaves most."""
+def draw_control(design: ControlDesign, channels: Sequence[str] = ()) -> Figure:
+    """Outputs and heats of the trial in which the controller leaves most.
+
+    Parameters
+    ----------
+    design : ControlDesign
+    channels : sequence of str
+        Outputs and drives that are drawn. Default: all.
+
+    Raises
+    ------
+    LogError
+        A channel that the controller does not have.
+    """
     trial = max(design.trials, key=lambda each: max(map(band, each.held.values())))
+    drives = {drive.channel: drive for drive in design.controller.drives}
+    wanted = choose((*trial.held, *drives), channels, "controller")
+    outputs, heated = (
+        [each for each in all_of if each in wanted] for all_of in (trial.held, drives)
+    )
     unit = channel_unit(trial.disturbance)
-    title = f"{design.controller.method}: step of {trial.disturbance} by {trial.level:.4g} {unit}"
-    figure, axes = panels(title, [1.0] * (len(trial.held) + 1), 2.2 * len(trial.held) + 2.2)
+    title = f"{design.controller.method}: step of {trial.disturbance} by {trial.level:.4g}"
+    title += f" {unit}" if unit != "1" else ""
+    count = len(outputs) + len(heated)
+    figure, axes = panels(title, [1.4] * len(outputs) + [1.0] * len(heated), 1.9 * count + 0.8)
     minutes = trial.time / 60
-    for ax, output in zip(axes, trial.held, strict=False):
-        ax.plot(minutes, trial.free[output], color=MEASURED, label="without control")
-        ax.plot(minutes, trial.held[output], color=COMPUTED, label="held")
+    for ax, output in zip(axes, outputs, strict=False):
+        half = design.controller.tolerance[output]
+        ax.axhspan(-half, half, color=COMPUTED, alpha=0.12, lw=0, label="tolerance")
+        free, held = trial.free[output], trial.held[output]
+        ax.plot(minutes, free, color=MEASURED, label=f"not held: {band(free):.3g}")
+        ax.plot(minutes, held, color=COMPUTED, label=f"held: {band(held):.3g}")
         ax.set_ylabel(quantity_label(parse_channel(output).unit))
         legend_beside(ax, plain(output))
-    for channel, heat in trial.heats.items():
-        axes[-1].step(minutes, heat, where="pre", label=plain(channel))
-    axes[-1].set_ylabel(quantity_label(parse_channel(next(iter(trial.heats))).unit))
+    for ax, channel in zip(axes[len(outputs) :], heated, strict=True):
+        top = drives[channel].maximum
+        ax.step(minutes, trial.heats[channel], where="pre", color=ERROR, label="set")
+        for limit, label in ((0.0, None), (top, f"limits: 0, {top:g}")):
+            ax.axhline(limit, color=MARK, lw=0.8, ls="--", label=label)
+        ax.set_ylim(-0.08 * top, 1.08 * top)
+        ax.set_ylabel(quantity_label(parse_channel(channel).unit))
+        least, at = trial.asked[channel]
+        asks = f"\nasks for {least:.3g}\nafter {at / 60:.3g} min" if least < 0 else ""
+        legend_beside(ax, plain(channel) + asks)
     axes[-1].set_xlabel("time after the step, min")
-    legend_beside(axes[-1], "set")
     return figure

@@ -9,6 +9,7 @@ from thermaltool.errors import LogError, ThermalToolError
 from thermaltool.files import file_names
 from thermaltool.report.comparison import draw_models_on_log
 from thermaltool.report.content import Content
+from thermaltool.report.control import draw_control
 from thermaltool.report.diagnosis_figures import draw_diagnosis
 from thermaltool.report.kernels import draw_inversion, draw_kernel
 from thermaltool.report.noise import draw_document
@@ -53,6 +54,7 @@ FIGURES: dict[tuple[str, ...], Callable[..., Figure]] = {
     ),
     ("inversion",): lambda result, channels: draw_inversion(result.data, result.name, channels),
     ("arma",): lambda model, channels: draw_arma(model.data),
+    ("controller",): lambda tried, channels: draw_control(tried.data, channels),
     ("orders",): lambda orders, channels: draw_orders(orders.data),
     ("diagnosis",): lambda found, channels: draw_diagnosis(found.data),
     ("forecast",): lambda ahead, channels: draw_forecast_table(ahead.data, None, channels),

@@ -9,9 +9,19 @@ from typing import Any
 import numpy as np
 
 from thermaltool.control.actuation import Actuation
+from thermaltool.control.blind import BlindPrediction
 from thermaltool.control.controller import HeaterController
 from thermaltool.control.law_choice import law_of
-from thermaltool.control.laws import FAILED, OK, OLD_PLAN, SATURATED, ControlLaw, Decision
+from thermaltool.control.laws import (
+    FAILED,
+    MAX_FAILURES,
+    OK,
+    OLD_PLAN,
+    SATURATED,
+    ControlLaw,
+    Decision,
+)
+from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.compensator import SetpointProcess
@@ -20,6 +30,8 @@ from thermaltool.runtime.stepper import Stepper, Steps
 
 # Status where a heater does not follow its setpoint.
 FAULT = "fault"
+# Why there is no plan where temperatures are lost for long.
+UNTRUSTED = "what the model foretells is not trusted any more"
 
 
 class ControlStepper(Steps):
@@ -33,6 +45,11 @@ class ControlStepper(Steps):
         The setpoints as they stand: limits, slew rate and the safe state have changed them.
     report : callable
         Gets (channel, message) once per change of state.
+
+    Attributes
+    ----------
+    held : set of int
+        Columns whose last reading is not of this line.
     """
 
     def __init__(
@@ -50,6 +67,16 @@ class ControlStepper(Steps):
         self._places = [estimator.sensors.index(channel) for channel in controller.channels]
         maxima = np.array([drive.maximum for drive in controller.drives])
         self.actuation = Actuation(maxima, controller.period)
+        self._blind = (
+            BlindPrediction(
+                estimator, list(controller.tolerance), list(controller.tolerance.values()),
+                controller.period,
+            )
+            if isinstance(estimator.inner, KalmanEstimator)
+            else None
+        )  # fmt: skip
+        self._worthless = 0
+        self.held: set[int] = set()
         self._elapsed = 0.0
         self._law: ControlLaw | None = law_of(controller, estimator)
         self.decision = self._nothing()
@@ -63,13 +90,48 @@ class ControlStepper(Steps):
         return Decision(zero, zero, np.zeros(len(self._controller.tolerance)))
 
     def can_do_without(self, lost: Collection[int]) -> bool:
-        """Whether only measured powers are lost: the setpoints stand in for them."""
-        return {*lost} <= {*self._places}
+        """Whether heats can go on without these columns.
+
+        Setpoints stand in for measured powers; for a temperature its prediction does while it is
+        worth it, and the last heats for a few lines then.
+        """
+        temperatures = {*lost} - {*self._places}
+        if not temperatures:
+            return True
+        if self._blind is None or any(
+            k >= len(self._estimator.inner.sensors) for k in temperatures
+        ):
+            return False
+        return self._worthless <= MAX_FAILURES
+
+    @property
+    def blind(self) -> bool:
+        """Whether the prediction stands in for a temperature."""
+        return self._blind is not None and bool(self._blind.lost)
 
     def cost(self, lost: Collection[int]) -> str:
-        """What stands in for measured powers."""
-        names = ", ".join(self._estimator.sensors[k] for k in sorted(lost))
-        return f"the power of {names} counts as it is set: a heater that fails is not seen"
+        """What stands in for columns that are lost, and what it is worth."""
+        sensors, said = self._estimator.sensors, []
+        powers = [sensors[k] for k in sorted(lost) if k in self._places]
+        others = [sensors[k] for k in sorted(lost) if k not in self._places]
+        if powers:
+            said.append(
+                f"the power of {', '.join(powers)} counts as it is set: a heater that fails is not "
+                "seen"
+            )
+        if others and self._blind is not None:
+            if not self._blind.lost:
+                self._blind.take(self._controller.period, self._temperatures(lost))
+            bands = zip(self._controller.tolerance, self._blind.band(), strict=True)
+            known = ", ".join(f"{channel} to {half:.2g}" for channel, half in bands)
+            said.append(
+                f"without {', '.join(others)} the model foretells {known}, and is trusted for "
+                f"about {self._blind.lasts(self._stepper.now):.3g} s"
+            )
+        return "; ".join(said)
+
+    def _temperatures(self, lost: Collection[int]) -> list[int]:
+        return [k for k in lost if k not in self._places]
 
     def can_start(self, readings: list[float]) -> bool:
         """Whether all but the powers have been read."""
@@ -104,7 +166,18 @@ class ControlStepper(Steps):
         for k in self.actuation.take(dt, np.array(self._given()), measured):
             self._change(k, measured[k])
         self._stepper.amend({place: read[place] for place in self._places})
+        if self._blind is not None:
+            read = self._foretold(dt, read)
         return self._decided(self._stepper.step(ticks, read), read, dt)
+
+    def _foretold(self, dt: float, read: list[float]) -> list[float]:
+        """Readings with predictions in the place of temperatures that are lost."""
+        assert self._blind is not None
+        now, before = self._stepper.now, self._stepper.before
+        self._blind.take(dt, self._temperatures(self.out | self.held))
+        trusted = not self._blind.lost or self._blind.worth_it(now)
+        self._worthless = 0 if trusted else self._worthless + 1
+        return self._blind.filled(dt, now, before, read)
 
     def _with_powers(self, readings: list[float]) -> tuple[list[float], list[float | None]]:
         """Readings with setpoints in the place of powers that are lost, and powers as measured."""
@@ -167,11 +240,21 @@ class ControlStepper(Steps):
         """What the law gives, for all heaters: those that do not follow get nothing."""
         if self._law is None:
             return replace(self._nothing(), status=FAILED)
+        if self._worthless > MAX_FAILURES:
+            return replace(self._nothing(), status=FAILED)
         follows = ~self.actuation.stuck
         z = self._law.prediction.state(self._stepper.now, read)
-        found = self._law.decide(z, dt, self._elapsed, np.array(self._given())[follows])
+        given = np.array(self._given())[follows]
+        if self._worthless:
+            self._law.reason = UNTRUSTED
+            found = self._law.go_on(z, dt, given)
+        else:
+            found = self._law.decide(z, dt, self._elapsed, given)
         powers, asked = np.zeros((2, len(follows)))
         powers[follows], asked[follows] = found.powers, found.asked
+        if self.blind:
+            assert self._blind is not None
+            found = replace(found, left=np.abs(found.left) + self._blind.band())
         return replace(found, powers=powers, asked=asked)
 
     def summary(self) -> str:
@@ -191,23 +274,34 @@ class ControlStepper(Steps):
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
         law = [] if self._law is None else self._law.state()
-        return [self._stepper.state(), self._elapsed, self.actuation.state(), law]
+        blind = [] if self._blind is None else [sorted(self._blind.lost), self._blind.state()]
+        return [self._stepper.state(), self._elapsed, self.actuation.state(), law, blind]
 
     def resume(self, values: list[Any]) -> None:
         """Raises TypeError or ValueError where `values` are no state of this controller."""
-        estimator, elapsed, actuation, law = values
+        estimator, elapsed, actuation, law, blind = values
         self._stepper.resume(estimator)
         self._elapsed = float(elapsed)
         self.actuation.resume(actuation)
         self._law = self._law_of_those_that_follow()
         if law and self._law is not None:
             self._law.resume(law)
+        if self._blind is not None:
+            self._blind.resume(blind[1], blind[0])
 
 
 class ControlProcess(SetpointProcess):
     """The process of a controller: its status also says what the law rests on."""
 
     stepper: ControlStepper
+
+    def _leave_out(self) -> bool:
+        # A temperature that is held is foretold from the first line on: it does not stand still.
+        self.stepper.held = {k for k, sensor in enumerate(self.sensors) if sensor.held}
+        return super()._leave_out()
+
+    def _wait(self, seconds: float, lost: bool) -> None:
+        super()._wait(seconds, lost or self.stepper.blind)
 
     def _state_of(self, safe: bool) -> str:
         """What a row's reply rests on."""
@@ -219,4 +313,4 @@ class ControlProcess(SetpointProcess):
         if self.stepper.actuation.stuck.any():
             return FAULT
         found = self.stepper.decision.status
-        return status if found == OK else found
+        return status if found == OK or (self.stepper.blind and found == SATURATED) else found

@@ -151,6 +151,11 @@ class Stepper(Steps):
         """State of the estimator at the last sample, shape (n,)."""
         return self._z[: self._states].copy()
 
+    @property
+    def before(self) -> Float:
+        """Readings at the last sample, shape (n_sensors,)."""
+        return self._z[self._states : self._states + self._sensors].copy()
+
     def amend(self, readings: Mapping[int, float]) -> None:
         """What inputs were in truth since the sample before, by their places.
 
