@@ -14,12 +14,18 @@ import tempfile
 from pathlib import Path
 
 import stumbles_blocked
+import stumbles_faults
+import stumbles_looking
+import stumbles_stream
 import stumbles_wrong
 from stumbles_bench import Bench, Stumble
 
 STUMBLES: list[Stumble] = [
     *stumbles_wrong.STUMBLES,
     *stumbles_blocked.STUMBLES,
+    *stumbles_looking.STUMBLES,
+    *stumbles_stream.STUMBLES,
+    *stumbles_faults.STUMBLES,
 ]
 
 
