@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
-from thermaltool.api.inputs import Reading, all_of, read, read_noise, reads, warn_pauses
+from thermaltool.api.inputs import (
+    Reading,
+    all_of,
+    read,
+    read_noise,
+    reads,
+    refuse_unread,
+    warn_pauses,
+)
 from thermaltool.api.result import Notice, Result, notice
 from thermaltool.errors import FitError, LogError
 from thermaltool.record import hint
@@ -240,8 +248,11 @@ def read_sensors(
     LogError
         As `candidates_of`; a missing value, one to forbid that is none.
     """
+    from thermaltool.report.text import stuck_messages
+
     # Which temperatures there are the logs themselves say; then these are needed.
-    whole = [read(each, warn=warn, **{**reading, "faults": "keep"}) for each in all_of(data)]
+    kept = {**reading, "faults": "keep"}
+    whole = [read(each, warn=warn, unread=True, **kept) for each in all_of(data)]
     every = candidates_of(whole, given, outputs, beside)
     for name in forbid:
         if name not in every:
@@ -250,6 +261,7 @@ def read_sensors(
     allowed = [name for name in every if name not in forbid]
     if not allowed:
         raise FitError("no candidate is left: all are forbidden")
+    whole = refuse_unread(whole, [*allowed, *outputs, *beside], warn)
     parts = [log.between(*span) for log in whole]
     chosen = tuple(
         name
@@ -265,6 +277,9 @@ def read_sensors(
                     f"{log.name}: {name} has no reading in {missing} of {len(log)} rows: they are "
                     "left out for all sensors"
                 )
+    for log in parts:
+        for message in stuck_messages(log, (*chosen, *outputs)):
+            warn(message)
     own = {k: v for k, v in reading.items() if k not in ("columns", "from_format")}
     logs = read_logs(whole, [*chosen, *beside], outputs, span, warn, own, pauses)
     return logs, every, chosen

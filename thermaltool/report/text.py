@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from thermaltool.units import parse_channel, symbol
@@ -74,6 +74,26 @@ def fault_message(log: Log, channels: Container[str] | None = None) -> str | Non
         for channel, reasons in counts.items()
     ]
     return f"{log.name}: faults of sensors left out: {', '.join(told)}; --faults keep takes them"
+
+
+def stuck_messages(log: Log, channels: Iterable[str]) -> Iterator[str]:
+    """Where sensors stand still amid readings that move; from the first row on they may.
+
+    Parameters
+    ----------
+    log : Log
+    channels : iterable of str
+    """
+    from thermaltool.logs.faults import MEASURED
+    from thermaltool.logs.inspect import standstill
+
+    for name in channels:
+        if parse_channel(name).quantity in MEASURED and len(log):
+            found = [each for each in standstill(log, name) if each.line != log.line(0)]
+            more = f", and {len(found) - 1} times more" if found[1:] else ""
+            for each in found[:1]:
+                yield (f"{log.name}:{each.line}: {name}: {each.message}{more}: a sensor that is "
+                       "stuck? These rows count")  # fmt: skip
 
 
 def sizes_message(found: KalmanEstimator) -> str:
