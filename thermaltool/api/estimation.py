@@ -219,12 +219,19 @@ def regularize(
     chosen: feedforward, from Q_motor_W
     """
     from thermaltool.estimation.design import DesignPlan, design_estimator, needs_noise
-    from thermaltool.estimation.design_model import DesignModel
+    from thermaltool.estimation.design_model import DesignModel, estimable_sensors
     from thermaltool.model import only_sensors
 
     model, measured, sensors = as_model(model), names(measured), names(sensors)
     if sensors:
         model = only_sensors(model, sensors)
+    else:
+        kept = estimable_sensors(model, dt or model.sample_period, measured)
+        late = [o.channel for o in model.sensors if o.channel not in kept]
+        model = only_sensors(model, kept) if late else model
+        for name in late:
+            warn(f"{name} follows with a delay or at once, which no estimator takes: left out, as "
+                 "the other sensors see the same drives")  # fmt: skip
     if noise is None and needs_noise(model, measured):
         raise ModelError("an estimate weighs the sensors' noise: give what noise returned")
     known = {} if noise is None else read_noise(noise)

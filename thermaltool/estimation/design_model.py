@@ -176,7 +176,8 @@ class DesignModel:
                     what = "direct feedthrough" if response.direct else "a delay"
                     raise ModelError(
                         f"{t.drive} → {t.output} has {what}: such a drive cannot be estimated; "
-                        f"where it is measured: --measured {t.drive}"
+                        f"where it is measured: --measured {t.drive}; else calibrate with a kind "
+                        f"that has none: --response {t.output}=rational3"
                     )
             followed = [(t.output, t.drive, paths.response(t)) for t in own]
             followed += [(o, *each) for o in targets for each in paths.redirected(o)]
@@ -287,3 +288,29 @@ def _examine_bands(model: Model, measured: Sequence[str]) -> None:
                     f"{channel} has a schedule of transfer functions: it cannot be estimated; "
                     f"where it is measured: --measured {channel}"
                 )
+
+
+def estimable_sensors(model: Model, dt: float, measured: Sequence[str]) -> tuple[str, ...]:
+    """Sensors that follow the drives to be estimated without a delay and without feedthrough.
+
+    No estimator takes others; where those that are left see the same drives, it does without.
+
+    Parameters
+    ----------
+    model : Model
+    dt : float [s]
+    measured : sequence of str
+        Drives that are read.
+
+    Returns
+    -------
+    tuple of str
+        All sensors where those that are left see fewer of the drives.
+    """
+    every = [o.channel for o in model.sensors]
+    own = [t for t in model.terms if t.output in every and t.drive not in measured]
+    modes = [(t, t.response.modes(dt)) for t in own]
+    late = {t.output for t, m in modes if isinstance(m, DelayedModes) or m.direct}
+    seen = {t.drive for t in own if t.output not in late}
+    kept = tuple(name for name in every if name not in late)
+    return kept if seen == {t.drive for t in own} else tuple(every)
