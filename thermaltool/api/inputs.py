@@ -20,7 +20,7 @@ from thermaltool.documents import (
     read_text,
     write_whole,
 )
-from thermaltool.errors import LogError, ModelError
+from thermaltool.errors import LogError, ModelError, counted
 from thermaltool.units import Hold, hold_of
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def read_for_fit(
     log = read(data, need, outputs, warn=warn, **reading)
     part = log.between(*span)
     if len(part) < min_rows:
-        raise LogError(f"{len(part)} rows say nothing of a {subject}", log.name)
+        raise LogError(f"{counted(len(part), 'row')} say nothing of a {subject}", log.name)
     warn_pauses(part, warn, drives_over_pauses(map(hold_of, need)) if pauses is None else pauses)
     for message in stuck_messages(part, (*need, *outputs)):
         warn(message)

@@ -18,7 +18,7 @@ from thermaltool.api.inputs import (
     warn_pauses,
 )
 from thermaltool.api.result import Notice, Result, notice
-from thermaltool.errors import FitError, LogError
+from thermaltool.errors import FitError, LogError, counted
 from thermaltool.record import hint
 from thermaltool.units import is_temperature, names
 
@@ -178,7 +178,8 @@ def place(
     if most > len(moving):
         others = "".join(f"; {note}" for note in notes)
         raise FitError(
-            f"{most} sensors of {len(moving)} candidates that move: ask for fewer{others}"
+            f"{counted(most, 'sensor')} of {counted(len(moving), 'candidate')} that move: "
+            f"ask for fewer{others}"
         )
     together = training_data(logs, moving, targets)
     if criterion == HELD_OUT:
@@ -203,7 +204,9 @@ def read_logs(
     for log in logs:
         if len(log) < 2:
             named = f" of {', '.join(need)}" if need else ""
-            raise LogError(f"{len(log)} rows with readings{named}: no regression", log.name)
+            raise LogError(
+                f"{counted(len(log), 'row')} with readings{named}: no regression", log.name
+            )
         if pauses:
             warn_pauses(log, warn, "the sensors are taken along a straight line over it")
     return logs

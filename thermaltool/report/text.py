@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from thermaltool.errors import counted
 from thermaltool.units import parse_channel, symbol
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def excursion_message(log: Log, e: Excursion) -> str:
         log,
         e.first,
         f"{e.channel}: {e.value:.4g} is outside the calibrated range {e.low:.4g} to {e.high:.4g} "
-        f"({e.rows} rows): the model extrapolates",
+        f"({counted(e.rows, 'row')}): the model extrapolates",
     )
 
 
@@ -132,5 +133,5 @@ def zero_message(channel: str, zero: Zero, log: Log) -> str:
     """From what the zero of an output was taken that has none of its own."""
     return (
         f"{channel}: counts from the median of measured minus simulated over the first "
-        f"{zero.stop - log.time[0]:.4g} s ({zero.rows} readings)"
+        f"{zero.stop - log.time[0]:.4g} s ({counted(zero.rows, 'reading')})"
     )
