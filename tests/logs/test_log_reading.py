@@ -368,7 +368,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 def test_stdin(monkeypatch: pytest.MonkeyPatch) -> None:
     pipe = SimpleNamespace(buffer=io.BytesIO(b"time_s,T_a_degC\n0,--\n"))
     monkeypatch.setattr(sys, "stdin", pipe)
-    with pytest.raises(LogError, match=r"^<stdin>:2: T_a_degC: not a number: '--'$"):
+    with pytest.raises(LogError, match=r"^<stdin>:2: T_a_degC: not a number: '--'; check LOG -o"):
         read_log("-")
 
 

@@ -142,10 +142,12 @@ def refuse_unread(logs: Sequence[Log], needed: Sequence[str], warn: Notice) -> l
     LogError
         Such a cell of a channel that is needed.
     """
+    from thermaltool.logs.unread import with_cure
+
     for log in logs:
         for channel, problem in log.unread.items():
             if channel in needed:
-                raise problem
+                raise with_cure(problem)
             warn(f"{problem}: taken as a missing value")
     return [replace(log, unread={}) if log.unread else log for log in logs]
 

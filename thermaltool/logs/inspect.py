@@ -133,7 +133,8 @@ def _jitter(log: Log, clock: Sampling) -> list[Finding]:
 
 def _missing(log: Log, name: str, values: Array) -> Iterator[Finding]:
     # A cell that reading has already complained about is not listed again.
-    known = [problem.line for problem in log.problems if problem.column == name and problem.line]
+    column = log.unread[name].column if name in log.unread else name
+    known = [problem.line for problem in log.problems if problem.column == column and problem.line]
     for start, stop in runs_of(np.isnan(values) & ~np.isin(log.lines, known)):
         count = stop - start
         message = "missing value" if count == 1 else f"{count} missing values in a row"

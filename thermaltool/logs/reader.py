@@ -28,7 +28,7 @@ from thermaltool.logs.table import (
     read_source,
 )
 from thermaltool.logs.time_stamps import iso_clock, joined_stamps
-from thermaltool.logs.unread import spared_cells
+from thermaltool.logs.unread import spared_cells, with_cure
 from thermaltool.record import Array, Record, hint
 from thermaltool.units import STATUS, UNITS, clock_unit, names, parse_channel
 
@@ -140,12 +140,12 @@ def read_log(
     plan = _plan(name, table, mapping)
     cells = table.cells(plan.kinds)
     names_of = {table.names[i]: rename.name for i, rename in plan.renames.items()}
-    spared: dict[str, LogError] = {}
-    if strict and (unread or need or outputs):
-        spared = spared_cells(cells.problems, names_of, mapping, (*need, *outputs))
-    problems = [*plan.problems, *(each for each in cells.problems if each.column not in spared)]
+    spare = spared_cells(cells.problems, names_of, mapping, (*need, *outputs))
+    if strict and not (unread or need or outputs):
+        spare = {}
+    problems = [*plan.problems, *(p for p in cells.problems if not strict or p.column not in spare)]
     if strict and problems:
-        raise problems[0]
+        raise with_cure(problems[0])
     time, epoch, disorder = _clock(name, table, plan, cells)
     log = Log(
         name=name,
@@ -157,7 +157,7 @@ def read_log(
         digest=digest,
         epoch=epoch,
         lines=cells.lines,
-        unread={names_of[column]: each for column, each in spared.items()},
+        unread={names_of[column]: each for column, each in spare.items()},
     )
     log, beyond = _within_range(_with_computed(log, mapping), plan.clock.column)
     if strict and beyond:

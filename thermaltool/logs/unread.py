@@ -41,3 +41,16 @@ def spared_cells(
         if column in channels and channels[column] not in used:
             found.setdefault(column, problem)
     return found
+
+
+def with_cure(problem: LogError) -> LogError:
+    """The fault, of a single cell with what to do about it.
+
+    Parameters
+    ----------
+    problem : LogError
+    """
+    if not problem.message.startswith("not a number: '"):
+        return problem
+    cure = "; check LOG -o FILE writes the log with such cells missing"
+    return LogError(f"{problem.message}{cure}", problem.file, problem.line, problem.column)
