@@ -51,3 +51,15 @@ class OutputError(ThermalToolError, OSError):
 
 class ThermalToolWarning(UserWarning):
     """What a result is to be read with: a model that extrapolates, a pause in a log."""
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things, as messages say it: "1 row", "2 rows".
+
+    Parameters
+    ----------
+    number : int
+    noun : str
+        Of one thing.
+    """
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

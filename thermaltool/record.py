@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.errors import LogError, UnitError
+from thermaltool.errors import LogError, UnitError, counted
 from thermaltool.units import parse_channel
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ class Record:
     def __repr__(self) -> str:
         """Rows, period, gaps and channels with their ranges and units."""
         count = len(self.segments)
-        size = f"{len(self)} rows, {self.duration if len(self) else 0.0:g} s"
+        size = f"{counted(len(self), 'row')}, {self.duration if len(self) else 0.0:g} s"
         lines = [f"{self.name}: {size}, {count} segment{'' if count == 1 else 's'}"]
         if len(self) > 1:
             lines.append(f"period {self.period:.6g} s")

@@ -101,4 +101,4 @@ def test_what_holes_cost_is_said_where_they_do(structure, said):
     messages: list[str] = []
     tt.identify(log, ["Q_main_W"], ["dT_y_K"], structure=structure, nan_policy="omit",
                 warn=messages.append, **form)  # fmt: skip
-    assert any("300 readings are missing" in each for each in messages) == said
+    assert any("300 readings missing" in each for each in messages) == said

@@ -109,7 +109,7 @@ def test_kind_and_fixed_radius(thermaltool, files):
         (("--start", 5000), "no row from"),
         (("--start", 500, "--stop", 505), "1 row"),
         (("--stop", 90), "Q_main_1 never leaves its reference"),
-        (("--start", 200, "--stop", 230), "dT_pair1_K: 4 rows are too few for 5 parameters"),
+        (("--start", 200, "--stop", 230), "dT_pair1_K: 4 rows for 5 parameters: too few"),
     ],
 )
 def test_refusals(thermaltool, files, options, message):

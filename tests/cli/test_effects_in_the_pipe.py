@@ -212,7 +212,7 @@ def test_a_reading_without_a_truth_is_named(thermaltool, tmp_path, machine):
     lines[5] = ",".join(row)
     result = thermaltool("estimate", design, "--faults", "keep", stdin="\n".join(lines) + "\n")
     assert result.code == 1
-    assert "<stdin>:6: dT_near_K: no truth gives this reading (1 rows)" in result.err
+    assert "<stdin>:6: dT_near_K: no truth gives this reading (1 row)" in result.err
 
 
 SHAPE = ("--sensor", NEAR, "--regularization", 0.02, 1e-3, 0.1, "--window", 4000, "--dt", 0.5)

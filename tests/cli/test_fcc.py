@@ -234,7 +234,7 @@ def test_one_reading_that_stands_alone_is_bridged():
     assert code == 0
     forecasts = np.array([float(line.split(",")[-1]) for line in told[1:-1]])
     assert np.abs(forecasts).max() < 100
-    assert "1 readings stood alone" in err[-1]
+    assert "1 reading stood alone" in err[-1]
 
 
 @pytest.mark.parametrize("huge", [1e300, -1e300])

@@ -107,8 +107,39 @@ def test_constant_candidates_are_left_out(thermaltool, log):
     assert result.code == 0
     assert "T_dead_degC never moves: it is no candidate" in result.err
     result = thermaltool("regress", "-", "--output", "d_tip_um", stdin=text)
+    assert result.code == 0
+    assert "T_dead_degC never moves: it is left out" in result.err
+    named = ("--sensor", "T_1_degC", "--sensor", "T_dead_degC")
+    result = thermaltool("regress", "-", "--output", "d_tip_um", *named, stdin=text)
     assert result.code == 1
     assert "T_dead_degC never moves in training" in result.err
+
+
+@pytest.mark.parametrize(
+    "call", [("place", "--sensors", 1, "--static"), ("regress", "--static", "--sensor", "T_1_degC")]
+)
+def test_a_cell_that_nothing_needs_and_a_sensor_that_sticks_are_told(thermaltool, log, call):
+    lines = log.read_text().splitlines()
+    at = lines[0].split(",").index("T_1_degC")
+    rows = [line.split(",") for line in lines[1:]]
+    for row in rows[100:]:
+        row[at] = rows[100][at]
+    wide = [lines[0] + ",n_spindle_rpm", *(",".join([*row, "100"]) for row in rows)]
+    wide[40] = wide[40].removesuffix("100") + "1o0"
+    log.write_text("\n".join([*wide, ""]))
+    command, *options = call
+    result = thermaltool(command, log, "--output", "d_tip_um", *options)
+    assert result.code == 0
+    told = [line for line in result.err.splitlines() if str(log) in line]
+    unread, stuck = told
+    assert unread == f"{log}:41: n_spindle_rpm: not a number: '1o0': taken as a missing value"
+    assert stuck.startswith(f"{log}:102: T_1_degC: ")
+    assert "for 260 rows: a sensor that is stuck? These rows count" in stuck
+    wide[40] = wide[40].replace(rows[39][at], "2l.0", 1)
+    log.write_text("\n".join([*wide, ""]))
+    result = thermaltool(command, log, "--output", "d_tip_um", *options)
+    assert (result.code, result.out) == (1, "")
+    assert f"{log}:41: T_1_degC: not a number: '2l.0'" in result.err
 
 
 def test_a_regression_simulates_and_streams(thermaltool, log, tmp_path):

@@ -134,7 +134,7 @@ def test_outside_the_calibrated_range(thermaltool, files):
     result = thermaltool("simulate", files.model, stdin="\n".join(lines) + "\n")
     assert result.code == 0
     assert result.err.splitlines()[0] == (
-        "<stdin>:61: Q_main_1: 1.4 is outside the calibrated range 0 to 1 (1 rows): "
+        "<stdin>:61: Q_main_1: 1.4 is outside the calibrated range 0 to 1 (1 row): "
         "the model extrapolates"
     )
 

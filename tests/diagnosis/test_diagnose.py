@@ -134,7 +134,7 @@ def test_bad_logs_are_refused_in_one_line(
 def test_a_log_of_few_rows_is_refused(model: Model) -> None:
     short = log(LEVELS, 7)
     few = Record(TIME[:9], {k: v[:9] for k, v in short.columns.items()}, digest="few")
-    with pytest.raises(FitError, match="9 rows are too few"):
+    with pytest.raises(FitError, match="9 rows: too few"):
         diagnose(model, [few])
 
 

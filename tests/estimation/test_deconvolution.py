@@ -241,7 +241,7 @@ def test_what_is_refused():
     dead[50:60] = np.nan
     with pytest.raises(LogError, match=r"dT_0_K has no reading in 10 rows, from 200 s on"):
         tried(readings=dead)
-    with pytest.raises(LogError, match="12 rows are too few for --method"):
+    with pytest.raises(LogError, match="12 rows: too few for --method"):
         tried(time=time[:12], readings=readings[:12])
     two = replace(problem.estimator, drives=("Q_a_W", "Q_b_W"), walk=(1.0, 1.0))
     with pytest.raises(ModelError, match=r"2 are estimated \(Q_a_W, Q_b_W\): --smooth"):

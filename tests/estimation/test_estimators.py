@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 from reference import fraser1997 as fraser
 from scipy.linalg import solve_discrete_are
 
+import thermaltool as tt
 from thermaltool.errors import FitError, ModelError
 from thermaltool.estimation.design_model import DesignModel
 from thermaltool.estimation.estimator import (
@@ -345,6 +348,23 @@ def test_a_subset_of_the_sensors():
     assert [o.channel for o in only_sensors(document(), ["dT_far_K"]).sensors] == ["dT_far_K"]
     with pytest.raises(ModelError, match=r"no sensor dT_fur_K.*dT_near_K, dT_far_K"):
         only_sensors(document(), ["dT_fur_K"])
+
+
+def designed(model, **options):
+    channels = {name: {"white_sigma": 0.02} for name in NOISE}
+    noise = SimpleNamespace(document=lambda: {"channels": channels})
+    return tt.regularize(model, noise, form="kalman", walk=0.02, **options)
+
+
+def test_a_band_has_its_digits_in_any_unit():
+    near, far, bend = document().terms
+    small = replace(BEND, A=BEND.A / 1e3, B=BEND.B / 1e3, D=BEND.D / 1e3)
+    outputs = (*document().outputs[:2], replace(document().outputs[2], channel="d_x_mm"))
+    terms = (near, far, replace(bend, output="d_x_mm", response=small))
+    fine, coarse = designed(document()), designed(replace(document(), outputs=outputs, terms=terms))
+    band = fine.design.best.prediction.band[0]
+    assert f" {band:.3g} " in fine.table()
+    assert f" {band / 1e3:.3g} " in coarse.table()
 
 
 @forms

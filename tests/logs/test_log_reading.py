@@ -51,6 +51,32 @@ def test_a_log(log_of) -> None:
     assert len(log.digest) == 64
 
 
+TYPO = "time_s,T_a_degC,Q_main_W,n_a_rpm\n0,20.5,0,1\n2,2l,280,1\n4,21.5,280,x\n6,2l,1,y\n"
+
+
+def test_a_cell_that_nothing_needs_is_a_missing_value(log_of) -> None:
+    log = log_of(TYPO, need=["Q_main_W"])
+    np.testing.assert_array_equal(log.column("T_a_degC"), [20.5, np.nan, 21.5, np.nan])
+    assert {channel: each.line for channel, each in log.unread.items()} == {
+        "T_a_degC": 3, "n_a_rpm": 4,
+    }  # fmt: skip
+    assert [*log_of(TYPO, unread=True).unread] == ["T_a_degC", "n_a_rpm"]
+    for needed in ({"need": ["T_a_degC"]}, {"outputs": ["T_a_degC"]}, {}):
+        with pytest.raises(LogError, match="T_a_degC: not a number: '2l'"):
+            log_of(TYPO, **needed)
+    with pytest.raises(LogError, match="2 cells where the header has 4"):
+        log_of(TYPO + "8,1\n", need=["Q_main_W"])
+
+
+def test_a_cell_of_which_something_needed_is_computed_is_needed(log_of, tmp_path) -> None:
+    path = tmp_path / "map.toml"
+    path.write_text('[computed]\ndT_x_K = { difference = ["T_a_degC", "T_b_degC"] }\n')
+    text = "time_s,T_a_degC,T_b_degC\n0,21,x\n1,22,2\n2,23,3\n"
+    assert [*log_of(text, columns=str(path), need=["T_a_degC"]).unread] == ["T_b_degC"]
+    with pytest.raises(LogError, match="T_b_degC: not a number"):
+        log_of(text, columns=str(path), need=["dT_x_K"])
+
+
 def test_header_only_is_a_log_without_rows(log_of) -> None:
     log = log_of("time_s,T_a_degC\n", need=["T_a_degC"])
     assert len(log) == 0
@@ -342,7 +368,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 def test_stdin(monkeypatch: pytest.MonkeyPatch) -> None:
     pipe = SimpleNamespace(buffer=io.BytesIO(b"time_s,T_a_degC\n0,--\n"))
     monkeypatch.setattr(sys, "stdin", pipe)
-    with pytest.raises(LogError, match=r"^<stdin>:2: T_a_degC: not a number: '--'$"):
+    with pytest.raises(LogError, match=r"^<stdin>:2: T_a_degC: not a number: '--'; check LOG -o"):
         read_log("-")
 
 

@@ -70,6 +70,17 @@ def test_intervals_cover(duty):
     assert np.min(np.sum(covered, axis=0)) >= 9
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_readings_that_are_noise_alone_have_no_mode(seed):
+    time = np.arange(0.0, 2 * HOUR, 60.0)
+    rng = np.random.default_rng(seed)
+    readings = {name: 0.05 * rng.standard_normal(len(time)) for name in SPINDLE_GAINS}
+    duty = {"duty_spindle_1": (time % HOUR > 1200).astype(float)}
+    log = Record(time, {**readings, **duty})
+    with pytest.raises(FitError, match="nothing follows duty_spindle_1: a first mode"):
+        identify_modes([log], ["duty_spindle_1"], tuple(SPINDLE_GAINS))
+
+
 def test_too_few_rows_and_nothing_that_moves_are_named():
     time = np.arange(5) * 60.0
     few = Record(time, {"duty_spindle_1": np.array([0.0, 1, 1, 1, 1]),

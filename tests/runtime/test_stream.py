@@ -143,7 +143,7 @@ def test_messages_name_line_and_channel(run):
     run(HEADER + b"0,0\n0.5,--\n1.0\n0.2,1\n1.5,1\n")
     assert run.said == [
         "<stdin>:3: dT_pair1_K: not a number: '--': holding 0.0",
-        "<stdin>:4: 1 fields instead of 2: ignored",
+        "<stdin>:4: 1 field instead of 2: ignored",
         "<stdin>:5: time 0.2 s after 0.5 s: line ignored",
         "<stdin>:6: dT_pair1_K: good again",
     ]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from thermaltool.api.inputs import reads
 from thermaltool.api.result import Notice, Result, notice, to_frame
 from thermaltool.api.series import SeriesReading, outlier_messages, place_of, prepared, read_even
-from thermaltool.errors import FitError, LogError
+from thermaltool.errors import FitError, LogError, counted
 
 if TYPE_CHECKING:
     import numpy as np
@@ -300,7 +300,7 @@ def forecast(
         record = without(record, alone)
     behind = len(record) - runs(record)[-1].stop
     if behind:
-        warn(f"{place_of(record)}: the last {behind} samples are missing: forecast")
+        warn(f"{place_of(record)}: no sample in the last {counted(behind, 'row')}: forecast")
     ahead = forecasts.forecast(fitted, record, behind + steps, level)
     time = np.round(record.time[-1] + period * np.arange(1, steps + 1), 9)
     value, low, high = (each[behind:] for each in (ahead.value, ahead.low, ahead.high))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from thermaltool.api.body_modes import finite_elements
-from thermaltool.api.inputs import Reading, all_of, read, read_for_fit, reads
+from thermaltool.api.inputs import Reading, all_of, read, read_for_fit, reads, refuse_unread
 from thermaltool.api.result import Notice, Result, notice
 
 if TYPE_CHECKING:
@@ -151,7 +151,8 @@ def calibrate_body(
     heats, every = tuple(declared.heat), (*declared.points, *declared.deflections)
     # Which of the outputs there are the logs themselves say.
     given: dict[str, Any] = {**reading, "faults": "keep"}
-    whole = [read(each, warn=warn, **given) for each in all_of(data)]
+    whole = [read(each, warn=warn, unread=True, **given) for each in all_of(data)]
+    whole = refuse_unread(whole, [*heats, *every], warn)
     own: dict[str, Any] = {k: v for k, v in reading.items() if k not in ("columns", "from_format")}
     logs = [
         read_for_fit(log, heats, "body", (start, stop), warn=warn, **own,

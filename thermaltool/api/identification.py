@@ -20,6 +20,7 @@ from thermaltool.api.identification_arguments import (
 )
 from thermaltool.api.inputs import Reading, all_of, options_of, read_for_fit, reads
 from thermaltool.api.result import Notice, Result, notice, silent
+from thermaltool.errors import counted
 from thermaltool.units import is_overdamped, names
 
 if TYPE_CHECKING:
@@ -361,7 +362,7 @@ def warn_holes(
     for name in outputs:
         if missing := int((known & ~log.known([name])).sum()):
             warn(
-                f"{log.name}: {name}: {missing} readings are missing: {HOLES[structure]}; "
+                f"{log.name}: {name}: {counted(missing, 'reading')} missing: {HOLES[structure]}; "
                 "--structure oe and network go on through holes"
             )
 

@@ -20,7 +20,7 @@ from thermaltool.documents import (
     read_text,
     write_whole,
 )
-from thermaltool.errors import LogError, ModelError
+from thermaltool.errors import LogError, ModelError, counted
 from thermaltool.units import Hold, hold_of
 
 if TYPE_CHECKING:
@@ -108,10 +108,14 @@ def read(
     outputs: Sequence[str] = (),
     *,
     keep_spikes: Sequence[str] = (),
+    unread: bool = False,
     warn: Notice = notice,
     **reading: Unpack[Reading],
 ) -> Log:
     """A log without the faults of its sensors, with a word on what was left out.
+
+    With `unread` the stage says itself what it makes of cells that are no numbers
+    (`refuse_unread`).
 
     Raises
     ------
@@ -122,10 +126,30 @@ def read(
     from thermaltool.report.text import fault_message
 
     reading = {"faults": "omit", **reading}
-    log = read_log(data, **reading, keep_spikes=keep_spikes, need=need, outputs=outputs)
+    log = read_log(
+        data, **reading, keep_spikes=keep_spikes, need=need, outputs=outputs, unread=unread
+    )
     if told := fault_message(log, (*need, *outputs) if outputs else None):
         warn(told)
-    return log
+    return log if unread else refuse_unread([log], (), warn)[0]
+
+
+def refuse_unread(logs: Sequence[Log], needed: Sequence[str], warn: Notice) -> list[Log]:
+    """The logs, with a word on cells that are no numbers where they count as missing values.
+
+    Raises
+    ------
+    LogError
+        Such a cell of a channel that is needed.
+    """
+    from thermaltool.logs.unread import with_cure
+
+    for log in logs:
+        for channel, problem in log.unread.items():
+            if channel in needed:
+                raise with_cure(problem)
+            warn(f"{problem}: taken as a missing value")
+    return [replace(log, unread={}) if log.unread else log for log in logs]
 
 
 def read_for_fit(
@@ -151,11 +175,15 @@ def read_for_fit(
     LogError
         As `read_log`; too few rows to say anything of the `subject`.
     """
+    from thermaltool.report.text import stuck_messages
+
     log = read(data, need, outputs, warn=warn, **reading)
     part = log.between(*span)
     if len(part) < min_rows:
-        raise LogError(f"{len(part)} rows say nothing of a {subject}", log.name)
+        raise LogError(f"{counted(len(part), 'row')} say nothing of a {subject}", log.name)
     warn_pauses(part, warn, drives_over_pauses(map(hold_of, need)) if pauses is None else pauses)
+    for message in stuck_messages(part, (*need, *outputs)):
+        warn(message)
     return log if whole else part
 
 

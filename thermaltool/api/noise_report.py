@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from thermaltool.api.inputs import Reading, read, reads
+from thermaltool.api.inputs import Reading, read, reads, refuse_unread
 from thermaltool.api.result import Notice, Result, notice, silent, to_frame
 from thermaltool.errors import LogError
 from thermaltool.units import names, parse_channel
@@ -127,7 +127,8 @@ def noise(
     """
     from thermaltool.signals.noise import estimate_noise
 
-    whole = read(data, warn=warn, **reading)
+    whole = read(data, warn=warn, unread=True, **reading)
+    (whole,) = refuse_unread([whole], names(channels) or [*whole.columns], warn)
     log = whole.between(start, stop)
     idle = start is not None or stop is not None
     estimates: dict[str, NoiseEstimate | str] = {}

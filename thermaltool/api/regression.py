@@ -161,6 +161,8 @@ def regress(
     >>> round(found.model.terms[0].response.dc_gain(), 2)
     3.0
     """
+    from thermaltool.placement.regression import moves
+
     targets = names(outputs)
     if position is None and degree is not None:
         raise ValueError("a degree needs a position")
@@ -174,7 +176,11 @@ def regress(
     logs, every, chosen = read_sensors(
         data, given, targets, beside, (), span, warn, reading, pauses, keep_empty=bool(given)
     )
-    empty = [f"{name} never has a reading: it is left out" for name in every if name not in chosen]
+    absent = [f"{name} never has a reading: it is left out" for name in every if name not in chosen]
+    moving = tuple(name for name in chosen if moves([log.column(name) for log in logs]))
+    if moving and not given:
+        absent += [f"{n} never moves: it is left out" for n in chosen if n not in moving]
+        chosen = moving
     fresh = read_logs(all_of(validate), [*chosen, *beside], targets, span, warn, reading, pauses)
     found = []
     for target in targets:
@@ -184,7 +190,7 @@ def regress(
                        time_constants, method, condition)
         )  # fmt: skip
     notes = (
-        *empty,
+        *absent,
         *(
             f"{each.problem.output}: {note}"
             for each in found

@@ -8,9 +8,17 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
-from thermaltool.api.inputs import Reading, all_of, read, read_noise, reads, warn_pauses
+from thermaltool.api.inputs import (
+    Reading,
+    all_of,
+    read,
+    read_noise,
+    reads,
+    refuse_unread,
+    warn_pauses,
+)
 from thermaltool.api.result import Notice, Result, notice
-from thermaltool.errors import FitError, LogError
+from thermaltool.errors import FitError, LogError, counted
 from thermaltool.record import hint
 from thermaltool.units import is_temperature, names
 
@@ -170,7 +178,8 @@ def place(
     if most > len(moving):
         others = "".join(f"; {note}" for note in notes)
         raise FitError(
-            f"{most} sensors of {len(moving)} candidates that move: ask for fewer{others}"
+            f"{counted(most, 'sensor')} of {counted(len(moving), 'candidate')} that move: "
+            f"ask for fewer{others}"
         )
     together = training_data(logs, moving, targets)
     if criterion == HELD_OUT:
@@ -195,7 +204,9 @@ def read_logs(
     for log in logs:
         if len(log) < 2:
             named = f" of {', '.join(need)}" if need else ""
-            raise LogError(f"{len(log)} rows with readings{named}: no regression", log.name)
+            raise LogError(
+                f"{counted(len(log), 'row')} with readings{named}: no regression", log.name
+            )
         if pauses:
             warn_pauses(log, warn, "the sensors are taken along a straight line over it")
     return logs
@@ -240,8 +251,11 @@ def read_sensors(
     LogError
         As `candidates_of`; a missing value, one to forbid that is none.
     """
+    from thermaltool.report.text import stuck_messages
+
     # Which temperatures there are the logs themselves say; then these are needed.
-    whole = [read(each, warn=warn, **{**reading, "faults": "keep"}) for each in all_of(data)]
+    kept = {**reading, "faults": "keep"}
+    whole = [read(each, warn=warn, unread=True, **kept) for each in all_of(data)]
     every = candidates_of(whole, given, outputs, beside)
     for name in forbid:
         if name not in every:
@@ -250,6 +264,7 @@ def read_sensors(
     allowed = [name for name in every if name not in forbid]
     if not allowed:
         raise FitError("no candidate is left: all are forbidden")
+    whole = refuse_unread(whole, [*allowed, *outputs, *beside], warn)
     parts = [log.between(*span) for log in whole]
     chosen = tuple(
         name
@@ -265,6 +280,9 @@ def read_sensors(
                     f"{log.name}: {name} has no reading in {missing} of {len(log)} rows: they are "
                     "left out for all sensors"
                 )
+    for log in parts:
+        for message in stuck_messages(log, (*chosen, *outputs)):
+            warn(message)
     own = {k: v for k, v in reading.items() if k not in ("columns", "from_format")}
     logs = read_logs(whole, [*chosen, *beside], outputs, span, warn, own, pauses)
     return logs, every, chosen

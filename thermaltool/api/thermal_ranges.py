@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from thermaltool.api.inputs import Reading, read, read_noise, reads
+from thermaltool.api.inputs import Reading, read, read_noise, reads, refuse_unread
 from thermaltool.api.result import Notice, Result, notice, to_frame
 from thermaltool.errors import LogError, UnitError
 from thermaltool.signals.ranges import constant_stretches
@@ -166,9 +166,11 @@ def iso230(
             f"readings are averaged over more than 0 s and at most {MAX_AVERAGE:g} s, a fifth of "
             f"the shortest prescribed time, not {average:g} s"
         )
-    log = read(data, warn=warn, **reading).between(start, stop)
+    log = read(data, warn=warn, unread=True, **reading).between(start, stop)
     chosen = _probes(log, probes)
     speed, speed_notes = _speed(log, speed, test)
+    needed = [*(each.channel for each in chosen), *([] if speed is None else [speed])]
+    (log,) = refuse_unread([log], needed, warn)
     test = test or ("spindle" if speed else "etve")
     if test not in TESTS:
         raise ValueError(f"no test {test!r}: there are {', '.join(TESTS)}")

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from thermaltool import __version__
+from thermaltool.cli.ends import end_by_signals
 from thermaltool.cli.types import SizeType
 from thermaltool.errors import ThermalToolError
 
@@ -167,7 +168,9 @@ def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:
     infinity, which no writer takes.
     """
     if not isinstance(message, RuntimeWarning):
-        click.echo(str(message), err=True)
+        from thermaltool.cli.messages import warn
+
+        warn(str(message))
 
 
 def _show_error(name: str, message: str) -> None:
@@ -176,15 +179,6 @@ def _show_error(name: str, message: str) -> None:
 
     line = message.replace("\n", " ")
     click.echo(f"{coloured(f'{name}:', fg='red', bold=True)} {line}", err=True)
-
-
-def _end_by_signals() -> None:
-    """SIGTERM and SIGHUP as exceptions, so that a half-written file is taken away."""
-    for name in ("SIGTERM", "SIGHUP"):  # Windows has no SIGHUP
-        number = getattr(signal, name, None)
-        # nohup has its command go on.
-        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, lambda number, frame: sys.exit(128 + number))
 
 
 def _with_variable(error: click.ClickException) -> click.ClickException:
@@ -200,10 +194,11 @@ def _with_variable(error: click.ClickException) -> click.ClickException:
 
 def main() -> None:
     """Entry point: every way out has its exit code and at most one line on stderr."""
-    _end_by_signals()
+    called = next((word for word in sys.argv[1:] if word in COMMANDS), "")
+    end_by_signals(called)
     warnings.showwarning = _show_warning
     debug = "--debug" in sys.argv[1:]
-    name = " ".join(["thermaltool", *[arg for arg in sys.argv[1:] if arg in COMMANDS][:1]])
+    name = f"thermaltool {called}".rstrip()
     try:
         code = group.main(
             prog_name="thermaltool", auto_envvar_prefix="THERMALTOOL", standalone_mode=False

@@ -8,6 +8,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import InputPath
 from thermaltool.documents import write_json
 
@@ -45,7 +46,9 @@ def command(
     shared.check_files(plot, *models, log)
     if plot is not None:
         figure_format(plot)
+    progress = terminal_progress("compare")
     result = api.compare(models, log, **options, warn=warn)
+    progress("done\n")
     # The file last: where anything before it fails, the old one stays.
     if as_json:
         write_json(result.document(), "-")

@@ -8,6 +8,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import POSITIVE, Assignment, ControlType
 from thermaltool.control.methods import METHODS
 from thermaltool.documents import write_json
@@ -74,10 +75,12 @@ def command(
         if options["method"] != method:
             shared.refuse_given(needed, f"is of --method {method}")
     given = {name: value for name, value in options.items() if value is not None}
+    progress = terminal_progress("design")
     with shared.usage_errors():
         result = api.design(model, dict_of(controls, "--control"),
                             tolerance=dict_of(tolerances, "--tolerance"), **given,
                             warn=silent if quiet else warn)  # fmt: skip
+    progress("done\n")
     table = result.table()
     if as_json:
         write_json(result.document(), "-")

@@ -8,6 +8,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import NUMBER, POSITIVE, RateType
 from thermaltool.documents import write_json
 
@@ -79,7 +80,9 @@ def command(
     if problem := _clash(options):
         raise click.UsageError(problem)
     shared.check_files(output, model, log)
+    progress = terminal_progress("estimate")
     result = api.estimate(model, log, **options, warn=warn)
+    progress("done\n")
     # The file last: where anything before it fails, the old one stays.
     table = result.table()
     if as_json:

@@ -96,4 +96,5 @@ def command(log: str, channel: str, spindle: str | None, **options: Any) -> None
         name, horizon = options["command"], options["horizon"]
         return error_control(channel, name, actuator, error_model, settings, messages, horizon)
 
-    streaming.run("fcc", log, options["quiet"], settings, process, closed_loop=True)
+    streaming.run("fcc", log, options["quiet"], settings, process, closed_loop=True,
+                  refused=lambda: [options["command"]])  # fmt: skip

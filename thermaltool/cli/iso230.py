@@ -8,6 +8,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import POSITIVE
 
 
@@ -57,9 +58,11 @@ def command(
     pairs = [shared.pair_of(each, "--probe") for each in probes]
     if len(dict(pairs)) < len(pairs):
         raise click.UsageError("--probe: a channel is there twice")
+    progress = terminal_progress("iso230")
     with shared.usage_errors():
         result = api.iso230(log, probes=dict(pairs), warn=warn, **options)
     figure = None if plot is None else render(result.draw, figure_format(plot))
+    progress("done\n")
     click.echo(to_json(result.document(), indent=2).rstrip() if as_json else result.table())
     for note in result.notes:
         if not quiet:

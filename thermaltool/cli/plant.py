@@ -10,11 +10,11 @@ import click
 from click.core import ParameterSource
 
 from thermaltool.cli import shared
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import NOT_NEGATIVE, NUMBER, POSITIVE
 from thermaltool.plants import PLANTS, SettingError
 
 BAR, MILL, HEATED = "boring-bar", "knee-mill", "quill, c-frame"
-
 # Options of the clock where none is given [s].
 FRAME, PAIR, CUT, JOINT = (PLANTS[name].usual for name in ("frame", "quill", BAR, MILL))
 
@@ -95,13 +95,14 @@ def command(
     commands = options["commands"]
     if commands and output == "-" and stat.S_ISFIFO(os.stat(commands).st_mode):
         raise click.UsageError("-o FILE is needed: stdout carries the lines of the loop")
-
+    progress = terminal_progress("plant")
     try:
         columns, fault = run(name, options, read_log, click.echo)
     except SettingError as error:
         if error.option is None:
             raise click.UsageError(str(error)) from error
         raise click.BadParameter(str(error), param_hint=error.option) from error
+    progress("done\n")
     write_table(columns, output, "ndjson" if as_json else to_format)
     if fault:  # what was made until then is not lost
         raise LogError(f"{fault} are in {output}", commands)

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from thermaltool.cli import shared
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import InputPath
 from thermaltool.documents import write_json
 
@@ -65,6 +66,7 @@ def command(
     sources = files or (InputPath().convert("-", None, ctx),)
     if [*sources, against].count("-") > 1:
         raise click.UsageError("stdin can be only one of the files")
+    progress = terminal_progress("plot")
     documents = {name for name in sources if is_document(name, options["from_format"])}
     contents = [read_document(name) for name in sources if name in documents]
     need = [d.channel for c in contents if c.kind == "model" for d in c.data.drives]
@@ -77,6 +79,7 @@ def command(
             raise LogError(f"--against takes a log (taken as: {reference.kind})", reference.name)
         contents.append(Content("reference", reference.name, reference.data))
     write_figure(lambda: draw(contents, channels), output)
+    progress("done\n")
     if as_json:
         drawn = [{"file": content.name, "kind": content.kind} for content in contents]
         write_json({"figure": output, "drawn": drawn}, "-")

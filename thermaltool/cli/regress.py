@@ -8,6 +8,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import command_line, warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.cli.types import POSITIVE, InputPath
 
 
@@ -67,8 +68,10 @@ def command(
 
     taus = shared.low_pass_of(static, time_constants)
     shared.check_files(model_file, *logs, *options["validate"], as_json=as_json)
+    progress = terminal_progress("regress")
     with shared.usage_errors():
         found = api.regress(logs, outputs, time_constants=taus, warn=warn, **options)
+    progress("done\n")
     if model_file is not None:
         # What has no model file is said before anything is written.
         _ = found.model

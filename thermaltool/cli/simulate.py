@@ -9,6 +9,7 @@ import click
 
 from thermaltool.cli import shared
 from thermaltool.cli.messages import DID_NOT_PASS, warn
+from thermaltool.cli.progress import terminal_progress
 from thermaltool.documents import write_json
 
 
@@ -50,7 +51,9 @@ def command(
     from thermaltool.logs import write_table
 
     shared.check_files(output, model, log)
+    progress = terminal_progress("simulate")
     result = api.simulate(api.read_model(model), log, **options, warn=warn)
+    progress("done\n")
     if max_rmse is not None and not result.judged:
         raise LogError("--max-rmse: no measured output to judge", result.log.name)
     # The file last: where anything before it fails, the old one stays.

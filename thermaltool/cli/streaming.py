@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from thermaltool.cli import shared
+from thermaltool.cli.ends import take_signals
 from thermaltool.cli.types import POSITIVE, PositionType
 from thermaltool.documents import source_name
 from thermaltool.errors import LogError, OutputError, ThermalToolError
@@ -189,15 +191,14 @@ def run(
         raise LogError("closed", "<stdin>")
     with background_emitter(command, quiet) as emit:
         messages = Messages(emit, source_name(log))
-        with click.open_file(log, "rb") as source:
-            with shared.usage_errors():
-                try:
-                    process = make(messages)
-                    stream = open_stream(process, settings, source.fileno(), 1, messages)
-                except (ThermalToolError, ImportError, SystemExit, KeyboardInterrupt):
-                    # Refused, or a signal before the stream looks after signals itself.
-                    write_safe_line(refused(), settings, source.fileno(), 1)
-                    raise
+        # Refused, or a signal before the stream looks after signals itself.
+        with _or_safe_line(refused, settings):
+            take_signals()
+            opened = click.open_file(log, "rb")
+        with opened as source:
+            with shared.usage_errors(), _or_safe_line(refused, settings, source.fileno()):
+                process = make(messages)
+                stream = open_stream(process, settings, source.fileno(), 1, messages)
             try:
                 number = stream.run()
             except BrokenPipeError:
@@ -206,6 +207,20 @@ def run(
                 number = 0
     if number:
         raise SystemExit(128 + number)
+
+
+@contextlib.contextmanager
+def _or_safe_line(
+    refused: Callable[[], list[str]], settings: Settings, source: int = 1
+) -> Iterator[None]:
+    """Write the safe line of the set points that are `refused` where no stream begins."""
+    from thermaltool.runtime.refusal import write_safe_line
+
+    try:
+        yield
+    except (ThermalToolError, ImportError, SystemExit, KeyboardInterrupt):
+        write_safe_line(refused(), settings, source, 1)
+        raise
 
 
 def _at_end(source: int) -> bool:

@@ -44,7 +44,7 @@ from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.validate import judge
 from thermaltool.diagnosis.verdict import reading_noise
 from thermaltool.diagnosis.written import cannot_run, gains_of, spoiled_by
-from thermaltool.errors import FitError, ModelError
+from thermaltool.errors import FitError, ModelError, counted
 from thermaltool.model import Model
 from thermaltool.record import Record
 
@@ -129,7 +129,7 @@ def _check(model: Model, logs: Sequence[Record]) -> None:
     """Refuse logs by which the model cannot be judged."""
     for log in logs:
         if len(log.time) < MIN_ROWS:
-            raise FitError(f"{len(log.time)} rows are too few to judge a model by")
+            raise FitError(f"{counted(len(log.time), 'row')}: too few to judge a model by")
         for drive in model.drives:
             if drive.channel not in log.columns:
                 raise ModelError(f"the model's drive {drive.channel} is not in the log")

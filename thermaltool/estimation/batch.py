@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from thermaltool.errors import LogError
+from thermaltool.errors import LogError, counted
 from thermaltool.estimation.deconvolution import Deconvolved
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.lookahead import Lookahead, look
@@ -102,7 +102,7 @@ def estimate(
     for name, column, values in columns:
         read = np.isfinite(record.column(column.column))
         if len(none := np.flatnonzero(np.isnan(values) & read)):
-            message = f"no truth gives this reading ({len(none)} rows)"
+            message = f"no truth gives this reading ({counted(len(none), 'row')})"
             raise LogError(message, record.name, record.line(int(none[0])), column.column)
         if column.sensor and column.calibrated is not None:
             rest = rests[name]

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from thermaltool.errors import FitError, LogError, ModelError
+from thermaltool.errors import FitError, LogError, ModelError, counted
 from thermaltool.estimation.constrained import Bounds, ConstrainedProblem, SplitState
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.function_specification import FunctionSpecification, specification_path
@@ -262,12 +262,14 @@ def _problem(kalman: KalmanEstimator, time: Float, readings: Float, level: float
             f"({', '.join(kalman.drives)}): --smooth takes several"
         )
     if len(time) < MIN_ROWS:
-        raise LogError(f"{len(time)} rows are too few for --method: give {MIN_ROWS} or more")
+        raise LogError(
+            f"{counted(len(time), 'row')}: too few for --method: give {MIN_ROWS} or more"
+        )
     for name, column in zip(kalman.sensors, readings.T, strict=True):
         if len(none := np.flatnonzero(np.isnan(column))):
             raise LogError(
-                f"{name} has no reading in {len(none)} rows, from {time[none[0]]:g} s on: --method "
-                "takes all; --smooth counts what is there"
+                f"{name} has no reading in {counted(len(none), 'row')}, from {time[none[0]]:g} s "
+                "on: --method takes all; --smooth counts what is there"
             )
     steps = np.diff(time)
     period = float(np.median(steps))

@@ -234,7 +234,8 @@ class DesignModel:
                 return response
             raise ModelError(
                 f"{t.drive} → {t.output} has {what}: such a drive cannot be estimated; "
-                f"where it is measured: --measured {t.drive}"
+                f"where it is measured: --measured {t.drive}; else calibrate with a kind that has "
+                f"none: --response {t.output}=rational3"
             )
 
         def terms(targets: tuple[str, ...]) -> tuple[ModalTerm, ...]:

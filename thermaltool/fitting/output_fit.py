@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, counted
 from thermaltool.fitting.covariance import block_covariance
 from thermaltool.fitting.discrepancy import Discrepancy, discrepancy
 from thermaltool.fitting.parametrization import Parametrization
@@ -112,7 +112,7 @@ def check_records(records: Sequence[Record], drives: Sequence[Drive], output: st
     """
     for record in records:
         if len(record) < 2:
-            raise FitError(f"a log of {len(record)} rows says nothing of a response")
+            raise FitError(f"a log of {counted(len(record), 'row')} says nothing of a response")
     for drive in drives:
         inputs = [relative(r.column(drive.channel), drive.reference, drive.hold) for r in records]
         if not any(np.any(u) for u in inputs):
@@ -187,7 +187,9 @@ def fit_output(
     rows = len(problem.measured)
     unknowns = problem.unknowns(parametrization)
     if rows <= unknowns:
-        raise FitError(f"{output}: {rows} rows are too few for {unknowns} parameters")
+        raise FitError(
+            f"{output}: {counted(rows, 'row')} for {counted(unknowns, 'parameter')}: too few"
+        )
 
     duration = max(record.duration for record in records)
     period = min(record.period for record in records)

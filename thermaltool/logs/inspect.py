@@ -65,7 +65,7 @@ def inspect(log: Log) -> Inspection:
         findings += _capped(_missing(log, name, values))
         present = np.flatnonzero(np.isfinite(values))
         if quantity in MEASURED:
-            findings += _capped(_standstill(log.lines[present], name, values[present]))
+            findings += _capped(standstill(log, name))
             own: Iterable[Fault] = (each for each in faults if each.channel == name)
         else:
             own = spikes(log, name, present)
@@ -133,18 +133,27 @@ def _jitter(log: Log, clock: Sampling) -> list[Finding]:
 
 def _missing(log: Log, name: str, values: Array) -> Iterator[Finding]:
     # A cell that reading has already complained about is not listed again.
-    known = [problem.line for problem in log.problems if problem.column == name and problem.line]
+    column = log.unread[name].column if name in log.unread else name
+    known = [problem.line for problem in log.problems if problem.column == column and problem.line]
     for start, stop in runs_of(np.isnan(values) & ~np.isin(log.lines, known)):
         count = stop - start
         message = "missing value" if count == 1 else f"{count} missing values in a row"
         yield Finding("missing", message, int(log.lines[start]), name)
 
 
-def _standstill(lines: np.ndarray, name: str, values: Array) -> Iterator[Finding]:
+def standstill(log: Log, name: str) -> Iterator[Finding]:
     """Stretches of equal values in a channel that otherwise moves at nearly every sample.
 
     A coarsely resolved channel stands still by nature, so it says nothing.
+
+    Parameters
+    ----------
+    log : Log
+    name : str
+        The channel; missing readings are passed over.
     """
+    present = np.flatnonzero(np.isfinite(log.columns[name]))
+    lines, values = log.lines[present], log.columns[name][present]
     if len(values) < 2 * MIN_FROZEN_ROWS:
         return
     edges = np.flatnonzero(np.diff(values) != 0) + 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -33,12 +33,16 @@ class Log(Record):
         read.
     problems : tuple of LogError
         What a reading with ``strict=False`` found and went around.
+    unread : mapping
+        The first cell of a channel that is no number where nothing needs the channel: such cells
+        are missing values.
     """
 
     epoch: str | None = None
     faults: tuple[Fault, ...] = ()
     lines: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
     problems: tuple[LogError, ...] = ()
+    unread: Mapping[str, LogError] = field(default_factory=dict)
 
     def line(self, row: int) -> int | None:
         return int(self.lines[row])

@@ -28,6 +28,7 @@ from thermaltool.logs.table import (
     read_source,
 )
 from thermaltool.logs.time_stamps import iso_clock, joined_stamps
+from thermaltool.logs.unread import spared_cells, with_cure
 from thermaltool.record import Array, Record, hint
 from thermaltool.units import STATUS, UNITS, clock_unit, names, parse_channel
 
@@ -55,6 +56,7 @@ def read_log(
     keep_spikes: Sequence[str] = (),
     need: str | Sequence[str] = (),
     outputs: Sequence[str] = (),
+    unread: bool = False,
     strict: bool = True,
 ) -> Log:
     """A log, from a file, a data frame or a record.
@@ -92,6 +94,10 @@ def read_log(
     outputs : sequence of str
         Further channels that must be there. A row in which they alone are missing stays under
         ``omit``, and where the reading is a fault.
+    unread : bool
+        Whether a cell that is no number is a missing value in every channel, for a stage that
+        learns from the log which it needs. So it is in channels beside `need` and `outputs` where
+        these are given. `Log.unread` has the first of each channel.
     strict : bool
         True raises at the first fault. False reads around faults and lists them in
         `Log.problems`: a bad cell is NaN, a ragged line is left out, a clock is kept as it is. A
@@ -133,9 +139,13 @@ def read_log(
     mapping.check(table.names, name)
     plan = _plan(name, table, mapping)
     cells = table.cells(plan.kinds)
-    problems = [*plan.problems, *cells.problems]
+    names_of = {table.names[i]: rename.name for i, rename in plan.renames.items()}
+    spare = spared_cells(cells.problems, names_of, mapping, (*need, *outputs))
+    if strict and not (unread or need or outputs):
+        spare = {}
+    problems = [*plan.problems, *(p for p in cells.problems if not strict or p.column not in spare)]
     if strict and problems:
-        raise problems[0]
+        raise with_cure(problems[0])
     time, epoch, disorder = _clock(name, table, plan, cells)
     log = Log(
         name=name,
@@ -147,6 +157,7 @@ def read_log(
         digest=digest,
         epoch=epoch,
         lines=cells.lines,
+        unread={names_of[column]: each for column, each in spare.items()},
     )
     log, beyond = _within_range(_with_computed(log, mapping), plan.clock.column)
     if strict and beyond:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.effects.dynamics import lagged
-from thermaltool.errors import LogError
+from thermaltool.errors import LogError, counted
 from thermaltool.model.rest import Zero, drive_rests, rest_shifts, zero_of
 from thermaltool.model.simulate import Course, acting_drives, acting_effects, sum_terms
 from thermaltool.record import Record, Rows
@@ -128,9 +128,9 @@ def started_outputs(
     for channel, fit in found.items():
         if initial == "free" and not fit.is_determined:
             raise LogError(
-                f"{channel}: {len(fit.state.rows)} readings before the rows that are judged do not "
-                f"say in which of {len(fit.weights)} states the log begins: judge from a later row "
-                "on",
+                f"{channel}: {counted(len(fit.state.rows), 'reading')} before the rows that are "
+                f"judged do not say in which of {len(fit.weights)} states the log begins: judge "
+                "from a later row on",
                 record.name,
             )
         if fit.is_determined:

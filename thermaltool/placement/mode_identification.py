@@ -107,7 +107,8 @@ def identify_modes(
     ------
     FitError
         A channel that is constant or a drive that never moves; rows too few for one mode, or for
-        as many as are asked for; two modes that fall together.
+        as many as are asked for; two modes that fall together; a number that is not given, and
+        nothing that follows the drives.
     """
     plan = NetworkPlan(modes=modes, initial=initial)
     data = training_data(logs, drives, outputs)
@@ -136,11 +137,27 @@ def identify_modes(
                 f"{data.duration:.3g} s"
             )
             break
+        if modes is None and found is None and (gain := _evidence_of_any(tried)) < MIN_EVIDENCE:
+            raise FitError(
+                f"nothing follows {', '.join(drives)}: a first mode has no evidence "
+                f"({gain:.3g}, decisive from {MIN_EVIDENCE:g})"
+            )
         found = tried
     assert found is not None
     return IdentifiedModes(
         found, tuple(candidates), limit, data.duration, _is_at_rest(data), drifts
     )
+
+
+def _evidence_of_any(network: Network) -> float:
+    """The fall of BIC by the weights of all outputs together, by Wald's statistic of each."""
+    size, count = 0.0, network.modes
+    for output in network.outputs:
+        weights = np.ravel(output.weights)
+        own = slice(output.modes, output.modes + weights.size)
+        size += float(weights @ np.linalg.pinv(output.covariance[own, own]) @ weights)
+        count += weights.size
+    return size - count * float(np.log(sum(output.rows for output in network.outputs)))
 
 
 def _not_identified(network: Network, duration: float) -> float | None:

@@ -22,7 +22,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, counted
 from thermaltool.fitting.data import Array
 from thermaltool.placement.candidates import Candidates, deflection_errors, output_errors
 from thermaltool.placement.sensor_sets import SensorSet
@@ -205,7 +205,9 @@ def placed_sets(
     """
     price = candidates.costs[candidates.allowed]
     if most > len(price):
-        raise FitError(f"{most} sensors of {len(price)} candidates: ask for fewer")
+        raise FitError(
+            f"{counted(most, 'sensor')} of {counted(len(price), 'candidate')}: ask for fewer"
+        )
     found: list[SensorSet] = []
     for count in range(1, most + 1):
         # More than all of them cost buys no more.

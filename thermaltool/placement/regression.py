@@ -153,8 +153,7 @@ class RegressionProblem:
         if not np.ptp(self.measured) > 0:
             raise FitError(f"{self.output} is constant: there is nothing to fit")
         for name in basis.sensors:
-            values = self.joined(name)
-            if not np.ptp(values) > MIN_MOVEMENT * np.max(np.abs(values)):
+            if not moves([self.joined(name)]):
                 raise FitError(f"{name} never moves in training: a dead sensor has no weight")
         if basis.position is not None and np.unique(self.joined(basis.position)).size < 2:
             raise FitError(f"{basis.position} has one value: no error along the axis is seen")
@@ -339,6 +338,18 @@ class RegressionProblem:
                 break
             kept = best
         return kept
+
+
+def moves(parts: Sequence[Array]) -> bool:
+    """Whether a sensor moves within the logs.
+
+    Parameters
+    ----------
+    parts : sequence of ndarray, shape (rows,)
+        Its readings in each log.
+    """
+    values = np.concatenate(parts)
+    return bool(np.ptp(values) > MIN_MOVEMENT * np.max(np.abs(values)))
 
 
 def _columns(basis: Basis) -> list[Column]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, counted
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.selection import BLOCKS
 from thermaltool.placement.estimators import blocks_of
@@ -191,7 +191,9 @@ def choose_sensors(
     """
     places = list(range(len(scores.basis.sensors))) if allowed is None else list(allowed)
     if most > len(places):
-        raise FitError(f"{most} sensors of {len(places)} candidates: ask for fewer")
+        raise FitError(
+            f"{counted(most, 'sensor')} of {counted(len(places), 'candidate')}: ask for fewer"
+        )
     chosen: list[int] = []
     found = []
     for _ in range(most):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from thermaltool.errors import LogError
+from thermaltool.errors import LogError, counted
 from thermaltool.logs import Log
 from thermaltool.logs.inspect import Inspection
 from thermaltool.record import channel_table
@@ -13,7 +13,7 @@ def check_table(log: Log, inspection: Inspection) -> str:
     clock = inspection.clock
     since = f", from {log.epoch}" if log.epoch else ""
     lines = [
-        f"{log.name}: {inspection.rows} rows, {inspection.duration:g} s{since}, "
+        f"{log.name}: {counted(inspection.rows, 'row')}, {inspection.duration:g} s{since}, "
         f"{inspection.segments} segment{'' if inspection.segments == 1 else 's'}"
     ]
     if inspection.rows > 1:

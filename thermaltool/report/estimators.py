@@ -28,8 +28,8 @@ def design_table(design: EstimatorDesign) -> str:
             row += [f"{predicted.lag:.1f}", f"{predicted.settling:.0f}"]
             row += [f"{error:.3g}" for error in predicted.heat_rmse]
             for k in range(len(design.problem.outputs)):
-                row += [f"{predicted.band[k]:.2f}", f"{predicted.lag_error[k]:.2f}"]
-                row.append(f"{predicted.noise_sigma[k]:.3f}")
+                found = predicted.band[k], predicted.lag_error[k], predicted.noise_sigma[k]
+                row += [f"{value:.3g}" for value in found]
             rows.append(row)
     return aligned(rows)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thermaltool.documents import jsonable
+from thermaltool.errors import counted
 from thermaltool.placement.mode_identification import IdentifiedModes
 from thermaltool.report.clock_axis import modes_unit
 from thermaltool.report.network import mode_warnings
@@ -79,8 +80,8 @@ def identified_table(modes: IdentifiedModes) -> str:
     unit, length = modes_unit(modes.network.time_constants)
     outputs = modes.network.outputs
     head = (
-        f"{len(modes.time_constants)} modes shared by {len(outputs)} "
-        f"channel{'s' * (len(outputs) > 1)}, {sum(o.rows for o in outputs)} readings"
+        f"{counted(len(modes.time_constants), 'mode')} shared by "
+        f"{counted(len(outputs), 'channel')}, {sum(o.rows for o in outputs)} readings"
     )
     taus = [["mode", f"time constant {unit}"]]
     for j, e in enumerate(modes.time_constants):

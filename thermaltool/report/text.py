@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from thermaltool.errors import counted
 from thermaltool.units import parse_channel, symbol
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def excursion_message(log: Log, e: Excursion) -> str:
         log,
         e.first,
         f"{e.channel}: {e.value:.4g} is outside the calibrated range {e.low:.4g} to {e.high:.4g} "
-        f"({e.rows} rows): the model extrapolates",
+        f"({counted(e.rows, 'row')}): the model extrapolates",
     )
 
 
@@ -74,6 +75,26 @@ def fault_message(log: Log, channels: Container[str] | None = None) -> str | Non
         for channel, reasons in counts.items()
     ]
     return f"{log.name}: faults of sensors left out: {', '.join(told)}; --faults keep takes them"
+
+
+def stuck_messages(log: Log, channels: Iterable[str]) -> Iterator[str]:
+    """Where sensors stand still amid readings that move; from the first row on they may.
+
+    Parameters
+    ----------
+    log : Log
+    channels : iterable of str
+    """
+    from thermaltool.logs.faults import MEASURED
+    from thermaltool.logs.inspect import standstill
+
+    for name in channels:
+        if parse_channel(name).quantity in MEASURED and len(log):
+            found = [each for each in standstill(log, name) if each.line != log.line(0)]
+            more = f", and {len(found) - 1} times more" if found[1:] else ""
+            for each in found[:1]:
+                yield (f"{log.name}:{each.line}: {name}: {each.message}{more}: a sensor that is "
+                       "stuck? These rows count")  # fmt: skip
 
 
 def sizes_message(found: KalmanEstimator) -> str:
@@ -112,5 +133,5 @@ def zero_message(channel: str, zero: Zero, log: Log) -> str:
     """From what the zero of an output was taken that has none of its own."""
     return (
         f"{channel}: counts from the median of measured minus simulated over the first "
-        f"{zero.stop - log.time[0]:.4g} s ({zero.rows} readings)"
+        f"{zero.stop - log.time[0]:.4g} s ({counted(zero.rows, 'reading')})"
     )

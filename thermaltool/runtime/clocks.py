@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Any
 
+from thermaltool.errors import counted
 from thermaltool.runtime.messages import Report
 
 # The first so many steps between arrivals are compared with the period. What comes within LIVE
@@ -179,7 +180,7 @@ class PeriodClock(LineClock):
         if late >= 1:
             self.count += int(late)
             self._lost += int(late)
-            self._report("", f"{int(late)} lines lost: counted, {self.period:g} s each")
+            self._report("", f"{counted(int(late), 'line')} lost: counted, {self.period:g} s each")
         elif late <= -1 and self._lost:
             # They came after all: this one has no time of its own.
             self.count -= 1

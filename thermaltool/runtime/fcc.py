@@ -14,7 +14,7 @@ from thermaltool.control.fcc import (
     ForecastingControl,
 )
 from thermaltool.control.setpoint import Setpoint
-from thermaltool.errors import LogError
+from thermaltool.errors import LogError, counted
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck, PeriodCheck
 from thermaltool.runtime.compensator import SetpointProcess
@@ -175,7 +175,7 @@ class Controller(Steps):
             f"action (reconstructed), horizon {self.control.horizon} samples"
         )
         if self.control.gate.refused:
-            text += f"; {self.control.gate.refused} readings stood alone and were bridged"
+            text += f"; {counted(self.control.gate.refused, 'reading')} stood alone, bridged"
         if self.at_limit:
             text += f"; at the limit in {self.at_limit / self.samples:.1%} of the samples"
         return text

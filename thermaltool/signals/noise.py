@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtr
 
+from thermaltool.errors import counted
 from thermaltool.signals.allan import AllanDeviation, allan_deviation
 from thermaltool.signals.detrend import (
     block_variance,
@@ -153,7 +154,9 @@ def estimate_noise(
         raise ValueError("every reading is missing")
     t, v = t[present], v[present]
     if v.size < MIN_SAMPLES:
-        raise ValueError(f"{v.size} readings are too few: at least {MIN_SAMPLES} are needed")
+        raise ValueError(
+            f"{counted(v.size, 'reading')}: too few, at least {MIN_SAMPLES} are needed"
+        )
     if not (np.diff(t) > 0).all():
         raise ValueError("time must increase")
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermaltool.errors import LogError
+from thermaltool.errors import LogError, counted
 from thermaltool.fitting.data import Array
 from thermaltool.record import Record
 from thermaltool.units import UNITS, is_absolute, is_temperature, parse_channel
@@ -132,7 +132,7 @@ def transient_of(
     """
     _check_channels(drive, output, record.name)
     if len(record) < MIN_ROWS:
-        raise LogError(f"{len(record)} rows say nothing of a spectrum", record.name)
+        raise LogError(f"{counted(len(record), 'row')} say nothing of a spectrum", record.name)
     scale = UNITS[parse_channel(drive).unit][1]
     u, time = record.column(drive) * scale, record.time
     rise = record.column(output) * UNITS[parse_channel(output).unit][1]
@@ -185,7 +185,9 @@ def _check_rows(found: Transient) -> None:
     since = found.since_step
     since = since[since > 0]
     if len(since) < MIN_ROWS:
-        raise LogError(f"{len(since)} rows behind the step: too few for a spectrum", found.name)
+        raise LogError(
+            f"{counted(len(since), 'row')} behind the step: too few for a spectrum", found.name
+        )
     short, long = float(since.min()), found.reach[1]
     if long < MIN_SPAN * short:
         raise LogError(
@@ -197,7 +199,7 @@ def _check_rows(found: Transient) -> None:
     rows = np.histogram(since, edges)[0]
     if count and rows.min() < MIN_ROWS_PER_DECADE:
         k = int(np.argmin(rows))
-        few = f"{rows[k]} row" if rows[k] == 1 else f"{rows[k]} rows"
+        few = counted(int(rows[k]), "row")
         raise LogError(
             f"{few} between {edges[k]:.3g} s and {edges[k + 1]:.3g} s behind the step: each decade "
             f"takes {MIN_ROWS_PER_DECADE} rows", found.name,

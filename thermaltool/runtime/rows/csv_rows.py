@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Sequence
 
-from thermaltool.errors import LogError
+from thermaltool.errors import LogError, counted
 from thermaltool.runtime.rows.layout import Wanted
 from thermaltool.runtime.rows.row import Row, RowReader
 
@@ -46,7 +46,9 @@ class CsvRows(RowReader):
             fields = [field.encode() for field in self._unquoted(line.decode("utf-8", "replace"))]
         if len(fields) != self._width:
             # Any field may be another's; a clock that needs none goes on.
-            return self._unusable(self._time([]), f"{len(fields)} fields instead of {self._width}")
+            return self._unusable(
+                self._time([]), f"{counted(len(fields), 'field')} instead of {self._width}"
+            )
         if self._blind:
             return self._unusable(self._time(fields), self._blind)
         return self._take(fields)
