@@ -31,17 +31,6 @@ def run(*arguments, text=""):
     return done.returncode, done.stdout.decode().splitlines(), done.stderr.decode().splitlines()
 
 
-@pytest.fixture
-def refused(thermaltool):
-    """`run` in this process, for what ends before a line is read."""
-
-    def call(*arguments, text=HEADER):
-        done = thermaltool("fcc", *OPTIONS, *arguments, stdin=text)
-        return done.code, done.out.splitlines(), done.err.splitlines()
-
-    return call
-
-
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory):
     """A log of the piezo moved at random, free of the wall."""
@@ -189,8 +178,8 @@ def test_silence_leads_to_the_safe_command():
         (("--delay", 0.001, "--error-model", "0"), "is not direct|P|P,Q"),
     ],
 )
-def test_usage(refused, arguments, message):
-    code, out, err = refused(*arguments)
+def test_usage(arguments, message):
+    code, out, err = run(*arguments, text=HEADER)
     assert code == 2
     assert out == []
     assert message in err[-1]
@@ -220,8 +209,8 @@ def test_a_trial_in_which_nothing_moves(tmp_path):
     assert "the command does not move" in err[-1]
 
 
-def test_a_trial_of_another_period(refused, trial):
-    code, _, err = refused("--period", "0.001", "--identify", trial)
+def test_a_trial_of_another_period(trial):
+    code, _, err = run("--period", "0.001", "--identify", trial)
     assert code == 2
     assert "has a sample each 0.0005 s, --period says 0.001 s" in err[-1]
 
@@ -254,8 +243,8 @@ def test_commands_that_the_readings_do_not_follow():
     assert float(told[-1].split(",")[-1]) == 0  # the safe command
 
 
-def test_a_delay_of_thousands_of_samples(refused):
-    code, _, err = refused("--delay", "50", "--gain", "1")
+def test_a_delay_of_thousands_of_samples():
+    code, _, err = run("--delay", "50", "--gain", "1")
     assert code == 2
     assert "100000 samples: at most 20000" in err[-1]
 
@@ -285,8 +274,8 @@ def test_a_loop_whose_commands_end_early_keeps_what_was_cut(tmp_path):
     assert len(log.read_text().splitlines()) == 41
 
 
-def test_an_error_model_that_nobody_can_follow(refused):
-    code, _, err = refused("--delay", 0.001, "--gain", 1, "--error-model", "5000")
+def test_an_error_model_that_nobody_can_follow():
+    code, _, err = run("--delay", 0.001, "--gain", 1, "--error-model", "5000")
     assert code == 2
     assert "at most 200 coefficients" in err[-1]
 

@@ -333,7 +333,7 @@ def test_a_drive_that_is_on_all_the_time_is_a_step():
 @pytest.mark.parametrize("rows", [0, 1, 5, 7])
 def test_too_few_rows(rows):
     record = record_of(UNIFORM[:rows], (np.ones(rows),), np.arange(rows, dtype=float))
-    with pytest.raises(FitError, match="rows"):
+    with pytest.raises(FitError, match="row"):
         fit([record])
 
 
