@@ -242,7 +242,11 @@ class _FreeState:
         any_decay = self.is_seen or (self.is_sampled and self.has_many_modes)
         if self.is_forecast or not any_decay:
             return free_decays(self.model, self.output.channel, elapsed, cooling)
-        return start_decays(elapsed, self.slowest, self.record.period) * np.exp(-cooling)
+        slowest = self.slowest
+        if self.is_zero_free:
+            # What hardly decays in these rows is not told from the zero.
+            slowest = min(slowest, float(np.ptp(self.record.time[self.rows])) / MIN_TIME_CONSTANTS)
+        return start_decays(elapsed, slowest, self.record.period) * np.exp(-cooling)
 
     def fit(self, simulated: Float) -> _StateFit:
         """The state and the zero that fit the rows best."""
