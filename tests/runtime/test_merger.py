@@ -57,7 +57,7 @@ def message(time, sensor, value):
 def broker(rows=400, seed=None, lost=0.1, period=0.5):
     """Lines of a broker: two sensors that we read and one that we do not, in any order.
 
-    Some are lost, some come twice, some are no number.
+    After the first rows some are lost, and some are no number; some come twice.
     """
     draw = random.Random(seed)
     lines = []
@@ -70,7 +70,8 @@ def broker(rows=400, seed=None, lost=0.1, period=0.5):
             if k > 5 and draw.random() < lost:
                 continue
             late += draw.uniform(0.0, 0.08)
-            lines.append(message(period * k + late, name, None if draw.random() < 0.02 else value))
+            broken = k > 5 and draw.random() < 0.02
+            lines.append(message(period * k + late, name, None if broken else value))
             if draw.random() < 0.05:
                 lines.append(message(period * k + late, name, value + 0.01))
     return lines
