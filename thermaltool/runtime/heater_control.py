@@ -95,12 +95,10 @@ class ControlStepper(Steps):
         Setpoints stand in for measured powers; for a temperature its prediction does while it is
         worth it, and the last heats for a few lines then.
         """
-        temperatures = {*lost} - {*self._places}
+        temperatures = self._temperatures(lost)
         if not temperatures:
             return True
-        if self._blind is None or any(
-            k >= len(self._estimator.inner.sensors) for k in temperatures
-        ):
+        if self._blind is None or max(temperatures) >= len(self._estimator.inner.sensors):
             return False
         return self._worthless <= MAX_FAILURES
 
@@ -112,8 +110,9 @@ class ControlStepper(Steps):
     def cost(self, lost: Collection[int]) -> str:
         """What stands in for columns that are lost, and what it is worth."""
         sensors, said = self._estimator.sensors, []
-        powers = [sensors[k] for k in sorted(lost) if k in self._places]
-        others = [sensors[k] for k in sorted(lost) if k not in self._places]
+        temperatures = self._temperatures(lost)
+        powers = [sensors[k] for k in sorted({*lost} - {*temperatures})]
+        others = [sensors[k] for k in temperatures]
         if powers:
             said.append(
                 f"the power of {', '.join(powers)} counts as it is set: a heater that fails is not "
@@ -121,7 +120,7 @@ class ControlStepper(Steps):
             )
         if others and self._blind is not None:
             if not self._blind.lost:
-                self._blind.take(self._controller.period, self._temperatures(lost))
+                self._blind.take(self._controller.period, temperatures)
             bands = zip(self._controller.tolerance, self._blind.band(), strict=True)
             known = ", ".join(f"{channel} to {half:.2g}" for channel, half in bands)
             said.append(
@@ -131,7 +130,8 @@ class ControlStepper(Steps):
         return "; ".join(said)
 
     def _temperatures(self, lost: Collection[int]) -> list[int]:
-        return [k for k in lost if k not in self._places]
+        """Those of some columns that are no powers of heaters, in their order."""
+        return sorted({*lost} - {*self._places})
 
     def can_start(self, readings: list[float]) -> bool:
         """Whether all but the powers have been read."""
