@@ -45,8 +45,6 @@ class Stumble:
     words: str
     was: str
     look: Callable[[Bench], tuple[str, bool]]
-    # A limit that is known, and told in docs/results/stumbles.md: short of what is asked.
-    limited: bool = False
 
     def tried(self, bench: Bench) -> tuple[str, bool]:
         """What is seen now, and whether that is right; a command that fails is not."""

@@ -170,8 +170,7 @@ STUMBLES = [
     Stumble("4.1f", "`--end`: the slew limit to the last line", "safe zero at once, past `--slew`",
             the_end),
     Stumble("4.2a", "`iso230`: 95 % intervals, probes that drift", MISSED, iso230(0.1)),
-    Stumble("4.2b", "`iso230`: 95 % intervals, probes without drift", MISSED, iso230(0.0),
-            limited=True),
+    Stumble("4.2b", "`iso230`: 95 % intervals, probes without drift", MISSED, iso230(0.0)),
     Stumble("4.3a", "what the stream alone loads", "680 MB", slim),
     Stumble("4.3b", "parts of the install; `make demo` has all", MISSED, extras),
 ]  # fmt: skip

@@ -2,12 +2,20 @@ import numpy as np
 import pytest
 
 from thermaltool.signals.ranges import (
+    REPEATS,
     constant_stretches,
     even_level,
     local_parabolas,
     noise_repeats,
     range_estimate,
 )
+from thermaltool.signals.smooth_curves import curve_draws
+
+
+def estimate(level, noise, rng):
+    """The range of a level of readings whose noise is 0.1."""
+    curves = curve_draws(level.time, level.means, level.counts, 0.1, (), REPEATS, rng)
+    return range_estimate(level.level, curves, noise, "um")
 
 
 @pytest.mark.parametrize("half", [0, 1, 4, 10])
@@ -34,7 +42,7 @@ def test_noise_alone_has_a_range_that_may_be_zero():
     time = np.arange(0.0, 3600.0, 10.0)
     level = even_level(time, 0.1 * rng.standard_normal(len(time)), 60.0)
     noise = noise_repeats(level, 0.1, 0.0, 1.0, rng)
-    found = range_estimate(level.level, noise, "um")
+    found = estimate(level, noise, rng)
     assert np.ptp(level.level) > 0.1
     assert found.low == 0
     assert found.value < np.ptp(level.level)
@@ -51,7 +59,7 @@ def test_intervals_of_ranges_within_the_noise(size):
         rng = np.random.default_rng(seed)
         level = even_level(time, true + 0.1 * rng.standard_normal(len(time)), 60.0)
         noise = noise_repeats(level, 0.1, 0.0, 1.0, rng)
-        found = range_estimate(level.level, noise, "um")
+        found = estimate(level, noise, rng)
         held += found.low <= np.ptp(true) <= found.high
     # Of 40 draws at 0.95: fewer than 33 come once in a thousand.
     assert held >= 33
@@ -60,9 +68,10 @@ def test_intervals_of_ranges_within_the_noise(size):
 def test_windows():
     level = np.concatenate([np.zeros(50), np.arange(20.0), np.full(50, 19.0)])
     noise = np.zeros((3, len(level)))
-    assert range_estimate(level, noise, "um", 6).value == 5.0
-    assert range_estimate(level, noise, "um", 7).value == 6.0
-    assert range_estimate(level, noise, "um", 1000).value == 19.0
+    curves = np.tile(level, (3, 1))
+    assert range_estimate(level, curves, noise, "um", 6).value == 5.0
+    assert range_estimate(level, curves, noise, "um", 7).value == 6.0
+    assert range_estimate(level, curves, noise, "um", 1000).value == 19.0
 
 
 def test_drift_has_its_size_and_time():

@@ -25,11 +25,8 @@ REPEATS = 500
 LEVEL = 0.95
 # Above so many ranges of the noise alone a level has the shape of the signal.
 SMALL_NOISE = 4.0
-# Below, so many sizes of its smooth part are tried.
+# Below, so many sizes of it are tried.
 SIZES = 13
-# Smooth parts: parabolas through so large a part of the points on either side, and how often noise
-# alone may leave more.
-SMOOTH_PARTS, ACCEPTED = (3, 5, 8, 12, 20, 32, 50, 80), 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +45,8 @@ class EvenLevel:
     half : int
         Bins on either side over which a parabola goes.
     level : ndarray, shape (n,)
+    means, counts : ndarray, shape (n,)
+        Average of each bin, along lines where it is empty, and its readings.
     """
 
     time: Array
@@ -56,6 +55,8 @@ class EvenLevel:
     readings: Array
     half: int
     level: Array
+    means: Array
+    counts: Array
 
 
 def even_level(time: Array, values: Array, average: float) -> EvenLevel:
@@ -93,8 +94,9 @@ def even_level(time: Array, values: Array, average: float) -> EvenLevel:
     at = np.bincount(place, time, bins)[there] / count[there]
     mean = np.bincount(place, values, bins)[there] / count[there]
     half = max(0, min(round(average / step / 2), (bins - 1) // 2))
-    level = local_parabolas(_along_lines(moments, at, mean), half)
-    return EvenLevel(moments, step, at, count[there].astype(float), half, level)
+    means, counts = _along_lines(moments, at, mean), count.astype(float)
+    level = local_parabolas(means, half)
+    return EvenLevel(moments, step, at, counts[there], half, level, means, counts)
 
 
 def _along_lines(moments: Array, at: Array, values: Array) -> Array:
@@ -154,58 +156,42 @@ def noise_repeats(
     return local_parabolas(added, like.half)
 
 
-def range_estimate(level: Array, noise: Array, unit: str, rows: int | None = None) -> Estimate:
-    """The largest minus the least value, and its 95 % interval.
+def range_estimate(
+    level: Array, curves: Array, noise: Array, unit: str, rows: int | None = None
+) -> Estimate:
+    """The largest minus the least value of the signal, and its 95 % interval.
 
-    Noise widens a range: what it adds is found by adding it once more, and is taken off (basic
-    bootstrap, Davison and Hinkley 1997, section 5.2). Where the noise is not small against the
-    range, the extremes of the level are mostly noise: then the interval holds the ranges of its
-    smooth part, made smaller or larger, that with noise lead to what was found.
+    That of the curves that the readings may come from. Where the noise is not small against the
+    range, it may as well be nothing: then the interval holds the ranges of these curves, made
+    smaller or larger, that with noise lead to what was found.
 
     Parameters
     ----------
     level : ndarray, shape (n,) [unit]
+    curves : ndarray, shape (repeats, n) [unit]
+        Draws of the signal without noise.
     noise : ndarray, shape (repeats, n) [unit]
+        Draws of what noise adds to the level.
     unit : str
     rows : int, optional
         The largest range within so many rows that follow each other. Default: within all.
     """
     found = float(_ranges(level[None], rows)[0])
     ends = (1 - LEVEL) / 2, (1 + LEVEL) / 2
-    smooth = smooth_part(level, noise)
-    own = float(_ranges(smooth[None], rows)[0])
+    drawn = _ranges(curves, rows)
     alone = _ranges(noise, rows)
     if found < SMALL_NOISE * alone.mean():
         # No interval is narrower than what noise alone varies by.
         middle, largest = np.quantile(alone, [0.5, ends[1]])
         sizes = np.linspace(0.0, found + largest, SIZES)
-        shape = smooth / (own or 1.0)
-        with_noise = np.array([_ranges(size * shape + noise, rows) for size in sizes])
+        shapes = curves / np.where(drawn > 0, drawn, 1.0)[:, None]
+        with_noise = np.array([_ranges(size * shapes + noise, rows) for size in sizes])
         quantiles = np.quantile(with_noise, [ends[1], 0.5, ends[0]], axis=1)
         rising = np.maximum.accumulate(quantiles, axis=1)
         low, value, high = (float(np.interp(found, each, sizes)) for each in rising)
         return Estimate(value, low, max(high, float(largest - middle)), unit)
-    more = _ranges(smooth + noise, rows) - own
-    low, high = np.quantile(more, ends)
-    value = max(0.0, found - float(more.mean()))
-    return Estimate(value, max(0.0, found - float(high)), max(0.0, found - float(low)), unit)
-
-
-def smooth_part(level: Array, noise: Array) -> Array:
-    """The smoothest curve beside which no more is left of a level than noise would leave.
-
-    Parameters
-    ----------
-    level : ndarray, shape (n,)
-    noise : ndarray, shape (repeats, n)
-    """
-    for part in SMOOTH_PARTS:
-        half = len(level) // part
-        smooth = local_parabolas(level, half)
-        left = np.abs(noise - local_parabolas(noise, half)).max(axis=1)
-        if np.abs(level - smooth).max() <= np.quantile(left, ACCEPTED):
-            return smooth
-    return level
+    low, value, high = (float(each) for each in np.quantile(drawn, [ends[0], 0.5, ends[1]]))
+    return Estimate(value, low, high, unit)
 
 
 def _ranges(levels: Array, rows: int | None) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from thermaltool.record import Record
 from thermaltool.signals.intervals import Estimate
 from thermaltool.signals.ranges import EvenLevel, even_level, noise_repeats, range_estimate
+from thermaltool.signals.smooth_curves import curve_draws
 from thermaltool.units import converted, parse_channel
 
 Array = NDArray[np.float64]
@@ -194,17 +196,29 @@ class Evaluation:
             noise = np.sum(
                 [f * noise_repeats(level, *self.noises[c], rng) for c, f in each.parts], axis=0
             )
+            curves = self._curves(each, level, len(noise), rng)
             for time in (*TIMES[self.test], None):
                 if time is not None and time > run.duration + level.step:
                     continue
                 name = self._symbol(each.name, time)
                 if self.test == "etve":
                     rows = None if time is None else round(time / level.step) + 1
-                    found = range_estimate(level.level, noise, each.unit, rows)
+                    found = range_estimate(level.level, curves, noise, each.unit, rows)
                 else:
                     last = _rows_within(level, time)
-                    found = range_estimate(level.level[:last], noise[:, :last], each.unit)
+                    found = range_estimate(
+                        level.level[:last], curves[:, :last], noise[:, :last], each.unit
+                    )
                 yield RangeFigure(each.name, name, time, found)
+
+    def _curves(
+        self, quantity: Quantity, level: EvenLevel, draws: int, rng: np.random.Generator
+    ) -> Array:
+        """What the quantity may have been without noise, shape (draws, n)."""
+        noises = [(abs(factor), self.noises[channel]) for channel, factor in quantity.parts]
+        white = math.hypot(*(factor * each.white for factor, each in noises))
+        drifts = [(factor * each.drift, each.time) for factor, each in noises]
+        return curve_draws(level.time, level.means, level.counts, white, drifts, draws, rng)
 
     def _symbol(self, quantity: str, time: float | None) -> str:
         if self.test == "etve":
