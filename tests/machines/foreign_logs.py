@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-# Seconds, heat in W, temperature in degC, deflection in um: 0.2 K/W, 3 um/K, 120 s.
-ROWS = 240
+# Seconds, heat in W, temperature in degC, deflection in um: 0.2 K/W, 3 um/K.
+ROWS, LAG = 240, 120.0
 TIME = 5.0 * np.arange(ROWS)
 HEAT = np.where(TIME >= 100, 100.0, 0.0)
-RISE = np.where(TIME >= 100, 20 * -np.expm1(-(TIME - 100) / 120), 0.0)
+RISE = np.where(TIME >= 100, 20 * -np.expm1(-(TIME - 100) / LAG), 0.0)
 TEMPERATURE = 21.5 + RISE + 0.01 * np.random.default_rng().standard_normal(ROWS)
 DEFLECTION = 3 * RISE + 0.05 * np.random.default_rng().standard_normal(ROWS)
 BEGIN = datetime(2026, 3, 14, 10, 15, 0)
@@ -145,7 +145,7 @@ def moonraker(folder: Path) -> Path:
     count = 1200
     t = np.arange(float(count))
     on = t >= 100
-    chamber = 21.5 + np.where(on, 20 * -np.expm1(-(t - 100) / 120), 0.0)
+    chamber = 21.5 + np.where(on, 20 * -np.expm1(-(t - 100) / LAG), 0.0)
     store = {
         "heater_bed": {"temperatures": [40.0] * count, "targets": [60.0] * count,
                        "powers": on.astype(float).tolist()},
