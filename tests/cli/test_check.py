@@ -40,6 +40,15 @@ def test_everything_wrong_is_told_in_one_run(check) -> None:
         assert any(line.startswith(start) for line in lines), start
 
 
+def test_units_are_listed_once_with_a_cure(check) -> None:
+    result = check(log="time_s,T_b_degF,bed.temp,T_a_degC\n0,1,2,3\n")
+    assert result.out.count("a name is <quantity>_<place>_<unit>") == 1
+    first, second, last = result.out.splitlines()[-3:]
+    assert first.startswith("<stdin>:1: T_b_degF: unknown unit 'degF'; a name is")
+    assert second == "<stdin>:1: bed.temp: unknown unit 'bed.temp'"
+    assert last.startswith("check LOG --write-map MAP.toml drafts a map")
+
+
 def test_a_backward_clock(check) -> None:
     result = check(log="time_s,T_a_degC\n0,1\n2,1.5\n1,2\n2,2\n")
     assert result.code == 3

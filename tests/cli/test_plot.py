@@ -52,6 +52,24 @@ def test_against_a_log(thermaltool, tmp_path: Path) -> None:
     assert figure.read_bytes().startswith(b"<?xml")
 
 
+def test_a_typo_is_a_gap_and_told(thermaltool, tmp_path: Path) -> None:
+    figure = tmp_path / "figure.svg"
+    log = LOG.replace("\n20,", "\n2O,", 1).replace("\n30,", "\n30,x", 1)
+    refused = thermaltool("plot", "-", "-o", figure, stdin=log)
+    assert (refused.code, refused.err) == (
+        1,
+        "thermaltool plot: <stdin>:12: time_s: not a number: '2O'\n",
+    )
+    log = LOG.replace("\n30,", "\n30,x", 1)
+    for chosen in ((), ("--channel", "d_x_um")):
+        result = thermaltool("plot", "-", *chosen, "-o", figure, stdin=log)
+        assert result.code == 0
+        told = "<stdin>:17: T_a_degC: not a number: 'x22.142857142857142'"
+        assert result.err == f"{told}: taken as a missing value\n"
+    table = "time_s,value_1,error_1\n0,1,0\n1,x,0\n"
+    assert "not a number: 'x'" in thermaltool("plot", "-", stdin=table).err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -7,12 +7,14 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from machines.foreign_logs import (
     CASES,
     LAG,
     ROWS,
+    klippy,
     lvm,
     matlab_5,
     matlab_73,
@@ -89,3 +91,12 @@ def test_content_counts_before_the_suffix(tmp_path: Path) -> None:
     text = draft_map(str(renamed)).text
     assert 'column = ["Date", "Time"]' in text
     assert "skip = 2" in text
+
+
+def test_a_klippy_log_with_stamps_before_its_lines(tmp_path: Path) -> None:
+    log = klippy(tmp_path)
+    plain = read_log(str(log), columns={"chamber.temp": "T_chamber_degC"}, strict=False)
+    lines = [f"09-26 07:10:{k % 60:02d}.000:{x}" for k, x in enumerate(log.read_text().split("\n"))]
+    log.write_text("\n".join(lines))
+    found = read_log(str(log), columns={"chamber.temp": "T_chamber_degC"}, strict=False)
+    np.testing.assert_array_equal(found.column("T_chamber_degC"), plain.column("T_chamber_degC"))

@@ -50,6 +50,8 @@ def command(
     before it; a model beside a kernel or a trade-off names its parts. Stdin is a JSON document
     where it starts with {, else a log as --from says.
     """
+    from thermaltool.api.inputs import refuse_unread
+    from thermaltool.cli.messages import warn
     from thermaltool.errors import LogError
     from thermaltool.logs import Log
     from thermaltool.report.content import Content, is_document, read_document, read_table
@@ -78,6 +80,7 @@ def command(
         if not isinstance(reference.data, Log):
             raise LogError(f"--against takes a log (taken as: {reference.kind})", reference.name)
         contents.append(Content("reference", reference.name, reference.data))
+    refuse_unread([each.data for each in contents if isinstance(each.data, Log)], (), warn)
     write_figure(lambda: draw(contents, channels), output)
     progress("done\n")
     if as_json:

@@ -77,7 +77,7 @@ _BEGINNINGS = {
 # A line that klippy.log has every second; before the first stand the settings of the printer,
 # at most so many bytes.
 MAX_PREAMBLE = 2**22
-_STATS = re.compile(rb"^Stats \d+\.\d+: ", re.MULTILINE)
+_STATS = re.compile(rb"^(?:[-\d]{4,10} [:.\d]{5,15}:)?Stats \d+\.\d+: ", re.MULTILINE)
 
 
 def format_of(target: str, chosen: str | None) -> str:

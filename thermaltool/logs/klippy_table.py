@@ -9,8 +9,9 @@ from thermaltool.logs.columns import ColumnMap
 from thermaltool.logs.frame_table import FrameTable
 from thermaltool.logs.table import InputBytes
 
-# "Stats 1234.5: gcodein=0 mcu: mcu_awake=0.001 heater_bed: target=60 temp=59.9 pwm=0.123"
-_LINE = re.compile(r"Stats (\d+\.\d+): (.*)")
+# "Stats 1234.5: gcodein=0 mcu: mcu_awake=0.001 heater_bed: target=60 temp=59.9 pwm=0.123", of some
+# printers behind a stamp, "09-26 07:10:00.000:".
+_LINE = re.compile(r"(?:[-\d]+ [:.\d]+:)?Stats (\d+\.\d+): (.*)")
 # What the host says of itself stands behind the last section.
 _OF_HOST = {
     "sysload", "cputime", "memavail", "print_time", "buffer_time", "print_stall", "gcodein",

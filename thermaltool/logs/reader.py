@@ -279,7 +279,7 @@ def _own_clock(file: str, table: Table) -> Clock:
         return Clock("time" if unit == "iso" else f"time_{unit}", unit)
     raise LogError(
         f"no clock: no column time_s or time{hint('time_s', table.names)}; a map for --columns "
-        "names another one, or a period for logs without",
+        "names another one, or a period for logs without (check --write-map drafts one)",
         file,
         table.header_line,
     )

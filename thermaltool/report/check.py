@@ -7,6 +7,8 @@ from thermaltool.logs import Log
 from thermaltool.logs.inspect import Inspection
 from thermaltool.record import channel_table
 
+UNKNOWN_UNIT = "unknown unit"
+
 
 def check_table(log: Log, inspection: Inspection) -> str:
     """Rows, clock and channels of a log, and its findings, one line each."""
@@ -23,5 +25,13 @@ def check_table(log: Log, inspection: Inspection) -> str:
     lines += channel_table(inspection.channels)
     if not inspection.findings:
         return "\n".join([*lines, "nothing wrong"])
-    wrong = [str(LogError(f.message, log.name, f.line, f.column)) for f in inspection.findings]
+    wrong, units = [], 0
+    for each in inspection.findings:
+        message = each.message
+        if message.startswith(UNKNOWN_UNIT):
+            # The units are listed once.
+            message, units = message.partition(";")[0] if units else message, units + 1
+        wrong.append(str(LogError(message, log.name, each.line, each.column)))
+    if units:
+        wrong.append("check LOG --write-map MAP.toml drafts a map that gives columns such names")
     return "\n".join([*lines, "wrong:", *wrong])

@@ -147,6 +147,8 @@ def read_table(source: str, options: Mapping[str, Any], need: Sequence[str] = ()
     if not len(log):
         raise LogError("no rows: nothing to draw", log.name)
     columns = log.columns
+    if log.unread and {"A1_s", "error_1"} & columns.keys():
+        raise next(iter(log.unread.values()))
     if {"weight_1", "A0_1", "A1_s"} <= columns.keys():
         data = {"time_s": log.time, "weight": columns["weight_1"],
                 "A0": float(columns["A0_1"][0]), "A1_s": float(columns["A1_s"][0])}  # fmt: skip
@@ -165,12 +167,13 @@ def read_table(source: str, options: Mapping[str, Any], need: Sequence[str] = ()
 
 
 def _sound(log: Log) -> Log:
-    """The log, unless it has a fault.
+    """The log, unless it has a fault other than cells that are no numbers (`Log.unread`).
 
     A line that the stream refused is answered under the time of the line before it: in a table of
     setpoints the clock may stand still.
     """
-    faults = [p for p in log.problems if p.message != UNFINISHED]
+    spared = {each.column for each in log.unread.values()}
+    faults = [p for p in log.problems if p.message != UNFINISHED and p.column not in spared]
     if any(name.startswith(SETPOINT) for name in log.columns) and np.all(np.diff(log.time) >= 0):
         faults = [p for p in faults if p.column != "time_s"]
     if faults:
