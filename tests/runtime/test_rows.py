@@ -114,7 +114,8 @@ def test_ndjson_object_that_lacks_a_sensor_or_is_cut():
         (b"time_s,dT_pair_K", "no column dT_pair1_K, which the estimator reads (near: dT_pair_K)"),
         (b"time_x,dT_pair1_K", "no clock: no column time_s or time (near: time_x)"),
         (b'{"time_s": 0}', "this is NDJSON, not CSV: use --from ndjson"),
-        (b"\xff\xfet\0", "not UTF-8"),
+        (b"\xff\xfet\0", "in UTF-16 or the like"),
+        (b"t\xff", "not UTF-8: byte 0xff"),
     ],
 )
 def test_headers_that_do_not_fit(header, message):
@@ -174,6 +175,24 @@ def test_foreign_names_scales_and_decimal_commas(tmp_path):
     assert records.row(b"1500;-999").faults[0] == "not a number: '-999'"
     with pytest.raises(LogError, match="no column Zeit"):
         csv(b"Z;Kanal 1", mapping=read_map(str(path)))
+
+
+def test_the_encoding_of_a_map(tmp_path):
+    path = tmp_path / "map.toml"
+    path.write_text('encoding = "cp1252"\nmissing = ["–"]\n[columns]\n"Läger °C" = "dT_pair1_K"\n')
+    header = "time_s,Läger °C".encode("cp1252")
+    records = csv(header, mapping=read_map(str(path)))
+    assert records.row(b"1,2.5").readings == [2.5]
+    assert records.row("1,–".encode("cp1252")).faults[0].startswith("not a number")
+    assert records.row('1,"2.5"'.encode("cp1252")).readings == [2.5]
+    assert records.is_header(header)
+    with pytest.raises(LogError, match=r"byte 0xe4 \(a map for --columns says another"):
+        csv(header)
+    wide = "time_s,dT_pair1_K\n".encode("utf-16")
+    path.write_text('encoding = "utf-16-le"\n')
+    for mapping in (read_map(str(path)), None):
+        with pytest.raises(LogError, match="iconv -f UTF-16 -t UTF-8"):
+            csv(wide[:-1], mapping=mapping)
 
 
 def test_two_columns_of_one_name():

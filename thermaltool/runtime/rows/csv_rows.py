@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import csv
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Sequence
 
 from thermaltool.errors import LogError, counted
 from thermaltool.runtime.rows.layout import Wanted
 from thermaltool.runtime.rows.row import Row, RowReader
+
+# What each field of a CSV line is told apart by; an encoding of streams has them as single bytes.
+PLAIN_BYTES = b" ,;\t\n0"
 
 
 class CsvRows(RowReader):
@@ -16,18 +20,30 @@ class CsvRows(RowReader):
     def __init__(self, wanted: Wanted) -> None:
         super().__init__(wanted)
         dialect = wanted.mapping.dialect if wanted.mapping else None
+        self._encoding = dialect.encoding if dialect else "utf-8"
         self._separator = dialect.separator.encode() if dialect else b","
-        self._parse = csv_number(dialect.decimal, dialect.missing) if dialect else plain_number
+        self._parse: Callable[[bytes], float] = plain_number
+        if dialect:
+            self._parse = csv_number(dialect.decimal, dialect.missing, self._encoding)
         self._width = 0
         self._names: list[str] = []
         self._read_names: set[bytes] = set()
         self._blind = ""
 
     def _open(self, line: bytes) -> bool:
+        if line.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) or not plain_bytes(self._encoding):
+            raise LogError(
+                "in UTF-16 or the like, whose lines a stream does not find: "
+                "iconv -f UTF-16 -t UTF-8 before it"
+            )
         try:
-            text = line.decode()
+            text = line.decode(self._encoding)
         except UnicodeDecodeError as error:
-            raise LogError(f"not UTF-8: byte 0x{line[error.start]:02x}") from error
+            name = self._encoding.upper()
+            raise LogError(
+                f"not {name}: byte 0x{line[error.start]:02x} (a map for --columns says another "
+                "encoding)"
+            ) from error
         if text.lstrip().startswith("{"):
             raise LogError("this is NDJSON, not CSV: use --from ndjson")
         names = [name.strip() for name in self._unquoted(text)]
@@ -36,14 +52,16 @@ class CsvRows(RowReader):
             if names.count(name) > 1:
                 raise LogError("this name is there twice", column=name)
         self._names, self._width, self._blind = names, len(names), ""
-        self._read_names = {names[key].encode() for key in keys}
+        self._read_names = {names[key].encode(self._encoding) for key in keys}
         return False
 
     def row(self, line: bytes) -> Row:
         """The row in a line; one with too many or too few fields counts for nothing."""
         fields = line.split(self._separator)
         if b'"' in line:
-            fields = [field.encode() for field in self._unquoted(line.decode("utf-8", "replace"))]
+            fields = [
+                field.encode() for field in self._unquoted(line.decode(self._encoding, "replace"))
+            ]
         if len(fields) != self._width:
             # Any field may be another's; a clock that needs none goes on.
             return self._unusable(
@@ -59,12 +77,17 @@ class CsvRows(RowReader):
         return any(field.strip(b' "') in self._read_names for field in fields)
 
     def _same_header(self, line: bytes) -> bool:
-        names = [name.strip() for name in self._unquoted(line.decode("utf-8", "replace"))]
+        names = [name.strip() for name in self._unquoted(line.decode(self._encoding, "replace"))]
         return names == self._names and not self._blind
 
     def _unquoted(self, text: str) -> list[str]:
         # A return inside a line would end it for the csv module.
         return next(csv.reader([text.replace("\r", " ")], delimiter=self._separator.decode()))
+
+
+def plain_bytes(encoding: str) -> bool:
+    """Whether an encoding writes ASCII as ASCII: each line ends where a byte says so."""
+    return PLAIN_BYTES.decode().encode(encoding).removeprefix(BOM_UTF8) == PLAIN_BYTES
 
 
 def plain_number(field: bytes) -> float:
@@ -74,9 +97,9 @@ def plain_number(field: bytes) -> float:
     return float(field)
 
 
-def csv_number(decimal: str, missing: Sequence[str]) -> Callable[[bytes], float]:
+def csv_number(decimal: str, missing: Sequence[str], encoding: str) -> Callable[[bytes], float]:
     """Reads fields with another decimal point, or with words for a missing value."""
-    point, words = decimal.encode(), {word.encode() for word in missing}
+    point, words = decimal.encode(), {word.encode(encoding, "replace") for word in missing}
 
     def number(field: bytes) -> float:
         if field.strip() in words:
