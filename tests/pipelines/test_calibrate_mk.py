@@ -210,6 +210,16 @@ def test_a_bad_log_stops_no_other(logs: Path) -> None:
         assert [row["failure"] for row in csv.DictReader(stream)] == [""] * 4
 
 
+@pytest.mark.slow
+def test_a_model_without_a_kernel_is_no_failure(logs: Path) -> None:
+    flags = "--starts 1 --linear --response dT_pair1_K=rational2 --response d_y_um=rational1"
+    places = {"LOGS": "alone", "OUT": "plain", "CALIBRATE_FLAGS": flags}
+    done = subprocess.run(make(logs, **places), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "one.kernel.parquet.failed:thermaltool invert: the kernel takes" in done.stderr
+    assert (logs / "plain/one.estimate.png").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [({"IDLE": ""}, "IDLE= is missing"), ({"LOGS": "nowhere"}, "no logs in nowhere/")],
