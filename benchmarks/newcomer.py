@@ -37,7 +37,12 @@ def own_log(path: Path) -> None:
         warm += (0.05 * q - warm) * 10 / 900
         bend += (2.1 * warm - bend) * 10 / 400
         cells = [f"{8 + int(t) // 3600:02d}:{int(t) // 60 % 60:02d}:{int(t) % 60:02d}"]
-        values = q, 21 + warm + rng.normal(0, 0.03), 21 + rng.normal(0, 0.05), bend
+        values = (
+            q,
+            21 + warm + rng.normal(0, 0.03),
+            21 + rng.normal(0, 0.05),
+            bend + rng.normal(0, 0.1),
+        )
         cells += [f"{value:.2f}".replace(".", ",") for value in values]
         if k == 77:
             cells[2] = "3l,52"
