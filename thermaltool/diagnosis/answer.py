@@ -129,7 +129,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         written.steps,
         written.spoiled,
         open_questions if verdict == "cannot judge" else (),
-        curves_of(first, last, plain, last.with_model(fitted) if effects else None),
+        curves_of(first, plain, last.with_model(fitted) if effects else None),
     )
 
 

@@ -15,6 +15,7 @@ from thermaltool.diagnosis.correction import uncorrected
 from thermaltool.diagnosis.evidence import Assumptions, OutputEvidence
 from thermaltool.diagnosis.nuisance import OutputNuisance
 from thermaltool.diagnosis.simulation import Mask, Series, SimulatedLogs
+from thermaltool.diagnosis.starts import beginning
 from thermaltool.effects.effect import Float, Scene
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -205,12 +206,7 @@ class Hypothesis:
         """
         if "initial" not in self.assumptions:
             return [np.zeros(len(log.time)) for log in self.logs]
-        weights = self.evidence[output].fitted(frozenset({"offset", "initial"}), "initial")
-        decays = self.nuisance[output].decays
-        return [
-            np.asarray(sum(w * c[k] for w, c in zip(weights, decays, strict=True)))
-            for k in range(len(self.logs))
-        ]
+        return beginning(self.simulation, output)
 
     @cached_property
     def scene(self) -> Scene:

@@ -21,6 +21,7 @@ from thermaltool.diagnosis.evidence import Assumptions
 from thermaltool.diagnosis.held_effects import accepted_effects, calibrated_effects
 from thermaltool.diagnosis.readings import as_readings
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
+from thermaltool.diagnosis.starts import decays_of
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Float
 from thermaltool.model import Model
@@ -334,7 +335,7 @@ class OutputNuisance:
     @cached_property
     def decays(self) -> list[Series]:
         """What a machine that was not at rest at the first row adds, per log."""
-        return self.simulation.decays(self.output)
+        return decays_of(self.simulation, self.output)
 
     @property
     def offsets(self) -> list[Series]:
