@@ -22,6 +22,7 @@ from thermaltool.diagnosis.held_effects import accepted_effects, calibrated_effe
 from thermaltool.diagnosis.readings import as_readings
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.diagnosis.starts import decays_of
+from thermaltool.diagnosis.switching import instants_of
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Float
 from thermaltool.model import Model
@@ -336,6 +337,20 @@ class OutputNuisance:
     def decays(self) -> list[Series]:
         """What a machine that was not at rest at the first row adds, per log."""
         return decays_of(self.simulation, self.output)
+
+    @cached_property
+    def instants(self) -> list[Series]:
+        """What commands that switch between the rows add, a column a switch."""
+        return instants_of(self.simulation, self.output)
+
+    @property
+    def beside(self) -> dict[str, list[Series]]:
+        """What is none of the moves, offsets and causes, by group; each in units of its prior."""
+        return {
+            "effects": self.calibrated_effects,
+            "initial": self.decays,
+            "instants": self.instants if "instants" in self.assumptions else [],
+        }
 
     @property
     def offsets(self) -> list[Series]:

@@ -82,7 +82,7 @@ class Ranking:
     def better_assumptions(self) -> Assumptions | None:
         """Those under which the model itself has decisively more to say than any cause."""
         best = max(self.alone, key=lambda a: self.alone[a])
-        strongest = self.beyond(self.fitted[0]) if self.fitted else -np.inf
+        strongest = max((self.beyond(c) for c in self.fitted), default=-np.inf)
         return best if self.alone[best] > max(DECISIVE_EVIDENCE, strongest) else None
 
     def strong(self, least: float) -> list[CauseCandidate]:

@@ -323,18 +323,19 @@ class SimulatedLogs:
                 )
         return found
 
-    def scene(self, noise: Mapping[str, float]) -> Scene:
+    def scene(self, noise: Mapping[str, float], residuals: Mapping[str, Series]) -> Scene:
         """What the catalogue of causes sees.
 
         Parameters
         ----------
         noise : mapping of output to float
             White noise of a reading.
+        residuals : mapping of output to list of ndarray
+            What is to be explained.
         """
         known = {d.channel for d in self.model.drives} | {o.channel for o in self.model.outputs}
         used = {c for e in self.model.effects for c in e.needs()}
         beside = [c for c in self.logs[0].columns if c not in known | used]
-        residuals = {o: self.residual(o) for o in self.groups}
         return Scene(
             logs=self.logs,
             drives=tuple(d.channel for d in self.model.drives),

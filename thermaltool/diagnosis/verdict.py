@@ -196,11 +196,11 @@ def budget_of(
         return float(np.sqrt(np.mean(np.square(groups.joined(about))) + hidden**2))
 
     total = rms(plain.simulation.residual(output), plain.beginning(output))
-    start = hypothesis.beginning(output)
+    known = hypothesis.of_logs(output)
     fit = next(o.fit for o in plain.model.outputs if o.channel == output)
     return ResidualBudget(
         total,
-        total if own else min(total, rms(hypothesis.simulation.residual(output), start)),
+        total if own else min(total, rms(hypothesis.simulation.residual(output), known)),
         total if own else min(total, rms(hypothesis.unexplained(output))),
         white,
         floor_of(hypothesis, output),
