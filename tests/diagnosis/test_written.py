@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import thermaltool as tt
+from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.gain import compare
 from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.written import rezeroed, spoiled_by, steps_of, written_steps
@@ -245,6 +246,18 @@ def test_a_zero_that_moves_under_a_warm_start_is_worse():
     assert SimulatedLogs(QUICK, (warm,), {}).warm_logs == (0,)
     log, output = spoiled_by(QUICK, moved, [warm], {}, {"d_y_um": 0.1})
     assert (log.digest, output) == ("warm", "d_y_um")
+
+
+def test_decays_that_cancel_are_a_start():
+    response = replace(QUICK.terms[0].response, a=1 / 2500.0, b=0.01, D=0.0, d=0.1)
+    slow = replace(QUICK, terms=(replace(QUICK.terms[0], response=response),))
+    calm = record(slow, 1)
+    noise = float(np.std(calm.columns["d_y_um"] - slow.simulate(calm)["d_y_um"]))
+    hump = 300.0 * (np.exp(-TIME / 400.0) - np.exp(-TIME / 1200.0))
+    warm = Record(TIME, {**calm.columns, "d_y_um": calm.columns["d_y_um"] + hump}, digest="warm")
+    found = diagnose(slow, [warm])
+    assert found.causes == ()
+    assert found.residuals["d_y_um"].spread == pytest.approx(noise, rel=0.02)
 
 
 def test_what_a_warm_start_hides_is_right_and_written():

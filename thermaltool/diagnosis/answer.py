@@ -103,7 +103,12 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     ]
     if search.unconfirmed is not None and (search.causes or not search.suspects):
         search = search.noted(unconfirmed(search.unconfirmed.effect))
-    for note in (*_changes(task.model, effects), *written.notes, *_averaged(task)):
+    for note in (
+        *_changes(task.model, effects),
+        *written.notes,
+        *_averaged(task),
+        *_between(first),
+    ):
         search = search.noted(note)
     alternatives: list[Alternative] = []
     if search.suspects and not search.causes:
@@ -129,7 +134,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         written.steps,
         written.spoiled,
         open_questions if verdict == "cannot judge" else (),
-        curves_of(first, last, plain, last.with_model(fitted) if effects else None),
+        curves_of(first, plain, last.with_model(fitted) if effects else None),
     )
 
 
@@ -145,6 +150,15 @@ def _averaged(task: DiagnosisTask) -> Iterator[str]:
                 f"{log.name}: causes were sought on averages of {few.row_readings} rows each; "
                 "what the written model is worth is told of all rows"
             )
+
+
+def _between(first: Hypothesis) -> Iterator[str]:
+    """A sentence on drives that switch between the rows of the logs."""
+    if "instants" in first.assumptions:
+        yield (
+            "the drives switch between the rows of these logs: when, within a row, is fitted "
+            "beside each cause"
+        )
 
 
 def _changes(model: Model, effects: Sequence[Effect]) -> Iterator[str]:

@@ -139,12 +139,11 @@ def score(
             if o != worst
         }
         amplitudes = kept
-    # Assumptions differ in what the model may say for itself: they are compared with the present.
-    gain = 0.0
+    # Assumptions differ in what the model may say for itself, of all outputs: they are compared
+    # with the present ones.
+    gain = 0.5 * hypothesis.evidence_of(assumptions)
     for output, own in zip(outputs, result.gains.tolist(), strict=True):
-        evidence = hypothesis.evidence[output]
-        own += evidence.null(hypothesis.assumptions).best - evidence.null(assumptions).best
-        gain += own * evidence.independence
+        gain += own * hypothesis.evidence[output].independence
     rows = sum(hypothesis.groups[o].count * hypothesis.evidence[o].independence for o in outputs)
     count = len(effect.linear()) + len(effect.searched())
     found = {n: float(v) for n, v in zip(amplitudes, result.amplitudes, strict=True)}

@@ -5,7 +5,7 @@ A hypothesis does not change: what is taken to be true next is another one (`rep
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,8 +13,10 @@ import numpy as np
 
 from thermaltool.diagnosis.correction import uncorrected
 from thermaltool.diagnosis.evidence import Assumptions, OutputEvidence
+from thermaltool.diagnosis.noise_levels import weigh
 from thermaltool.diagnosis.nuisance import OutputNuisance
 from thermaltool.diagnosis.simulation import Mask, Series, SimulatedLogs
+from thermaltool.diagnosis.starts import beginning
 from thermaltool.effects.effect import Float, Scene
 from thermaltool.model import Model
 from thermaltool.record import Record
@@ -27,13 +29,6 @@ from thermaltool.signals.row_groups import RowGroups
 MAX_STEPS, MIN_STEP, MAX_STEP = 6, 1e-3, 0.7
 STEP_SHARES = (1.0, 0.3, 0.1)
 MIN_DESCENT = 0.1
-# Variance of the discrepancy over that of white noise, and number of time constants, at first; then
-# factors around the best of them.
-COARSE_RATIOS, COARSE_TAUS = 10.0 ** np.arange(-2, 7), 7
-FINE_RATIOS = (0.003, 0.02, 0.1, 0.35, 1.0, 3.0)
-FINE_TAUS = (0.1, 0.33, 1.0, 3.0)
-# Ratio from which the fine levels start where white noise alone is best.
-START_RATIO = 0.1
 # Squared length of a whitened sensitivity that stands for none.
 TINY = 1e-300
 
@@ -164,9 +159,8 @@ class Hypothesis:
             {
                 "offset": matrix(nuisance.offsets),
                 "accepted": matrix(list(nuisance.accepted.values())),
-                "effects": matrix(nuisance.calibrated_effects),
                 **{group: own @ prior.root for group, prior in priors.items()},
-                "initial": matrix(nuisance.decays),
+                **{group: matrix(columns) for group, columns in nuisance.beside.items()},
             },
             {group: prior.centre for group, prior in priors.items()},
             nuisance.white,
@@ -175,7 +169,7 @@ class Hypothesis:
         )
 
     def unexplained(self, output: str) -> Series:
-        """Residual without what the nuisance fits: moves of parameters, lags, starts, offsets.
+        """Residual without what the nuisance fits: moves of parameters, starts, offsets and more.
 
         Parameters
         ----------
@@ -185,16 +179,31 @@ class Hypothesis:
         moves = nuisance.prior.root @ evidence.fitted(self.assumptions, nuisance.group)
         fitted = evidence.fitted(self.assumptions, "offset").tolist()
         offsets = dict(zip(nuisance.groups.present, fitted, strict=True))
-        starts = evidence.fitted(self.assumptions, "initial").tolist()
-        weights = [*evidence.fitted(self.assumptions, "effects").tolist(), *starts]
-        columns = [*nuisance.calibrated_effects, *(nuisance.decays if starts else [])]
-        result = []
-        for k, residual in enumerate(self.simulation.residual(output)):
-            known = nuisance.moves[k] @ moves
-            for weight, column in zip(weights, columns, strict=True):
-                known = known + weight * column[k]
-            result.append(residual - known - offsets.get(k, 0.0))
-        return result
+        beside = [self._fitted_part(output, group) for group in nuisance.beside]
+        return [
+            residual - nuisance.moves[k] @ moves - sum(part[k] for part in beside)
+            - offsets.get(k, 0.0)
+            for k, residual in enumerate(self.simulation.residual(output))
+        ]  # fmt: skip
+
+    def of_logs(self, output: str) -> Series:
+        """What is of the logs and none of the model: starts, and instants of switching.
+
+        Parameters
+        ----------
+        output : str
+        """
+        switching = self._fitted_part(output, "instants")
+        return [a + b for a, b in zip(self.beginning(output), switching, strict=True)]
+
+    def _fitted_part(self, output: str, group: str) -> Series:
+        """One group of nuisance as it fits best; zero where it is not in use."""
+        weights = self.evidence[output].fitted(self.assumptions, group).tolist()
+        columns = self.nuisance[output].beside[group] if weights else []
+        return [
+            sum((w * c[k] for w, c in zip(weights, columns, strict=True)), np.zeros(len(log)))
+            for k, log in enumerate(self.logs)
+        ]
 
     def beginning(self, output: str) -> Series:
         """What is left of an unknown state at the first row; zero where logs begin at rest.
@@ -205,17 +214,21 @@ class Hypothesis:
         """
         if "initial" not in self.assumptions:
             return [np.zeros(len(log.time)) for log in self.logs]
-        weights = self.evidence[output].fitted(frozenset({"offset", "initial"}), "initial")
-        decays = self.nuisance[output].decays
-        return [
-            np.asarray(sum(w * c[k] for w, c in zip(weights, decays, strict=True)))
-            for k in range(len(self.logs))
-        ]
+        return beginning(self.simulation, output)
 
     @cached_property
     def scene(self) -> Scene:
         """What the catalogue of causes sees."""
-        return self.simulation.scene({o: self.white(o) for o in self.groups})
+        residuals = {
+            o: [
+                residual - switching
+                for residual, switching in zip(
+                    self.simulation.residual(o), self._fitted_part(o, "instants"), strict=True
+                )
+            ]
+            for o in self.groups
+        }
+        return self.simulation.scene({o: self.white(o) for o in self.groups}, residuals)
 
     def white(self, output: str, assumptions: Assumptions | None = None) -> float:
         """White noise of a reading of an output as the assumptions explain it.
@@ -342,59 +355,3 @@ class Hypothesis:
                 evidence = evidence.with_residual(residual)
             result += evidence.null(fixed).best
         return result
-
-
-def weigh(
-    groups: RowGroups,
-    residual: Float,
-    nuisance: Mapping[str, Float],
-    centre: Mapping[str, Float],
-    white: float,
-    assumptions: Assumptions,
-    expected: Callable[[float], float] | None = None,
-) -> OutputEvidence:
-    """Evidence of one output at the noise levels that its residual asks for.
-
-    Parameters
-    ----------
-    groups : RowGroups
-    residual : ndarray, shape (n,)
-    nuisance : mapping of group to ndarray, shape (n, c)
-        ``offset`` and ``accepted`` are free; other groups count in units of their prior.
-    centre : mapping of group to ndarray, shape (c,)
-        Where a group stands already, in units of its prior.
-    white : float
-        White noise of a reading, from the differences of neighbours.
-    assumptions : frozenset of str
-        Under which the noise levels are found.
-    expected : callable, optional
-        Discrepancy of a clean log by its time constant [s]: a larger one has the odds of
-        `DISCREPANCY_SPREAD` against it; with it the white noise, too, is held near `white` (by as
-        many rows as there are). Without it both are free.
-    """
-    start = OutputEvidence(
-        groups,
-        tuple(name for name, block in nuisance.items() for _ in range(block.shape[1])),
-        np.column_stack([residual, *nuisance.values()]),
-        np.concatenate(
-            [centre.get(name, np.zeros(block.shape[1])) for name, block in nuisance.items()]
-        ),
-        white,
-        expected,
-    )
-    if "white" in assumptions:
-        alone = start.at([])
-        alone = replace(alone, white=alone.null(assumptions).white)
-        return replace(alone, independence=alone.correlated_rows(assumptions))
-    noise = groups.noise
-    longest = max(noise.span / 2, 6 * noise.period)
-    taus = np.geomspace(3 * noise.period, longest, COARSE_TAUS).tolist()
-    coarse = start.only(assumptions).at([(r, t) for r in COARSE_RATIOS for t in taus])
-    if expected is None:
-        for _ in range(2):
-            coarse = replace(coarse, white=coarse.null(assumptions).white)
-    best = coarse.levels[coarse.null(assumptions).level]
-    tau = best.tau if best.ratio else float(np.sqrt(taus[0] * taus[-1]))
-    ratio = best.ratio or START_RATIO
-    fine = [(r * ratio, t * tau) for r in FINE_RATIOS for t in FINE_TAUS]
-    return replace(start, white=coarse.white).at(fine)

@@ -21,6 +21,8 @@ from thermaltool.diagnosis.evidence import Assumptions
 from thermaltool.diagnosis.held_effects import accepted_effects, calibrated_effects
 from thermaltool.diagnosis.readings import as_readings
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
+from thermaltool.diagnosis.starts import decays_of
+from thermaltool.diagnosis.switching import instants_of
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Float
 from thermaltool.model import Model
@@ -334,7 +336,21 @@ class OutputNuisance:
     @cached_property
     def decays(self) -> list[Series]:
         """What a machine that was not at rest at the first row adds, per log."""
-        return self.simulation.decays(self.output)
+        return decays_of(self.simulation, self.output)
+
+    @cached_property
+    def instants(self) -> list[Series]:
+        """What commands that switch between the rows add, a column a switch."""
+        return instants_of(self.simulation, self.output)
+
+    @property
+    def beside(self) -> dict[str, list[Series]]:
+        """What is none of the moves, offsets and causes, by group; each in units of its prior."""
+        return {
+            "effects": self.calibrated_effects,
+            "initial": self.decays,
+            "instants": self.instants if "instants" in self.assumptions else [],
+        }
 
     @property
     def offsets(self) -> list[Series]:

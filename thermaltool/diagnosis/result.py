@@ -316,7 +316,7 @@ def reports_of(
     """
     reports = {}
     for output, groups in hypothesis.groups.items():
-        start = hypothesis.beginning(output)
+        start = plain.beginning(output)
         k = int(np.argmax([len(rows) for rows in groups.rows]))
         log = hypothesis.logs[k]
         reports[output] = residual_report(
@@ -333,14 +333,14 @@ def reports_of(
 
 
 def curves_of(
-    first: Hypothesis, last: Hypothesis, plain: Hypothesis, extended: Hypothesis | None
+    first: Hypothesis, plain: Hypothesis, extended: Hypothesis | None
 ) -> tuple[tuple[str, Record], ...]:
     """Measured, simulated and extended of every log and output, from the start that each fits.
 
     Parameters
     ----------
-    first, last : Hypothesis
-        Before any cause, and with all of them.
+    first : Hypothesis
+        Before any cause.
     plain, extended : Hypothesis
         The models as a user simulates them; None where there are no causes.
     """
@@ -349,11 +349,11 @@ def curves_of(
         for output, measured in first.simulation.measured[k].items():
             if output not in first.groups:
                 continue
-            simulated = plain.simulation.outputs[k][output] + first.beginning(output)[k]
+            simulated = plain.simulation.outputs[k][output] + plain.beginning(output)[k]
             columns = {"measured": measured, "simulated": simulated}
             if extended is not None:
                 own = extended.simulation.outputs[k][output]
-                columns["extended"] = own + last.beginning(output)[k]
+                columns["extended"] = own + extended.beginning(output)[k]
             record = replace(log, columns=columns)
             # Averages have rows of the drives alone.
             averages = isinstance(log, Averages)

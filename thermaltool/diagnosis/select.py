@@ -82,7 +82,7 @@ class Ranking:
     def better_assumptions(self) -> Assumptions | None:
         """Those under which the model itself has decisively more to say than any cause."""
         best = max(self.alone, key=lambda a: self.alone[a])
-        strongest = self.beyond(self.fitted[0]) if self.fitted else -np.inf
+        strongest = max((self.beyond(c) for c in self.fitted), default=-np.inf)
         return best if self.alone[best] > max(DECISIVE_EVIDENCE, strongest) else None
 
     def strong(self, least: float) -> list[CauseCandidate]:
@@ -203,13 +203,11 @@ def _promises(
     hypothesis: Hypothesis, table: SignatureTable, k: int, trial: Effect, assumptions: Assumptions
 ) -> bool:
     """Whether a trial could have evidence at all, every output explained on its own."""
-    gain = 0.0
+    gain = 0.5 * hypothesis.evidence_of(assumptions)
     for output, index in table.index[k].items():
         if len(index) > 1:
             return True
-        evidence = hypothesis.evidence[output]
         gain += max(float(table.projected[output, assumptions].largest_rise[index[0]]), 0.0)
-        gain -= evidence.null(assumptions).best - evidence.null(hypothesis.assumptions).best
     rows = min((hypothesis.groups[o].count for o in table.index[k]), default=1)
     price = (len(trial.searched()) + 1) * float(np.log(rows))
     return 2 * gain - price > MIN_EVIDENCE

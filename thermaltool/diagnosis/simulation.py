@@ -23,7 +23,6 @@ from thermaltool.model import (
     sum_terms,
     zero_of,
 )
-from thermaltool.model.initial_state import start_decays
 from thermaltool.model.simulate import acting_effects, dead_times
 from thermaltool.record import Record
 from thermaltool.signals.row_groups import RowGroups
@@ -143,40 +142,6 @@ class SimulatedLogs:
             m[output] - y[output] if output in m else np.full(len(y[output]), np.nan)
             for m, y in zip(self.measured, self.outputs, strict=True)
         ]
-
-    def decays(self, output: str) -> list[Series]:
-        """What a machine that was not at rest at the first row may add, one start in one log each.
-
-        A time constant that is longer than the log is a trend in it, however long.
-
-        Parameters
-        ----------
-        output : str
-        """
-        slowest = [min(self.slowest(output), max(log.duration, log.period)) for log in self.logs]
-        reach = max(float(np.max(np.abs(y[output]))) for y in self.outputs)
-        return [
-            [reach * decay if j == k else np.zeros(len(log)) for j, log in enumerate(self.logs)]
-            for k, own in enumerate(self.logs)
-            for decay in start_decays(own.elapsed, slowest[k], own.period)
-        ]
-
-    def start_free(self, output: str) -> Series:
-        """Residual of each log about the start and zero that fit it best; NaN where not measured.
-
-        Parameters
-        ----------
-        output : str
-        """
-        decays = self.decays(output)
-        found = []
-        for k, residual in enumerate(self.residual(output)):
-            there = np.isfinite(residual)
-            columns = [np.ones(len(residual)), *(each[k] for each in decays if np.any(each[k]))]
-            basis = np.column_stack(columns)
-            weights = np.linalg.lstsq(basis[there], residual[there], rcond=1e-10)[0]
-            found.append(residual - basis @ weights)
-        return found
 
     @cached_property
     def started(self) -> list[dict[str, StartedOutput]]:
@@ -358,18 +323,19 @@ class SimulatedLogs:
                 )
         return found
 
-    def scene(self, noise: Mapping[str, float]) -> Scene:
+    def scene(self, noise: Mapping[str, float], residuals: Mapping[str, Series]) -> Scene:
         """What the catalogue of causes sees.
 
         Parameters
         ----------
         noise : mapping of output to float
             White noise of a reading.
+        residuals : mapping of output to list of ndarray
+            What is to be explained.
         """
         known = {d.channel for d in self.model.drives} | {o.channel for o in self.model.outputs}
         used = {c for e in self.model.effects for c in e.needs()}
         beside = [c for c in self.logs[0].columns if c not in known | used]
-        residuals = {o: self.residual(o) for o in self.groups}
         return Scene(
             logs=self.logs,
             drives=tuple(d.channel for d in self.model.drives),

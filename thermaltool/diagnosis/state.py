@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from thermaltool.diagnosis.correction import corrected
-from thermaltool.diagnosis.evidence import Assumptions
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, Assumptions
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
@@ -123,7 +123,10 @@ class DiagnosisTask:
         assumptions = RELEASED if self.own else WITHIN_CALIBRATION
         if self.own and any(o.fit.get("free_start") for o in self.model.outputs):
             assumptions |= {"initial"}
-        return Hypothesis.of(known, self.logs, known, assumptions)
+        plain = Hypothesis.of(known, self.logs, known, assumptions)
+        # Commands switch at the rows unless the logs say clearly that they do not.
+        between = replace(plain, assumptions=assumptions | {"instants"})
+        return between if between.evidence_of(assumptions) < -DECISIVE_EVIDENCE else plain
 
 
 @dataclass(frozen=True)

@@ -346,7 +346,7 @@ def _fit(
 
 
 def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float]:
-    """What a fold may use: offsets, effects, what the calibration leaves open, the start.
+    """What a fold may use: offsets, effects, what the calibration leaves open, starts, switches.
 
     Returns
     -------
@@ -360,7 +360,10 @@ def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float]
     nuisance = hypothesis.nuisance[output]
     flat = [*nuisance.offsets, *nuisance.accepted.values()]
     prior = nuisance.prior
-    starts = nuisance.decays if "initial" in hypothesis.assumptions else []
+    starts = [
+        *(nuisance.decays if "initial" in hypothesis.assumptions else []),
+        *nuisance.beside["instants"],
+    ]
     columns = [
         np.column_stack([*(c[k] for c in flat), own @ prior.root, *(c[k] for c in starts)])
         for k, own in enumerate(nuisance.moves)

@@ -182,7 +182,7 @@ def budget_of(
     rows : float
         Independent rows.
     """
-    groups, start = hypothesis.groups[output], hypothesis.beginning(output)
+    groups = hypothesis.groups[output]
     own = "tight" not in hypothesis.assumptions
     hidden = hidden_noise(hypothesis.simulation, output)
 
@@ -195,12 +195,13 @@ def budget_of(
         about = [r - np.mean(r[k]) if len(k) else r for r, k in zip(left, groups.rows, strict=True)]
         return float(np.sqrt(np.mean(np.square(groups.joined(about))) + hidden**2))
 
-    total = rms(plain.simulation.residual(output), start)
+    total = rms(plain.simulation.residual(output), plain.beginning(output))
+    known = hypothesis.of_logs(output)
     fit = next(o.fit for o in plain.model.outputs if o.channel == output)
     return ResidualBudget(
         total,
-        total if own else rms(hypothesis.simulation.residual(output), start),
-        total if own else rms(hypothesis.unexplained(output)),
+        total if own else min(total, rms(hypothesis.simulation.residual(output), known)),
+        total if own else min(total, rms(hypothesis.unexplained(output))),
         white,
         floor_of(hypothesis, output),
         0.0 if own else float(fit.get("rmse_zero_free", fit.get("rmse", 0.0))),

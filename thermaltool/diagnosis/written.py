@@ -16,6 +16,7 @@ import numpy as np
 from thermaltool.diagnosis.gain import MIN_LOSS_COUNTED, Gain, compare
 from thermaltool.diagnosis.readings import as_readings, hidden_noise
 from thermaltool.diagnosis.simulation import Mask, SimulatedLogs
+from thermaltool.diagnosis.starts import start_free as free_of_start
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.errors import ModelError
 from thermaltool.model import Model, agreements
@@ -131,7 +132,7 @@ def gains_of(
             found = [measured - computed for measured, computed in runs.as_simulated(output)]
         else:
             found = runs.residual(output)
-            free = runs.start_free(output) if start_free else found
+            free = free_of_start(runs, output) if start_free else found
             found = [free[k] if k in start_free else each for k, each in enumerate(found)]
         if zero_free(output):
             found = [

@@ -1,0 +1,76 @@
+"""Noise levels under which the residual of an output is judged: a coarse grid, then a fine one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from thermaltool.diagnosis.evidence import Assumptions, OutputEvidence
+from thermaltool.effects.effect import Float
+from thermaltool.signals.row_groups import RowGroups
+
+# Variance of the discrepancy over that of white noise, and number of time constants, at first; then
+# factors around the best of them.
+COARSE_RATIOS, COARSE_TAUS = 10.0 ** np.arange(-2, 7), 7
+FINE_RATIOS = (0.003, 0.02, 0.1, 0.35, 1.0, 3.0)
+FINE_TAUS = (0.1, 0.33, 1.0, 3.0)
+# Ratio from which the fine levels start where white noise alone is best.
+START_RATIO = 0.1
+
+
+def weigh(
+    groups: RowGroups,
+    residual: Float,
+    nuisance: Mapping[str, Float],
+    centre: Mapping[str, Float],
+    white: float,
+    assumptions: Assumptions,
+    expected: Callable[[float], float] | None = None,
+) -> OutputEvidence:
+    """Evidence of one output at the noise levels that its residual asks for.
+
+    Parameters
+    ----------
+    groups : RowGroups
+    residual : ndarray, shape (n,)
+    nuisance : mapping of group to ndarray, shape (n, c)
+        ``offset`` and ``accepted`` are free; other groups count in units of their prior.
+    centre : mapping of group to ndarray, shape (c,)
+        Where a group stands already, in units of its prior.
+    white : float
+        White noise of a reading, from the differences of neighbours.
+    assumptions : frozenset of str
+        Under which the noise levels are found.
+    expected : callable, optional
+        Discrepancy of a clean log by its time constant [s]: a larger one has the odds of
+        `DISCREPANCY_SPREAD` against it; with it the white noise, too, is held near `white` (by as
+        many rows as there are). Without it both are free.
+    """
+    start = OutputEvidence(
+        groups,
+        tuple(name for name, block in nuisance.items() for _ in range(block.shape[1])),
+        np.column_stack([residual, *nuisance.values()]),
+        np.concatenate(
+            [centre.get(name, np.zeros(block.shape[1])) for name, block in nuisance.items()]
+        ),
+        white,
+        expected,
+    )
+    if "white" in assumptions:
+        alone = start.at([])
+        alone = replace(alone, white=alone.null(assumptions).white)
+        return replace(alone, independence=alone.correlated_rows(assumptions))
+    noise = groups.noise
+    longest = max(noise.span / 2, 6 * noise.period)
+    taus = np.geomspace(3 * noise.period, longest, COARSE_TAUS).tolist()
+    coarse = start.only(assumptions).at([(r, t) for r in COARSE_RATIOS for t in taus])
+    if expected is None:
+        for _ in range(2):
+            coarse = replace(coarse, white=coarse.null(assumptions).white)
+    best = coarse.levels[coarse.null(assumptions).level]
+    tau = best.tau if best.ratio else float(np.sqrt(taus[0] * taus[-1]))
+    ratio = best.ratio or START_RATIO
+    fine = [(r * ratio, t * tau) for r in FINE_RATIOS for t in FINE_TAUS]
+    return replace(start, white=coarse.white).at(fine)

@@ -1,0 +1,73 @@
+"""How logs may begin away from rest: decays, and how much of each a log shows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thermaltool.diagnosis.simulation import Series, SimulatedLogs
+from thermaltool.effects.effect import Float
+from thermaltool.model.initial_state import start_decays
+
+# Decays whose sum follows a way to rest cancel each other: each may be so many times what the
+# output goes through.
+MAX_DECAY = 10.0
+# Directions of the decays weaker than this part of the strongest are left at rest.
+SINGULAR = 1e-10
+
+
+def decays_of(runs: SimulatedLogs, output: str) -> list[Series]:
+    """What a machine that was not at rest at the first row may add, one start in one log each.
+
+    A time constant that is longer than the log is a trend in it, however long.
+
+    Parameters
+    ----------
+    runs : SimulatedLogs
+    output : str
+    """
+    slowest = [min(runs.slowest(output), max(log.duration, log.period)) for log in runs.logs]
+    most = MAX_DECAY * max(float(np.max(np.abs(y[output]))) for y in runs.outputs)
+    return [
+        [most * decay if j == k else np.zeros(len(log)) for j, log in enumerate(runs.logs)]
+        for k, own in enumerate(runs.logs)
+        for decay in start_decays(own.elapsed, slowest[k], own.period)
+    ]
+
+
+def beginning(runs: SimulatedLogs, output: str) -> Series:
+    """What of each log is its start, by the rows that count.
+
+    Parameters
+    ----------
+    runs : SimulatedLogs
+    output : str
+    """
+    return [start for start, _ in _starts(runs, output)]
+
+
+def start_free(runs: SimulatedLogs, output: str) -> Series:
+    """Residual of each log about the start and zero that fit it best; NaN where not measured.
+
+    Parameters
+    ----------
+    runs : SimulatedLogs
+    output : str
+    """
+    return [
+        residual - start - zero
+        for residual, (start, zero) in zip(
+            runs.residual(output), _starts(runs, output), strict=True
+        )
+    ]
+
+
+def _starts(runs: SimulatedLogs, output: str) -> list[tuple[Float, float]]:
+    """Start and zero of each log by least squares, as `simulate` fits them."""
+    decays, groups = decays_of(runs, output), runs.groups[output]
+    found = []
+    for k, (residual, rows) in enumerate(zip(runs.residual(output), groups.rows, strict=True)):
+        columns = [np.ones(len(residual)), *(each[k] for each in decays if np.any(each[k]))]
+        basis = np.column_stack(columns)
+        weights = np.linalg.lstsq(basis[rows], residual[rows], rcond=SINGULAR)[0]
+        found.append((basis[:, 1:] @ weights[1:], float(weights[0])))
+    return found
