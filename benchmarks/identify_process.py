@@ -31,6 +31,7 @@ from identify_cases import fit_percent, sampled
 from process_plants import PLANTS, Array, Run
 from scipy.signal import lfilter, lfiltic
 
+import thermaltool as tt
 from thermaltool.fitting.data import even_training_data
 from thermaltool.fitting.identification import Plan, identify
 from thermaltool.fitting.network.plan import NetworkPlan
@@ -69,18 +70,24 @@ def held_fits(run: Run, computed: Array, rows: int) -> list[float]:
     return [fit_percent(clean, own) for clean, own in pairs]
 
 
-def ours(run: Run, plan: Plan) -> tuple[float, list[float], str]:
+def ours(run: Run, plan: Plan | None) -> tuple[float, list[float], str]:
+    """With a plan, or with nothing but the names of the channels."""
     rows, (ins, outs) = round(FITTED_SHARE * run.y.shape[1]), names(run)
     whole = record(run, rows)
+    fitted = whole.rows(slice(0, rows))
     begun = time.perf_counter()
-    fits = identify([whole.rows(slice(0, rows))], ins, outs, plan)
+    if plan is None:
+        fits = tt.identify(fitted, ins, outs, warn=lambda message: None).fits
+    else:
+        fits = identify([fitted], ins, outs, plan)
     seconds = time.perf_counter() - begun
     models = [fit.model for fit in fits]
     at_rest = fits[0].data.records[0].at_rest
     going_on = Record(whole.time, whole.columns, at_rest=at_rest)
     computed = np.array([fit.model.simulate(going_on) for fit in fits])
     orders = ", ".join(str(n) for n in dict.fromkeys(model.order for model in models))
-    found = f"order {orders}" + " with feedthrough" * getattr(models[0], "has_direct", False)
+    kind = f"{models[0].method}, " if plan is None else ""
+    found = f"{kind}order {orders}" + " with feedthrough" * getattr(models[0], "has_direct", False)
     return seconds, held_fits(run, computed, rows), found
 
 

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from thermaltool.record import Record
     from thermaltool.units import Reference
 
+# Above so many responses they share their poles: to search each by itself takes minutes.
+MAX_SEPARATE = 2
 # What missing readings of an output mean to the structures that do not simulate over them.
 REGRESSED = "a reading counts only where all those before it that the equation takes are there"
 PARTED = "they part the record, and each part begins in a state of its own"
@@ -295,9 +297,12 @@ def identify(
         if real_poles is None:
             heat = all(is_overdamped(inputs, output) for output in outputs)
             real_poles = structure == USUAL and heat and (not orders or None in orders)
-        form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
-        plan = TransferPlan(structure=form, orders=tuple(orders), linear=not usual,
-                            rough=bool(left_out), **common)  # fmt: skip
+        if usual and len(inputs) * len(outputs) > MAX_SEPARATE and not _has_holes(parts, outputs):
+            plan = SubspacePlan(linear=False, **common)
+        else:
+            form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
+            plan = TransferPlan(structure=form, orders=tuple(orders), linear=not usual,
+                                rough=bool(left_out), **common)  # fmt: skip
     fits = fit(logs, inputs, outputs, plan, fresh, reference)
     progress("done\n")
     if search.ended:
@@ -341,6 +346,11 @@ def _say_the_same(
         "components; --structure oe gives each a transfer function of its own"
     )
     return True
+
+
+def _has_holes(parts: Sequence[Log], outputs: Sequence[str]) -> bool:
+    """Whether a reading of an output is missing: that parts the records of a subspace model."""
+    return not all(part.known(outputs).all() for part in parts)
 
 
 def _without_bursts(log: Log, warn: Notice) -> Log:
