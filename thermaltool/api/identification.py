@@ -173,9 +173,10 @@ def identify(
         real or complex (subspace); or modes whose rate and gains go by the level of an input
         (lpv), along one straight line (bilinear); or few components of many inputs, through lags.
         Default: components for six or more inputs of which half as many components hold 99 % of
-        what they vary, where no option of another structure is given; else oe, and lpv where the
-        test of linearity and rows held out speak for it. Of six or more inputs those are left out
-        that no output follows, as far as the evidence goes; a structure that is named keeps all.
+        what they vary, where no option of another structure is given; else oe, or subspace for more
+        than two responses, and another one where blocks held out speak for it. Of six or more
+        inputs those are left out that no output follows, as far as the evidence goes; a structure
+        that is named keeps all.
     reduce : {"pca", "pls", "none", "pca:k", "pls:k"}, optional
         Components of the scaled inputs: principal, of partial least squares. Default: all.
     orders : sequence of (nb, nf, nk) or None
@@ -191,7 +192,8 @@ def identify(
         In continuous time (oe).
     real_poles : bool, optional
         Overdamped models only: real, stable poles. Default: where orders of oe are chosen and
-        heats, temperatures or speeds drive temperatures or displacements, for heat never swings.
+        heats, temperatures or speeds drive temperatures or displacements, for heat never swings;
+        there blocks held out may speak for pairs.
     initial : {"auto", "rest", "free"}
         State at the first row: settled, free (estimated), or rest unless free is clearly better.
     split : float, optional
@@ -294,11 +296,11 @@ def identify(
         reduction = Reduction() if reduce is None else parse_reduction(reduce)
         plan = ComponentPlan(reduction=reduction, **common)
     else:
+        heat = all(is_overdamped(inputs, output) for output in outputs)
         if real_poles is None:
-            heat = all(is_overdamped(inputs, output) for output in outputs)
             real_poles = structure == USUAL and heat and (not orders or None in orders)
         if usual and len(inputs) * len(outputs) > MAX_SEPARATE and not _has_holes(parts, outputs):
-            plan = SubspacePlan(linear=False, **common)
+            plan = SubspacePlan(linear=False, real=bool(real_poles), **common)
         else:
             form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
             plan = TransferPlan(structure=form, orders=tuple(orders), linear=not usual,

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.data import Split, TrainingData, even_training_data, training_data
 from thermaltool.fitting.document import model_document
-from thermaltool.fitting.fit import Fit
+from thermaltool.fitting.fit import ChosenOver, Fit
 from thermaltool.fitting.linearity import linearity_test
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.residuals import residual_tests
@@ -53,6 +53,11 @@ class Plan(ABC):
     split: float | None = None
     span: Span = (None, None)
     budget: SearchBudget = field(default_factory=SearchBudget)
+
+    @property
+    def label(self) -> str:
+        """What its structure is called beside others."""
+        return ""
 
     @abstractmethod
     def start(self, data: TrainingData) -> TrainingData:
@@ -139,12 +144,15 @@ def identify(
             # There are models.
             plan.budget.interrupt()
             break
-    if all(fit.model.is_linear for fit in best.fits):
-        return best.fits
+    if best is first:
+        return first.fits
+    pairs = zip(best.held.fit_percent, first.held.fit_percent, strict=True)
+    chosen = [ChosenOver(best.plan.label, own, plan.label, other) for own, other in pairs]
     # What was said of the linear models is why there are others.
+    linear = all(fit.model.is_linear for fit in best.fits)
     return tuple(
-        replace(fit, linearity=linear.linearity)
-        for fit, linear in zip(best.fits, first.fits, strict=True)
+        replace(fit, chosen_over=over, linearity=(fit if linear else before).linearity)
+        for fit, before, over in zip(best.fits, first.fits, chosen, strict=True)
     )
 
 

@@ -47,6 +47,10 @@ class LpvPlan(Plan):
     rival: bool = False
     linear: tuple[TransferModel, ...] = ()
 
+    @property
+    def label(self) -> str:
+        return "lpv"
+
     def data_sets(
         self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
     ) -> list[TrainingData]:

@@ -14,6 +14,7 @@ from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.identification import Plan
 from thermaltool.fitting.lpv.plan import LpvPlan
 from thermaltool.fitting.output_model import OutputModel
+from thermaltool.fitting.rivals import MIN_GAIN
 from thermaltool.fitting.selection import Candidate, first_that_fits
 from thermaltool.fitting.start_state import with_start
 from thermaltool.fitting.subspace.choose import choose_order, start_errors
@@ -36,7 +37,8 @@ class SubspacePlan(Plan):
     linear : bool
         Whether this is wanted, even where others may predict better.
     real : bool
-        Whether real poles are preferred to pairs: what heat does.
+        Whether orders with real poles are taken unless pairs are decisively better: heat never
+        swings.
     """
 
     joint: ClassVar[bool] = True
@@ -45,6 +47,10 @@ class SubspacePlan(Plan):
     linear: bool = True
     real: bool = False
     _known: dict[tuple[bool, ...], Choices] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def label(self) -> str:
+        return "subspace"
 
     def data_sets(
         self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
@@ -81,7 +87,11 @@ class SubspacePlan(Plan):
 
     def _candidates(self, data: TrainingData) -> Choices:
         wanted = {} if self.modes is None else {"orders": [self.modes]}
-        return choose_order(data, budget=self.budget, **wanted)
+        found = choose_order(data, budget=self.budget, **wanted)
+        if not self.real:
+            return found
+        overdamped = [c for c in found if c.score <= found[0].score + MIN_GAIN and _is_real(c)]
+        return (*overdamped, *(c for c in found if all(c is not own for own in overdamped)))
 
     def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Sequence[Plan]:
         if self.linear:
@@ -96,6 +106,10 @@ class SubspacePlan(Plan):
         return identify_subspace(
             data, known.order, known.has_direct, [known.sections], judged=False
         )
+
+
+def _is_real(candidate: Candidate[Subspace]) -> bool:
+    return not np.any(candidate.model.outputs[0].poles.imag)
 
 
 def _starts(data: TrainingData) -> tuple[bool, ...]:

@@ -47,12 +47,17 @@ class TransferPlan(Plan):
     linear: bool = True
     rough: bool = False
 
+    @property
+    def label(self) -> str:
+        return f"oe with {'real' if self.structure.real_poles else 'any'} poles"
+
     def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Sequence[Plan]:
         if self.linear:
             return ()
         rivals: list[Plan] = []
         if leaves_dynamics(fits):
-            if self.structure.real_poles:
+            if self.structure.real_poles and all(len(fit.model.names) == 1 for fit in fits):
+                # With more inputs that takes long, and a subspace model has any poles, too.
                 rivals.append(replace(self, structure=replace(self.structure, real_poles=False)))
             rivals.append(SubspacePlan(
                 initial=self.initial, split=self.split, span=self.span, budget=self.budget
