@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
+import numpy as np
+
 from thermaltool.api.identification_arguments import (
     BILINEAR,
     COMPONENTS,
@@ -38,6 +40,8 @@ if TYPE_CHECKING:
 
 # Above so many responses they share their poles: to search each by itself takes minutes.
 MAX_SEPARATE = 2
+# As long as so many runs of readings at most are missing: a spike is left out, for example.
+MAX_HOLES = 3
 # What missing readings of an output mean to the structures that do not simulate over them.
 REGRESSED = "a reading counts only where all those before it that the equation takes are there"
 PARTED = "they part the record, and each part begins in a state of its own"
@@ -299,7 +303,9 @@ def identify(
         heat = all(is_overdamped(inputs, output) for output in outputs)
         if real_poles is None:
             real_poles = structure == USUAL and heat and (not orders or None in orders)
-        if usual and len(inputs) * len(outputs) > MAX_SEPARATE and not _has_holes(parts, outputs):
+        if usual and len(inputs) * len(outputs) > MAX_SEPARATE and _few_holes(parts, outputs):
+            for part in parts:
+                warn_holes(part, inputs, outputs, SUBSPACE, warn)
             plan = SubspacePlan(linear=False, real=bool(real_poles), **common)
         else:
             form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
@@ -350,9 +356,10 @@ def _say_the_same(
     return True
 
 
-def _has_holes(parts: Sequence[Log], outputs: Sequence[str]) -> bool:
-    """Whether a reading of an output is missing: that parts the records of a subspace model."""
-    return not all(part.known(outputs).all() for part in parts)
+def _few_holes(parts: Sequence[Log], outputs: Sequence[str]) -> bool:
+    """Whether few runs of readings of outputs are missing: each parts a subspace model's record."""
+    missing = (np.append(False, ~part.known(outputs)) for part in parts)
+    return sum(int(np.sum(np.diff(each.astype(int)) > 0)) for each in missing) <= MAX_HOLES
 
 
 def _without_bursts(log: Log, warn: Notice) -> Log:
