@@ -1,13 +1,13 @@
 """``identify`` on processes of several inputs and outputs, beside open peers.
 
 ``python benchmarks/identify_process.py`` (in make bench), ``coverage`` (in make study). The first
-60 % of each record are fitted, with nothing given; the free run goes on from the state at their end
-over the other 40 %, and is held against the outputs without noise. Peers get every order (SIPPY's
-N4SID and CVA and nfoursid up to twelve, SysIdentPy and ARX up to eight), about the mean and about
-the first rows, and of these the one that is best on the held-out rows themselves, which no user
-knows; the state at the start and the offset of the subspace methods are found by least squares, and
-the others run freely from the first readings. Seeds are drawn fresh and printed; --seed repeats a
-run, --only names a process.
+60 % of each record are fitted with nothing given but the names of the channels; the free run goes
+on from the state at their end over the other 40 %, and is held against the outputs without noise.
+Peers get every order (SIPPY's N4SID and CVA and nfoursid up to twelve, SysIdentPy and ARX up to
+eight), about the mean and about the first rows, and of these the one that is best on the held-out
+rows themselves, which no user knows; the state at the start and the offset of the subspace methods
+are found by least squares, and the others run freely from the first readings. Seeds are drawn fresh
+and printed; --seed repeats a run, --only names a process.
 """
 
 from __future__ import annotations
@@ -206,7 +206,7 @@ def _state_space(matrices: Sequence[object], u: Array, y: Array) -> Array:
     return own + (free @ found).T
 
 
-def processes(seed: int, repeats: int, only: str, limit: float) -> None:
+def processes(seed: int, repeats: int, only: str, limit: float, structures: bool) -> None:
     missing = [package for package in PACKAGES if importlib.util.find_spec(package) is None]
     if missing:
         print(f"no peers: {', '.join(missing)} not installed\n")
@@ -217,12 +217,11 @@ def processes(seed: int, repeats: int, only: str, limit: float) -> None:
             continue
         for k in range(repeats):
             run = plant(np.random.default_rng([seed, k]))
-            usual = structure_of("oe")
-            plans = {"subspace": SubspacePlan(), "network": NetworkPlan(),
-                     "oe": TransferPlan(structure=usual),
-                     "defaults": TransferPlan(structure=usual, linear=False)}  # fmt: skip
-            if len(run.u) >= MANY_INPUTS:
-                del plans["oe"], plans["defaults"]
+            plans: dict[str, Plan | None] = {"defaults": None}
+            if structures:
+                plans |= {"subspace": SubspacePlan(), "network": NetworkPlan()}
+            if structures and len(run.u) < MANY_INPUTS:
+                plans["oe"] = TransferPlan(structure=structure_of("oe"))
             programs: dict[str, Callable[[], Found]] = {
                 each: partial(ours, run, plan) for each, plan in plans.items()
             }
@@ -293,11 +292,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=int(time.time()))
     parser.add_argument("--repeat", type=int)
     parser.add_argument("--only", default="", help="part of the name of a process")
+    parser.add_argument("--structures", action="store_true", help="each by its name, too: minutes")
     parser.add_argument("--limit", type=float, default=PEER_LIMIT_S, help="seconds for a peer")
     given = parser.parse_args()
     print(f"seed {given.seed}\n")
     if given.what == "processes":
-        processes(given.seed, given.repeat or 1, given.only, given.limit)
+        processes(given.seed, given.repeat or 1, given.only, given.limit, given.structures)
     else:
         coverage(given.seed, given.repeat or 500)
 
