@@ -66,13 +66,19 @@ class SubspacePlan(Plan):
         if self.initial != "auto" or all(record.at_rest for record in data.records):
             return data
         scores = []
-        for each in (data.from_rest(), data):
+        for each in (data, data.from_rest()):
             try:
-                self._known[_starts(each)] = found = self._candidates(each)
-                scores.append(found[0].score)
+                found = self._candidates(each)
             except FitError:
                 scores.append(np.inf)
-        return data.from_rest() if scores[0] < scores[1] else data
+                continue
+            if scores and self.budget.is_over:
+                return data  # what the user has ended is not compared
+            self._known[_starts(each)] = found
+            scores.append(found[0].score)
+            if self.budget.is_over:
+                return data
+        return data.from_rest() if scores[1] < scores[0] else data
 
     def fit(
         self, data: TrainingData
