@@ -153,6 +153,12 @@ def _judged(
 
 
 def excites(data: TrainingData) -> bool:
+    """Whether the inputs excite and the outputs move (`TrainingData.check`).
+
+    Parameters
+    ----------
+    data : TrainingData
+    """
     try:
         data.check()
     except FitError:
