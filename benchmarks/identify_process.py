@@ -1,13 +1,13 @@
 """``identify`` on processes of several inputs and outputs, beside open peers.
 
 ``python benchmarks/identify_process.py`` (in make bench), ``coverage`` (in make study). The first
-60 % of each record are fitted, with nothing given; the free run goes on from the state at their end
-over the other 40 %, and is held against the outputs without noise. Peers get every order (SIPPY's
-N4SID and CVA and nfoursid up to twelve, SysIdentPy and ARX up to eight), about the mean and about
-the first rows, and of these the one that is best on the held-out rows themselves, which no user
-knows; the state at the start and the offset of the subspace methods are found by least squares, and
-the others run freely from the first readings. Seeds are drawn fresh and printed; --seed repeats a
-run, --only names a process.
+60 % of each record are fitted with nothing given but the names of the channels; the free run goes
+on from the state at their end over the other 40 %, and is held against the outputs without noise.
+Peers get every order (SIPPY's N4SID and CVA and nfoursid up to twelve, SysIdentPy and ARX up to
+eight), about the mean and about the first rows, and of these the one that is best on the held-out
+rows themselves, which no user knows; the state at the start and the offset of the subspace methods
+are found by least squares, and the others run freely from the first readings. Seeds are drawn fresh
+and printed; --seed repeats a run, --only names a process.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from identify_cases import fit_percent, sampled
 from process_plants import PLANTS, Array, Run
 from scipy.signal import lfilter, lfiltic
 
+import thermaltool as tt
 from thermaltool.fitting.data import even_training_data
 from thermaltool.fitting.identification import Plan, identify
 from thermaltool.fitting.network.plan import NetworkPlan
@@ -69,18 +70,24 @@ def held_fits(run: Run, computed: Array, rows: int) -> list[float]:
     return [fit_percent(clean, own) for clean, own in pairs]
 
 
-def ours(run: Run, plan: Plan) -> tuple[float, list[float], str]:
+def ours(run: Run, plan: Plan | None) -> tuple[float, list[float], str]:
+    """With a plan, or with nothing but the names of the channels."""
     rows, (ins, outs) = round(FITTED_SHARE * run.y.shape[1]), names(run)
     whole = record(run, rows)
+    fitted = whole.rows(slice(0, rows))
     begun = time.perf_counter()
-    fits = identify([whole.rows(slice(0, rows))], ins, outs, plan)
+    if plan is None:
+        fits = tt.identify(fitted, ins, outs, warn=lambda message: None).fits
+    else:
+        fits = identify([fitted], ins, outs, plan)
     seconds = time.perf_counter() - begun
     models = [fit.model for fit in fits]
     at_rest = fits[0].data.records[0].at_rest
     going_on = Record(whole.time, whole.columns, at_rest=at_rest)
     computed = np.array([fit.model.simulate(going_on) for fit in fits])
     orders = ", ".join(str(n) for n in dict.fromkeys(model.order for model in models))
-    found = f"order {orders}" + " with feedthrough" * getattr(models[0], "has_direct", False)
+    kind = f"{models[0].method}, " if plan is None else ""
+    found = f"{kind}order {orders}" + " with feedthrough" * getattr(models[0], "has_direct", False)
     return seconds, held_fits(run, computed, rows), found
 
 
@@ -199,7 +206,7 @@ def _state_space(matrices: Sequence[object], u: Array, y: Array) -> Array:
     return own + (free @ found).T
 
 
-def processes(seed: int, repeats: int, only: str, limit: float) -> None:
+def processes(seed: int, repeats: int, only: str, limit: float, structures: bool) -> None:
     missing = [package for package in PACKAGES if importlib.util.find_spec(package) is None]
     if missing:
         print(f"no peers: {', '.join(missing)} not installed\n")
@@ -210,12 +217,11 @@ def processes(seed: int, repeats: int, only: str, limit: float) -> None:
             continue
         for k in range(repeats):
             run = plant(np.random.default_rng([seed, k]))
-            usual = structure_of("oe")
-            plans = {"subspace": SubspacePlan(), "network": NetworkPlan(),
-                     "oe": TransferPlan(structure=usual),
-                     "defaults": TransferPlan(structure=usual, linear=False)}  # fmt: skip
-            if len(run.u) >= MANY_INPUTS:
-                del plans["oe"], plans["defaults"]
+            plans: dict[str, Plan | None] = {"defaults": None}
+            if structures:
+                plans |= {"subspace": SubspacePlan(), "network": NetworkPlan()}
+            if structures and len(run.u) < MANY_INPUTS:
+                plans["oe"] = TransferPlan(structure=structure_of("oe"))
             programs: dict[str, Callable[[], Found]] = {
                 each: partial(ours, run, plan) for each, plan in plans.items()
             }
@@ -286,11 +292,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=int(time.time()))
     parser.add_argument("--repeat", type=int)
     parser.add_argument("--only", default="", help="part of the name of a process")
+    parser.add_argument("--structures", action="store_true", help="each by its name, too: minutes")
     parser.add_argument("--limit", type=float, default=PEER_LIMIT_S, help="seconds for a peer")
     given = parser.parse_args()
     print(f"seed {given.seed}\n")
     if given.what == "processes":
-        processes(given.seed, given.repeat or 1, given.only, given.limit)
+        processes(given.seed, given.repeat or 1, given.only, given.limit, given.structures)
     else:
         coverage(given.seed, given.repeat or 500)
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
+import numpy as np
+
 from thermaltool.api.identification_arguments import (
     BILINEAR,
     COMPONENTS,
@@ -36,6 +38,10 @@ if TYPE_CHECKING:
     from thermaltool.record import Record
     from thermaltool.units import Reference
 
+# Above so many responses they share their poles: to search each by itself takes minutes.
+MAX_SEPARATE = 2
+# As long as so many runs of readings at most are missing: a spike is left out, for example.
+MAX_HOLES = 3
 # What missing readings of an output mean to the structures that do not simulate over them.
 REGRESSED = "a reading counts only where all those before it that the equation takes are there"
 PARTED = "they part the record, and each part begins in a state of its own"
@@ -171,9 +177,10 @@ def identify(
         real or complex (subspace); or modes whose rate and gains go by the level of an input
         (lpv), along one straight line (bilinear); or few components of many inputs, through lags.
         Default: components for six or more inputs of which half as many components hold 99 % of
-        what they vary, where no option of another structure is given; else oe, and lpv where the
-        test of linearity and rows held out speak for it. Of six or more inputs those are left out
-        that no output follows, as far as the evidence goes; a structure that is named keeps all.
+        what they vary, where no option of another structure is given; else oe, or subspace for more
+        than two responses, and another one where blocks held out speak for it. Of six or more
+        inputs those are left out that no output follows, as far as the evidence goes; a structure
+        that is named keeps all.
     reduce : {"pca", "pls", "none", "pca:k", "pls:k"}, optional
         Components of the scaled inputs: principal, of partial least squares. Default: all.
     orders : sequence of (nb, nf, nk) or None
@@ -189,7 +196,8 @@ def identify(
         In continuous time (oe).
     real_poles : bool, optional
         Overdamped models only: real, stable poles. Default: where orders of oe are chosen and
-        heats, temperatures or speeds drive temperatures or displacements, for heat never swings.
+        heats, temperatures or speeds drive temperatures or displacements, for heat never swings;
+        there blocks held out may speak for pairs.
     initial : {"auto", "rest", "free"}
         State at the first row: settled, free (estimated), or rest unless free is clearly better.
     split : float, optional
@@ -292,12 +300,17 @@ def identify(
         reduction = Reduction() if reduce is None else parse_reduction(reduce)
         plan = ComponentPlan(reduction=reduction, **common)
     else:
+        heat = all(is_overdamped(inputs, output) for output in outputs)
         if real_poles is None:
-            heat = all(is_overdamped(inputs, output) for output in outputs)
             real_poles = structure == USUAL and heat and (not orders or None in orders)
-        form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
-        plan = TransferPlan(structure=form, orders=tuple(orders), linear=not usual,
-                            rough=bool(left_out), **common)  # fmt: skip
+        if usual and len(inputs) * len(outputs) > MAX_SEPARATE and _few_holes(parts, outputs):
+            for part in parts:
+                warn_holes(part, inputs, outputs, SUBSPACE, warn)
+            plan = SubspacePlan(linear=False, real=bool(real_poles), **common)
+        else:
+            form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
+            plan = TransferPlan(structure=form, orders=tuple(orders), linear=not usual,
+                                rough=bool(left_out), **common)  # fmt: skip
     fits = fit(logs, inputs, outputs, plan, fresh, reference)
     progress("done\n")
     if search.ended:
@@ -341,6 +354,12 @@ def _say_the_same(
         "components; --structure oe gives each a transfer function of its own"
     )
     return True
+
+
+def _few_holes(parts: Sequence[Log], outputs: Sequence[str]) -> bool:
+    """Whether few runs of readings of outputs are missing: each parts a subspace model's record."""
+    missing = (np.append(False, ~part.known(outputs)) for part in parts)
+    return sum(int(np.sum(np.diff(each.astype(int)) > 0)) for each in missing) <= MAX_HOLES
 
 
 def _without_bursts(log: Log, warn: Notice) -> Log:

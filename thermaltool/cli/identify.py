@@ -36,8 +36,8 @@ from thermaltool.fitting.transfer.registry import MAX_MODES, STRUCTURES, describ
               help=f"Where the noise enters: {described()}; or first-order modes that all outputs "
               "share (network), or poles, real or complex (subspace), or modes whose rate and "
               "gains go by the level of an input (lpv; bilinear: in a straight line), or few "
-              "components of many inputs.  [default: oe; lpv where the machine is not linear; "
-              "components where six or more inputs say much the same]")  # fmt: skip
+              "components of many inputs.  [default: oe; subspace for more than two responses; "
+              "components of inputs that agree; what predicts blocks far better]")  # fmt: skip
 @click.option("--reduce", metavar="pca[:k]|pls[:k]|none",
               help="Components of the scaled inputs, or all inputs, through lags with a ridge.  "
               "[default: all of them]")  # fmt: skip
@@ -58,7 +58,7 @@ from thermaltool.fitting.transfer.registry import MAX_MODES, STRUCTURES, describ
               help="In continuous time: simplified refined instrumental variables.")  # fmt: skip
 @click.option("--real-poles/--any-poles", default=None,
               help="Real, stable poles only, or pairs, too.  [default: real where orders of oe are "
-              "chosen and heat leads from inputs to outputs: temperatures, growth]")  # fmt: skip
+              "chosen and heat leads to the outputs, unless pairs predict far better]")  # fmt: skip
 @click.option("--initial", type=click.Choice(["auto", "rest", "free"]), default="auto",
               help="State at the first row: settled, free (estimated), or rest unless free "
               "is clearly better; not for arx and armax.")  # fmt: skip

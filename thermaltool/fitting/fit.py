@@ -17,6 +17,25 @@ from thermaltool.signals.intervals import Estimate
 
 
 @dataclass(frozen=True)
+class ChosenOver:
+    """A structure that predicts blocks held out decisively better than the usual one.
+
+    Attributes
+    ----------
+    structure : str
+    fit_percent : float [%]
+        Of the blocks.
+    usual : str
+    usual_percent : float [%]
+    """
+
+    structure: str
+    fit_percent: float
+    usual: str
+    usual_percent: float
+
+
+@dataclass(frozen=True)
 class Fit:
     """A model of one output, and how it does on the data that it was fitted to.
 
@@ -38,6 +57,8 @@ class Fit:
         On data that were kept for it.
     candidates : tuple of Candidate
         Where the orders were chosen, the best first.
+    chosen_over : ChosenOver or None
+        Where its structure was taken in place of the usual one.
     """
 
     model: OutputModel
@@ -48,6 +69,7 @@ class Fit:
     linearity: LinearityTest | None = None
     validation: Validation | None = None
     candidates: tuple[Candidate[Any], ...] = ()
+    chosen_over: ChosenOver | None = None
 
     @property
     def parameters(self) -> dict[str, Estimate]:

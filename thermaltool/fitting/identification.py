@@ -9,17 +9,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.data import Split, TrainingData, even_training_data, training_data
 from thermaltool.fitting.document import model_document
-from thermaltool.fitting.fit import Fit
+from thermaltool.fitting.fit import ChosenOver, Fit
 from thermaltool.fitting.linearity import linearity_test
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.residuals import residual_tests
+from thermaltool.fitting.rivals import HeldFit, held_fit
 from thermaltool.fitting.search_budget import SearchBudget
-from thermaltool.fitting.selection import Candidate
+from thermaltool.fitting.selection import Candidate, Ranked
 from thermaltool.fitting.start_state import Initial
 from thermaltool.fitting.validation import Span, validate, validate_on
 from thermaltool.model import Model
@@ -52,6 +54,11 @@ class Plan(ABC):
     span: Span = (None, None)
     budget: SearchBudget = field(default_factory=SearchBudget)
 
+    @property
+    def label(self) -> str:
+        """What its structure is called beside others."""
+        return ""
+
     @abstractmethod
     def start(self, data: TrainingData) -> TrainingData:
         """The data with what is known of the state at their first rows."""
@@ -60,8 +67,8 @@ class Plan(ABC):
     def fit(self, data: TrainingData) -> tuple[Sequence[OutputModel], tuple[Candidate[Any], ...]]:
         """A model for each output, and the candidates where the orders were chosen."""
 
-    def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Plan | None:
-        """What is tried where the fits say that the machine is not linear; None for nothing.
+    def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Sequence[Plan]:
+        """What is tried where the fits leave something: taken where blocks held out say so.
 
         Parameters
         ----------
@@ -69,7 +76,23 @@ class Plan(ABC):
         reference : "first", float or None
             As for `identify`.
         """
-        return None
+        return ()
+
+    def refitted(self, models: Sequence[OutputModel], data: TrainingData) -> Ranked:
+        """What was chosen, fitted to other rows of the same data set.
+
+        Parameters
+        ----------
+        models : sequence of OutputModel
+            Of one data set, as `fit` gives them.
+        data : TrainingData
+
+        Raises
+        ------
+        FitError
+            The rows do not carry it.
+        """
+        raise FitError("it has no rivals")
 
     def data_sets(
         self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
@@ -107,22 +130,46 @@ def identify(
     FitError
         Data that the plan's form does not fit, or that are too few to validate.
     """
-    found = _planned(logs, inputs, outputs, plan, fresh, reference)
-    further = plan.beyond(found, reference)
-    if further is None or plan.budget.is_over:
-        return found
-    try:
-        better = _planned(logs, inputs, outputs, further, fresh, reference)
-    except FitError:
-        return found
-    except KeyboardInterrupt:
-        # The linear models are there.
-        plan.budget.interrupt()
-        return found
+    best = first = _planned(logs, inputs, outputs, plan, fresh, reference)
+    for rival in plan.beyond(first.fits, reference):
+        if plan.budget.is_over:
+            break
+        try:
+            other = _planned(logs, inputs, outputs, rival, fresh, reference)
+            if other.held.beats(best.held):
+                best = other
+        except FitError:
+            continue
+        except KeyboardInterrupt:
+            # There are models.
+            plan.budget.interrupt()
+            break
+    if best is first:
+        return first.fits
+    pairs = zip(best.held.fit_percent, first.held.fit_percent, strict=True)
+    chosen = [ChosenOver(best.plan.label, own, plan.label, other) for own, other in pairs]
     # What was said of the linear models is why there are others.
+    linear = all(fit.model.is_linear for fit in best.fits)
     return tuple(
-        replace(fit, linearity=linear.linearity) for fit, linear in zip(better, found, strict=True)
+        replace(fit, chosen_over=over, linearity=(fit if linear else before).linearity)
+        for fit, before, over in zip(best.fits, first.fits, chosen, strict=True)
     )
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """Fits of one plan, and what was fitted together."""
+
+    plan: Plan
+    fits: tuple[Fit, ...]
+    sets: tuple[tuple[TrainingData, tuple[OutputModel, ...]], ...]
+
+    @cached_property
+    def held(self) -> HeldFit:
+        """How the plan's choice does on blocks held out; FitError where nothing carries it."""
+        each = [held_fit(data, partial(self.plan.refitted, models)) for data, models in self.sets]
+        level = sum(own.level * len(own.fit_percent) for own in each) / len(self.fits)
+        return HeldFit(level, tuple(value for own in each for value in own.fit_percent))
 
 
 def _planned(
@@ -132,16 +179,19 @@ def _planned(
     plan: Plan,
     fresh: Sequence[Record],
     reference: Reference | None,
-) -> tuple[Fit, ...]:
+) -> _Planned:
     """Fits of one plan."""
     parts, others = ([log.between(*plan.span) for log in each] for each in (logs, fresh))
     sets = plan.data_sets(parts, inputs, outputs)
     held = plan.data_sets(others, inputs, outputs) if fresh else [None] * len(sets)
     fits: list[Fit] = []
+    fitted = []
     for k, (data, own) in enumerate(zip(sets, held, strict=True)):
         plan.budget.begin(len(sets) - k)
-        fits += _judged(data, plan, own, reference, logs, fresh)
-    return tuple(fits)
+        used, found = _judged(data, plan, own, reference, logs, fresh)
+        fits += found
+        fitted.append((used, tuple(fit.model for fit in found)))
+    return _Planned(plan, tuple(fits), tuple(fitted))
 
 
 def _judged(
@@ -151,8 +201,8 @@ def _judged(
     reference: Reference | None,
     logs: Sequence[Record],
     fresh_logs: Sequence[Record],
-) -> list[Fit]:
-    """Fits of one data set."""
+) -> tuple[TrainingData, list[Fit]]:
+    """What was fitted of one data set, and its fits."""
     split: Split | None = None
     try:
         if plan.split is None:
@@ -188,7 +238,7 @@ def _judged(
             held, used = fresh.only(k), [fresh_logs[n] for n in fresh.logs]
             fit = replace(fit, validation=validate_on(model, held, whole, used, plan.span))
         fits.append(fit)
-    return fits
+    return data, fits
 
 
 def _document(fit: Fit, reference: Reference | None) -> Model | None:

@@ -93,7 +93,7 @@ def rank(
     first, problem = _judged(candidates, fit, [split], budget)
     if not first:
         raise problem or FitError(none)
-    folds = [fold for fold in split.data.folds(BLOCKS) if _excites(fold.fitted)]
+    folds = [fold for fold in split.data.folds(BLOCKS) if excites(fold.fitted)]
     finalists = [each for each, _ in first[:FINALISTS]] if folds and not budget.is_over else []
     last = _judged(finalists, fit, folds, budget)[0] if finalists else []
     if budget.is_over:
@@ -152,7 +152,13 @@ def _judged(
     return sorted(ranked, key=lambda pair: pair[1].score), problem
 
 
-def _excites(data: TrainingData) -> bool:
+def excites(data: TrainingData) -> bool:
+    """Whether the inputs excite and the outputs move (`TrainingData.check`).
+
+    Parameters
+    ----------
+    data : TrainingData
+    """
     try:
         data.check()
     except FitError:

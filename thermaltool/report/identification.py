@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from thermaltool.documents import jsonable
@@ -107,6 +107,9 @@ def _document(fit: Fit) -> dict[str, Any]:
             "independent_p": {name: jsonable(p) for name, p in tests.independent_p.items()},
         },
         "linearity": None if fit.linearity is None else _linearity_document(fit.linearity),
+        "chosen_over": None
+        if fit.chosen_over is None
+        else {name: jsonable(value) for name, value in asdict(fit.chosen_over).items()},
     }
 
 
@@ -130,7 +133,7 @@ def identification_table(fits: Sequence[Fit], reading: Sequence[str] = ()) -> st
     reading : sequence of str
         Options of the command line with which the logs were read.
     """
-    lines = [*map(_linearity_line, fits), *_commands(fits, reading)]
+    lines = [*map(_linearity_line, fits), *_choice_lines(fits), *_commands(fits, reading)]
     return f"{_form(fits).table(fits)}\n\n" + "\n".join(lines)
 
 
@@ -180,6 +183,16 @@ def _left_out(inputs: Sequence[LeftOut]) -> list[str]:
             "--structure oe keeps all"
         )
     return found
+
+
+def _choice_lines(fits: Sequence[Fit]) -> list[str]:
+    """Lines: what was taken in place of the usual structure, and why."""
+    return [
+        f"structure of {fit.model.target}: {over.structure}, {over.fit_percent:.1f} % of blocks "
+        f"held out; {over.usual} has {over.usual_percent:.1f} %"
+        for fit in fits
+        if (over := fit.chosen_over) is not None
+    ]
 
 
 def _linearity_line(fit: Fit) -> str:

@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.data import Array, Split, TrainingData
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.lpv.form import MAX_LPV_MODES, LpvForm
 from thermaltool.fitting.lpv.identify import identify_lpv
 from thermaltool.fitting.lpv.model import Lpv
 from thermaltool.fitting.search_budget import SearchBudget
 from thermaltool.fitting.selection import FITTED_SHARE, Candidate, held_out_level, rank
-from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.units import Reference, is_temperature
 
 # Rows by which the choice is made, at most.
@@ -28,44 +27,6 @@ FIRST_MODES, MAX_ROUNDS, MIN_FALL = (1, 2, 3), 5, 0.01
 SAME_VALUE = 0.02
 # A level between the ends lies where an input stays for so many of the rows, at least.
 MIN_STAY = 0.01
-# A model that is not linear is taken where it lowers that logarithm, over blocks held out, by so
-# much below the linear one.
-MIN_GAIN = 0.1
-# No output may lose more of its fit by that [points].
-MAX_LOST = 2.0
-
-
-@dataclass(frozen=True)
-class LinearBeside:
-    """Linear models of all outputs, beside which others are judged.
-
-    Attributes
-    ----------
-    models : tuple of TransferModel
-    """
-
-    models: tuple[TransferModel, ...]
-
-    @property
-    def parameters(self) -> int:
-        """Of all outputs."""
-        return sum(model.parameters for model in self.models)
-
-    def fitted(self, data: TrainingData) -> LinearBeside:
-        """The same structures on other rows.
-
-        Parameters
-        ----------
-        data : TrainingData
-        """
-        return LinearBeside(tuple(
-            model.structure.fit(data.only(k), model.orders) for k, model in enumerate(self.models)
-        ))  # fmt: skip
-
-    def carried_on(self, split: Split) -> Array:
-        """As `OutputModel.carried_on`, shape (p, n)."""
-        each = enumerate(self.models)
-        return np.array([model.carried_on(split.only(k)) for k, model in each])
 
 
 def choice_rows(data: TrainingData) -> TrainingData:
@@ -148,35 +109,6 @@ def choose_form(
             raise problem
 
     return rank(candidates(), fit, split, "no parameter-varying model fits", budget)
-
-
-def beats(best: Lpv, beside: LinearBeside, data: TrainingData) -> bool:
-    """Whether a form predicts rows held out decisively better than linear models.
-
-    Parameters
-    ----------
-    best : Lpv
-    beside : LinearBeside
-    data : TrainingData
-        What `choose_form` had.
-    """
-    split = choice_rows(data).split(FITTED_SHARE)
-
-    def fit(each: Lpv | LinearBeside, part: TrainingData) -> Lpv | LinearBeside:
-        if isinstance(each, LinearBeside):
-            return each.fitted(part)
-        return identify_lpv(part, each.form, best.references, [each.theta], judged=False)
-
-    both: list[Lpv | LinearBeside] = [best, beside]
-    found = rank(both, fit, split, "neither fits")
-    if len(found) < 2:
-        return isinstance(found[0].model, Lpv)
-    first, second = found
-    kept = all(
-        after > before - MAX_LOST
-        for after, before in zip(first.fit_percent, second.fit_percent, strict=True)
-    )
-    return isinstance(first.model, Lpv) and kept and second.score - first.score > MIN_GAIN
 
 
 def _start(known: Lpv, form: LpvForm) -> Array:

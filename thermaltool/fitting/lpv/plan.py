@@ -9,15 +9,11 @@ from typing import ClassVar
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData, even_training_data
 from thermaltool.fitting.identification import Plan
-from thermaltool.fitting.lpv.choose import (
-    LEVEL_COUNTS,
-    LinearBeside,
-    beats,
-    choose_form,
-)
+from thermaltool.fitting.lpv.choose import LEVEL_COUNTS, choose_form
 from thermaltool.fitting.lpv.identify import identify_lpv
 from thermaltool.fitting.lpv.model import Lpv, LpvOutput, settled
 from thermaltool.fitting.network.choose import undelayed_errors
+from thermaltool.fitting.output_model import OutputModel
 from thermaltool.fitting.selection import Candidate, first_that_fits
 from thermaltool.fitting.start_state import with_start
 from thermaltool.fitting.transfer.model import TransferModel
@@ -37,8 +33,10 @@ class LpvPlan(Plan):
         That are tried; two alone are the bilinear model.
     reference : "first", float or None
         What inputs count from, as in the model document.
+    rival : bool
+        Whether it stands beside a linear model: where nothing goes by a state, there is no fit.
     linear : tuple of TransferModel
-        Of all outputs: where these predict as well, there is no fit.
+        Of all outputs, whose delays are tried; may be empty.
     """
 
     joint: ClassVar[bool] = True
@@ -46,7 +44,12 @@ class LpvPlan(Plan):
     modes: int | None = None
     level_counts: Sequence[int] = LEVEL_COUNTS
     reference: Reference | None = None
+    rival: bool = False
     linear: tuple[TransferModel, ...] = ()
+
+    @property
+    def label(self) -> str:
+        return "lpv"
 
     def data_sets(
         self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
@@ -66,16 +69,18 @@ class LpvPlan(Plan):
             data, references, self._delays(data), self.modes, self.level_counts,
             any(0 in model.orders.nk for model in self.linear), self.budget,
         )  # fmt: skip
-        if self.linear:
-            best = candidates[0].model
-            varies = best.form.channel or best.form.powers
-            if not varies or not beats(best, LinearBeside(self.linear), data):
-                raise FitError("no model with states predicts better than the linear one")
+        form = candidates[0].model.form
+        if self.rival and not (form.channel or form.powers):
+            raise FitError("no model with states predicts better than a linear one")
         found = first_that_fits(
             (candidate.model for candidate in candidates),
             lambda each: identify_lpv(data, each.form, references, [each.theta]),
         )
         return found.outputs, candidates
+
+    def refitted(self, models: Sequence[OutputModel], data: TrainingData) -> Lpv:
+        known = next(model for model in models if isinstance(model, LpvOutput))
+        return identify_lpv(data, known.form, self._references(data), [known.theta], judged=False)
 
     def _delays(self, data: TrainingData) -> list[tuple[int, ...]]:
         """Samples by which inputs act later than at once: none, and those of the linear models."""

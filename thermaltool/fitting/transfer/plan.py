@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,10 @@ from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.identification import Plan
 from thermaltool.fitting.lpv.plan import LpvPlan
-from thermaltool.fitting.selection import Candidate, first_that_fits
+from thermaltool.fitting.output_model import OutputModel
+from thermaltool.fitting.rivals import Separate, leaves_dynamics
+from thermaltool.fitting.selection import Candidate, Ranked, first_that_fits
+from thermaltool.fitting.subspace.plan import SubspacePlan
 from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.orders import Orders
@@ -34,7 +37,7 @@ class TransferPlan(Plan):
     orders : tuple of (nb, nf, nk) or None
         For all inputs or one for each; empty, or None among them: chosen by held-out data.
     linear : bool
-        Whether linear models are wanted, even where the machine is not linear.
+        Whether models of this structure are wanted, even where others may predict better.
     rough : bool
         Whether orders are chosen with less effort: of inputs that were taken out of many.
     """
@@ -44,13 +47,34 @@ class TransferPlan(Plan):
     linear: bool = True
     rough: bool = False
 
-    def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Plan | None:
-        models = tuple(fit.model for fit in fits if isinstance(fit.model, TransferModel))
-        tests = [fit.linearity for fit in fits]
-        if self.linear or not any(test is not None and test.nonlinear for test in tests):
-            return None
-        return LpvPlan(initial=self.initial, split=self.split, span=self.span, budget=self.budget,
-                       reference=reference, linear=models)  # fmt: skip
+    @property
+    def label(self) -> str:
+        return f"oe with {'real' if self.structure.real_poles else 'any'} poles"
+
+    def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Sequence[Plan]:
+        if self.linear:
+            return ()
+        rivals: list[Plan] = []
+        if leaves_dynamics(fits):
+            if self.structure.real_poles and all(len(fit.model.names) == 1 for fit in fits):
+                # With more inputs that takes long, and a subspace model has any poles, too.
+                rivals.append(replace(self, structure=replace(self.structure, real_poles=False)))
+            rivals.append(SubspacePlan(
+                initial=self.initial, split=self.split, span=self.span, budget=self.budget
+            ))  # fmt: skip
+        if any(fit.linearity is not None and fit.linearity.nonlinear for fit in fits):
+            models = tuple(fit.model for fit in fits if isinstance(fit.model, TransferModel))
+            rivals.append(LpvPlan(
+                initial=self.initial, split=self.split, span=self.span, budget=self.budget,
+                reference=reference, rival=True, linear=models,
+            ))  # fmt: skip
+        return rivals
+
+    def refitted(self, models: Sequence[OutputModel], data: TrainingData) -> Ranked:
+        own = (model for model in models if isinstance(model, TransferModel))
+        return Separate(tuple(
+            model.structure.fit(data.only(k), model.orders) for k, model in enumerate(own)
+        ))  # fmt: skip
 
     def start(self, data: TrainingData) -> TrainingData:
         return self.structure.start(data, self.initial)

@@ -1,0 +1,113 @@
+"""Structures side by side, judged by blocks held out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import thermaltool as tt
+from thermaltool.fitting.data import even_training_data
+from thermaltool.fitting.rivals import HeldFit, Separate, held_fit
+from thermaltool.fitting.subspace.model import SubspaceOutput
+from thermaltool.fitting.subspace.plan import SubspacePlan
+from thermaltool.fitting.transfer.registry import structure_of
+from thermaltool.record import Record
+from thermaltool.report.identification import identification_table
+
+
+def quiet(message):
+    pass
+
+
+def swinging(rows=600):
+    """A pair of two per cent damping behind an input of steps."""
+    rng = np.random.default_rng(20261127)
+    u = np.repeat(rng.uniform(-1, 1, rows // 40), 40)
+    u[:40] = 0.0
+    pole = 0.98 * np.exp(0.3j)
+    a = np.poly([pole, pole.conjugate()]).real
+    y = lfilter([0.0, a.sum()], a, u)
+    return u, y, y + 0.05 * y.std() * rng.standard_normal(rows)
+
+
+def record_of(u, y, output="dT_a_K"):
+    return Record(np.arange(float(len(u))), {"Q_a_W": u, output: y}, name="log")
+
+
+@pytest.mark.parametrize(("level", "fits", "taken"), [
+    (-0.2, (60.0, 70.0), True),
+    (-0.05, (60.0, 70.0), False),
+    (-0.2, (47.0, 90.0), False),
+    (0.2, (60.0, 70.0), False),
+])  # fmt: skip
+def test_another_structure_has_to_be_decisively_better_and_give_up_no_output(level, fits, taken):
+    assert HeldFit(level, fits).beats(HeldFit(0.0, (50.0, 65.0))) is taken
+
+
+def test_blocks_held_out_tell_a_pair_from_real_poles():
+    u, _, y = swinging()
+    data = even_training_data([record_of(u, y)], ["Q_a_W"], ["dT_a_K"]).from_rest()
+
+    def held(real, nf):
+        structure = structure_of("oe", real=real)
+        orders = structure.orders((1,), nf, (1,))
+        return held_fit(data, lambda part: Separate((structure.fit(part, orders),)))
+
+    pair, real = held(False, 2), held(True, 1)
+    assert pair.fit_percent[0] > 90
+    assert real.fit_percent[0] < 70
+    assert pair.beats(real)
+    assert not real.beats(pair)
+
+
+@pytest.mark.slow
+def test_heat_that_swings_has_pairs_and_the_table_says_so():
+    u, _, y = swinging()
+    found = tt.identify(record_of(u, y), ["Q_a_W"], ["dT_a_K"], split=0.6, warn=quiet)
+    assert found.fits[0].validation.carried_on.fit_percent > 90
+    assert "structure of dT_a_K: " in found.table()
+    assert "oe with real poles has" in found.table()
+    assert found.document()["models"][0]["chosen_over"]["usual"] == "oe with real poles"
+    kept = tt.identify(record_of(u, y), ["Q_a_W"], ["dT_a_K"], split=0.6, real_poles=True,
+                       warn=quiet)  # fmt: skip
+    assert kept.fits[0].chosen_over is None
+    assert "structure of" not in identification_table(kept.fits)
+
+
+@pytest.mark.slow
+def test_a_free_start_has_to_predict_rows_held_out_too():
+    """Slow lags from rest in coloured noise, where the first rows do not stand still."""
+    rng = np.random.default_rng(20261128)
+    rows = 1200
+    u = np.repeat(rng.uniform(0, 1, (2, rows // 60)), 60, axis=1)
+    u[:, :5] = 0.0
+    lags = [lfilter([0, 1 - a], [1, -a], u, axis=1) for a in np.exp(-1 / np.array([400, 60, 9.0]))]
+    y = np.array([[1.0, 0.5], [0.4, 1.2]]) @ lags[0] + rng.uniform(0, 1, (2, 2)) @ lags[1] + lags[2]
+    y += 0.02 * y.std() * lfilter([0.6], [1, -0.8], rng.standard_normal((2, rows)), axis=1)
+    names = ["Q_a_W", "Q_b_W"], ["dT_a_K", "dT_b_K"]
+    record = Record(
+        np.arange(float(rows)), dict(zip([*names[0], *names[1]], [*u, *y], strict=True))
+    )
+    plan = SubspacePlan()
+    assert all(each.at_rest for each in plan.start(plan.data_sets([record], *names)[0]).records)
+
+
+@pytest.mark.slow
+def test_several_responses_share_their_poles_by_default():
+    rng = np.random.default_rng(20261129)
+    u = np.repeat(rng.uniform(-1, 1, (2, 40)), 20, axis=1)
+    u[:, :20] = 0.0
+    lag = lfilter([0, 0.1], [1, -0.9], u, axis=1)
+    y = np.array([[1.0, 0.5], [-0.4, 1.2]]) @ lag
+    y += 0.05 * rng.standard_normal(y.shape)
+    columns = dict(zip(["Q_a_W", "Q_b_W", "dT_a_K", "dT_b_K"], [*u, *y], strict=True))
+    record = Record(np.arange(800.0), columns, name="log")
+    fits = tt.identify(record, ["Q_a_W", "Q_b_W"], ["dT_a_K", "dT_b_K"], warn=quiet).fits
+    assert all(isinstance(fit.model, SubspaceOutput) for fit in fits)
+    holed = record.columns["dT_a_K"].copy()
+    holed[300:500:50] = np.nan
+    other = Record(record.time, {**record.columns, "dT_a_K": holed}, name="log")
+    fits = tt.identify(other, ["Q_a_W", "Q_b_W"], ["dT_a_K", "dT_b_K"], nan_policy="omit",
+                       warn=quiet).fits  # fmt: skip
+    assert not any(isinstance(fit.model, SubspaceOutput) for fit in fits)
