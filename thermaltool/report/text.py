@@ -10,6 +10,7 @@ from thermaltool.units import parse_channel, symbol
 
 if TYPE_CHECKING:
     from thermaltool.estimation.estimator import KalmanEstimator
+    from thermaltool.estimation.heat_steps import HeatSteps
     from thermaltool.logs import Log
     from thermaltool.model import Excursion, Zero
 
@@ -109,6 +110,15 @@ def sizes_message(found: KalmanEstimator) -> str:
         drift = f", drift {noise.drift:.3g} {unit} within {noise.drift_time:.3g} s"
         noises.append(f"{name} has noise of {noise.white:.3g} {unit}{drift if noise.drift else ''}")
     return f"as this log tells it, {'; '.join([*walks, *noises])}"
+
+
+def steps_message(found: HeatSteps) -> str:
+    """Which of walk and steps a log makes likelier."""
+    by = abs(found.evidence - found.of_walk)
+    if not found.are_likelier:
+        return f"the heat is taken to wander: steps are {by:.3g} nats less likely"
+    return (f"the heat is taken to step, {counted(found.count, 'time')}: that is {by:.3g} nats "
+            "likelier than a walk alone, which --walk likelihood takes")  # fmt: skip
 
 
 def pause_messages(log: Log, meaning: str) -> Iterator[str]:
