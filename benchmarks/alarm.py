@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from smoothing import CALIBRATION_ROWS, Case, Noise, model_of
 
 from thermaltool.errors import ModelError
-from thermaltool.estimation.bands import model_errors
+from thermaltool.estimation.bands import gain_errors, model_errors
 from thermaltool.estimation.innovation_test import InnovationTest, first_alarm
 from thermaltool.estimation.lookahead import linear_kalman
 from thermaltool.estimation.pipeline import EstimatorPipeline
@@ -45,7 +45,8 @@ def parted(
     """Whether a duty of `rows` rows on a machine ends with an alarm."""
     kalman = linear_kalman(EstimatorPipeline.of(model).estimator)
     readings = case.readings(machine, case.heat(rows, generator), generator)
-    test = InnovationTest(kalman, PERIOD, model_errors(model, kalman))
+    errors = model_errors(model, kalman), gain_errors(model, kalman)
+    test = InnovationTest(kalman, PERIOD, *errors)
     return first_alarm(test, PERIOD * np.arange(rows), readings, False) is not None
 
 

@@ -14,6 +14,11 @@ from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.parameter_error import parameter_variance
 from thermaltool.model import Model
 
+# A sensor's signal is this share of its largest in the calibration, on the mean [1].
+SIGNAL_SHARE = 0.5
+# No sensor and no model are better than this [1].
+MIN_GAIN_ERROR = 1e-3
+
 
 def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) -> dict[str, Any]:
     """What `stream_bands` and the innovation test read in a design.
@@ -30,7 +35,7 @@ def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) ->
     dict
         ``sigma``: steady standard errors of the estimates for a model that is right; ``relative``:
         those of the parameters as shares of an estimate, after a step; ``model_error``: what the
-        calibration left of each sensor beside noise.
+        calibration left of each sensor beside noise; ``gain_error``: that over the sensor's signal.
     """
     space, (P, G) = kalman.state_space(problem.dt), kalman.steady(problem.dt)
     kept = P - G @ space.H @ P
@@ -48,6 +53,7 @@ def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) ->
         "sigma": sigma.tolist(),
         "relative": np.minimum(relative, 1.0).tolist(),
         "model_error": model_errors(model, kalman),
+        "gain_error": gain_errors(model, kalman),
     }
 
 
@@ -75,3 +81,24 @@ def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
             raise ModelError(f"fit of {sensor}: rmse, noise: {error}") from error
         found.append(sqrt(1 - (noise / rmse) ** 2) * rmse if rmse > noise else 0.0)
     return found
+
+
+def gain_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
+    """How far each sensor's gain may be from the model's: what is left over its signal.
+
+    A sensor of which the calibration left nothing beside noise was lucky: it counts with the root
+    mean square of all.
+
+    Parameters
+    ----------
+    model : Model
+    kalman : KalmanEstimator
+    """
+    ranges = {output.channel: max(map(abs, output.range)) for output in model.outputs}
+    errors = model_errors(model, kalman)
+    found = [
+        error / (SIGNAL_SHARE * ranges[sensor]) if ranges[sensor] else 1.0
+        for sensor, error in zip(kalman.sensors, errors, strict=True)
+    ]
+    together = sqrt(sum(each**2 for each in found) / max(len(found), 1))
+    return [min(max(each, together, MIN_GAIN_ERROR), 1.0) for each in found]

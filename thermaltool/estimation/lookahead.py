@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from thermaltool.errors import ModelError
-from thermaltool.estimation.bands import model_errors
+from thermaltool.estimation.bands import gain_errors, model_errors
 from thermaltool.estimation.deconvolution import (
     DeconvolutionPlan,
     Deconvolved,
@@ -217,8 +217,8 @@ def _parted(
     model: Model, designed: KalmanEstimator, time: Float, readings: Float, settled: bool
 ) -> tuple[int | None, str]:
     """By the noise of the design: what the record itself tells has seen the contradiction."""
-    errors = model_errors(model, designed)
-    test = InnovationTest(designed, float(np.median(np.diff(time))), errors)
+    errors = model_errors(model, designed), gain_errors(model, designed)
+    test = InnovationTest(designed, float(np.median(np.diff(time))), *errors)
     parted = first_alarm(test, time, readings, settled)
     return parted, "" if parted is None else test.reason
 
