@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from thermaltool.estimation.bands import MIN_GAIN_ERROR, SIGNAL_SHARE, gain_errors
+from thermaltool.estimation.bands import MIN_GAIN_ERROR, SIGNAL_SHARE, gain_errors, model_errors
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.gain_test import FIRST_SILENCE, chi_squared_limit
 from thermaltool.estimation.innovation_test import WALK_FACTOR, InnovationTest, first_alarm
@@ -128,6 +128,7 @@ def test_a_sensor_of_which_nothing_was_left_counts_as_the_others():
     model, kalman = SimpleNamespace(outputs=outputs), SimpleNamespace(sensors=channels)
     own = 0.04 / (SIGNAL_SHARE * 10.0)
     assert gain_errors(model, kalman) == pytest.approx([own, *(own / np.sqrt(3),) * 2])
+    assert model_errors(model, kalman) == pytest.approx([0.04, *(0.04 / np.sqrt(3),) * 2])
     for each in outputs:
         each.fit = {}
     assert gain_errors(model, kalman) == [MIN_GAIN_ERROR] * 3

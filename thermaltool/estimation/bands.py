@@ -58,7 +58,10 @@ def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) ->
 
 
 def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
-    """What the calibration left of each sensor beside noise: root of the squared residual's rest.
+    """What the calibration leaves of each sensor beside noise [unit of the sensor].
+
+    Root of the squared residual's rest. A sensor of which less is left than of the others, over its
+    signal, was lucky: it counts with the root mean square of all.
 
     Parameters
     ----------
@@ -71,7 +74,7 @@ def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
         What a fit keeps of them is no number.
     """
     fits = {output.channel: output.fit for output in model.outputs}
-    found = []
+    left = []
     for sensor in kalman.sensors:
         fit = fits[sensor]
         try:
@@ -79,26 +82,26 @@ def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
             noise = finite(fit["noise"]) if "noise" in fit else inf
         except ModelError as error:
             raise ModelError(f"fit of {sensor}: rmse, noise: {error}") from error
-        found.append(sqrt(1 - (noise / rmse) ** 2) * rmse if rmse > noise else 0.0)
-    return found
+        left.append(sqrt(1 - (noise / rmse) ** 2) * rmse if rmse > noise else 0.0)
+    signals = _signals(model, kalman)
+    shares = [each / signal for each, signal in zip(left, signals, strict=True) if signal]
+    together = sqrt(sum(each**2 for each in shares) / max(len(shares), 1))
+    return [max(each, together * signal) for each, signal in zip(left, signals, strict=True)]
 
 
 def gain_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
-    """How far each sensor's gain may be from the model's: what is left over its signal.
-
-    A sensor of which the calibration left nothing beside noise was lucky: it counts with the root
-    mean square of all.
+    """How far each sensor's gain may be from the model's [1]: `model_errors` over its signal.
 
     Parameters
     ----------
     model : Model
     kalman : KalmanEstimator
     """
+    pairs = zip(model_errors(model, kalman), _signals(model, kalman), strict=True)
+    return [min(max(error / signal, MIN_GAIN_ERROR), 1.0) if signal else 1.0
+            for error, signal in pairs]  # fmt: skip
+
+
+def _signals(model: Model, kalman: KalmanEstimator) -> list[float]:
     ranges = {output.channel: max(map(abs, output.range)) for output in model.outputs}
-    errors = model_errors(model, kalman)
-    found = [
-        error / (SIGNAL_SHARE * ranges[sensor]) if ranges[sensor] else 1.0
-        for sensor, error in zip(kalman.sensors, errors, strict=True)
-    ]
-    together = sqrt(sum(each**2 for each in found) / max(len(found), 1))
-    return [min(max(each, together, MIN_GAIN_ERROR), 1.0) for each in found]
+    return [SIGNAL_SHARE * ranges[sensor] for sensor in kalman.sensors]
