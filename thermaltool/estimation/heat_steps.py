@@ -23,11 +23,12 @@ from thermaltool.estimation.even_smoother import EvenSmoother
 from thermaltool.estimation.smoother import Smoothed, smooth
 from thermaltool.responses.modes import Float, Recursion
 
-# Variance of the walk beside the steps, over that of the walk alone [1]. A smaller one is often
-# likelier still, but takes what the model gets wrong for steps.
-WALK_SHARES = (0.1, 0.01)
+# Variance of the walk beside the steps, over that of the walk alone [1]: the likelier of the first
+# two, the last where the walk alone is likelier than both. A smaller one is often likelier still,
+# but takes what the model gets wrong for steps.
+WALK_SHARES = (0.1, 0.01, 0.001)
 # So much less likely than the walk alone, the steps are not looked for with a smaller walk [nats].
-HOPELESS = 20.0
+HOPELESS = 50.0
 # Rows that may hold a step: in a longer record every second row may, or fewer.
 MAX_PLACES = 8000
 # More steps are not looked for, and none in more rows, which would take minutes.
@@ -49,8 +50,8 @@ class HeatSteps:
     Attributes
     ----------
     evidence : float
-        Logarithm of the likelihood of the readings with the likeliest rows, prior of the rows
-        included [nats].
+        Logarithm of the likelihood of the readings with steps, around the likeliest rows, the prior
+        of their number and rows included [nats].
     of_walk : float
         That of the walk alone.
     estimator : KalmanEstimator
@@ -144,6 +145,8 @@ def find_steps(
     best: tuple[float, _StepSearch, Places] | None = None
     places: Places = ()
     for share in WALK_SHARES:
+        if share == WALK_SHARES[-1] and best is not None and best[0] > of_walk:
+            break
         quieter = replace(sensed, walk=tuple(math.sqrt(share) * each for each in sensed.walk))
         search = _StepSearch(quieter, dt, readings, level, settled)
         places, evidence = search.likeliest(places)
@@ -241,7 +244,7 @@ class _StepSearch:
         return value + float(added[place]), (*places, place)
 
     def likeliest(self, places: Places) -> tuple[Places, float]:
-        """The likeliest set that is found from `places`, and its evidence [nats]."""
+        """The likeliest set that is found from `places`, and the evidence of steps around it."""
         value = self._weighed(places)[0]
         while len(places) < MAX_STEPS:
             found, more = self._best_added(places)
@@ -252,7 +255,15 @@ class _StepSearch:
                 places, value = better
                 continue
             places, value = more, found
-        return places, self.alone + value
+        return places, self.alone + value + self._of_neighbours(places)
+
+    def _of_neighbours(self, places: Places) -> float:
+        """What sets add to the evidence that differ from the likeliest in a place's row [nats]."""
+        more = 0.0
+        for each in places:
+            at, added = self._others(places, each)
+            more += float(np.log(np.sum(np.exp(added - added[each - at]))))
+        return more
 
     def _mended(self, places: Places, value: float) -> tuple[Places, float] | None:
         """A likelier set: a place left out or moved, or two neighbours made one."""
@@ -288,13 +299,18 @@ class _StepSearch:
 
     def _moved(self, places: Places, place: int, generator: np.random.Generator) -> Places:
         """A place drawn anew between its neighbours, given all others."""
+        low, added = self._others(places, place)
+        odds = np.exp(added - np.max(added))
+        moved = low + int(generator.choice(len(odds), p=odds / np.sum(odds)))
+        return (*(each for each in places if each != place), moved)
+
+    def _others(self, places: Places, place: int) -> tuple[int, Float]:
+        """Where a place could be between its neighbours: the first, and what each would add."""
         drive, others = place // self.each, tuple(each for each in places if each != place)
         of_drive = [each for each in others if each // self.each == drive]
         low = max((each + 1 for each in of_drive if each < place), default=drive * self.each)
         high = min((each for each in of_drive if each > place), default=(drive + 1) * self.each)
-        _, added = self._weighed(others, slice(low, high))
-        odds = np.exp(added - np.max(added))
-        return (*others, low + int(generator.choice(len(odds), p=odds / np.sum(odds))))
+        return low, self._weighed(others, slice(low, high))[1]
 
     def _born_or_dead(self, places: Places, generator: np.random.Generator) -> Places:
         """One place more, drawn by what it would add, or one less (Green 1995)."""
