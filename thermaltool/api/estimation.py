@@ -330,7 +330,14 @@ def estimate(
     from thermaltool.estimation.lookahead import Lookahead
     from thermaltool.estimation.pipeline import EstimatorPipeline
     from thermaltool.model import NOT_AT_REST
-    from thermaltool.report.text import excursion_message, row_message, sizes_message, steps_message
+    from thermaltool.report.text import (
+        excursion_message,
+        period_messages,
+        row_message,
+        sizes_message,
+        steps_message,
+        stuck_messages,
+    )
 
     model = as_model(model)
     pipeline = EstimatorPipeline.of(model)
@@ -354,6 +361,8 @@ def estimate(
         row, why = found.parted
         warn(row_message(log, row, f"model and machine have parted: {why}"))
     for sentence in found.deconvolved.notes if found.deconvolved else ():
+        warn(sentence)
+    for sentence in (*stuck_messages(log, need), *period_messages(log, model)):
         warn(sentence)
     for column, value in found.not_at_rest.items():
         warn(row_message(log, 0, f"{column}: {value:.4g} at the start {NOT_AT_REST}"))
