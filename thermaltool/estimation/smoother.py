@@ -28,10 +28,10 @@ Sensors = NDArray[np.intp]
 # A gain is held for as many rows as it, and the variances, change by no more than this share. What
 # that costs the estimates is of the order of its square; the standard errors, which grow within a
 # stretch, are true to 2 % in the first minutes after a start.
-HELD_CHANGE = 1e-4
+HELD_CHANGE = 1e-5
 # A stretch is no more times as long as the one before: what a step of the heat changes in the gain
 # shows late, when the modes have followed.
-MAX_GROWTH = 2
+MAX_GROWTH = 1.3
 # What is left of a sum of later readings counts as nothing below this share.
 REMAINDER = 1e-12
 # Stretches of fewer rows are walked through.
@@ -112,7 +112,8 @@ class _Filter:
                 raise FitError("the covariance of the estimate is not finite")
             # By how much they change in a sample, as the stretch before tells.
             rate = np.max(np.abs(now - before)) / length if len(before) else np.inf
-            held = int(min(HELD_CHANGE / max(rate, TINY), MAX_GROWTH * length, rows.stop - k))
+            grown = 1 + int(MAX_GROWTH * length)
+            held = int(min(HELD_CHANGE / max(rate, TINY), grown, rows.stop - k))
             before, length = now, max(held, 1)
             self._take(_Stretch(slice(k, k + length), some, H, S, L, PC), K, C @ G, C)
             # Of the filter as it is, whether its gain is held or not.
