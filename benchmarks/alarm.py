@@ -14,10 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, toeplitz
 from smoothing import CALIBRATION_ROWS, Case, Noise, model_of
 
 from thermaltool.errors import ModelError
-from thermaltool.estimation.bands import model_errors
+from thermaltool.estimation.bands import gain_errors, model_errors
 from thermaltool.estimation.innovation_test import InnovationTest, first_alarm
 from thermaltool.estimation.lookahead import linear_kalman
 from thermaltool.estimation.pipeline import EstimatorPipeline
@@ -28,6 +29,8 @@ Array = NDArray[np.float64]
 PERIOD = 2.0
 # Rows of the logs, of a day, and after which a step response stands still.
 SHORT, LONG, DAY, SETTLED = 1500, 4500, 43200, 12000
+# Rows of which the bound takes the mean.
+THINNED = 5
 PAIRS = ("dT_pair1_K", "dT_pair2_K", "dT_pair3_K")
 
 
@@ -45,8 +48,37 @@ def parted(
     """Whether a duty of `rows` rows on a machine ends with an alarm."""
     kalman = linear_kalman(EstimatorPipeline.of(model).estimator)
     readings = case.readings(machine, case.heat(rows, generator), generator)
-    test = InnovationTest(kalman, PERIOD, model_errors(model, kalman))
+    errors = model_errors(model, kalman), gain_errors(model, kalman)
+    test = InnovationTest(kalman, PERIOD, *errors)
     return first_alarm(test, PERIOD * np.arange(rows), readings, False) is not None
+
+
+def bound(case: Case, draws: int, generator: np.random.Generator) -> str:
+    """The likelihood ratio of both machines, on means of `THINNED` rows."""
+    rows, mean = SHORT, SHORT // THINNED
+    walk = np.mean(np.diff(case.heat(40 * rows, generator), axis=0) ** 2)
+    noise = case.noise.covariance(rows, PERIOD).reshape(mean, THINNED, mean, THINNED)
+    white = np.kron(np.eye(len(PAIRS)), noise.mean(axis=(1, 3)))
+    factors = []
+    for machine in (case.calibrated, case.steps):
+        # Readings after a change of the heat in each row.
+        moved = [np.tril(toeplitz(machine[:rows, s, 0])) for s in range(len(PAIRS))]
+        means = np.vstack([each.reshape(mean, THINNED, rows).mean(axis=1) for each in moved])
+        factors.append(cho_factor(walk * means @ means.T + white))
+    logs = [2 * np.sum(np.log(np.diag(each))) for each, _ in factors]
+    ratios = []
+    for _ in range(draws):
+        read = case.readings(case.steps, case.heat(rows, generator), generator)
+        y = read.reshape(mean, THINNED, -1).mean(axis=1).T.ravel()
+        calibrated, lossy = (
+            y @ cho_solve(factor, y) + log for factor, log in zip(factors, logs, strict=True)
+        )
+        ratios.append(0.5 * (calibrated - lossy))
+    # A ratio of 1/p is exceeded without loss with a probability of p at most (Ville 1939).
+    limit = np.log(DAY / rows / 0.01)
+    found = np.sum(np.array(ratios) > limit)
+    return (f"{found} of {draws} logs, least ratio {np.min(ratios):.1f} nats, median "
+            f"{np.median(ratios):.1f}, limit {limit:.1f}")  # fmt: skip
 
 
 def main() -> int:
@@ -54,6 +86,7 @@ def main() -> int:
     parser.add_argument("--models", type=int, default=8)
     parser.add_argument("--logs", type=int, default=12, help="of each length, for each model")
     parser.add_argument("--days", type=int, default=4, help="for each model")
+    parser.add_argument("--bound", action="store_true", help="of a test that knows the loss")
     parser.add_argument("--seed", type=int, help="drawn and printed if absent")
     options = parser.parse_args()
     seed = options.seed
@@ -61,6 +94,9 @@ def main() -> int:
         seed = int(np.random.SeedSequence().entropy % 2**32)
     print(f"seed {seed}", file=sys.stderr)
     case = Case("frame", steps(13.5), steps(20.25), 1.0, PERIOD, Noise(0.02, 0.008))
+    if options.bound:
+        print(bound(case, 300, np.random.default_rng(seed)))
+        return 0
     print(
         "| responses | 50 min, loss + 50 % | 2.5 h, loss + 50 % | clean days |\n|---|---|---|---|"
     )

@@ -198,3 +198,36 @@ def test_what_cannot_be_looked_back_at(thermaltool, files, form, options, messag
     result = thermaltool("estimate", getattr(files, form), files.log, *options)
     assert (result.code in (1, 2), result.out) == (True, "")
     assert message in result.err
+
+
+@forms
+def test_a_design_for_another_sample_period_is_carried_over_and_told(thermaltool, files, form):
+    lines = files.log.read_text().splitlines()
+    thin = "\n".join([lines[0], *lines[1::5]]) + "\n"
+    result = thermaltool("estimate", getattr(files, form), "-", stdin=thin)
+    assert result.code == 0
+    told = [line for line in result.err.splitlines() if "where the design is for" in line]
+    assert len(told) == 1
+    assert told[0].endswith("and its errors are others (regularize --dt)")
+    whole = thermaltool("estimate", getattr(files, form), files.log)
+    assert "where the design is for" not in whole.err
+
+
+def test_a_sensor_that_stands_still_is_told(thermaltool, files):
+    header, *rows = csv.reader(files.log.read_text().splitlines())
+    at = next(k for k, name in enumerate(header) if name.startswith("dT"))
+
+    def log(stands):
+        kept = [row.copy() for row in rows]
+        for row in kept[stands]:
+            row[at] = kept[stands.start or 0][at]
+        return "\n".join(map(",".join, [header, *kept])) + "\n"
+
+    result = thermaltool("estimate", files.kalman, "-", "--smooth", stdin=log(slice(0, None)))
+    assert result.code == 1
+    assert len(result.err.splitlines()) == 1
+    assert f"{header[at]} reads the same in every row: a sensor that is stuck" in result.err
+    result = thermaltool("estimate", files.kalman, "-", stdin=log(slice(60, 160)))
+    assert result.code == 0
+    assert f"{header[at]}: " in result.err
+    assert "a sensor that is stuck? These rows count" in result.err

@@ -52,13 +52,26 @@ def test_the_flux_into_a_wall_from_its_other_face():
     time = np.arange(0.0, 1300.0, DT)
     for _ in range(2):
         log = wall_log(wall, time, reentry(time, generator, PEAK), generator)
-        found = tt.estimate(design, log, smooth=True, bands=True, warn=str)
+        found = tt.estimate(design, log, smooth=True, walk="likelihood", bands=True, warn=str)
         assert found.agreements["Q_front_W"].fit_percent >= 90
         error = np.abs(found.columns["Q_front_W"] - log["Q_front_W"].to_numpy())
         assert 0.88 < np.mean(error < 1.96 * found.columns["sigma_Q_front_W"]) < 0.99
         assert "nan" not in found.table()
-        stepped = tt.estimate(design, log, method="tikhonov1", warn=str)
-        assert stepped.agreements["Q_front_W"].fit_percent >= 90
+        of_order_1 = tt.estimate(design, log, method="tikhonov1", warn=str)
+        assert of_order_1.agreements["Q_front_W"].fit_percent >= 90
+    thin = log.iloc[::4]
+    walked, stepped = (
+        tt.estimate(design, thin, smooth=True, walk=walk, bands=True, warn=str)
+        for walk in ("likelihood", None)
+    )
+    fits = [each.agreements["Q_front_W"].fit_percent for each in (walked, stepped)]
+    assert fits[1] > max(fits[0], 90)
+    error, sigma = (
+        np.abs(stepped.columns["Q_front_W"] - thin["Q_front_W"].to_numpy()),
+        stepped.columns["sigma_Q_front_W"],
+    )
+    assert np.mean(error < 1.96 * sigma) > 0.9
+    assert np.median(sigma) < 0.7 * np.median(walked.columns["sigma_Q_front_W"])
 
 
 def frame_model():

@@ -195,7 +195,8 @@ def test_what_cannot_be_smoothed_says_so():
 
 
 def test_a_fit_that_keeps_no_number_is_told():
-    sensor = SimpleNamespace(channel="dT_a_K", fit={"rmse": [0.01, 0.01], "noise": 0.01})
+    fit = {"rmse": [0.01, 0.01], "noise": 0.01}
+    sensor = SimpleNamespace(channel="dT_a_K", fit=fit, range=(0.0, 8.0))
     model, kalman = SimpleNamespace(outputs=[sensor]), SimpleNamespace(sensors=["dT_a_K"])
     with pytest.raises(ModelError, match=r"fit of dT_a_K: rmse, noise: not a finite number"):
         model_errors(model, kalman)

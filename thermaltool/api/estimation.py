@@ -281,8 +281,8 @@ def estimate(
         Each estimate rests on the readings up to so long after it, as a stream's does.
     walk : float, "likelihood" or "design", optional
         How fast the heat changes: a random-walk rate [share of the level per √s], at the maximum
-        of the likelihood of this record's readings, or as the design has it. Default: "likelihood"
-        with `smooth`, else "design".
+        of the likelihood of this record's readings, or as the design has it. Default: "design";
+        with `smooth` the likelier of "likelihood" and a smaller walk beside steps.
     bands : bool
         Standard errors of all estimates, as columns ``sigma_...``.
     method : {"tikhonov0", "tikhonov1", "tikhonov2", "tv", "beck"}, optional
@@ -330,7 +330,14 @@ def estimate(
     from thermaltool.estimation.lookahead import Lookahead
     from thermaltool.estimation.pipeline import EstimatorPipeline
     from thermaltool.model import NOT_AT_REST
-    from thermaltool.report.text import excursion_message, row_message, sizes_message
+    from thermaltool.report.text import (
+        excursion_message,
+        period_messages,
+        row_message,
+        sizes_message,
+        steps_message,
+        stuck_messages,
+    )
 
     model = as_model(model)
     pipeline = EstimatorPipeline.of(model)
@@ -346,10 +353,16 @@ def estimate(
     found = estimate_record(model, pipeline, log, initial == "settled", how)
     if found.sizes is not None:
         warn(sizes_message(found.sizes))
+    if found.steps is not None:
+        warn(steps_message(found.steps))
+    elif found.no_steps:
+        warn(f"the heat is taken to wander; no steps are looked for: {found.no_steps}")
     if found.parted is not None:
         row, why = found.parted
         warn(row_message(log, row, f"model and machine have parted: {why}"))
     for sentence in found.deconvolved.notes if found.deconvolved else ():
+        warn(sentence)
+    for sentence in (*stuck_messages(log, need), *period_messages(log, model)):
         warn(sentence)
     for column, value in found.not_at_rest.items():
         warn(row_message(log, 0, f"{column}: {value:.4g} at the start {NOT_AT_REST}"))

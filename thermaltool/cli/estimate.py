@@ -32,7 +32,8 @@ RULES = "likelihood", "gcv", "quasi-optimality", "discrepancy", "l-curve"
               help="Each estimate rests on the readings up to so long after it [s].")  # fmt: skip
 @click.option("--walk", type=RateType(),
               help="How fast the heat changes: as this log tells it, as the design has it, or a "
-              "rate [share of the level per √s].  [default: likelihood with --smooth, else design]"
+              "rate [share of the level per √s].  [default: design; with --smooth the likelier of "
+              "likelihood and a smaller one beside steps]"
 )  # fmt: skip
 @click.option("--bands", is_flag=True,
               help="Add a column sigma_... for each: its standard error.")  # fmt: skip

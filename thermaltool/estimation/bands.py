@@ -14,6 +14,11 @@ from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.parameter_error import parameter_variance
 from thermaltool.model import Model
 
+# A sensor's signal is this share of its largest in the calibration, on the mean [1].
+SIGNAL_SHARE = 0.5
+# No sensor and no model are better than this [1].
+MIN_GAIN_ERROR = 1e-3
+
 
 def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) -> dict[str, Any]:
     """What `stream_bands` and the innovation test read in a design.
@@ -30,7 +35,7 @@ def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) ->
     dict
         ``sigma``: steady standard errors of the estimates for a model that is right; ``relative``:
         those of the parameters as shares of an estimate, after a step; ``model_error``: what the
-        calibration left of each sensor beside noise.
+        calibration left of each sensor beside noise; ``gain_error``: that over the sensor's signal.
     """
     space, (P, G) = kalman.state_space(problem.dt), kalman.steady(problem.dt)
     kept = P - G @ space.H @ P
@@ -48,11 +53,15 @@ def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) ->
         "sigma": sigma.tolist(),
         "relative": np.minimum(relative, 1.0).tolist(),
         "model_error": model_errors(model, kalman),
+        "gain_error": gain_errors(model, kalman),
     }
 
 
 def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
-    """What the calibration left of each sensor beside noise: root of the squared residual's rest.
+    """What the calibration leaves of each sensor beside noise [unit of the sensor].
+
+    Root of the squared residual's rest. A sensor of which less is left than of the others, over its
+    signal, was lucky: it counts with the root mean square of all.
 
     Parameters
     ----------
@@ -65,7 +74,7 @@ def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
         What a fit keeps of them is no number.
     """
     fits = {output.channel: output.fit for output in model.outputs}
-    found = []
+    left = []
     for sensor in kalman.sensors:
         fit = fits[sensor]
         try:
@@ -73,5 +82,26 @@ def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
             noise = finite(fit["noise"]) if "noise" in fit else inf
         except ModelError as error:
             raise ModelError(f"fit of {sensor}: rmse, noise: {error}") from error
-        found.append(sqrt(1 - (noise / rmse) ** 2) * rmse if rmse > noise else 0.0)
-    return found
+        left.append(sqrt(1 - (noise / rmse) ** 2) * rmse if rmse > noise else 0.0)
+    signals = _signals(model, kalman)
+    shares = [each / signal for each, signal in zip(left, signals, strict=True) if signal]
+    together = sqrt(sum(each**2 for each in shares) / max(len(shares), 1))
+    return [max(each, together * signal) for each, signal in zip(left, signals, strict=True)]
+
+
+def gain_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
+    """How far each sensor's gain may be from the model's [1]: `model_errors` over its signal.
+
+    Parameters
+    ----------
+    model : Model
+    kalman : KalmanEstimator
+    """
+    pairs = zip(model_errors(model, kalman), _signals(model, kalman), strict=True)
+    return [min(max(error / signal, MIN_GAIN_ERROR), 1.0) if signal else 1.0
+            for error, signal in pairs]  # fmt: skip
+
+
+def _signals(model: Model, kalman: KalmanEstimator) -> list[float]:
+    ranges = {output.channel: max(map(abs, output.range)) for output in model.outputs}
+    return [SIGNAL_SHARE * ranges[sensor] for sensor in kalman.sensors]

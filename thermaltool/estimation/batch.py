@@ -10,6 +10,7 @@ import numpy as np
 from thermaltool.errors import LogError, counted
 from thermaltool.estimation.deconvolution import Deconvolved
 from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.estimation.heat_steps import HeatSteps
 from thermaltool.estimation.lookahead import Lookahead, look
 from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.model import Excursion, Model, away_from_rest, beside, excursions, extrapolated
@@ -44,7 +45,11 @@ class EstimatedRecord:
         With the sizes of walk and noise that were taken, where they are not the design's.
     parted : (int, str) or None
         The row from which on model and machine contradict each other, and what says so; looked for
-        where standard errors were asked for.
+        where standard errors were asked for or steps could be looked for.
+    steps : HeatSteps or None
+        What the readings say of steps of the heat, where these were looked for.
+    no_steps : str
+        Why they were not.
     deconvolved : Deconvolved or None
         How a method that was asked for came to its heat.
     """
@@ -59,6 +64,8 @@ class EstimatedRecord:
     sizes: KalmanEstimator | None = None
     parted: tuple[int, str] | None = None
     deconvolved: Deconvolved | None = None
+    steps: HeatSteps | None = None
+    no_steps: str = ""
 
     def columns(self) -> dict[str, Float]:
         """The table: ``time_s``, the estimates and their standard errors."""
@@ -110,7 +117,7 @@ def estimate(
             if not settled and len(values) and away_from_rest(values[0], column.calibrated):
                 not_at_rest[column.column] = float(values[0])
     sigma: dict[str, Float] = {}
-    sizes, parted, deconvolved = None, None, None
+    sizes, parted, deconvolved, steps, no_steps = None, None, None, None, ""
     names = pipeline.estimator.estimates
     if how is None or how.plain:
         found = [*pipeline.run(record.time, true_values, settled).T]
@@ -120,6 +127,7 @@ def estimate(
         found = pipeline.given_out([*looked.estimates.T])
         sizes = None if how.sizes == "design" else looked.estimator
         deconvolved = looked.deconvolved
+        steps, no_steps = looked.steps, looked.no_steps
         parted = None if looked.parted is None else (looked.parted, looked.reason)
         if looked.sigma is not None:
             # Through the maps behind the estimator, which may bend.
@@ -140,6 +148,8 @@ def estimate(
         sizes,
         parted,
         deconvolved,
+        steps,
+        no_steps,
     )
 
 

@@ -13,6 +13,7 @@ and many records cost one set of matrices. `smoother.smooth` takes any clock and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +35,8 @@ class EvenSmoother:
     start : ndarray, shape (n, n)
         Covariance of the first state.
     rows : int
+    shocked : sequence of int
+        States of which `scores` and `information` tell.
 
     Raises
     ------
@@ -41,7 +44,9 @@ class EvenSmoother:
         The Riccati equation has no steady solution.
     """
 
-    def __init__(self, space: StateSpace, start: Float, rows: int) -> None:
+    def __init__(
+        self, space: StateSpace, start: Float, rows: int, shocked: Sequence[int] = ()
+    ) -> None:
         F, H, C = space.F, space.H, space.C
         self.rows, self.sensors, self._C = rows, len(H), C
         self.P = P = space.predicted()
@@ -53,6 +58,9 @@ class EvenSmoother:
         self._forward = Recursion(self.L, self.K, np.zeros_like(self.K), np.vstack([H, C]))
         back = self.weighed.T
         self._back = Recursion(self.L.T, np.zeros_like(back), back, C @ P.T)
+        self._shocked = list(shocked)
+        taken = np.eye(len(P))[self._shocked]
+        self._score = Recursion(self.L.T, np.zeros_like(back), back, taken)
         self.N = propagated(self.L.T, H.T @ self.weighed, np.zeros_like(P), rows)
         self.ratio = np.eye(len(P)) - self.N @ self.D
 
@@ -89,13 +97,57 @@ class EvenSmoother:
         estimates[:count] += self._pass(np.zeros((count, self.sensors)), first)[0]
         return estimates, squares + float(r @ self.D @ told)
 
+    def scores(self, readings: Float) -> Float:
+        """How the log likelihood changes with a shock to a state, at the shock of zero.
+
+        Parameters
+        ----------
+        readings : ndarray, shape (n, n_sensors)
+
+        Returns
+        -------
+        ndarray, shape (n, n_shocked)
+            Of a shock at each row, before its reading.
+        """
+        v, _ = self._innovations(readings, np.zeros(len(self.P)))
+        found, r = self._adjoint(self._score, v)
+        first = -self.D @ np.linalg.solve(self.ratio, r)
+        count = min(self.rows, self._memory)
+        v, _ = self._innovations(np.zeros((count, self.sensors)), first)
+        found[:count] += self._adjoint(self._score, v)[0]
+        return found
+
+    def information(self) -> Float:
+        """Information that readings hold on such a shock, shape (n, n_shocked)."""
+        W, count, at = self.H.T @ self.weighed, min(self.rows, self._memory), self._shocked
+        # From the last row back until the readings that are still to come make no difference.
+        late, N = np.empty((count, len(at))), np.zeros_like(W)
+        for k in range(count):
+            N = W + self.L.T @ N @ self.L
+            late[k] = N[at, at]
+        found = np.tile(late[-1], (self.rows, 1))
+        found[self.rows - count :] = late[::-1]
+        # A start that is known better than the steady filter knows a state: its first rows.
+        gained, reach = np.linalg.solve(self.ratio.T, self.D), self.N[:, at]
+        for k in range(count):
+            found[k] += np.einsum("ij,ik,kj->j", reach, gained, reach)
+            reach = self.L.T @ reach
+        return np.maximum(found, 0.0)
+
     def _pass(self, readings: Float, first: Float) -> tuple[Float, Float, Float]:
+        v, predicted = self._innovations(readings, first)
+        added, r = self._adjoint(self._back, v)
+        return predicted + added, v, r
+
+    def _innovations(self, readings: Float, first: Float) -> tuple[Float, Float]:
         out, _ = self._forward.run(readings, first)
         # `run` takes an input at the start of its sample: row k has seen rows before k.
-        v, predicted = readings - out[:, : self.sensors], out[:, self.sensors :]
+        return readings - out[:, : self.sensors], out[:, self.sensors :]
+
+    def _adjoint(self, back: Recursion, v: Float) -> tuple[Float, Float]:
         padded = np.vstack([np.zeros((1, self.sensors)), v[::-1]])
-        added, r = self._back.run(padded, np.zeros(len(self.P)))
-        return predicted + added[:0:-1], v, r
+        added, r = back.run(padded, np.zeros(len(self.P)))
+        return added[:0:-1], r
 
     @cached_property
     def _memory(self) -> int:

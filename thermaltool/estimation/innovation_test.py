@@ -1,22 +1,24 @@
 """Whether a model still goes with its machine: a test of the readings along the way.
 
 A Kalman filter that lets the heat change as fast as it likes runs beside the estimator: what no
-heat explains is left to the sensors' noise. Two signs say that model and machine have parted: the
+heat explains is left to the sensors' noise. Three signs say that model and machine have parted: the
 innovations squared, over what the filter expects (NIS), and drifts that the sensors would need and
-that noise and model do not account for; both as means over half an hour. It needs numpy alone.
+that noise and model do not account for, both as means over half an hour; and sensors that answer in
+other ratios (`gain_test`). It needs numpy alone.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
+from thermaltool.estimation.gain_test import GainTest, WhitenedSample
 from thermaltool.responses.modes import Float
 from thermaltool.responses.sample_clock import CLOCK_STEP
 
@@ -31,25 +33,13 @@ MAX_NIS = 2.0
 # Mean square of the drifts that the sensors would need, over what noise and model leave: up to 2.8
 # within 5 h on the frame as it was calibrated, 12 to 21 with a loss of heat of 150 %.
 MAX_DRIFT = 5.0
+# What a model gets wrong of a sensor lasts so long [s]: it shows while a heat changes.
+MISFIT_TIME = 60.0
 # After a pause of more than so many periods the heat may be any, which the steady gain follows in a
 # while: so long [s], and for as many periods, nothing is tested.
 MAX_PAUSE, BLIND_TIME = 5, 60.0
 # Sample lengths whose matrices are kept.
 MAX_CACHED_LENGTHS = 64
-
-
-@dataclass(frozen=True)
-class _WhitenedSample:
-    """The steady filter over one length of sample.
-
-    ``root`` whitens an innovation, ``share`` is the weight of a row in the means.
-    """
-
-    F: Float
-    H: Float
-    G: Float
-    root: Float
-    share: float
 
 
 class InnovationTest:
@@ -62,6 +52,8 @@ class InnovationTest:
         The expected sample length.
     model_error : sequence of float
         For each sensor what the model leaves of it beside noise [unit of the sensor].
+    gain_error : sequence of float, optional
+        That over the sensor's signal [1]; without it the ratios of the sensors are not tested.
 
     Attributes
     ----------
@@ -74,32 +66,36 @@ class InnovationTest:
     """
 
     def __init__(
-        self, estimator: KalmanEstimator, period: float, model_error: Sequence[float]
+        self,
+        estimator: KalmanEstimator,
+        period: float,
+        model_error: Sequence[float],
+        gain_error: Sequence[float] = (),
     ) -> None:
-        noise = tuple(
-            replace(each, drift=math.hypot(each.drift, error) or each.white)
-            for each, error in zip(estimator.noise, model_error, strict=True)
-        )
+        noise = tuple(map(_with_misfit, estimator.noise, model_error))
         walk = tuple(WALK_FACTOR * each for each in estimator.walk)
         # What follows the heat is not read.
         self._filter = replace(estimator, outputs=(), followed=(), walk=walk, noise=noise)
         self._period = max(round(period / CLOCK_STEP), 1)
         self._sample = lru_cache(MAX_CACHED_LENGTHS)(self._of_ticks)
         self._allowed = np.array([each.drift for each in noise])
-        sample = self._sample(self._period)
-        self._sensors = len(noise)
+        sample, _ = self._sample(self._period)
+        self._sensors, self._modal = len(noise), self._filter.modal
         self._x = np.zeros(len(sample.F))
         self._blind = 0
         self.nis = self.drift = 1.0
         self.can_tell = self._sensors > len(estimator.drives)
+        self._gains = None
+        if gain_error and self.can_tell:
+            self._gains = GainTest(_shares(estimator), gain_error)
 
-    def _of_ticks(self, ticks: int) -> _WhitenedSample:
+    def _of_ticks(self, ticks: int) -> tuple[WhitenedSample, float]:
+        """The filter over a sample, and the weight of a row in the means."""
         dt = ticks * CLOCK_STEP
         space = self._filter.state_space(dt)
         P, G = self._filter.steady(dt)
         S = space.H @ P @ space.H.T + space.R
-        root = np.linalg.inv(np.linalg.cholesky(S))
-        return _WhitenedSample(space.F, space.H, G, root, -math.expm1(-dt / WINDOW))
+        return WhitenedSample.of(space.F, space.H, G, S), -math.expm1(-dt / WINDOW)
 
     def start(self, readings: Float, settled: bool = False) -> None:
         """Begin at the first readings: at rest, or settled at them.
@@ -112,6 +108,8 @@ class InnovationTest:
         self._x = self._filter.first_state(self._period * CLOCK_STEP, readings, settled)
         self._blind = 0
         self.nis = self.drift = 1.0
+        if self._gains is not None:
+            self._gains.start(len(self._x))
 
     def step(self, ticks: int, readings: Float) -> None:
         """Take the readings after a sample of `ticks` clock steps.
@@ -121,30 +119,44 @@ class InnovationTest:
         ticks : int
         readings : ndarray, shape (n_sensors,)
         """
-        sample = self._sample(ticks)
+        sample, weight = self._sample(ticks)
         a = sample.F @ self._x
         v = readings - sample.H @ a
         self._x = a + sample.G @ v
+        z = sample.root @ v
         if ticks > MAX_PAUSE * self._period:
             self._blind = max(round(BLIND_TIME / CLOCK_STEP), MAX_PAUSE * self._period)
+        if self._gains is not None:
+            signals = sample.H[:, : self._modal] @ a[: self._modal]
+            self._gains.step(sample, signals, z, ticks * CLOCK_STEP, self._blind <= 0)
         if self._blind > 0:
             self._blind -= min(ticks, self._period)
             return
-        z = sample.root @ v
         drift = self._x[-self._sensors :] / self._allowed
-        self.nis += sample.share * (float(z @ z) / self._sensors - self.nis)
-        self.drift += sample.share * (float(drift @ drift) / self._sensors - self.drift)
+        self.nis += weight * (float(z @ z) / self._sensors - self.nis)
+        self.drift += weight * (float(drift @ drift) / self._sensors - self.drift)
 
     @property
     def alarm(self) -> bool:
         """Whether model and machine have parted."""
-        return self.can_tell and (self.nis > MAX_NIS or self.drift > MAX_DRIFT)
+        changed = self.nis > MAX_NIS or self.drift > MAX_DRIFT or self._ratios_differ
+        return self.can_tell and changed
+
+    @property
+    def _ratios_differ(self) -> bool:
+        return self._gains is not None and self._gains.value > self._gains.limit
 
     @property
     def reason(self) -> str:
         """What raises the alarm."""
         if self.nis > MAX_NIS:
             return f"normalized innovations squared of {self.nis:.3g} (1 is expected)"
+        if self._gains is not None and self._ratios_differ:
+            gains = self._gains.gains()
+            found = ", ".join(f"{name} {100 * (gain - 1):+.2g} %" for name, gain in
+                              zip(self._filter.sensors, gains, strict=True))  # fmt: skip
+            return (f"the sensors' ratios differ from the model's ({found}; chi-squared "
+                    f"{self._gains.value:.3g}, limit {self._gains.limit:.3g})")  # fmt: skip
         drift = self._x[-self._sensors :]
         worst = int(np.argmax(np.abs(drift) / self._allowed))
         return (
@@ -154,7 +166,8 @@ class InnovationTest:
 
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
-        return [self._x.tolist(), self.nis, self.drift, self._blind]
+        gains = [] if self._gains is None else [self._gains.state()]
+        return [self._x.tolist(), self.nis, self.drift, self._blind, *gains]
 
     def resume(self, values: list[Any]) -> None:
         """Go on from a state.
@@ -164,11 +177,33 @@ class InnovationTest:
         ValueError
             Not a state of this test.
         """
-        x, nis, drift, blind = values
+        x, nis, drift, blind, *gains = values
         state = np.array(x, float)
         if state.shape != self._x.shape or not np.isfinite([*state, nis, drift]).all():
             raise ValueError("not a state of this test")
+        if len(gains) != (self._gains is not None):
+            raise ValueError("not a state of this test")
+        if self._gains is not None:
+            self._gains.start(len(state))
+            self._gains.resume(*gains)
         self._x, self.nis, self.drift, self._blind = state, float(nis), float(drift), int(blind)
+
+
+def _with_misfit(noise: SensorNoise, error: float) -> SensorNoise:
+    """A sensor's noise with what the model leaves of it, as a drift of both sizes and times."""
+    drift = math.hypot(noise.drift, error)
+    if not drift:
+        return replace(noise, drift=noise.white)
+    rate = (noise.drift**2 / noise.drift_time + error**2 / MISFIT_TIME) / drift**2
+    return replace(noise, drift=drift, drift_time=1 / rate)
+
+
+def _shares(estimator: KalmanEstimator) -> Float:
+    """Share of each drive in what a sensor shows of drives that wander as they do."""
+    found = np.zeros((len(estimator.sensors), len(estimator.drives)))
+    for sensor, drive, modes in estimator.sensed:
+        found[sensor, drive] += abs(modes.dc_gain()) * estimator.walk[drive]
+    return found / np.maximum(np.sum(found, axis=1, keepdims=True), 1e-300)
 
 
 def first_alarm(test: InnovationTest, time: Float, readings: Float, settled: bool) -> int | None:

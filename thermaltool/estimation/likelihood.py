@@ -64,7 +64,8 @@ def fit_sizes(
     Raises
     ------
     LogError
-        Fewer than `MIN_READINGS` rows with a reading of every sensor, and the walk not given.
+        Fewer than `MIN_READINGS` rows with a reading of every sensor, and the walk not given; a
+        sensor that stands still.
     FitError
         No sizes with a finite likelihood.
     """
@@ -80,6 +81,10 @@ def fit_sizes(
             "heat changes; pin it with --walk"
         )
     time, readings = _counted(time[known]), readings[known]
+    for name, still in zip(estimator.sensors, np.ptp(readings, axis=0) == 0, strict=True):
+        if still:
+            raise LogError(f"{name} reads the same in every row: a sensor that is stuck tells no "
+                           "heat; design for the others alone (regularize --sensor)")  # fmt: skip
     # What follows the heat has no reading, and no part in the likelihood.
     sensed = replace(estimator, outputs=(), followed=())
 

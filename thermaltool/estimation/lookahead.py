@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from thermaltool.errors import ModelError
-from thermaltool.estimation.bands import model_errors
+from thermaltool.estimation.bands import gain_errors, model_errors
 from thermaltool.estimation.deconvolution import (
     DeconvolutionPlan,
     Deconvolved,
@@ -19,6 +19,12 @@ from thermaltool.estimation.deconvolution import (
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
 from thermaltool.estimation.fixed_lag import fixed_lag, lag_saving
 from thermaltool.estimation.forms import linear_kalman
+from thermaltool.estimation.heat_steps import (
+    HeatSteps,
+    find_steps,
+    smooth_with_steps,
+    why_no_steps,
+)
 from thermaltool.estimation.innovation_test import InnovationTest, first_alarm
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.likelihood import fit_sizes
@@ -42,7 +48,8 @@ class Lookahead:
     lag : float or None [s]
     walk : float, "likelihood", "design" or None
         Random-walk rate of the heat [share of the level per √s], as the record tells it, or as the
-        design has it; None for "likelihood" where all of the record counts, else "design".
+        design has it; None for "design", or where all of the record counts for the likelier of a
+        walk as the record tells it and a smaller one beside steps.
     bands : bool
         Standard errors, too.
     plan : DeconvolutionPlan or None
@@ -78,6 +85,11 @@ class Lookahead:
         """Where the size of the walk comes from."""
         return self.walk or ("likelihood" if self.smooth else "design")
 
+    @property
+    def may_step(self) -> bool:
+        """Whether steps of the heat are looked for."""
+        return self.smooth and self.walk is None
+
 
 @dataclass(frozen=True)
 class Looked:
@@ -91,9 +103,14 @@ class Looked:
     estimator : KalmanEstimator
         With the sizes that were taken.
     parted : int or None
-        The first row at which model and machine have parted, where standard errors were asked for.
+        The first row at which model and machine have parted, where standard errors were asked for
+        or steps could be looked for.
     reason : str
         What says so.
+    steps : HeatSteps or None
+        Where they were looked for.
+    no_steps : str
+        Why they were not.
     deconvolved : Deconvolved or None
         How another method came to its heat.
     """
@@ -104,6 +121,8 @@ class Looked:
     parted: int | None = None
     reason: str = ""
     deconvolved: Deconvolved | None = None
+    steps: HeatSteps | None = None
+    no_steps: str = ""
 
 
 def look(
@@ -159,27 +178,49 @@ def look(
     if how.sizes != "design" and len(time):
         kalman = fit_sizes(kalman, time, readings, pinned=how.sizes != "likelihood").estimator
 
+    tested = len(time) > 1 and (how.bands or how.may_step)
+    parted, reason = _parted(model, designed, time, readings, settled) if tested else (None, "")
+    steps, no_steps = None, ""
+    if how.may_step and len(time):
+        no_steps = why_no_steps(kalman, time, readings)
+        if parted is not None:
+            no_steps = "model and machine have parted"
+        if not no_steps:
+            steps = find_steps(kalman, time, readings, level, settled)
+            kalman = steps.estimator if steps.are_likelier else kalman
+    stepped = steps if steps and steps.are_likelier else None
+
     def estimated(readings: Float) -> Float:
         if how.smooth:
-            return smooth(kalman, time, readings, level, settled).estimates
+            rows = None if stepped is None else stepped.likeliest
+            return smooth(kalman, time, readings, level, settled, rows).estimates
         if how.lag:
             return fixed_lag(kalman, time, readings, how.lag, settled)
         return kalman.run(time, readings, settled)
 
-    if not how.bands:
-        return Looked(estimated(readings) + behind, None, kalman)
-    smoothed = smooth(kalman, time, readings, level, settled)
-    estimates = smoothed.estimates if how.smooth else estimated(readings)
-    variance = _variance(kalman, time, smoothed, how)
-    if len(time) < 2:
-        return Looked(estimates + behind, np.sqrt(variance), kalman)
-    variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
-    # By the noise of the design: what the record itself tells has seen the contradiction.
-    errors = model_errors(model, designed)
-    test = InnovationTest(designed, float(np.median(np.diff(time))), errors)
+    if how.bands or stepped:
+        smoothed = (smooth(kalman, time, readings, level, settled) if stepped is None
+                    else smooth_with_steps(stepped, time, readings, level, settled))  # fmt: skip
+        estimates = smoothed.estimates if how.smooth else estimated(readings)
+    else:
+        estimates = estimated(readings)
+    sigma = None
+    if how.bands:
+        variance = _variance(kalman, time, smoothed, how)
+        if len(time) > 1:
+            variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
+        sigma = np.sqrt(variance)
+    return Looked(estimates + behind, sigma, kalman, parted, reason, steps=steps, no_steps=no_steps)
+
+
+def _parted(
+    model: Model, designed: KalmanEstimator, time: Float, readings: Float, settled: bool
+) -> tuple[int | None, str]:
+    """By the noise of the design: what the record itself tells has seen the contradiction."""
+    errors = model_errors(model, designed), gain_errors(model, designed)
+    test = InnovationTest(designed, float(np.median(np.diff(time))), *errors)
     parted = first_alarm(test, time, readings, settled)
-    reason = "" if parted is None else test.reason
-    return Looked(estimates + behind, np.sqrt(variance), kalman, parted, reason)
+    return parted, "" if parted is None else test.reason
 
 
 def _variance(kalman: KalmanEstimator, time: Float, smoothed: Smoothed, how: Lookahead) -> Float:

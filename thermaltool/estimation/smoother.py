@@ -28,7 +28,10 @@ Sensors = NDArray[np.intp]
 # A gain is held for as many rows as it, and the variances, change by no more than this share. What
 # that costs the estimates is of the order of its square; the standard errors, which grow within a
 # stretch, are true to 2 % in the first minutes after a start.
-HELD_CHANGE = 1e-3
+HELD_CHANGE = 1e-5
+# A stretch is no more times as long as the one before: what a step of the heat changes in the gain
+# shows late, when the modes have followed.
+MAX_GROWTH = 1.3
 # What is left of a sum of later readings counts as nothing below this share.
 REMAINDER = 1e-12
 # Stretches of fewer rows are walked through.
@@ -109,7 +112,8 @@ class _Filter:
                 raise FitError("the covariance of the estimate is not finite")
             # By how much they change in a sample, as the stretch before tells.
             rate = np.max(np.abs(now - before)) / length if len(before) else np.inf
-            held = int(min(HELD_CHANGE / max(rate, TINY), rows.stop - k))
+            grown = 1 + int(MAX_GROWTH * length)
+            held = int(min(HELD_CHANGE / max(rate, TINY), grown, rows.stop - k))
             before, length = now, max(held, 1)
             self._take(_Stretch(slice(k, k + length), some, H, S, L, PC), K, C @ G, C)
             # Of the filter as it is, whether its gain is held or not.
@@ -197,6 +201,7 @@ def smooth(
     readings: Float,
     level: Sequence[float],
     settled: bool = False,
+    steps: Float | None = None,
 ) -> Smoothed:
     """Fixed-interval smoothing of a whole record.
 
@@ -211,6 +216,9 @@ def smooth(
     settled : bool
         The machine has stood at that heat for long; else it is at rest, whatever heat acts from
         the first row on.
+    steps : ndarray, shape (n, n_drives), optional
+        Variance of a step of each heat that acts from a row on, beside its walk [unit of the
+        drive, squared].
 
     Raises
     ------
@@ -220,17 +228,23 @@ def smooth(
     if not len(time):
         empty = np.empty((0, len(estimator.estimates)))
         return Smoothed(empty, empty, empty, empty, np.empty(readings.shape), 0.0)
-    runs = list(_runs(time, readings))
+    stepped = np.zeros(0, int) if steps is None else np.flatnonzero(steps.any(axis=1))
+    runs = list(_runs(time, readings, stepped))
     P = estimator.start_covariance(runs[0][1], level, settled)
     forward = _Filter(len(estimator.estimates), readings, np.zeros(len(P)), P)
     with np.errstate(over="ignore", invalid="ignore"):
+        heats = np.arange(estimator.modal, estimator.modal + len(estimator.drives))
         for rows, dt, some in runs:
+            if steps is not None:
+                forward.P[heats, heats] += steps[rows.start]
             forward.run(rows, estimator.state_space(dt), some)
     return forward.back()
 
 
-def _runs(time: Float, readings: Float) -> Iterator[tuple[slice, float, Sensors]]:
-    """Sensors whose next sample has one length [s], and which have readings of the same sensors."""
+def _runs(
+    time: Float, readings: Float, cuts: NDArray[np.intp]
+) -> Iterator[tuple[slice, float, Sensors]]:
+    """Rows whose next sample has one length [s], with readings of the same sensors, cut at rows."""
     n = len(time)
     steps, step = np.diff(time), clock_step(time)
     ticks = np.append(np.round(steps / step).astype(np.int64), 0)
@@ -238,7 +252,7 @@ def _runs(time: Float, readings: Float) -> Iterator[tuple[slice, float, Sensors]
         ticks[-1] = ticks[-2]
     there = np.isfinite(readings)
     changes = (np.diff(ticks) != 0) | np.any(there[1:] != there[:-1], axis=1)
-    edges = [0, *(np.flatnonzero(changes) + 1).tolist(), n]
+    edges = np.unique([0, *(np.flatnonzero(changes) + 1).tolist(), *cuts.tolist(), n]).tolist()
     for start, stop in itertools.pairwise(edges):
         dt = float(steps[min(start, n - 2)]) if n > 1 else 1.0
         yield slice(start, stop), dt, np.flatnonzero(there[start])

@@ -10,8 +10,10 @@ from thermaltool.documents import Part, finite, items
 
 def stream_bands(
     design: Mapping[str, Any], estimates: int
-) -> tuple[list[float], list[float], list[float]]:
+) -> tuple[list[float], list[float], list[float], list[float]]:
     """Steady standard errors, those of the parameters as shares, and what the model leaves.
+
+    The last is over the sensors' signals; empty in a design of before.
 
     Parameters
     ----------
@@ -29,8 +31,9 @@ def stream_bands(
         [finite(value) for value in kept.read(name, items)]
         for name in ("sigma", "relative", "model_error")
     )
+    gains = [finite(value) for value in kept.read("gain_error", items, [])]
     kept.as_whole(lambda whole: _same_length(estimates, sigma, relative))
-    return sigma, relative, error
+    return sigma, relative, error, gains
 
 
 def _same_length(count: int, *lists: list[float]) -> None:

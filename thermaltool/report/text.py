@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from thermaltool.errors import counted
 from thermaltool.units import parse_channel, symbol
 
+# A sample period that differs from that of the design by less than this is as good [1].
+OTHER_PERIOD = 1.5
+
 if TYPE_CHECKING:
     from thermaltool.estimation.estimator import KalmanEstimator
+    from thermaltool.estimation.heat_steps import HeatSteps
     from thermaltool.logs import Log
-    from thermaltool.model import Excursion, Zero
+    from thermaltool.model import Excursion, Model, Zero
 
 
 def aligned(rows: Sequence[Sequence[str]], texts: int | None = None) -> str:
@@ -97,6 +102,19 @@ def stuck_messages(log: Log, channels: Iterable[str]) -> Iterator[str]:
                        "stuck? These rows count")  # fmt: skip
 
 
+def period_messages(log: Log, model: Model) -> Iterator[str]:
+    """Where a log has another sample period than its estimator was designed for."""
+    designed = (model.design or {}).get("sample_period_s")
+    if designed is None or len(log) < 3:
+        return
+    steps = sorted(b - a for a, b in itertools.pairwise(log.time.tolist()))
+    period = steps[len(steps) // 2]
+    if max(period, designed) > OTHER_PERIOD * min(period, designed):
+        yield (f"{log.name}: a row every {period:.3g} s, where the design is for {designed:.3g} s: "
+               "it is carried over to this clock, and its errors are others (regularize --dt)"
+               )  # fmt: skip
+
+
 def sizes_message(found: KalmanEstimator) -> str:
     """What the readings of a log tell of the heat's changes and of the sensors' noise."""
     walks = [
@@ -109,6 +127,15 @@ def sizes_message(found: KalmanEstimator) -> str:
         drift = f", drift {noise.drift:.3g} {unit} within {noise.drift_time:.3g} s"
         noises.append(f"{name} has noise of {noise.white:.3g} {unit}{drift if noise.drift else ''}")
     return f"as this log tells it, {'; '.join([*walks, *noises])}"
+
+
+def steps_message(found: HeatSteps) -> str:
+    """Which of walk and steps a log makes likelier."""
+    by = abs(found.evidence - found.of_walk)
+    if not found.are_likelier:
+        return f"the heat is taken to wander: steps are {by:.3g} nats less likely"
+    return (f"the heat is taken to step, {counted(found.count, 'time')}: that is {by:.3g} nats "
+            "likelier than a walk alone, which --walk likelihood takes")  # fmt: skip
 
 
 def pause_messages(log: Log, meaning: str) -> Iterator[str]:

@@ -70,8 +70,9 @@ class Monitor:
         if bands:
             if "bands" not in design:
                 raise ModelError("the design has no standard errors: run regularize again")
-            self._sigma, self._relative, error = stream_bands(design, len(estimator.estimates))
-            test = InnovationTest(estimator, period, error)
+            kept = stream_bands(design, len(estimator.estimates))
+            self._sigma, self._relative, error, gain_error = kept
+            test = InnovationTest(estimator, period, error, gain_error)
             if test.can_tell:
                 self._test = test
             else:

@@ -1,0 +1,174 @@
+"""Steps of a heat by evidence, against densities and distributions that are written out."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from thermaltool.estimation import heat_steps, smoother
+from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
+from thermaltool.estimation.even_smoother import EvenSmoother
+from thermaltool.estimation.heat_steps import find_steps, smooth_with_steps, why_no_steps
+from thermaltool.estimation.smoother import smooth
+from thermaltool.responses.modes import Modes
+
+DT, LEVEL, WHITE = 4.0, (10.0,), 0.05
+
+
+def lag(time_constants, gain=3.0):
+    rate = 1 / np.asarray(time_constants, float)
+    return Modes(-rate.astype(complex), (gain * rate / len(rate)).astype(complex))
+
+
+def machine(walk=0.3, drift=0.1):
+    slow = np.array([20.0, 90.0, 400.0])
+    return KalmanEstimator(
+        ("dT_a_K", "dT_b_K"),
+        ("Q_motor_W",),
+        ("d_x_um",),
+        ((0, 0, lag(slow)), (1, 0, lag(1.3 * slow))),
+        ((0, 0, lag([200.0], 10.0)),),
+        (walk,),
+        (SensorNoise(WHITE, drift, 300.0), SensorNoise(WHITE)),
+    )
+
+
+def responses(kalman, rows):
+    """Readings after a step of one at each row, shape (rows, rows x sensors)."""
+    bare = replace(kalman, outputs=(), followed=())
+    space = bare.state_space(DT)
+    found = np.zeros((rows, rows, len(space.H)))
+    for row in range(rows):
+        x = np.zeros(len(space.F))
+        x[bare.modal] = 1.0
+        for k in range(row, rows):
+            found[row, k] = space.H @ x
+            x = space.F @ x
+    return found.reshape(rows, -1)
+
+
+def covariance(kalman, rows):
+    """Of all readings, for a walk from rest."""
+    X, noise = responses(kalman, rows), np.zeros((rows, 2, rows, 2))
+    apart = np.abs(np.subtract.outer(np.arange(rows), np.arange(rows)))
+    for k, each in enumerate(kalman.noise):
+        slow = each.drift**2 * np.exp(-DT * apart / each.drift_time)
+        noise[:, k, :, k] = each.white**2 * np.eye(rows) + slow
+    changes = np.full(rows, kalman.walk[0] ** 2 * DT)
+    changes[0] = LEVEL[0] ** 2
+    return noise.reshape(2 * rows, -1) + (X.T * changes) @ X
+
+
+def duty(rows, seed=1):
+    heat = np.zeros(rows)
+    heat[rows // 5 :], heat[rows // 2 :], heat[3 * rows // 4 :] = 8.0, 3.0, 6.0
+    clean = np.diff(heat, prepend=0.0) @ responses(machine(), rows)
+    noise = WHITE * np.random.default_rng(seed).standard_normal(clean.shape)
+    return heat, (clean + noise).reshape(rows, 2)
+
+
+def test_scores_and_information_of_a_shock():
+    kalman, rows = replace(machine(), outputs=(), followed=()), 30
+    _, readings = duty(rows)
+    start = kalman.start_covariance(DT, LEVEL, False)
+    found = EvenSmoother(kalman.state_space(DT), start, rows, [kalman.modal])
+    X, S = responses(kalman, rows), covariance(kalman, rows)
+    expected = X @ np.linalg.solve(S, readings.ravel())
+    assert found.scores(readings)[:, 0] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    expected = np.einsum("ij,ij->i", X, np.linalg.solve(S, X.T).T)
+    assert found.information()[:, 0] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+def test_the_evidence_is_a_normal_density():
+    kalman, rows = replace(machine(), outputs=(), followed=()), 30
+    _, readings = duty(rows)
+    search = heat_steps._StepSearch(kalman, DT, readings, LEVEL, False)
+    X, S = responses(kalman, rows), covariance(kalman, rows)
+    places = (6, 15, 22)
+    stepped = S + LEVEL[0] ** 2 * X[list(places)].T @ X[list(places)]
+    value, added = search._weighed(places)
+    density = multivariate_normal(cov=stepped).logpdf(readings.ravel())
+    assert multivariate_normal(cov=S).logpdf(readings.ravel()) == pytest.approx(
+        search.alone, abs=1e-5
+    )
+    assert search.alone + value == pytest.approx(density + search._prior(3), abs=1e-4)
+    assert search._weighed((6, 15, 22, 9))[0] - value == pytest.approx(added[9], abs=1e-4)
+
+
+def test_the_draws_are_those_of_all_sets_of_rows(monkeypatch):
+    """Rows of which few are sure: every set is weighed, and drawn as often."""
+    monkeypatch.setattr(heat_steps, "DRAWS", 800)
+    monkeypatch.setattr(heat_steps, "ROUNDS_BETWEEN", 1)
+    kalman, rows = replace(machine(walk=0.05), outputs=(), followed=()), 7
+    _, readings = duty(rows)
+    search = heat_steps._StepSearch(kalman, DT, readings, LEVEL, False)
+    sets = [s for n in range(rows + 1) for s in itertools.combinations(range(rows), n)]
+    odds = np.exp([search._weighed(each)[0] for each in sets])
+    odds /= np.sum(odds)
+    inside = [sum(p for p, s in zip(odds, sets, strict=True) if row in s) for row in range(rows)]
+    drawn = search.drawn((2,))
+    often = [np.mean([row in s for s in drawn]) for row in range(rows)]
+    assert max(inside) > 0.1
+    assert min(inside) < 0.9
+    assert often == pytest.approx(inside, abs=0.08)
+
+
+def test_smoothing_with_steps_is_the_conditional_mean(monkeypatch):
+    """A step is a walk of one row: a joint normal distribution of all changes of the heat."""
+    monkeypatch.setattr(smoother, "HELD_CHANGE", 0.0)
+    kalman, rows = machine(), 30
+    _, readings = duty(rows)
+    steps = np.zeros((rows, 1))
+    steps[[6, 15], 0] = 100.0
+    found = smooth(kalman, DT * np.arange(rows), readings, LEVEL, False, steps)
+    X = responses(kalman, rows)
+    changes = np.full(rows, kalman.walk[0] ** 2 * DT)
+    changes[0] = LEVEL[0] ** 2
+    changes[[6, 15]] += 100.0
+    S = covariance(kalman, rows) + 100.0 * X[[6, 15]].T @ X[[6, 15]]
+    summed = np.tril(np.ones((rows, rows)))
+    both = (summed * changes) @ X
+    mean = both @ np.linalg.solve(S, readings.ravel())
+    assert found.estimates[:, 0] == pytest.approx(mean, abs=1e-5)
+    variance = np.diag((summed * changes) @ summed.T - both @ np.linalg.solve(S, both.T))
+    assert found.sigma[:, 0] ** 2 == pytest.approx(variance, rel=1e-4)
+
+
+def test_a_heat_that_steps_is_found_and_a_ramp_is_none():
+    kalman, rows = machine(walk=1.0, drift=0.0), 250
+    time = DT * np.arange(rows)
+    heat, readings = duty(rows)
+    found = find_steps(kalman, time, readings, LEVEL, False)
+    assert found.are_likelier
+    assert found.evidence > found.of_walk + 50
+    assert np.flatnonzero(found.likeliest) == pytest.approx([50, 125, 187], abs=1)
+    stepped = smooth_with_steps(found, time, readings, LEVEL, False)
+    walked = smooth(kalman, time, readings, LEVEL)
+    error = [np.sqrt(np.mean((each.estimates[:, 0] - heat) ** 2)) for each in (stepped, walked)]
+    assert error[0] < 0.5 * error[1]
+    ramp = np.interp(time, [100, 500, 900], [0.0, 10.0, 2.0])
+    noise = WHITE * np.random.default_rng(4).standard_normal((rows, 2))
+    clean = np.diff(ramp, prepend=0.0) @ responses(kalman, rows)
+    quiet = replace(kalman, walk=(0.1,))
+    found = find_steps(quiet, time, clean.reshape(rows, 2) + noise, LEVEL, False)
+    assert not found.are_likelier
+    assert found.draws == ()
+
+
+def test_why_no_steps_are_looked_for():
+    kalman, rows = machine(), 50
+    time, (_, readings) = DT * np.arange(rows), duty(rows)
+    assert why_no_steps(kalman, time, readings) == ""
+    late = np.where(time > 100, time + 3.0, time)
+    assert why_no_steps(kalman, late, readings) == "the clock is uneven"
+    dead = readings.copy()
+    dead[20, 1] = np.nan
+    assert why_no_steps(kalman, time, dead) == "readings are missing"
+    two = replace(kalman, drives=("Q_a_W", "Q_b_W"), walk=(1.0, 1.0))
+    assert why_no_steps(two, time, readings) == "several drives are estimated"
+    many = DT * np.arange(heat_steps.MAX_ROWS + 1)
+    assert why_no_steps(kalman, many, np.zeros((len(many), 2))) == "there are more than 20000 rows"
