@@ -81,6 +81,12 @@ def test_a_step_is_found_beside_switches():
     assert found.causes[0].effect.parameters["step[d_z_um]"] == pytest.approx(0.3, abs=0.03)
 
 
+def test_a_pause_is_no_switch():
+    record = log(1)
+    paused = record.where(~((20.0 * ROWS[3] - 200.0 < TIME) & (20.0 * ROWS[3] > TIME)))
+    assert len(instants_of(SimulatedLogs(model(), (paused,), {}), BEND)) == len(ROWS)
+
+
 def test_a_heater_that_is_pulsed_is_no_command():
     heat = 100.0 * (np.arange(len(TIME)) % 2)
     pulsed = Record(TIME, {HEAT: heat, BEND: heat}, digest="pulsed")

@@ -13,6 +13,7 @@ from thermaltool.estimation import heat_steps, smoother
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.even_smoother import EvenSmoother
 from thermaltool.estimation.heat_steps import find_steps, smooth_with_steps, why_no_steps
+from thermaltool.estimation.likelihood import fit_sizes
 from thermaltool.estimation.smoother import smooth
 from thermaltool.responses.modes import Modes
 
@@ -159,16 +160,29 @@ def test_a_heat_that_steps_is_found_and_a_ramp_is_none():
     assert found.draws == ()
 
 
+def test_a_constant_heat_has_no_steps():
+    clean = 5.0 * responses(machine(), 200)[0].reshape(200, 2)
+    readings = clean + WHITE * np.random.default_rng(1).standard_normal(clean.shape)
+    time = DT * np.arange(200)
+    found = fit_sizes(machine(), time, readings).estimator
+    assert not find_steps(found, time, readings, LEVEL, False).are_likelier
+
+
 def test_why_no_steps_are_looked_for():
     kalman, rows = machine(), 50
     time, (_, readings) = DT * np.arange(rows), duty(rows)
-    assert why_no_steps(kalman, time, readings) == ""
+    assert why_no_steps(kalman, time, readings, LEVEL) == ""
     late = np.where(time > 100, time + 3.0, time)
-    assert why_no_steps(kalman, late, readings) == "the clock is uneven"
+    assert why_no_steps(kalman, late, readings, LEVEL) == "the clock is uneven"
     dead = readings.copy()
     dead[20, 1] = np.nan
-    assert why_no_steps(kalman, time, dead) == "readings are missing"
+    assert why_no_steps(kalman, time, dead, LEVEL) == "readings are missing"
     two = replace(kalman, drives=("Q_a_W", "Q_b_W"), walk=(1.0, 1.0))
-    assert why_no_steps(two, time, readings) == "several drives are estimated"
+    assert why_no_steps(two, time, readings, LEVEL) == "several drives are estimated"
     many = DT * np.arange(heat_steps.MAX_ROWS + 1)
-    assert why_no_steps(kalman, many, np.zeros((len(many), 2))) == "there are more than 20000 rows"
+    assert (
+        why_no_steps(kalman, many, np.zeros((len(many), 2)), LEVEL)
+        == "there are more than 20000 rows"
+    )
+    still = replace(kalman, walk=(1e-13,))
+    assert why_no_steps(still, time, readings, LEVEL) == "the heat stands still"

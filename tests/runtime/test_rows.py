@@ -195,6 +195,15 @@ def test_the_encoding_of_a_map(tmp_path):
             csv(wide[:-1], mapping=mapping)
 
 
+def test_a_byte_order_mark_is_no_part_of_a_word(tmp_path):
+    path = tmp_path / "map.toml"
+    path.write_text('encoding = "utf-8-sig"\nmissing = ["-999"]\n')
+    header = b"time_s,dT_pair1_K"
+    records = csv(header, mapping=read_map(str(path)))
+    assert records.is_header(header)
+    assert records.row(b"1,-999").faults[0].startswith("not a number")
+
+
 def test_two_columns_of_one_name():
     with pytest.raises(LogError, match=r"log\.csv:3: dT_pair1_K: this name is there twice"):
         CsvRows(Wanted(PAIR)).open(b"time_s,dT_pair1_K,dT_pair1_K", "log.csv", 3)

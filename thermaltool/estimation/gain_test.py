@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from thermaltool.errors import ModelError
 from thermaltool.responses.modes import Float
 
 # Score and information are forgotten by e in this time [s]: half of a shift.
@@ -83,6 +84,8 @@ class GainTest:
 
     def __init__(self, shared: Float, error: Sequence[float]) -> None:
         sensors, drives = shared.shape
+        if len(error) != sensors:
+            raise ModelError("design.bands.gain_error: not one for each sensor")
         self._prior = np.diag(np.square(error)) + COMMON**2 * shared @ shared.T
         self.limit = chi_squared_limit(max(sensors - drives, 1), FALSE_DAYS * MEMORY / DAY)
         self._sensors = sensors

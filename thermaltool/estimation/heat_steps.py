@@ -37,6 +37,8 @@ MAX_STEPS, MAX_ROWS = 150, 20_000
 DRAWS, ROUNDS_BETWEEN, ROUNDS_BEFORE = 8, 4, 6
 # A sample may be longer or shorter than the usual one by this share: rows alone are searched.
 MAX_UNEVEN = 0.1
+# A heat that wanders by less over the record stands still [of its level].
+STANDSTILL = 1e-6
 # Below it an improvement is rounding [nats].
 LEAST_GAIN = 1e-6
 
@@ -70,8 +72,8 @@ class HeatSteps:
 
     @property
     def are_likelier(self) -> bool:
-        """Whether steps explain the readings better than the walk alone."""
-        return self.evidence > self.of_walk
+        """Whether there are steps, and they explain the readings better than the walk alone."""
+        return self.count > 0 and self.evidence > self.of_walk
 
     @property
     def count(self) -> int:
@@ -98,14 +100,18 @@ def smooth_with_steps(
     return replace(draws[0], estimates=np.mean(estimates, axis=0), sigma=sigma)
 
 
-def why_no_steps(kalman: KalmanEstimator, time: Float, readings: Float) -> str:
+def why_no_steps(
+    kalman: KalmanEstimator, time: Float, readings: Float, level: Sequence[float]
+) -> str:
     """Why steps are not looked for in a record; empty where they are.
 
     Parameters
     ----------
     kalman : KalmanEstimator
+        Walk and noise as the record tells them.
     time : ndarray, shape (n,) [s], increasing
     readings : ndarray, shape (n, n_sensors)
+    level : sequence of float, one for each drive [unit of the drive]
     """
     if len(kalman.drives) > 1:
         # What a model gets wrong of one drive is taken for steps of the other.
@@ -116,6 +122,8 @@ def why_no_steps(kalman: KalmanEstimator, time: Float, readings: Float) -> str:
     period = float(np.median(steps))
     if np.any(np.abs(steps - period) > MAX_UNEVEN * period):
         return "the clock is uneven"
+    if kalman.walk[0] * math.sqrt(float(np.ptp(time))) < STANDSTILL * level[0]:
+        return "the heat stands still"
     if len(time) > MAX_ROWS:
         return f"there are more than {MAX_ROWS} rows"
     return ""
@@ -262,7 +270,8 @@ class _StepSearch:
         more = 0.0
         for each in places:
             at, added = self._others(places, each)
-            more += float(np.log(np.sum(np.exp(added - added[each - at]))))
+            # None is likelier than the place itself, but for what the search has left.
+            more += float(np.logaddexp.reduce(np.minimum(added - added[each - at], 0.0)))
         return more
 
     def _mended(self, places: Places, value: float) -> tuple[Places, float] | None:

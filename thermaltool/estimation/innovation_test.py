@@ -88,6 +88,7 @@ class InnovationTest:
         self._gains = None
         if gain_error and self.can_tell:
             self._gains = GainTest(_shares(estimator), gain_error)
+            self._gains.start(len(self._x))
 
     def _of_ticks(self, ticks: int) -> tuple[WhitenedSample, float]:
         """The filter over a sample, and the weight of a row in the means."""

@@ -64,8 +64,8 @@ def fit_sizes(
     Raises
     ------
     LogError
-        Fewer than `MIN_READINGS` rows with a reading of every sensor, and the walk not given; a
-        sensor that stands still.
+        Where the walk is not given: fewer than `MIN_READINGS` rows with a reading of every sensor,
+        a sensor that stands still.
     FitError
         No sizes with a finite likelihood.
     """
@@ -82,7 +82,7 @@ def fit_sizes(
         )
     time, readings = _counted(time[known]), readings[known]
     for name, still in zip(estimator.sensors, np.ptp(readings, axis=0) == 0, strict=True):
-        if still:
+        if still and not pinned:
             raise LogError(f"{name} reads the same in every row: a sensor that is stuck tells no "
                            "heat; design for the others alone (regularize --sensor)")  # fmt: skip
     # What follows the heat has no reading, and no part in the likelihood.

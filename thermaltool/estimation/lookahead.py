@@ -182,7 +182,7 @@ def look(
     parted, reason = _parted(model, designed, time, readings, settled) if tested else (None, "")
     steps, no_steps = None, ""
     if how.may_step and len(time):
-        no_steps = why_no_steps(kalman, time, readings)
+        no_steps = why_no_steps(kalman, time, readings, level)
         if parted is not None:
             no_steps = "model and machine have parted"
         if not no_steps:

@@ -58,7 +58,7 @@ def curve_draws(
     if len(time) < 3 or spread == 0:
         return np.tile(values, (draws, 1))
     weights = counts / max(white, LEAST_NOISE * spread) ** 2
-    drifts = [each for each in drifts if each[0] > 0]
+    drifts = [each for each in drifts if each[0] > 0 and 0 < each[1] < np.inf]
     found = []
     for part, rough in itertools.product(SCALES, ROUGHNESS * float(np.std(values))):
         elapsed = time - time[0]
@@ -67,6 +67,9 @@ def curve_draws(
             found.append(_posterior(clock, elapsed, values, weights, drifts, rough))
         except LinAlgError:
             continue
+    if not found:  # no curve that the readings tell from a line
+        line = np.polynomial.Polynomial.fit(time, values, 1, w=np.sqrt(counts))(time)
+        return np.tile(line, (draws, 1))
     shares = np.exp(np.array([each[0] for each in found]) - max(each[0] for each in found))
     shares[shares < LEAST_SHARE * shares.sum()] = 0.0
     curves = []
@@ -106,7 +109,7 @@ def _posterior(
     volume = 2 * np.log(after).sum() - np.log(variance).sum() + math.log(free)
     for k, (sigma, constant) in enumerate(drifts, start=1):
         keeps = np.exp(-np.diff(time) / constant)
-        pushes = sigma**2 * (1 - keeps**2)
+        pushes = -(sigma**2) * np.expm1(-2 * np.diff(time) / constant)
         precision[0, k] += 1 / sigma**2
         precision[0, each + k :: each] += 1 / pushes
         precision[0, k : (n - 1) * each : each] += keeps**2 / pushes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE, lookup
 from collections.abc import Callable, Sequence
 
 from thermaltool.errors import LogError, counted
@@ -20,7 +20,9 @@ class CsvRows(RowReader):
     def __init__(self, wanted: Wanted) -> None:
         super().__init__(wanted)
         dialect = wanted.mapping.dialect if wanted.mapping else None
-        self._encoding = dialect.encoding if dialect else "utf-8"
+        # A byte-order mark is before the first line alone.
+        given = lookup(dialect.encoding if dialect else "utf-8").name
+        self._encoding = given.removesuffix("-sig")
         self._separator = dialect.separator.encode() if dialect else b","
         self._parse: Callable[[bytes], float] = plain_number
         if dialect:
@@ -60,7 +62,8 @@ class CsvRows(RowReader):
         fields = line.split(self._separator)
         if b'"' in line:
             fields = [
-                field.encode() for field in self._unquoted(line.decode(self._encoding, "replace"))
+                field.encode(self._encoding, "replace")
+                for field in self._unquoted(line.decode(self._encoding, "replace"))
             ]
         if len(fields) != self._width:
             # Any field may be another's; a clock that needs none goes on.
