@@ -61,7 +61,7 @@ def model_errors(model: Model, kalman: KalmanEstimator) -> list[float]:
     """What the calibration leaves of each sensor beside noise [unit of the sensor].
 
     Root of the squared residual's rest. A sensor of which less is left than of the others, over its
-    signal, was lucky: it counts with the root mean square of all.
+    signal, counts with the root mean square of all: one calibration says little of one sensor.
 
     Parameters
     ----------

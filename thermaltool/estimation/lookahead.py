@@ -178,16 +178,18 @@ def look(
     if how.sizes != "design" and len(time):
         kalman = fit_sizes(kalman, time, readings, pinned=how.sizes != "likelihood").estimator
 
-    tested = len(time) > 1 and (how.bands or how.may_step)
-    parted, reason = _parted(model, designed, time, readings, settled) if tested else (None, "")
-    steps, no_steps = None, ""
-    if how.may_step and len(time):
-        no_steps = why_no_steps(kalman, time, readings, level)
-        if parted is not None:
-            no_steps = "model and machine have parted"
-        if not no_steps:
-            steps = find_steps(kalman, time, readings, level, settled)
-            kalman = steps.estimator if steps.are_likelier else kalman
+    sought = how.may_step and len(time) > 0
+    no_steps = why_no_steps(kalman, time, readings, level) if sought else ""
+    sought = sought and not no_steps
+    parted, reason = None, ""
+    if len(time) > 1 and (how.bands or sought):
+        parted, reason = _parted(model, designed, time, readings, settled)
+    steps = None
+    if sought and parted is not None:
+        no_steps = "model and machine have parted"
+    elif sought:
+        steps = find_steps(kalman, time, readings, level, settled)
+        kalman = steps.estimator if steps.are_likelier else kalman
     stepped = steps if steps and steps.are_likelier else None
 
     def estimated(readings: Float) -> Float:

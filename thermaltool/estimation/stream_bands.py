@@ -13,7 +13,7 @@ def stream_bands(
 ) -> tuple[list[float], list[float], list[float], list[float]]:
     """Steady standard errors, those of the parameters as shares, and what the model leaves.
 
-    The last is over the sensors' signals; empty in a design of before.
+    The last is over the sensors' signals; empty in a design without them.
 
     Parameters
     ----------
