@@ -44,6 +44,8 @@ IMPLAUSIBLE = 1e300
 # First step of a search: of a logarithm, and relative to the distance from neutral; the instant of
 # an accident moves by this part of a log, half of what lies between two trials.
 LOG_STEP, RELATIVE_STEP, PARTS_OF_A_LOG = 0.3, 0.2, 96
+# Steps to either side at which a change of a drive is tried first: two trials far.
+INSTANTS_BESIDE = 16
 # ... and a place by no more than this share of what its channel goes through.
 RANGE_STEP = 0.1
 # Where a search ends: steps relative to the first one, log likelihood, trials for each parameter.
@@ -233,6 +235,7 @@ def fit_candidate(hypothesis: Hypothesis, candidate: CauseCandidate) -> CauseCan
     if "" in candidate.amplitudes:
         # A displacement at a trial size, scaled by its amplitude: that much of the way.
         start = _scaled(effect, candidate.amplitudes[""])
+    start = _best_instant(hypothesis, start, candidate.assumptions)
     x0, sizes = [], []
     for name in names:
         known, value = effect.parameter(name), start.parameters[name]
@@ -272,6 +275,19 @@ def fit_candidate(hypothesis: Hypothesis, candidate: CauseCandidate) -> CauseCan
         },
     )
     return max(seen.values(), key=lambda c: c.gain)
+
+
+def _best_instant(hypothesis: Hypothesis, start: Effect, assumptions: Assumptions) -> Effect:
+    """A change of a drive at the best instant around; while the drive is off all are as good."""
+    if not start.event or start.side != "drive":
+        return start
+    (name,) = start.searched()
+    step = _first_step(hypothesis, start, name)
+    around = [
+        start.changed({name: start.parameters[name] + k * step})
+        for k in range(-INSTANTS_BESIDE, INSTANTS_BESIDE + 1)
+    ]
+    return max(around, key=lambda each: evaluate(hypothesis, each, assumptions).gain)
 
 
 def _scaled(effect: Effect, amplitude: float) -> Effect:

@@ -1,0 +1,32 @@
+"""The instant from which a drive is weaker, where it is off for long beside that."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermaltool.diagnosis.diagnose import diagnose
+from thermaltool.model import Drive, Model, Output, Term
+from thermaltool.record import Record
+from thermaltool.responses.rational import Rational1
+
+HEAT, BEND, DT, TAU, GAIN, NOISE = "Q_main_W", "d_z_um", 20.0, 900.0, 0.4, 0.02
+TIME = DT * np.arange(900)
+
+
+def test_an_instant_behind_a_standstill():
+    # While the drive is off, all instants are as good as one another.
+    heat = np.select([TIME < 2000, TIME < 5500, TIME < 9700, TIME < 14000], [60, 90, 0, 80], 40)
+    acting = heat * np.where(TIME >= 10000, 0.8, 1.0)
+    bend, kept = np.zeros(len(TIME)), np.exp(-DT / TAU)
+    for k in range(1, len(TIME)):
+        bend[k] = kept * bend[k - 1] + GAIN * (1 - kept) * acting[k - 1]
+    bend += NOISE * np.random.default_rng(20261125).standard_normal(len(TIME))
+    output = Output(BEND, "deflection", 0.0, (0.0, 40.0), {"rmse": NOISE})
+    term = Term(HEAT, BEND, Rational1(GAIN, TAU))
+    model = Model((Drive(HEAT, "zero", 0.0, (0.0, 100.0)),), (output,), (term,), DT)
+    found = diagnose(model, [Record(TIME, {HEAT: heat.astype(float), BEND: bend}, digest="log")])
+    assert [cause.effect.name for cause in found.causes] == ["drive_gain_step"]
+    parameters = found.causes[0].effect.parameters
+    assert parameters["gain"] == pytest.approx(0.8, abs=0.005)
+    assert parameters["time"] == pytest.approx(10000.0, abs=DT)
