@@ -360,10 +360,8 @@ def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float]
     nuisance = hypothesis.nuisance[output]
     flat = [*nuisance.offsets, *nuisance.accepted.values()]
     prior = nuisance.prior
-    starts = [
-        *(nuisance.decays if "initial" in hypothesis.assumptions else []),
-        *nuisance.beside["instants"],
-    ]
+    used = {"initial", "instants"} & hypothesis.assumptions
+    starts = [column for group in sorted(used) for column in nuisance.beside[group]]
     columns = [
         np.column_stack([*(c[k] for c in flat), own @ prior.root, *(c[k] for c in starts)])
         for k, own in enumerate(nuisance.moves)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -107,8 +106,7 @@ def period_messages(log: Log, model: Model) -> Iterator[str]:
     designed = (model.design or {}).get("sample_period_s")
     if designed is None or len(log) < 3:
         return
-    steps = sorted(b - a for a, b in itertools.pairwise(log.time.tolist()))
-    period = steps[len(steps) // 2]
+    period = log.period
     if max(period, designed) > OTHER_PERIOD * min(period, designed):
         yield (f"{log.name}: a row every {period:.3g} s, where the design is for {designed:.3g} s: "
                "it is carried over to this clock, and its errors are others (regularize --dt)"

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import TrainingData, even_training_data
+from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.identification import Plan
 from thermaltool.fitting.lpv.choose import LEVEL_COUNTS, choose_form
 from thermaltool.fitting.lpv.identify import identify_lpv
@@ -50,6 +51,27 @@ class LpvPlan(Plan):
     @property
     def label(self) -> str:
         return "lpv"
+
+    @staticmethod
+    def rivals_of(
+        plan: Plan,
+        fits: Sequence[Fit],
+        reference: Reference | None,
+        linear: tuple[TransferModel, ...] = (),
+    ) -> list[LpvPlan]:
+        """What is tried beside the fits of a linear plan: nothing where the machine is linear.
+
+        Parameters
+        ----------
+        plan : Plan
+        fits : sequence of Fit
+        reference, linear
+            See the attributes.
+        """
+        if not any(fit.linearity is not None and fit.linearity.nonlinear for fit in fits):
+            return []
+        return [LpvPlan(initial=plan.initial, split=plan.split, span=plan.span, budget=plan.budget,
+                        reference=reference, rival=True, linear=linear)]  # fmt: skip
 
     def data_sets(
         self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]

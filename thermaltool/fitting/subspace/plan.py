@@ -100,12 +100,7 @@ class SubspacePlan(Plan):
         return (*overdamped, *(c for c in found if all(c is not own for own in overdamped)))
 
     def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Sequence[Plan]:
-        if self.linear:
-            return ()
-        if any(fit.linearity is not None and fit.linearity.nonlinear for fit in fits):
-            return (LpvPlan(initial=self.initial, split=self.split, span=self.span,
-                            budget=self.budget, reference=reference, rival=True),)  # fmt: skip
-        return ()
+        return () if self.linear else LpvPlan.rivals_of(self, fits, reference)
 
     def refitted(self, models: Sequence[OutputModel], data: TrainingData) -> Subspace:
         known = next(model for model in models if isinstance(model, SubspaceOutput))

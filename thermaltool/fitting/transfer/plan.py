@@ -62,13 +62,8 @@ class TransferPlan(Plan):
             rivals.append(SubspacePlan(
                 initial=self.initial, split=self.split, span=self.span, budget=self.budget
             ))  # fmt: skip
-        if any(fit.linearity is not None and fit.linearity.nonlinear for fit in fits):
-            models = tuple(fit.model for fit in fits if isinstance(fit.model, TransferModel))
-            rivals.append(LpvPlan(
-                initial=self.initial, split=self.split, span=self.span, budget=self.budget,
-                reference=reference, rival=True, linear=models,
-            ))  # fmt: skip
-        return rivals
+        models = tuple(fit.model for fit in fits if isinstance(fit.model, TransferModel))
+        return [*rivals, *LpvPlan.rivals_of(self, fits, reference, models)]
 
     def refitted(self, models: Sequence[OutputModel], data: TrainingData) -> Ranked:
         own = (model for model in models if isinstance(model, TransferModel))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE, lookup
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE, lookup
 from collections.abc import Callable, Sequence
 
 from thermaltool.errors import LogError, counted
@@ -90,7 +90,7 @@ class CsvRows(RowReader):
 
 def plain_bytes(encoding: str) -> bool:
     """Whether an encoding writes ASCII as ASCII: each line ends where a byte says so."""
-    return PLAIN_BYTES.decode().encode(encoding).removeprefix(BOM_UTF8) == PLAIN_BYTES
+    return PLAIN_BYTES.decode().encode(encoding) == PLAIN_BYTES
 
 
 def plain_number(field: bytes) -> float:
