@@ -290,6 +290,7 @@ def _told_off(
     for key, log in (
         ("logs", "diagnosed"),
         ("validated_on", "validation"),
+        ("sound", "validation"),
         ("calibrated_on", "calibration"),
     ):
         names |= {source["sha256"]: log for source in document.get(key, ())}

@@ -217,7 +217,7 @@ def test_bad_input_has_one_line(thermaltool, files, monkeypatch, arguments, mess
 def test_a_diagnosis_and_orders_have_a_figure(thermaltool, tmp_path: Path) -> None:
     log = measured()
     found = diagnosed([log]).document({})
-    files = {"model": "m", "calibrated_on": [], "validated_on": [],
+    files = {"model": "m", "calibrated_on": [], "sound": [], "validated_on": [],
              "logs": [{"name": "run.csv", "sha256": log.digest}]}  # fmt: skip
     assert found["format"] == DIAGNOSIS.name
     (tmp_path / "why.json").write_text(json.dumps({**found, **files}))

@@ -24,7 +24,7 @@ def document(causes=1, verdict="not adequate", validated=(), **changed):
     log = measured()
     found = diagnosed([log], causes, verdict).document()
     files = {"model": "model.json", "logs": [{"name": "in/run.csv", "sha256": log.digest}]}
-    files["calibrated_on"] = []
+    files["calibrated_on"] = files["sound"] = []
     files["validated_on"] = [{"name": name, "sha256": name} for name in validated]
     # As a reader of the JSON has it.
     return json.loads(json.dumps({**found, **files, **changed}, allow_nan=False))
@@ -85,7 +85,7 @@ def test_a_few_lines_for_a_new_user():
 
 def test_severity_against_a_tolerance():
     log = measured()
-    files = {"model": "m", "calibrated_on": [], "validated_on": []}
+    files = {"model": "m", "calibrated_on": [], "sound": [], "validated_on": []}
     files["logs"] = [{"name": "run.csv", "sha256": log.digest}]
 
     def told(tolerance):

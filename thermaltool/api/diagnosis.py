@@ -136,11 +136,13 @@ class DiagnosisReport(Result):
 
     def document(self) -> dict[str, Any]:
         """The diagnosis as JSON-ready data, with the model and the logs that it is of."""
+        sound = self.diagnosis.sound
         return {
             **self.diagnosis.document(self.tolerance),
             "model": self.model_name,
             "logs": [log.source for log in self.logs],
-            "validated_on": [log.source for log in self.unseen],
+            "validated_on": [log.source for log in self.unseen if log.digest not in sound],
+            "sound": [log.source for log in self.unseen if log.digest in sound],
             "calibrated_on": [log.source for log in self.calibration],
         }
 

@@ -25,8 +25,9 @@ OUTCOMES = {"adequate": (0, "green"), "not adequate": (DID_NOT_PASS, "red"),
 @shared.model_argument
 @shared.logs_argument
 @click.option("--validate", multiple=True, type=InputPath(), metavar="LOG",
-              help="A log that no fit sees: causes have to hold on it, gains are told on it; "
-              "repeatable.  [default: stretches of the LOGs are held out in turn]")  # fmt: skip
+              help="A log that no fit sees: causes have to hold on it, unless the model as it "
+              "came fits it; gains are told on it; repeatable.  [default: stretches of the LOGs "
+              "are held out in turn]")  # fmt: skip
 @click.option(
     "-o",
     "--output",

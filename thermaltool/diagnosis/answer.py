@@ -55,7 +55,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     masked = last.simulation.masked if task.readings is None else search.left_out
     written = account(
         full.model, extended, effects, full.logs, full.validate, full.calibration, masked, noise,
-        task.simulated,
+        task.simulated, full.sound,
     )  # fmt: skip
     worse = search.spoiled(task, fitted) if full is not task else None
     if worse is not None and written.spoiled is None:
@@ -135,6 +135,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         written.spoiled,
         open_questions if verdict == "cannot judge" else (),
         curves_of(first, plain, last.with_model(fitted) if effects else None),
+        tuple(log.digest for log in full.sound),
     )
 
 
@@ -143,7 +144,9 @@ def _averaged(task: DiagnosisTask) -> Iterator[str]:
     if task.readings is None:
         return
     for few, log in zip(
-        (*task.logs, *task.validate), (*task.readings.logs, *task.readings.validate), strict=True
+        (*task.logs, *task.validate, *task.sound),
+        (*task.readings.logs, *task.readings.validate, *task.readings.sound),
+        strict=True,
     ):
         if few.row_readings > 1:
             yield (

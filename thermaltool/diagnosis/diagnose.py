@@ -1,10 +1,7 @@
 """What a model gets wrong on measured logs, why, and what knowing it is worth.
 
-Forward selection: at each step the whole catalogue is scored against what is left over, the best
-few are fitted, and the strongest is accepted if its evidence is decisive after correction for the
-number of causes tried, if it helps on data that its fit has not seen, and if what it explains is
-not smaller than the error that the model had on its clean calibration. Backward check: what later
-causes made idle is taken out again.
+The search for causes is in `search`; here it is asked, and readings that stand out are set apart
+before it and judged after it.
 """
 
 from __future__ import annotations
@@ -15,49 +12,29 @@ from types import MappingProxyType
 
 import numpy as np
 
-from thermaltool.diagnosis.alternatives import invisible, tried_causes
+from thermaltool.diagnosis.alternatives import invisible
 from thermaltool.diagnosis.answer import answer
-from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STRONG_EVIDENCE, released
-from thermaltool.diagnosis.fit import CauseCandidate
-from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
 from thermaltool.diagnosis.no_signature import (
     OutlierMask,
-    beyond_calibration,
     find_outliers,
-    is_trend,
     outliers_of,
-    too_short,
 )
-from thermaltool.diagnosis.nonlinearity import stand_ins
-from thermaltool.diagnosis.readings import hidden_noise
-from thermaltool.diagnosis.result import Cause, Diagnosis
+from thermaltool.diagnosis.result import Diagnosis
+from thermaltool.diagnosis.search import searched
 from thermaltool.diagnosis.select import (
     Progress,
-    Ranking,
-    fit_candidate,
-    plain_forms_first,
-    ranked,
 )
-from thermaltool.diagnosis.simulation import SimulatedLogs, without
+from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
-from thermaltool.diagnosis.validate import judge
 from thermaltool.diagnosis.verdict import reading_noise
-from thermaltool.diagnosis.written import cannot_run, gains_of, spoiled_by
+from thermaltool.diagnosis.written import cannot_run
 from thermaltool.errors import FitError, ModelError, counted
 from thermaltool.model import Model
 from thermaltool.record import Record
 
-# Causes that are named at most, and that are held out at each step before the search is given up:
-# the strongest, and others by what they have beyond their assumptions.
-MAX_CAUSES, MAX_HELD_OUT, MAX_OTHERS = 6, 4, 2
-# Share of the misfit that a cause of the written model explains at least: told as 2 %.
-MIN_EXPLAINED = 0.02
 # Rows, and values of an output, by which a model is judged at least.
 MIN_ROWS = 20
-# What is left over on the calibration's own log is looked at again where its power above noise is
-# this many times that of the noise.
-MIN_MISFIT = 1.0
 
 
 def diagnose(
@@ -115,9 +92,7 @@ def diagnose(
     outliers = find_outliers(first)
     # They are left out from here on; whether they are a cause is told at the end.
     start = first if outliers is None else first.with_masked(outliers.masked)
-    search = _second_look(task, _forward(task, SearchState(start, start, unseen)))
-    search = _of_no_harm(task, _of_use(task, _backward(search)))
-    search = _of_no_curve(task, search)
+    task, search = searched(task, SearchState(start, start, unseen))
     if task.readings is not None:
         search = _with_outliers_of(task.readings, search, search.written(task))
     elif outliers is not None:
@@ -147,225 +122,6 @@ def _check(model: Model, logs: Sequence[Record]) -> None:
     if not any(np.ptp(log.columns[d.channel]) > 0 for d in model.drives for log in logs):
         names = ", ".join(d.channel for d in model.drives)
         raise FitError(f"{names} never moves: nothing to compare a response with")
-
-
-# ---------------------------------------------------------------- forward
-
-
-def _forward(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """Causes one after another, until none is left or they are enough."""
-    while not search.exhausted and len(search.causes) < MAX_CAUSES:
-        search = _step(task, search)
-    return search
-
-
-def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """One more cause, or the end of the search."""
-    hypothesis = search.hypothesis
-    blind = {p for each in search.unseen for p in zip(each.names, each.channels, strict=True)}
-    while True:
-        ranking = ranked(hypothesis, blind, task.progress)
-        if not search.tried:
-            search = replace(search, tried=tried_causes(hypothesis, ranking))
-        told = [c for c in ranking.fitted if not is_trend(c.effect, task.model, task.logs)]
-        ranking = replace(ranking, fitted=told)
-        better = ranking.better_assumptions()
-        if better is None:
-            break
-        # The model itself has more to say than any cause: it did not begin at rest, or has changed.
-        changed = hypothesis.under(better, task.model)
-        if _is_freed(hypothesis, changed):
-            changed = changed.fitted()
-            cause = too_short(task.model, hypothesis, changed)
-            if cause is not None:
-                return search.accepting(cause, changed)
-            if beyond := beyond_calibration(task.model, task.logs):
-                output, length = next(iter(beyond.items()))
-                why = (
-                    f"{output}: the calibration lasts {length:.0f} s, too short to see a steady "
-                    f"state, and this log {max(log.duration for log in task.logs):.0f} s: "
-                    "calibrate on a log as long"
-                )
-                return replace(search, ended=changed, undecided=why, exhausted=True)
-            search = search.noted(
-                "the model's own parameters have changed since the calibration, beyond its "
-                "uncertainty: calibrate again"
-            )
-        else:
-            # What a short calibration has not seen may pass for a start: it comes first.
-            freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
-            cause = too_short(task.model, hypothesis, freed)
-            # Beside a longer calibration nothing is left of what only looked like a start.
-            started = freed.evidence_of(freed.assumptions | {"initial"}) > DECISIVE_EVIDENCE
-            if cause is not None and not started:
-                return search.accepting(cause, freed)
-            search = search.noted("a log does not begin at rest: its start decays are fitted apart")
-        hypothesis = changed
-    strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else STRONG_EVIDENCE)
-    for candidate in _judged(ranking, strong):
-        task.progress(f"held-out gain of {candidate.effect.name}")
-        verdict = judge(
-            hypothesis, candidate, ranking.fitted, task.model, task.validate, task.calibrated_misfit
-        )
-        if verdict is not None:
-            search = search.accepting(verdict.cause, verdict.after, verdict)
-            if _is_freed(hypothesis, verdict.after):
-                search = search.noted("the model's own parameters are free beside the cause")
-            return search
-    return replace(
-        search,
-        ended=hypothesis,
-        unconfirmed=strong[0] if strong else None,
-        suspects=tuple(ranking.strong(0.0)),
-        exhausted=True,
-    )
-
-
-def _judged(ranking: Ranking, strong: Sequence[CauseCandidate]) -> list[CauseCandidate]:
-    """The strongest, then other places by what they have beyond their assumptions.
-
-    Beside a model that is free to change every cause looks strong.
-    """
-    first = plain_forms_first(strong)[:MAX_HELD_OUT]
-    places = {c.place for c in first}
-    others: dict[object, CauseCandidate] = {}
-    for candidate in sorted(strong, key=lambda c: -ranking.beyond(c)):
-        if candidate.place not in places:
-            others.setdefault(candidate.place, candidate)
-    return [*first, *list(others.values())[:MAX_OTHERS]]
-
-
-def _is_freed(before: Hypothesis, after: Hypothesis) -> bool:
-    """Whether the model's own parameters are free that were held by the calibration."""
-    return "tight" in before.assumptions and "released" in after.assumptions
-
-
-def _second_look(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """Slow causes on the calibration's own log, where a slow discrepancy explains as much.
-
-    Without a clean calibration nothing says how large a discrepancy may be. What is left over
-    is then taken for white, its rows count as few as their correlation says, and prediction
-    of held-out levels decides.
-    """
-    if not task.own or _misfit(search.hypothesis) < MIN_MISFIT:
-        return search
-    opened = search.open()
-    white = replace(opened, assumptions=opened.assumptions | {"white"}).fitted()
-    looked = _forward(task, replace(search, hypothesis=white, ended=white, exhausted=False))
-    if len(looked.causes) > len(search.causes) and not _worse_unseen(task, search, looked):
-        return looked
-    # Nothing more was found: what taking the rest for white made of the model is no finding.
-    if search.causes:
-        return replace(search, unconfirmed=looked.unconfirmed)
-    return replace(looked, hypothesis=search.hypothesis)
-
-
-def _worse_unseen(task: DiagnosisTask, before: SearchState, after: SearchState) -> bool:
-    """Whether unseen logs are worse by the written model of one search than by that of another."""
-    models = before.written(task), after.written(task)
-    logs = tuple(
-        log for log in task.validate if all(cannot_run(model, log) is None for model in models)
-    )
-    one, other = (SimulatedLogs(model, logs, {}) for model in models)
-    noise = before.hypothesis
-    change = sum(
-        (gain.rms_after**2 - gain.rms_before**2) / noise.white(output) ** 2
-        for output, gain in gains_of(one, other, lambda output: True).items()
-        if output in noise.groups
-    )
-    return change > 0
-
-
-def _misfit(hypothesis: Hypothesis) -> float:
-    """Power of the worst output's residual over that of its noise, less one."""
-    return max(
-        (
-            float(np.mean(np.square(groups.joined(hypothesis.unexplained(o)))))
-            + hidden_noise(hypothesis.simulation, o) ** 2
-        )
-        / hypothesis.nuisance[o].white ** 2
-        - 1
-        for o, groups in hypothesis.groups.items()
-    )
-
-
-# ---------------------------------------------------------------- backward, and the answer
-
-
-def _backward(search: SearchState) -> SearchState:
-    """The search without the causes that later ones made idle."""
-    for cause in search.causes:
-        model = search.hypothesis.model
-        rest = without(model, cause.effect)
-        if len(model.effects) < 2 or rest is model:
-            continue
-        bare = search.open().with_model(rest)
-        again = fit_candidate(bare, CauseCandidate.unfitted(cause.effect, bare.assumptions))
-        if again.evidence < (0.0 if "white" in bare.assumptions else STRONG_EVIDENCE):
-            kept = tuple(c for c in search.causes if c is not cause)
-            search = replace(search, causes=kept, hypothesis=bare)
-    return search
-
-
-def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """The search without causes that change nothing for the better in the written model.
-
-    Where a log does not begin at rest, what `simulate` leaves of one output says too little of a
-    cause; all of them together do not.
-    """
-    while (useless := _useless(task, search)) is not None:
-        search = _dropped(search, useless, "explains nothing in the written model")
-    return search
-
-
-def _dropped(search: SearchState, cause: Cause, why: str) -> SearchState:
-    """The search without one of its causes."""
-    last = search.hypothesis
-    return replace(
-        search.noted(f"{cause.effect.name} {why}"),
-        causes=tuple(c for c in search.causes if c is not cause),
-        hypothesis=last.with_model(without(last.model, cause.effect)).fitted(),
-    )
-
-
-def _of_no_curve(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """The search without causes that stand for a nonlinearity which is none of them."""
-    for cause, why in stand_ins(task, search):
-        search = _dropped(search, cause, f"stands for what it is not: {why}")
-    return search
-
-
-def _of_no_harm(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """The search without the one cause that keeps the others from being written."""
-    effects = search.hypothesis.model.effects
-    acting = [cause for cause in search.causes if cause.effect in effects]
-    if len(acting) < 2 or search.spoiled(task, search.written(task)) is None:
-        return search
-    # What was found last explains least.
-    for cause in reversed(acting):
-        rest = _dropped(search, cause, "is left out: with it a log would be worse")
-        if rest.spoiled(task, rest.written(task)) is None:
-            return rest
-    return search
-
-
-def _useless(task: DiagnosisTask, search: SearchState) -> Cause | None:
-    """The first cause without which the written model is as good."""
-    assumptions = search.open().assumptions
-    written = search.written(task)
-    logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
-    noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
-    masked = search.hypothesis.simulation.masked
-    for cause in search.causes:
-        rest = without(written, cause.effect)
-        if rest is written:
-            continue
-        if task.explained(written, cause.effect, masked, noise, assumptions) < MIN_EXPLAINED:
-            return cause
-        harmless = spoiled_by(written, rest, logs, masked, noise, surely=True) is None
-        if harmless and "initial" not in assumptions:
-            return cause
-    return None
 
 
 def _with_outliers(search: SearchState) -> SearchState:

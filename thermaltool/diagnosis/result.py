@@ -225,6 +225,8 @@ class Diagnosis:
     curves : tuple of (output, Record)
         Of every output in every log what was ``measured``, ``simulated`` and, where there are
         causes, ``extended`` by them, relative to rest.
+    sound : tuple of str
+        Digests of unseen logs that the model as it came fits: no cause acts there.
     """
 
     verdict: Verdict
@@ -240,6 +242,7 @@ class Diagnosis:
     spoiled: str | None = None
     undecided: tuple[str, ...] = ()
     curves: tuple[tuple[str, Record], ...] = field(default=(), compare=False)
+    sound: tuple[str, ...] = ()
 
     @property
     def adequate(self) -> bool:

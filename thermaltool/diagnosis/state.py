@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -45,6 +45,9 @@ class DiagnosisTask:
         Logs as `simulate` has them, where that is otherwise.
     readings : DiagnosisTask or None
         The same with every reading, where `logs`, `validate` and `calibration` are averages.
+    sound : tuple of Record
+        Unseen logs that the model as it came fits: what is wrong now was not there. They are no
+        veto of a cause, but of the written model.
     """
 
     model: Model
@@ -55,6 +58,20 @@ class DiagnosisTask:
     limits: ExperimentLimits = USUAL_LIMITS
     simulated: Mapping[str, Record] = field(default_factory=dict)
     readings: DiagnosisTask | None = None
+    sound: tuple[Record, ...] = ()
+
+    def apart(self, sound: Collection[int]) -> DiagnosisTask:
+        """The task with some unseen logs as sound ones.
+
+        Parameters
+        ----------
+        sound : collection of int
+            Their numbers in `validate`.
+        """
+        rest = tuple(log for k, log in enumerate(self.validate) if k not in sound)
+        chosen = tuple(log for k, log in enumerate(self.validate) if k in sound)
+        readings = None if self.readings is None else self.readings.apart(sound)
+        return replace(self, validate=rest, sound=chosen, readings=readings)
 
     def averaged(self) -> DiagnosisTask:
         """The task with averages in place of very many rows; itself where there are few."""

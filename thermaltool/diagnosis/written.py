@@ -292,6 +292,7 @@ def account(
     masked: Mask,
     noise: Mapping[str, float],
     simulated: Mapping[str, Record],
+    sound: Sequence[Record] = (),
 ) -> WrittenAccount:
     """The written model beside the one that came in, on all logs.
 
@@ -307,18 +308,22 @@ def account(
         As in `spoiled_by`.
     simulated : mapping of digest to Record
         Logs as `simulate` has them, where that is otherwise.
+    sound : sequence of Record
+        Unseen as well, without what is wrong: no gain is told of them.
     """
     models, notes, spoiled = steps_of(model, extended, causes), [], None
-    why = {id(log): cannot_run(extended, log) for log in (*logs, *validate, *calibration)}
-    for log in (*logs, *validate, *calibration):
+    every = (*logs, *validate, *sound, *calibration)
+    why = {id(log): cannot_run(extended, log) for log in every}
+    for log in every:
         if why[id(log)] is not None:
             notes.append(f"{_name(log)} cannot be run by the written model: {why[id(log)]}")
-    own, unseen, before = (
-        [log for log in group if why[id(log)] is None] for group in (logs, validate, calibration)
+    own, unseen, healthy, before = (
+        [log for log in group if why[id(log)] is None]
+        for group in (logs, validate, sound, calibration)
     )
     if len(own) < len(logs):
         spoiled = next(_name(log) for log in logs if why[id(log)] is not None)
-    elif worse := spoiled_by(model, extended, [*own, *unseen], masked, noise):
+    elif worse := spoiled_by(model, extended, [*own, *unseen, *healthy], masked, noise):
         spoiled = f"{worse[1]} in {_name(worse[0])}"
     if worse := spoiled_by(model, extended, before, masked, noise, surely=True):
         notes.append(
@@ -331,7 +336,7 @@ def account(
         judged = tuple(own if cause.log is not None else unseen or own)
         runs = [SimulatedLogs(each, judged, masked) for each in (one, other)]
         gains.append(gains_of(runs[0], runs[1], lambda output: True) if one != other else None)
-    told = [simulated.get(log.digest, log) for log in (*own, *unseen, *before)]
+    told = [simulated.get(log.digest, log) for log in (*own, *unseen, *healthy, *before)]
     steps = written_steps(models, causes, told)
     return WrittenAccount(steps, tuple(gains), spoiled, tuple(notes))
 

@@ -21,7 +21,12 @@ MAX_DIGITS, ENDLESS = 6, 1e30
 # Causes whose signatures are further apart do not look alike, though they may be as likely [deg].
 MIN_ANGLE_OF_RIVALS = 45.0
 # What a log is to a diagnosis, by its key in the JSON.
-ROLES = {"logs": "diagnosed", "validated_on": "validation", "calibrated_on": "calibration"}
+ROLES = {
+    "logs": "diagnosed",
+    "validated_on": "validation",
+    "sound": "as the model came",
+    "calibrated_on": "calibration",
+}
 
 
 def estimated(value: float, interval: Sequence[float] | None) -> list[str]:

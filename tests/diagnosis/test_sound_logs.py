@@ -1,0 +1,61 @@
+"""A log from before the machine has changed says nothing against what is wrong now."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import thermaltool as tt
+
+PERIOD, ROWS = 30.0, 600
+
+
+def machine(seed, lag=0.0):
+    """A log of two outputs by exact steps of their lags; the thermometer answers late by `lag`."""
+    rng = np.random.default_rng(seed)
+    heat = np.repeat(rng.choice([0.0, 60.0, 120.0, 200.0], ROWS // 20), 20)
+
+    def late(series, tau):
+        kept = np.exp(-PERIOD / tau)
+        state, found = 0.0, []
+        for value in series:
+            found.append(state)
+            state = kept * state + (1 - kept) * value
+        return np.array(found)
+
+    read = 0.05 * late(heat, 900.0)
+    read = late(read, lag) if lag else read
+    return pd.DataFrame({
+        "time_s": PERIOD * np.arange(ROWS),
+        "Q_heater_W": heat,
+        "T_column_degC": 20 + read + 0.02 * rng.standard_normal(ROWS),
+        "d_z_um": 0.2 * late(heat, 2400.0) + 0.2 * rng.standard_normal(ROWS),
+    })  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def model():
+    return tt.calibrate(
+        machine(1), ["Q_heater_W"], sensors=["T_column_degC"], deflections=["d_z_um"]
+    ).model
+
+
+def test_a_sound_log_does_not_speak_against_what_is_new(model):
+    found = tt.diagnose(model, machine(2, lag=240.0), validate=[machine(3)])
+    assert [c.effect.name for c in found.diagnosis.causes] == ["sensor_lag"]
+    (cause,) = found.diagnosis.causes
+    # The second of two lags is fed by rows, half a period late.
+    assert abs(cause.effect.parameters["time_constant"] - 240.0) < PERIOD
+    assert any("the machine has changed between the logs" in n for n in found.diagnosis.notes)
+    # Gains are those of the log that shows it; the written model would harm the sound one.
+    assert cause.gain["T_column_degC"].useful
+    assert "T_column_degC" in found.diagnosis.spoiled
+    document = found.document()
+    assert document["validated_on"] == []
+    assert len(document["sound"]) == 1
+
+
+def test_a_log_that_shows_the_same_stays_a_veto(model):
+    found = tt.diagnose(model, machine(2, lag=240.0), validate=[machine(3, lag=240.0)])
+    assert [c.effect.name for c in found.diagnosis.causes] == ["sensor_lag"]
+    assert found.diagnosis.spoiled is None
+    assert found.document()["sound"] == []
