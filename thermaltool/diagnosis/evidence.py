@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
+from thermaltool.diagnosis.whitening import whitening
 from thermaltool.effects.effect import Float
 from thermaltool.signals.likelihood import Factor, StackedFactors
 from thermaltool.signals.row_groups import Index, RowGroups
@@ -31,9 +32,6 @@ STRONG_EVIDENCE = 4.6
 DECISIVE_EVIDENCE = 10.0
 # A signature of which less than this share is left after projection cannot be seen.
 MIN_SHARE_LEFT = 1e-5
-# Eigenvalues of the scaled nuisance: what is below is left out, and where the digits of the
-# products no longer carry the whole projection.
-SINGULAR, COLLINEAR = 1e-13, 1e-7
 # How much larger the discrepancy of a clean log may be than expected: a deviation of its logarithm.
 DISCREPANCY_SPREAD = 0.3
 # Sum of squares that stands for rounding, over rows times white variance.
@@ -283,14 +281,19 @@ class OutputEvidence:
         # Precision of the priors, in units of the white noise.
         prior = np.where(flat, 0.0, self.white**2)
         centre = np.where(flat, 0.0, self.centre[active])
-        square, logdet, whitening, pulls, fitted = [], [], [], [], []
+        square, logdet, halves, pulls, fitted = [], [], [], [], []
         for level in self.levels:
-            half, spread = self._whitening(level, active, prior)
+            half, spread = whitening(
+                level.gram[np.ix_(active + 1, active + 1)],
+                prior,
+                self.columns[:, active + 1],
+                level.factor,
+            )
             pull = half.T @ (level.gram[0, active + 1] - prior * centre)
             square.append(level.gram[0, 0] + float(prior @ centre**2) - float(pull @ pull))
             given = 2 * level.odds - float(np.sum(np.log(prior[~flat])))
             logdet.append(level.factor.logdet + spread + given)
-            whitening.append(half)
+            halves.append(half)
             pulls.append(pull)
             fitted.append(half @ pull)
         # What is known of the white noise counts as so many readings more.
@@ -300,34 +303,8 @@ class OutputEvidence:
         least = known + max(ROUNDING * self.groups.size * self.white**2, 1e-300)
         squares = np.maximum(np.array(square) + known, least)
         return NullFit(
-            squares, np.array(logdet), dof, least, active, whitening, pulls, np.array(fitted)
+            squares, np.array(logdet), dof, least, active, halves, pulls, np.array(fitted)
         )
-
-    def _whitening(self, level: NoiseLevel, active: Index, prior: Float) -> tuple[Float, float]:
-        """Combinations of the active nuisance that are orthonormal under a level and its prior.
-
-        Returns
-        -------
-        ndarray, shape (c, r)
-            A root of the inverse of the nuisance's precision.
-        float
-            Log determinant of the precision.
-        """
-        gram = level.gram[np.ix_(active + 1, active + 1)]
-        size = np.sqrt(np.diag(gram) + prior)
-        size[size == 0] = 1.0
-        values, vectors = np.linalg.eigh((gram + np.diag(prior)) / np.outer(size, size))
-        spread = float(np.sum(np.log(np.maximum(values, SINGULAR)))) + 2 * float(np.log(size).sum())
-        kept = values > SINGULAR
-        half = vectors[:, kept] / size[:, None] / np.sqrt(values[kept])
-        if np.any(values[kept] < COLLINEAR):
-            # Once more from the columns themselves (Cholesky QR twice: Yamamoto et al. 2015).
-            columns = self.columns[:, active + 1] @ half
-            again = columns.T @ level.factor.solve(columns) + half.T @ (prior[:, None] * half)
-            values, vectors = np.linalg.eigh((again + again.T) / 2)
-            half = half @ (vectors / np.sqrt(values))
-            spread += float(np.log(values).sum())
-        return half, spread
 
     def fitted(self, assumptions: Assumptions, group: str) -> Float:
         """Best nuisance of one group at the best level, shape (columns of the group,).
@@ -381,8 +358,8 @@ class OutputEvidence:
         null = self.null(assumptions)
         # Combinations of the nuisance under each level; fewer of them where some are singular.
         through = [
-            cross @ whitening
-            for cross, whitening in zip(
+            cross @ half
+            for cross, half in zip(
                 products.nuisance[:, :, null.active + 1], null.whitening, strict=True
             )
         ]

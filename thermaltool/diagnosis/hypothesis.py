@@ -6,7 +6,7 @@ A hypothesis does not change: what is taken to be true next is another one (`rep
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,11 +45,14 @@ class Hypothesis:
         The model as its calibration knows it: the centre of the priors.
     assumptions : frozenset of str
         Groups of nuisance in use.
+    near : mapping of output to OutputEvidence
+        Of a model that leaves much the same: the noise is sought around it.
     """
 
     simulation: SimulatedLogs
     calibrated: Model
     assumptions: Assumptions
+    near: Mapping[str, OutputEvidence] = field(default_factory=dict)
 
     @staticmethod
     def of(
@@ -166,6 +169,7 @@ class Hypothesis:
             nuisance.white,
             self.assumptions,
             nuisance.expected,
+            self.near.get(output),
         )
 
     def unexplained(self, output: str) -> Series:
@@ -314,7 +318,24 @@ class Hypothesis:
                     break
             else:
                 break
-        return best
+        return best if best is self else replace(best, near={})
+
+    @cached_property
+    def _fitted_beside(self) -> dict[tuple[str, ...], Hypothesis]:
+        return {}
+
+    def fitted_beside(self, logs: Sequence[Record]) -> Hypothesis:
+        """The model's own parameters as these logs and others want them together.
+
+        Parameters
+        ----------
+        logs : sequence of Record
+            The others.
+        """
+        key = tuple(log.digest for log in logs)
+        if key not in self._fitted_beside:
+            self._fitted_beside[key] = self.with_logs((*self.logs, *logs)).fitted()
+        return self._fitted_beside[key]
 
     def _own_steps(self, output: str) -> Float:
         """Moves of an output's own parameters that its residual asks for, none too long."""
@@ -337,7 +358,7 @@ class Hypothesis:
                         moved.terms[k] if k in terms else term for k, term in enumerate(model.terms)
                     ),
                 )
-            result = self.with_model(model)
+            result = replace(self.with_model(model), near=self.evidence)
             self._misfit(result)
         except (ValueError, np.linalg.LinAlgError):
             return None

@@ -18,7 +18,6 @@ from scipy.optimize import brentq
 
 from thermaltool.diagnosis.evidence import (
     FLAT_GROUPS,
-    SINGULAR,
     STRONG_EVIDENCE,
     Assumptions,
     NoiseLevel,
@@ -27,6 +26,7 @@ from thermaltool.diagnosis.evidence import (
 from thermaltool.diagnosis.fit import products_of, profile
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.simulation import Changes
+from thermaltool.diagnosis.whitening import SINGULAR
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.signals.likelihood import Factor
 from thermaltool.units import is_displacement

@@ -28,6 +28,7 @@ def weigh(
     white: float,
     assumptions: Assumptions,
     expected: Callable[[float], float] | None = None,
+    near: OutputEvidence | None = None,
 ) -> OutputEvidence:
     """Evidence of one output at the noise levels that its residual asks for.
 
@@ -47,6 +48,9 @@ def weigh(
         Discrepancy of a clean log by its time constant [s]: a larger one has the odds of
         `DISCREPANCY_SPREAD` against it; with it the white noise, too, is held near `white` (by as
         many rows as there are). Without it both are free.
+    near : OutputEvidence, optional
+        Of much the same residual: the fine levels are around the best of its levels, or its own
+        where white noise alone is best.
     """
     start = OutputEvidence(
         groups,
@@ -62,6 +66,11 @@ def weigh(
         alone = start.at([])
         alone = replace(alone, white=alone.null(assumptions).white)
         return replace(alone, independence=alone.correlated_rows(assumptions))
+    if near is not None:
+        best = near.levels[near.null(assumptions).level]
+        same = [(level.ratio, level.tau) for level in near.levels if level.ratio]
+        around = _fine(best.ratio, best.tau) if best.ratio else same
+        return replace(start, white=near.white).at(around)
     noise = groups.noise
     longest = max(noise.span / 2, 6 * noise.period)
     taus = np.geomspace(3 * noise.period, longest, COARSE_TAUS).tolist()
@@ -71,6 +80,10 @@ def weigh(
             coarse = replace(coarse, white=coarse.null(assumptions).white)
     best = coarse.levels[coarse.null(assumptions).level]
     tau = best.tau if best.ratio else float(np.sqrt(taus[0] * taus[-1]))
-    ratio = best.ratio or START_RATIO
-    fine = [(r * ratio, t * tau) for r in FINE_RATIOS for t in FINE_TAUS]
+    fine = _fine(best.ratio or START_RATIO, tau)
     return replace(start, white=coarse.white).at(fine)
+
+
+def _fine(ratio: float, tau: float) -> list[tuple[float, float]]:
+    """Levels around one."""
+    return [(r * ratio, t * tau) for r in FINE_RATIOS for t in FINE_TAUS]

@@ -26,7 +26,8 @@ from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import Ranking, fit_candidate, plain_forms_first, ranked
 from thermaltool.diagnosis.simulation import SimulatedLogs, without
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION, DiagnosisTask, SearchState
-from thermaltool.diagnosis.validate import judge
+from thermaltool.diagnosis.validate import any_slow_course, judge
+from thermaltool.diagnosis.verdict import reading_noise, unknown_cause, weigh_residuals
 from thermaltool.diagnosis.written import cannot_run, gains_of, spoiled_by
 
 # Causes that are named at most, and that are held out at each step before the search is given up:
@@ -82,9 +83,10 @@ def _sound_logs(task: DiagnosisTask) -> list[int]:
 
 def _found(task: DiagnosisTask, search: SearchState) -> SearchState:
     """The search to its end, without the causes that do not stand."""
+    first = search.hypothesis
     search = _second_look(task, _forward(task, search))
     search = _of_no_harm(task, _of_use(task, _backward(search)))
-    return _of_no_curve(task, search)
+    return _of_no_rest(task, first, _of_no_curve(task, search))
 
 
 def _left(task: DiagnosisTask, search: SearchState) -> float:
@@ -280,6 +282,26 @@ def _of_no_curve(task: DiagnosisTask, search: SearchState) -> SearchState:
     """The search without causes that stand for a nonlinearity which is none of them."""
     for cause, why in stand_ins(task, search):
         search = _dropped(search, cause, f"stands for what it is not: {why}")
+    return search
+
+
+def _of_no_rest(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> SearchState:
+    """The search without slow courses beside which more is left than they explain.
+
+    What any slow misfit looks like in part is not known by that part.
+    """
+    last = search.hypothesis
+    courses = [c for c in search.causes if any_slow_course(c.effect, last)]
+    if not courses:
+        return search
+    noise = {output: reading_noise(last, output) for output in last.groups}
+    _, before = weigh_residuals(first, first, noise)
+    reports, left = weigh_residuals(last, last.with_model(search.written(task)), noise)
+    rest = unknown_cause(left, before, reports, last, named=True)
+    for cause in courses:
+        if rest is not None and rest.evidence > cause.evidence:
+            why = f"is not told: beside it more is left (evidence {rest.evidence:.0f})"
+            search = _dropped(search, cause, why)
     return search
 
 

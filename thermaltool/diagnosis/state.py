@@ -233,7 +233,7 @@ class SearchState:
         else:
             known = [log for log in task.calibration if cannot_run(last.model, log) is None]
             # What many logs have settled one log does not overturn.
-            joint = last.with_logs((*last.logs, *known)).fitted() if known else last
+            joint = last.fitted_beside(known) if known else last
             # A change of the model's own parameters that makes a log worse is left out.
             held = replace(task.model, effects=last.model.effects)
             plain = [joint.written(task.model).model, held]

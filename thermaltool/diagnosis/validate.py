@@ -124,7 +124,7 @@ def judge(
         if not _sure(candidate.effect, intervals) or _too_large(after, candidate.effect):
             return None
         share = explained(noise, gains)
-        if _any_slow_course(candidate.effect, after) and share < MIN_SHARE_OF_COURSE:
+        if any_slow_course(candidate.effect, after) and share < MIN_SHARE_OF_COURSE:
             return None
     except ModelError:  # the effect runs away with the parameters that go with it
         return None
@@ -151,8 +151,15 @@ def _sure(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> bool:
     return not given or any(not low <= neutral[n] <= high for n, (low, high) in given.items())
 
 
-def _any_slow_course(effect: Effect, hypothesis: Hypothesis) -> bool:
-    """Whether an effect of one log is slow enough there to follow whatever is slow."""
+def any_slow_course(effect: Effect, hypothesis: Hypothesis) -> bool:
+    """Whether an effect of one log is slow enough there to follow whatever is slow.
+
+    Parameters
+    ----------
+    effect : Effect
+    hypothesis : Hypothesis
+        On the logs in which it acts.
+    """
     longest = max(log.duration for log in hypothesis.logs)
     return effect.log is not None and effect.course > longest / MAX_PERIODS_OF_COURSE
 

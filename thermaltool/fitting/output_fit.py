@@ -326,9 +326,12 @@ def _unsettled(
             gradient.append((ahead - behind) / (2 * step))
         error = standard_error(np.array(gradient), covariance[np.ix_(index, index)])
         gain, slowest = response.dc_gain(), response.slowest()
-        if error > MAX_GAIN_ERROR * abs(gain) or duration < SETTLED_TIME_CONSTANTS * slowest:
+        steady = f"the steady state ({gain:.4g} ± {error:.2g})"
+        if duration < SETTLED_TIME_CONSTANTS * slowest:
             found.append(
-                f"the steady state ({gain:.4g} ± {error:.2g}) is not settled: the record covers "
-                f"{duration / slowest:.2g} of the slowest time constant, {slowest:.3g} s"
+                f"{steady} is not settled: the record covers {duration / slowest:.2g} of the "
+                f"slowest time constant, {slowest:.3g} s"
             )
+        elif error > MAX_GAIN_ERROR * abs(gain):
+            found.append(f"{steady} is not sure, though the record is long enough to show it")
     return found
