@@ -22,7 +22,8 @@ from thermaltool.signals.likelihood import Factor, StackedFactors
 from thermaltool.signals.row_groups import Index, RowGroups
 
 # What is left free: groups of nuisance in use ("offset", "accepted", "effects", "tight" or
-# "released", "initial", "instants"), and "white" where what is left over is taken for white noise.
+# "released", "initial", "instants", "earlier"), and "white" where what is left over is taken for
+# white noise.
 Assumptions = frozenset[str]
 # Groups of columns without a prior; all others have mean zero and variance one.
 FLAT_GROUPS = ("offset", "accepted")

@@ -197,8 +197,17 @@ class Hypothesis:
         ----------
         output : str
         """
-        switching = self._fitted_part(output, "instants")
-        return [a + b for a, b in zip(self.beginning(output), switching, strict=True)]
+        return [a + b for a, b in zip(self.beginning(output), self.switching(output), strict=True)]
+
+    def switching(self, output: str) -> Series:
+        """What is of commands that switch between the rows; zero where they switch at them.
+
+        Parameters
+        ----------
+        output : str
+        """
+        each = (self._fitted_part(output, group) for group in ("instants", "earlier"))
+        return [instants + earlier for instants, earlier in zip(*each, strict=True)]
 
     def _fitted_part(self, output: str, group: str) -> Series:
         """One group of nuisance as it fits best; zero where it is not in use."""
@@ -227,7 +236,7 @@ class Hypothesis:
             o: [
                 residual - switching
                 for residual, switching in zip(
-                    self.simulation.residual(o), self._fitted_part(o, "instants"), strict=True
+                    self.simulation.residual(o), self.switching(o), strict=True
                 )
             ]
             for o in self.groups

@@ -22,7 +22,7 @@ from thermaltool.diagnosis.held_effects import accepted_effects, calibrated_effe
 from thermaltool.diagnosis.readings import as_readings
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.diagnosis.starts import decays_of
-from thermaltool.diagnosis.switching import instants_of
+from thermaltool.diagnosis.switching import earlier_of, instants_of
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Float
 from thermaltool.model import Model
@@ -350,6 +350,7 @@ class OutputNuisance:
             "effects": self.calibrated_effects,
             "initial": self.decays,
             "instants": self.instants if "instants" in self.assumptions else [],
+            "earlier": earlier_of(self.instants) if "earlier" in self.assumptions else [],
         }
 
     @property

@@ -6,6 +6,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import numpy as np
+
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, Assumptions
 from thermaltool.diagnosis.fit import CauseCandidate
@@ -142,8 +144,15 @@ class DiagnosisTask:
             assumptions |= {"initial"}
         plain = Hypothesis.of(known, self.logs, known, assumptions)
         # Commands switch at the rows unless the logs say clearly that they do not.
-        between = replace(plain, assumptions=assumptions | {"instants"})
-        return between if between.evidence_of(assumptions) < -DECISIVE_EVIDENCE else plain
+        between = assumptions | {"instants"}
+        early = replace(plain, assumptions=between | {"earlier"})
+        if early.evidence_of(assumptions) > -DECISIVE_EVIDENCE:
+            return plain
+        # A model of commands that switch at the rows has them late; what acts later is a cause.
+        fitted = [e.fitted(early.assumptions, "earlier") for e in early.evidence.values()]
+        if early.evidence_of(between) < -DECISIVE_EVIDENCE and np.sum(fitted) > 0:
+            return early
+        return replace(plain, assumptions=between)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ pulse does, for as long as an output remembers. Each output has instants of its 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
@@ -20,15 +22,14 @@ from thermaltool.units import hold_of
 MIN_SWITCH, MAX_SWITCHES, MAX_SHARE = 0.02, 80, 0.2
 # Rows that are further apart part the log [of its usual step].
 MAX_APART = 3.0
-# Standard deviation of an instant that may be anywhere between two rows, and of all of them
-# together: the model may have been calibrated with their mean or without [of the rows' distance].
-SPREAD, TOGETHER = 12**-0.5, 0.5
+# Standard deviation of an instant that may be anywhere between two rows, and by how much all are
+# earlier than their rows where the model was calibrated on commands that switch at the rows [of the
+# rows' distance]. All of them later together are a delay, which is a cause.
+SPREAD, EARLIER = 12**-0.5, 0.5
 
 
 def instants_of(runs: SimulatedLogs, output: str) -> list[Series]:
-    """Change of an output by the instants of switches, each and all of a drive together.
-
-    By a standard deviation, earlier.
+    """Change of an output by the instant of each switch, earlier by a standard deviation.
 
     Parameters
     ----------
@@ -41,13 +42,24 @@ def instants_of(runs: SimulatedLogs, output: str) -> list[Series]:
     for k in range(len(runs.logs)):
         for drive in held:
             columns = _of_drive(runs, k, output, drive, most)
-            if len(columns) > 1:
-                columns.append(TOGETHER / SPREAD * np.sum(columns, axis=0))
             found += [
                 [column if j == k else np.zeros(len(each)) for j, each in enumerate(runs.logs)]
                 for column in columns
             ]
     return found
+
+
+def earlier_of(columns: Sequence[Series]) -> list[Series]:
+    """Change of an output by all instants together, earlier by half a row.
+
+    Parameters
+    ----------
+    columns : sequence of list of ndarray
+        As `instants_of` has them.
+    """
+    if not columns:
+        return []
+    return [[EARLIER / SPREAD * np.sum(each, axis=0) for each in zip(*columns, strict=True)]]
 
 
 def _of_drive(runs: SimulatedLogs, k: int, output: str, drive: str, most: int) -> list[Float]:

@@ -367,7 +367,7 @@ def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float]
     nuisance = hypothesis.nuisance[output]
     flat = [*nuisance.offsets, *nuisance.accepted.values()]
     prior = nuisance.prior
-    used = {"initial", "instants"} & hypothesis.assumptions
+    used = {"initial", "instants", "earlier"} & hypothesis.assumptions
     starts = [column for group in sorted(used) for column in nuisance.beside[group]]
     columns = [
         np.column_stack([*(c[k] for c in flat), own @ prior.root, *(c[k] for c in starts)])
