@@ -12,11 +12,11 @@ from scipy.special import ndtri
 
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.gain import Gain, compare
+from thermaltool.diagnosis.held_out import held_out_gains
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.simulation import Mask, Series, SimulatedLogs
-from thermaltool.diagnosis.validate import held_out_gains
 from thermaltool.effects import effect_class
 from thermaltool.effects.effect import Effect, Float
 from thermaltool.model import Model

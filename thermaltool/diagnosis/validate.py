@@ -1,9 +1,9 @@
 """Held-out judgement: the verdict on a cause, by what it is worth on data that no fit has seen.
 
 Each log is cut into blocks of time; every block is predicted, free running, by a fit to all other
-rows: the model's own parameters within their prior and the parameters of its effects, around the
-full fit. Places that were found by scanning (the instant of a step) stay where they are. The
-interval of the gain is that of a bootstrap over shorter blocks, so that slow errors count in full.
+rows (`held_out`). Places that were found by scanning (the instant of a step) stay where they are.
+The interval of the gain is that of a bootstrap over shorter blocks, so that slow errors count in
+full.
 """
 
 from __future__ import annotations
@@ -15,23 +15,19 @@ from types import MappingProxyType
 import numpy as np
 
 from thermaltool.diagnosis.fit import CauseCandidate
-from thermaltool.diagnosis.gain import MIN_LOSS, Gain, compare
+from thermaltool.diagnosis.gain import MIN_LOSS, Gain
+from thermaltool.diagnosis.held_out import held_out_gains
 from thermaltool.diagnosis.hypothesis import Hypothesis
-from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import fit_candidate
-from thermaltool.diagnosis.simulation import Series, without
+from thermaltool.diagnosis.simulation import without
 from thermaltool.diagnosis.verdict import MAX_TIMES_CALIBRATED
 from thermaltool.diagnosis.written import cannot_run, explained, gains_of
-from thermaltool.effects.effect import Effect, Float
+from thermaltool.effects.effect import Effect
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
 from thermaltool.record import Record
-from thermaltool.signals.likelihood import ColouredNoise
-from thermaltool.signals.row_groups import Index
 
-# Parts of a log of which each is held out once.
-FOLDS = 6
 # A cause has to explain this many times the slow discrepancy of a clean log, or, where that is
 # large, this share of what is wrong now.
 MIN_FLOORS, MAX_SHARE_OF_MISFIT = 1.0, 0.7
@@ -42,8 +38,6 @@ MAX_OF_MEASURED = 2.0
 MIN_SHARE_OF_COURSE, MAX_PERIODS_OF_COURSE = 0.5, 8.0
 # Turns between the model's own parameters and those of a cause.
 MAX_TURNS = 2
-# Singular values of the scaled normal matrix of a fold that count, relative to the largest.
-RELATIVE_RANK = 1e-12
 
 
 @dataclass(frozen=True)
@@ -201,32 +195,6 @@ def _fitted_jointly(
     return after, candidate
 
 
-# ---------------------------------------------------------------- gains
-
-
-def held_out_gains(before: Hypothesis, after: Hypothesis, seed: int = 0) -> dict[str, Gain]:
-    """Gain of every output by blocked cross-validation.
-
-    Parameters
-    ----------
-    before, after : Hypothesis
-        On the same logs; `after` has one cause more.
-    seed : int
-        Of the bootstrap.
-    """
-    result = {}
-    # Where nothing says how large a slow discrepancy may be, it would bridge short stretches.
-    events = "tight" in after.assumptions and any(e.event for e in after.model.effects)
-    # Nothing but the first block says what the start was like: it stays in the fit.
-    starts = "initial" in after.assumptions or any(e.at_start for e in after.model.effects)
-    for output in before.groups:
-        old, new = (_held_out_errors(each, output, events, starts) for each in (before, after))
-        simulated = before.simulation
-        measured, hidden = simulated.measured_rows(output), hidden_noise(simulated, output)
-        result[output] = compare(measured, old, new, seed, hidden)
-    return result
-
-
 def is_practical(
     hypothesis: Hypothesis,
     gains: Mapping[str, Gain],
@@ -284,96 +252,3 @@ def holds(hypothesis: Hypothesis, gains: Mapping[str, Gain]) -> bool:
         return False
     unseen = all(abs(each) < MIN_LOSS for each in change.values())
     return unseen or any(gains[output].useful or gains[output].claimed for output in change)
-
-
-# ---------------------------------------------------------------- prediction of held-out rows
-
-
-def _held_out_errors(hypothesis: Hypothesis, output: str, events: bool, starts: bool) -> Float:
-    """Error of every row, predicted from the other blocks, shape (rows,).
-
-    A cause is judged beside what the calibration leaves open, which the other blocks say.
-    """
-    groups, evidence = hypothesis.groups[output], hypothesis.evidence[output]
-    columns, prior, centre = _columns(hypothesis, output)
-    residual = hypothesis.simulation.residual(output)
-    table = [np.column_stack(pair) for pair in zip(residual, columns, strict=True)]
-    null = evidence.null(hypothesis.assumptions)
-    level = evidence.levels[null.level]
-    prior = prior * null.white**2
-    coarse, fine = groups.means(table), groups.joined(table)
-    error = np.empty(len(fine))
-    group = np.repeat(np.arange(groups.size), np.diff(np.append(groups.first, len(fine))))
-    for k in range(len(hypothesis.logs)):
-        blocks = _blocks(np.flatnonzero(groups.owner == k), events)
-        for fold in _folds(blocks):
-            held = np.setdiff1d(fold, blocks[0]) if starts else fold
-            rest = np.setdiff1d(np.arange(groups.size), held)
-            shift = _fit(hypothesis, output, coarse, rest, (level.ratio, level.tau), prior, centre)
-            rows = np.isin(group, fold)
-            error[rows] = fine[rows, 0] - fine[rows, 1:] @ shift
-    return error
-
-
-def _blocks(rows: Index, events: bool) -> list[Index]:
-    """Stretches of one log, shorter ones where something happened at an instant.
-
-    What happened late would else have all that it changed in one block.
-    """
-    count = min(FOLDS * FOLDS if events else FOLDS, len(rows))
-    return np.array_split(rows, count) if count else []
-
-
-def _folds(blocks: Sequence[Index]) -> list[Index]:
-    """Rows that are held out together: every so many-th block."""
-    return [np.concatenate(blocks[k::FOLDS]) for k in range(min(FOLDS, len(blocks)))]
-
-
-def _fit(
-    hypothesis: Hypothesis,
-    output: str,
-    table: Float,
-    kept: Index,
-    noise: tuple[float, float],
-    prior: Float,
-    centre: Float,
-) -> Float:
-    """Generalized least squares on some rows."""
-    groups = hypothesis.groups[output]
-    owners = groups.owner[kept]
-    starts = np.flatnonzero(np.diff(owners, prepend=-1))
-    coloured = ColouredNoise(groups.time[kept], starts, groups.weight[kept], groups.noise.period)
-    rows = table[kept]
-    gram = rows.T @ coloured.factor(*noise).solve(rows)
-    A = gram[1:, 1:] + np.diag(prior)
-    size = np.sqrt(np.diag(A))
-    size[size == 0] = 1.0
-    inner = np.linalg.pinv(A / np.outer(size, size), rcond=RELATIVE_RANK, hermitian=True)
-    return np.asarray((inner @ ((gram[0, 1:] - prior * centre) / size)) / size)
-
-
-def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float]:
-    """What a fold may use: offsets, effects, what the calibration leaves open, starts, switches.
-
-    Returns
-    -------
-    list of ndarray, shape (n, c), one for each log
-        Sensitivities.
-    ndarray, shape (c,)
-        Precision of the priors, and
-    ndarray, shape (c,)
-        their centres.
-    """
-    nuisance = hypothesis.nuisance[output]
-    flat = [*nuisance.offsets, *nuisance.accepted.values()]
-    prior = nuisance.prior
-    used = {"initial", "instants", "earlier"} & hypothesis.assumptions
-    starts = [column for group in sorted(used) for column in nuisance.beside[group]]
-    columns = [
-        np.column_stack([*(c[k] for c in flat), own @ prior.root, *(c[k] for c in starts)])
-        for k, own in enumerate(nuisance.moves)
-    ]
-    free, known = np.zeros(len(flat)), np.zeros(len(starts))
-    precision = np.concatenate([free, np.ones_like(prior.centre), np.ones(len(starts))])
-    centre = np.concatenate([free, prior.centre, known])
-    return columns, precision, centre
