@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STRONG_EVIDENCE
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.experiments import (
     MIN_ANGLE_SHOWN,
     SimulatedExperiments,
@@ -213,7 +213,7 @@ def tried_causes(hypothesis: Hypothesis, ranking: Ranking) -> tuple[Tried, ...]:
     for c in sorted(best.values(), key=lambda c: -ranking.beyond(c)):
         seen = detectable(information, c.effect, ranking.correction)
         evidence = ranking.beyond(c)
-        verdict = "evidence" if evidence > STRONG_EVIDENCE else "no evidence"
+        verdict = "evidence" if evidence > DECISIVE_EVIDENCE else "no evidence"
         result.append(
             Tried(
                 c.effect.name,

@@ -27,9 +27,8 @@ from thermaltool.signals.row_groups import Index, RowGroups
 Assumptions = frozenset[str]
 # Groups of columns without a prior; all others have mean zero and variance one.
 FLAT_GROUPS = ("offset", "accepted")
-# Evidence (fall of BIC, corrected for the causes tried) from which a cause is held out: odds of 10.
-STRONG_EVIDENCE = 4.6
-# ... from which two answers are told apart: odds of 150.
+# Evidence (fall of BIC, corrected for the causes tried) from which a cause is held out, and from
+# which two answers are told apart: odds of 150.
 DECISIVE_EVIDENCE = 10.0
 # A signature of which less than this share is left after projection cannot be seen.
 MIN_SHARE_LEFT = 1e-5

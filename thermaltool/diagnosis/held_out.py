@@ -1,7 +1,8 @@
 """Prediction of held-out rows: blocks of each log, from a fit to all others.
 
-The model's own parameters move within their prior and those of its causes freely, around the full
-fit. What a cause has in several outputs is one parameter, which all of them say.
+The model's own parameters move within their prior, and those of its causes as far as their slopes
+say something, around the full fit. What a cause has in several outputs is one parameter, which all
+of them say.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from thermaltool.diagnosis.gain import Gain, compare
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.simulation import Series
-from thermaltool.effects.effect import Float
+from thermaltool.effects.effect import Effect, Float
 from thermaltool.signals.likelihood import ColouredNoise
 from thermaltool.signals.row_groups import Index, RowGroups
 
@@ -243,6 +244,20 @@ def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float]
         for k, own in enumerate(nuisance.moves)
     ]
     free, known = np.zeros(len(flat)), np.zeros(len(starts))
-    precision = np.concatenate([free, np.ones_like(prior.centre), np.ones(len(starts))])
+    loose = free.copy()
+    for k, (at, name) in enumerate(nuisance.accepted, start=len(nuisance.offsets)):
+        loose[k] = _reach(hypothesis.model.effects[at], name) ** -2
+    precision = np.concatenate([loose, np.ones_like(prior.centre), np.ones(len(starts))])
     centre = np.concatenate([free, prior.centre, known])
     return columns, precision, centre
+
+
+def _reach(effect: Effect, name: str) -> float:
+    """How far the slope by a parameter of a cause says what it does: a deviation of its prior.
+
+    All the way where outputs are linear in it.
+    """
+    known, value = effect.parameter(name), abs(effect.parameters[name])
+    if known.linear or not value:
+        return np.inf
+    return effect.course or value if known.unit == "s" and not known.log else value

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from thermaltool.diagnosis.evidence import (
+    DECISIVE_EVIDENCE,
     FLAT_GROUPS,
-    STRONG_EVIDENCE,
     Assumptions,
     NoiseLevel,
     NullFit,
@@ -346,7 +346,7 @@ def detectable(
             continue
         rows = sum(hypothesis.evidence[o].independence * groups[o].count for o in changes)
         unknown = 1 + len(effect.searched())
-        needed = STRONG_EVIDENCE + correction + unknown * float(np.log(rows))
+        needed = DECISIVE_EVIDENCE + correction + unknown * float(np.log(rows))
         needed -= 2 * float(np.log(effect.odds))
         amplitude = _amplitude_for(
             hypothesis, information.assumptions, {o: changes[o] for o in seen}, needed

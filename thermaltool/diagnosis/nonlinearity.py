@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermaltool.diagnosis.result import Cause
+from thermaltool.diagnosis.simulation import SimulatedLogs, without
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.effects.effect import Effect
 from thermaltool.errors import FitError, LogError, ModelError
@@ -21,8 +22,8 @@ from thermaltool.fitting.linearity import LinearityTest, linearity_test
 from thermaltool.model import Model, started_outputs
 from thermaltool.record import Record
 
-# The column that holds what a model simulates.
-SIMULATED = "x_simulated_1"
+# Columns that hold what a model simulates, and the course of a source that nobody logged.
+SIMULATED, COURSE = "x_simulated_1", "x_course_1"
 # Share of what linear terms leave that products and powers explain where a machine is not linear
 # in the first place; and what a cause may leave of that power.
 MIN_NONLINEAR, MAX_LEFT = 0.5, 0.5
@@ -182,10 +183,25 @@ def stand_ins(task: DiagnosisTask, search: SearchState) -> list[tuple[Cause, str
                 continue  # it acts on another output alone
             if lacked and explains_more(test, nonlinearity(model, logs, output, lacked)):
                 continue
+            if not effect.channel:
+                course = _with_course(written, effect, logs, output)
+                if course and explains_more(test, nonlinearity(model, course, output, (COURSE,))):
+                    continue
             if stands_for_another(effect, test, after[output]):
                 found.append((cause, f"{output} is not linear, {_reached(test)}"))
                 break
     return found
+
+
+def _with_course(
+    written: Model, effect: Effect, logs: Sequence[Record], output: str
+) -> list[Record]:
+    """Logs with what a cause without a channel adds to an output; none where it adds nothing."""
+    runs = SimulatedLogs(without(written, effect), tuple(logs), {})
+    change = runs.displacement(effect).get(output)
+    if change is None:
+        return []
+    return [log.with_columns({COURSE: c}) for log, c in zip(logs, change, strict=True)]
 
 
 def _reached(test: LinearityTest) -> str:

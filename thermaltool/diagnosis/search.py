@@ -16,7 +16,7 @@ import numpy as np
 
 from thermaltool.diagnosis.alternatives import tried_causes
 from thermaltool.diagnosis.correction import corrected
-from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STRONG_EVIDENCE, released
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, released
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import beyond_calibration, is_trend, too_short
@@ -54,13 +54,14 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
         Without any cause.
     """
     search = _found(task, start)
-    left = _left(task, search)
-    sound = () if task.own or left < MIN_MISFIT else _sound_logs(task)
+    if task.own or _rest(task, start.hypothesis, search) is None:
+        return task, search
+    sound = _sound_logs(task)
     if not sound:
         return task, search
     apart = task.apart(sound)
     again = _found(apart, start)
-    if not again.causes or _left(apart, again) > MAX_LEFT * left:
+    if not again.causes or _left(apart, again) > MAX_LEFT * _left(task, search):
         return task, search
     for log in apart.sound:
         again = again.noted(
@@ -151,7 +152,7 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 return search.accepting(cause, freed)
             search = search.noted("a log does not begin at rest: its start decays are fitted apart")
         hypothesis = changed
-    strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else STRONG_EVIDENCE)
+    strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else DECISIVE_EVIDENCE)
     for candidate in _judged(ranking, strong):
         task.progress(f"held-out gain of {candidate.effect.name}")
         verdict = judge(
@@ -251,7 +252,7 @@ def _backward(search: SearchState) -> SearchState:
             continue
         bare = search.open().with_model(rest)
         again = fit_candidate(bare, CauseCandidate.unfitted(cause.effect, bare.assumptions))
-        if again.evidence < (0.0 if "white" in bare.assumptions else STRONG_EVIDENCE):
+        if again.evidence < (0.0 if "white" in bare.assumptions else DECISIVE_EVIDENCE):
             kept = tuple(c for c in search.causes if c is not cause)
             search = replace(search, causes=kept, hypothesis=bare)
     return search
@@ -290,19 +291,23 @@ def _of_no_rest(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> 
 
     What any slow misfit looks like in part is not known by that part.
     """
-    last = search.hypothesis
-    courses = [c for c in search.causes if any_slow_course(c.effect, last)]
-    if not courses:
-        return search
-    noise = {output: reading_noise(last, output) for output in last.groups}
-    _, before = weigh_residuals(first, first, noise)
-    reports, left = weigh_residuals(last, last.with_model(search.written(task)), noise)
-    rest = unknown_cause(left, before, reports, last, named=True)
+    courses = [c for c in search.causes if any_slow_course(c.effect, search.hypothesis)]
+    rest = _rest(task, first, search) if courses else None
     for cause in courses:
         if rest is not None and rest.evidence > cause.evidence:
             why = f"is not told: beside it more is left (evidence {rest.evidence:.0f})"
             search = _dropped(search, cause, why)
     return search
+
+
+def _rest(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Cause | None:
+    """What is left of a model that is not adequate; None where it is noise."""
+    last = search.hypothesis if search.causes else search.ended
+    noise = {output: reading_noise(last, output) for output in last.groups}
+    _, before = weigh_residuals(first, first, noise)
+    plain = last.with_model(search.written(task)) if search.causes else last
+    reports, left = weigh_residuals(last, plain, noise)
+    return unknown_cause(left, before, reports, last, named=bool(search.causes))
 
 
 def _of_no_harm(task: DiagnosisTask, search: SearchState) -> SearchState:

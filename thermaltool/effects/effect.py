@@ -24,13 +24,13 @@ from thermaltool.units import is_displacement, parse_channel
 Float = NDArray[np.float64]
 # Outputs by channel, relative to rest, each of shape (n,).
 Outputs = Mapping[str, Float]
-# What an effect keeps of the rows that have passed, lists and numbers by name; None where it gets
-# the whole record.
+# What an effect keeps of the rows that have passed, by name; None where it gets the whole record.
 Memory = dict[str, Any] | None
 Side = Literal["drive", "state", "source", "structure", "sensor", "wiring"]
 
 # In place of a record, for effects that look at the value of the moment alone.
 STILL = Record(np.zeros(1), {})
+NOBODY_LOGGED = 0.05  # odds of an accident of this very record, or of what nobody has logged
 # The order in which outputs pass: physics first, then what reads it, then who it is called.
 SIDES: tuple[Side, ...] = ("drive", "state", "source", "structure", "sensor", "wiring")
 
@@ -318,7 +318,7 @@ class Effect:
     def odds(self) -> float:
         """How common it is beside a property of the machine, before any log is seen."""
         if self.event or not self.channel:
-            return 0.05  # an accident of this very record, a source that nobody logged
+            return NOBODY_LOGGED
         return 0.2 if self.defect or self.side in ("sensor", "wiring") else 1.0
 
     @property

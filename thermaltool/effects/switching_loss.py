@@ -10,6 +10,7 @@ import numpy as np
 
 from thermaltool.effects.dynamics import is_plausible_rate
 from thermaltool.effects.effect import (
+    NOBODY_LOGGED,
     Effect,
     Float,
     Memory,
@@ -53,6 +54,10 @@ class SwitchingLoss(Effect):
         "on": Parameter("{channel}", place=True),
         "off": Parameter("{channel}", place=True),
     }
+
+    @property
+    def odds(self) -> float:
+        return NOBODY_LOGGED
 
     def needs(self) -> tuple[str, ...]:
         return (self.channel,)
