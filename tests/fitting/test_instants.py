@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from thermaltool.fitting.instants import Instants
+from thermaltool.fitting.instants import Instants, pulses
 from thermaltool.fitting.projection import CalibrationProblem
 from thermaltool.model import Drive
 from thermaltool.record import Record
@@ -56,3 +56,10 @@ def test_compressed_rows_have_the_likelihood_of_the_covariance(columns_and_noise
         expected = sigma**2 * left @ np.linalg.solve(covariance, left)
         found = np.sum((triangle.z - triangle.R @ coefficients) ** 2)
         assert found == pytest.approx(expected, rel=1e-8)
+
+
+def test_a_pulse_is_the_response_later_by_the_rows_of_the_switch():
+    levels, once = np.array([[0.0, 0, 0, 100, 100, 100, 100]]), [0.5 ** np.arange(7)]
+    (late,) = pulses(levels, once, ["zero"], 1)
+    assert late == pytest.approx(100 / 12**0.5 * np.array([0, 0, 1, 0.5, 0.25, 0.125, 0.0625]))
+    assert not list(pulses(levels, once, ["first"], 1))

@@ -7,7 +7,7 @@ the covariance s²·I + B Bᵀ: a generalized least-squares fit, with intervals 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,8 @@ from thermaltool.model import Drive
 from thermaltool.record import Record
 from thermaltool.responses import Response
 from thermaltool.responses.modes import Float
-from thermaltool.responses.switching import change_by_instant, switches
+from thermaltool.responses.switching import SPREAD, change_by_instant, switches
+from thermaltool.units import Hold
 
 # Of more switches of all drives and logs the largest of each count; what switches in a larger share
 # of the rows is no command.
@@ -140,3 +141,33 @@ def _columns(
                 )  # fmt: skip
                 columns.append(column)
     return np.array(columns).reshape(len(columns), len(problem.measured)).T
+
+
+def impulses(levels: Float) -> Float:
+    """A height of one in the first row, for each input; shape as `levels`, (inputs, n)."""
+    first = np.zeros_like(levels)
+    first[:, 0] = 1.0
+    return first
+
+
+def pulses(
+    levels: Float, once: Sequence[Float], holds: Sequence[Hold], records: int
+) -> Iterator[Float]:
+    """Change of an output by the instant of each switch of a held input, each shape (n,).
+
+    Parameters
+    ----------
+    levels : ndarray, shape (inputs, n)
+        On an even clock.
+    once : sequence of ndarray, shape (n,)
+        Response to `impulses`.
+    holds : sequence of Hold, one for each input
+    records : int
+        Over which the switches are counted.
+    """
+    most = max(MAX_SWITCHES // (len(levels) * records), 1)
+    for level, own, hold in zip(levels, once, holds, strict=True):
+        steps = np.ones(len(level) - 1)
+        for j in switches(level, steps, most, MAX_SHARE) if hold == "zero" else ():
+            late = np.concatenate([np.zeros(j), own])[: len(level)]
+            yield SPREAD * float(level[j + 1] - level[j]) * late

@@ -54,6 +54,22 @@ def linear_least_squares(columns: Float, measured: Float, min_direction: float) 
     return np.asarray((found.T / size).T)
 
 
+def orthonormal_rows(rows: Float, least: float) -> Float:
+    """An orthonormal basis of rows, without directions that are nearly in the others.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (p, n)
+    least : float
+        Share of the largest squared singular value, of rows of one length.
+    """
+    sizes = np.linalg.norm(rows, axis=1)
+    rows = rows[sizes > 0] / sizes[sizes > 0][:, None]
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    used = values > least * max(values, default=1.0)
+    return np.asarray((vectors[:, used] / np.sqrt(values[used])).T @ rows)
+
+
 @dataclass(frozen=True)
 class Triangle:
     """Triangle R and rotated measurement z: ‖w(y − D c)‖² = ‖z − R c‖² + a constant.
