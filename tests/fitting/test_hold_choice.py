@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.model import characteristics
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_warnings
 
@@ -48,3 +49,24 @@ def test_commands_between_rows_go_along_lines(between, hold):
 def test_what_is_told_to_be_held_is_held():
     plan = CalibrationPlan((HEAT,), (OUTPUT,), hold="zero", choose=True)
     assert calibrate([log_of(1, True, "one")], plan).drives[0].hold == "zero"
+
+
+TWO_LAGS = CalibrationPlan(
+    (HEAT,), (OUTPUT,), kinds={OUTPUT: "rational2"}, choose=True, linear=True
+)
+
+
+def test_the_instants_are_a_part_of_the_fit():
+    model = calibrate([log_of(20261125, True, "log")], TWO_LAGS)
+    found = characteristics(model.terms[0]).time_constants
+    for each, (_, tau) in zip(sorted(found, key=lambda each: each.value), LAGS, strict=True):
+        # Twice the interval, which one log in twenty leaves.
+        assert abs(each.value - tau) < each.high - each.low < 0.1 * tau
+    own = model.outputs[0].fit["instants"]
+    # The noise of a reading is 0.01 K.
+    assert own["rmse"] < 0.012 < own["rmse_without"]
+    assert any("instants of" in each for each in calibration_warnings(model))
+
+
+def test_commands_on_the_rows_have_no_instants():
+    assert "instants" not in calibrate([log_of(20261125, False, "log")], TWO_LAGS).outputs[0].fit

@@ -1,9 +1,4 @@
-"""Commands that switch between the rows of a log, nobody knows when.
-
-A logger with a clock of its own shows a command that has changed at some instant since the row
-before. What heat is missing, or too much, until the row is a pulse: it acts as the response to a
-pulse does, for as long as an output remembers. Each output has instants of its own.
-"""
+"""Instants of commands that switch between the rows of a log; each output has its own."""
 
 from __future__ import annotations
 
@@ -13,19 +8,15 @@ import numpy as np
 
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.effect import Float
-from thermaltool.responses import Response
+from thermaltool.responses.switching import SPREAD, change_by_instant, switches
 from thermaltool.units import hold_of
 
-# A drive switches where it changes by this share of its range between two rows; of more switches
-# of all drives and logs the largest of each count, and what switches in a larger share of the rows
-# is no command.
-MIN_SWITCH, MAX_SWITCHES, MAX_SHARE = 0.02, 80, 0.2
-# Rows that are further apart part the log [of its usual step].
-MAX_APART = 3.0
-# Standard deviation of an instant that may be anywhere between two rows, and by how much all are
-# earlier than their rows where the model was calibrated on commands that switch at the rows [of the
-# rows' distance]. All of them later together are a delay, which is a cause.
-SPREAD, EARLIER = 12**-0.5, 0.5
+# Of more switches of all drives and logs the largest of each count, and what switches in a larger
+# share of the rows is no command.
+MAX_SWITCHES, MAX_SHARE = 80, 0.2
+# By how much all are earlier than their rows where the model was calibrated on commands that switch
+# at the rows [of the rows' distance]. All of them later together are a delay, which is a cause.
+EARLIER = 0.5
 
 
 def instants_of(runs: SimulatedLogs, output: str) -> list[Series]:
@@ -67,28 +58,7 @@ def _of_drive(runs: SimulatedLogs, k: int, output: str, drive: str, most: int) -
     log, level = runs.logs[k], runs.inputs[k][drive]
     time = log.time - runs.dead_times[k][drive]
     responses = [t.response for t in runs.model.terms if (t.output, t.drive) == (output, drive)]
-    found = []
-    for j in _switches(level, np.diff(log.time), most):
-        ends, begins = time - log.time[j + 1], time - log.time[j]
-        column = sum((_risen(r, begins) - _risen(r, ends) for r in responses), np.zeros(len(log)))
-        found.append(SPREAD * (level[j + 1] - level[j]) * column)
-    return found
-
-
-def _switches(level: Float, steps: Float, most: int) -> list[int]:
-    """Rows behind which a drive switches, the largest changes of many; none where it runs on.
-
-    A pause says nothing of what the drive did in it.
-    """
-    changes = np.abs(np.diff(level))
-    rows = np.flatnonzero(changes > MIN_SWITCH * float(np.ptp(level)))
-    if len(rows) > MAX_SHARE * len(level):
-        return []
-    largest = rows[np.argsort(-changes[rows], kind="stable")][:most]
-    whole = steps[largest] <= MAX_APART * float(np.median(steps))
-    return sorted(largest[whole].tolist())
-
-
-def _risen(response: Response, since: Float) -> Float:
-    """Step response, zero before the step."""
-    return np.where(since > 0, response.step(np.maximum(since, 0.0)), 0.0)
+    return [
+        change_by_instant(time, log.time[j], log.time[j + 1], level[j + 1] - level[j], responses)
+        for j in switches(level, np.diff(log.time), most, MAX_SHARE)
+    ]

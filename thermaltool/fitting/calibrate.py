@@ -173,13 +173,14 @@ def calibrate(
         progress("averaging rows")
         records, drives = average(records, drives, (*plan.sensors, *plan.deflections))
     outputs, terms, kinds = _fitted(records, plan, drives, progress)
+    between: list[str] = []
     if plan.choose and plan.hold is None:
         progress("trying whether drives switch between rows")
         between = switched_between_rows(records, drives, kinds, plan.fixed, plan.free_start)
         if between:
             drives = [replace(d, hold="first") if d.channel in between else d for d in drives]
             commanded = drives
-            outputs, terms, kinds = _fitted(records, plan, drives, progress)
+            outputs, terms, kinds = _fitted(records, plan, drives, progress, between)
     effects, plain = tuple[Effect, ...](), kinds
     for _ in range(LAW_ROUNDS if plan.choose and not plan.linear else 0):
         progress("trying laws of the drives and of the material")
@@ -187,7 +188,7 @@ def calibrate(
         if not found:
             break
         acting, zeroed = acting_records(records, drives, found)
-        with_laws = _fitted(acting, plan, zeroed, progress)
+        with_laws = _fitted(acting, plan, zeroed, progress, between)
         if not explain(records, drives, plain, with_laws[2], found, plan.fixed, plan.free_start):
             break
         effects = found
@@ -223,6 +224,7 @@ def _fitted(
     plan: CalibrationPlan,
     drives: Sequence[Drive],
     progress: Callable[[str], None],
+    between: Sequence[str] = (),
 ) -> tuple[list[Output], list[Term], list[ChosenKinds]]:
     """Every output, what drives it, and the kinds of response that were chosen."""
     outputs: list[Output] = []
@@ -250,7 +252,7 @@ def _fitted(
         used, kinds = [drives[k] for k in acting], [kinds[k] for k in acting]
         fit = fit_output(
             records, used, channel, kinds, plan.fixed, plan.loss, plan.starts,
-            plan.free_start, say, delays if any(delays) else None, states,
+            plan.free_start, say, delays if any(delays) else None, states, between,
         )  # fmt: skip
         outputs.append(_output(channel, role, fit, records, plan, used, tried))
         terms += (
@@ -340,6 +342,17 @@ def _output(
             "free_start": plan.free_start,
             "starts_rmse": list(fit.starts),
             "unidentified": list(fit.unidentified),
+            **(
+                {
+                    "instants": {
+                        "switches": fit.instants,
+                        "rmse": fit.rmse_instants,
+                        "rmse_without": fit.rmse,
+                    }
+                }
+                if fit.instants
+                else {}
+            ),
             "discrepancy": _discrepancy(fit, [drive.channel for drive in drives]),
             **({"candidates": [each.document() for each in candidates]} if candidates else {}),
         },

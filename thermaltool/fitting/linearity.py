@@ -22,12 +22,15 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.signal import lfilter
 from scipy.special import fdtrc
 
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.error_model import MAX_AR_ORDER, ROWS_PER_COEFFICIENT, known_runs
+from thermaltool.fitting.instants import DECISIVE, Instants, impulses, pulses
 from thermaltool.fitting.joint import with_absorbed
+from thermaltool.fitting.projection import orthonormal_rows
 from thermaltool.record import Record
 from thermaltool.signals.gauss_newton import solve
 from thermaltool.timeseries.ar import burg
@@ -134,7 +137,7 @@ def linearity_test(model: TestedModel, data: TrainingData) -> LinearityTest | No
     names, found = _regression(model, data)
     if found is None:
         return None
-    basis = _orthonormal(np.vstack([found.linear, found.other]), MIN_DIRECTION)
+    basis = orthonormal_rows(np.vstack([found.linear, found.other]), MIN_DIRECTION)
     reduced = _reduced(found, basis)
     if reduced is None:
         return None
@@ -189,14 +192,14 @@ def _reduced(found: ErrorRegression, basis: Array) -> Reduced | None:
     """
     colour, _ = _colour(found, found.error - (found.error @ basis.T) @ basis)
     white = _filtered(found, colour)
-    linear = _orthonormal(white.linear, MIN_DIRECTION)
+    linear = orthonormal_rows(white.linear, MIN_DIRECTION)
     rest = white.other - (white.other @ linear.T) @ linear
     error = white.error - (white.error @ linear.T) @ linear
     sizes, left = (np.sqrt(np.sum(rows**2, axis=1)) for rows in (white.other, rest))
     kept = np.flatnonzero(left > MIN_NEW_SHARE * np.maximum(sizes, 1e-300))
     if not len(kept):
         return None
-    new = _orthonormal(rest[kept], MIN_NEW_SHARE)
+    new = orthonormal_rows(rest[kept], MIN_NEW_SHARE)
     gained, power = float(np.sum((new @ error) ** 2)), float(error @ error)
     q, free = len(new), len(error) - len(linear) - len(new)
     if free < 1 or not power > MIN_RELATIVE_ERROR * float(found.output @ found.output):
@@ -215,7 +218,7 @@ def _simulated_p_value(found: ErrorRegression, basis: Array, statistic: float) -
         As `_reduced`.
     statistic : float
     """
-    linear = _orthonormal(found.linear, MIN_DIRECTION)
+    linear = orthonormal_rows(found.linear, MIN_DIRECTION)
     given = _colour(found, found.error - (found.error @ linear.T) @ linear)
     places = [(np.arange(len(linear)), part) for part in found.runs(linear)]
     colour, _ = with_absorbed(given, np.eye(len(linear)), places)
@@ -267,15 +270,6 @@ def _filtered(found: ErrorRegression, ar: Array) -> ErrorRegression:
     )  # fmt: skip
 
 
-def _orthonormal(rows: Array, least: float) -> Array:
-    """An orthonormal basis of rows, without directions that are nearly in the others."""
-    sizes = np.linalg.norm(rows, axis=1)
-    rows = rows[sizes > 0] / sizes[sizes > 0][:, None]
-    values, vectors = np.linalg.eigh(rows @ rows.T)
-    used = values > least * max(values, default=1.0)
-    return np.asarray((vectors[:, used] / np.sqrt(values[used])).T @ rows)
-
-
 def _regression(model: TestedModel, data: TrainingData) -> tuple[list[str], ErrorRegression | None]:
     """Names of the other terms, and all rows, in groups where they are many; None: too few."""
     runs = [model.simulate(record) for record in data.records]
@@ -294,6 +288,7 @@ def _regression(model: TestedModel, data: TrainingData) -> tuple[list[str], Erro
     free = [k for k in longest if not data.records[k].at_rest]
     names: list[str] = []
     parts: list[Array] = []
+    instants: list[Array] = []
     edge = 0
     for k, (record, run) in enumerate(zip(data.records, runs, strict=True)):
         there = np.flatnonzero(np.isfinite(run))
@@ -314,8 +309,12 @@ def _regression(model: TestedModel, data: TrainingData) -> tuple[list[str], Erro
         if k in free:
             decays[free.index(k)] = [_group_means(np.exp(-clock / tau), group) for tau in taus]
         whole = np.vstack([*first, offsets, *decays, *linear, *other.values()])
-        edge = len(whole) - len(other)
-        parts += [whole[:, run].copy() for run in known_runs(whole[0])]
+        edge, runs_there = len(whole) - len(other), known_runs(whole[0])
+        once = [_response_to(model, record, i, x) for i, x in enumerate(impulses(data.u[k]))]
+        late = [_group_means(x, group) for x in pulses(data.u[k], once, data.holds, len(runs))]
+        parts += [whole[:, run].copy() for run in runs_there]
+        instants += [np.array(late).reshape(len(late), count)[:, run] for run in runs_there]
+    instants = [own for own, part in zip(instants, parts, strict=True) if part.shape[1] >= MIN_RUN]
     parts = [part for part in parts if part.shape[1] >= MIN_RUN]
     if not parts:
         return [], None
@@ -325,7 +324,22 @@ def _regression(model: TestedModel, data: TrainingData) -> tuple[list[str], Erro
     rows = np.hstack(parts)
     if rows.shape[1] < ROWS_PER_COLUMN * len(rows):
         return [], None
-    return names, ErrorRegression(rows[0], rows[1], rows[2:edge], rows[edge:], tuple(ends))
+    found = ErrorRegression(rows[0], rows[1], rows[2:edge], rows[edge:], tuple(ends))
+    return names, _beside_instants(found, block_diag(*instants))
+
+
+def _beside_instants(found: ErrorRegression, late: Array) -> ErrorRegression:
+    """Rows whitened of the instants of switches, where what all terms leave asks for these."""
+    if not len(late):
+        return found
+    basis = orthonormal_rows(np.vstack([found.linear, found.other]), MIN_DIRECTION)
+    left, own = (rows - (rows @ basis.T) @ basis for rows in (found.error, late))
+    noise = Instants.of(own.T, left)
+    if noise.evidence < DECISIVE:
+        return found
+    white = replace(noise, columns=late.T).whitened
+    linear, other = white(found.linear.T).T, white(found.other.T).T
+    return replace(found, error=white(found.error), linear=linear, other=other)
 
 
 def _bank(longest: int, inputs: int) -> Array:

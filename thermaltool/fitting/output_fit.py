@@ -11,6 +11,7 @@ import numpy as np
 from thermaltool.errors import FitError, counted
 from thermaltool.fitting.covariance import block_covariance
 from thermaltool.fitting.discrepancy import Discrepancy, discrepancy
+from thermaltool.fitting.instants import Instants, fitted_instants
 from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.fitting.projection import (
     MAX_CANCELLATION,
@@ -67,6 +68,10 @@ class OutputFit:
         Of the searched parameters (by logarithm) and gains, in the order of `names`, then of
         first-order lags with these `time_constants` for every drive.
     time_constants : tuple of float [s]
+    instants : int
+        Switches between rows whose instants are part of the noise.
+    rmse_instants : float or None [unit of the output]
+        Beside what the likeliest of them explain; None without.
     """
 
     responses: tuple[Response, ...]
@@ -81,6 +86,8 @@ class OutputFit:
     covered: float
     discrepancy: Discrepancy
     time_constants: tuple[float, ...]
+    instants: int = 0
+    rmse_instants: float | None = None
 
     def response_covariance(self, drive: int) -> tuple[Float, tuple[str, ...]]:
         """Covariance of the parameters of one drive's response, and their names."""
@@ -137,6 +144,7 @@ def fit_output(
     progress: Callable[[str], None] = lambda message: None,
     delays: Sequence[float] | None = None,
     states: GridStates | None = None,
+    between: Sequence[str] = (),
 ) -> OutputFit:
     """Fit one output to its drives over all records at once.
 
@@ -164,6 +172,9 @@ def fit_output(
         Of each drive's response; default: the fixed ``delay``, else none.
     states : dict, optional
         See `CalibrationProblem.assemble`.
+    between : sequence of str
+        Drives that switch at unknown instants between the rows: where evidence asks for it, these
+        are part of the noise.
 
     Raises
     ------
@@ -206,11 +217,29 @@ def fit_output(
         weights, triangle = new, problem.compress(new)
         theta = search.refine(theta, triangle)[1]
     rmses = tuple(size * search.scale / np.sqrt(rows) for size, _ in reached)
+    instants = None
+    for _ in range(MAX_REWEIGHTINGS if between else 0):
+        residual, linear = search.fitted(theta, triangle)
+        responses = parametrization.responses(theta, linear[: parametrization.gains])
+        found = fitted_instants(problem, records, drives, between, responses, residual)
+        if found is None:
+            break
+        if instants is None:
+            # Rows behind a switch are no outliers beside its instant.
+            weights = np.ones(rows)
+        instants, before = found, theta
+        if loss == "huber":
+            new = _huber_weights(instants.left(residual, weights))
+            weights = weights if new is None else new
+        triangle = problem.compress(weights, (instants.columns, instants.noise))
+        theta = search.refine(theta, triangle)[1]
+        if np.max(np.abs(theta - before), initial=0.0) < WEIGHT_TOLERANCE:
+            break
     lags = problem
     if any(delays):
         # What a calibration knows beyond its kind is told of the drives as they are.
         lags = CalibrationProblem.assemble(records, drives, output, free_start, (), states)
-    return _described(search, theta, triangle, weights, duration, rmses, lags)
+    return _described(search, theta, triangle, weights, duration, rmses, lags, instants)
 
 
 def _huber_weights(residual: Float) -> Float | None:
@@ -229,6 +258,7 @@ def _described(
     duration: float,
     starts: tuple[float, ...],
     undelayed: CalibrationProblem,
+    instants: Instants | None,
 ) -> OutputFit:
     problem, parametrization = search.problem, search.parametrization
     residual, linear = search.fitted(theta, triangle)
@@ -237,7 +267,10 @@ def _described(
     names = parametrization.names()
     jacobian = problem.jacobian(parametrization, theta, linear)
     prior = np.append(np.full(len(theta), RATE_DEVIATION), np.full(len(linear), np.inf))
-    covariance = block_covariance(jacobian, residual, problem.record, weights, prior)
+    rows = (jacobian, residual)
+    if instants is not None:
+        rows = (instants.whitened(jacobian), instants.whitened(residual))
+    covariance = block_covariance(*rows, problem.record, weights, prior)
     # From logarithms to the parameters themselves.
     factor = np.concatenate([np.exp(theta), np.ones(len(linear))])
     covariance = covariance * np.outer(factor, factor)
@@ -274,6 +307,10 @@ def _described(
             np.append(np.ones(len(theta)), np.full(gains, np.max(np.abs(linear[:gains])))),
         ),
         time_constants=tuple((1 / problem.grid.rates[lags]).tolist()),
+        instants=0 if instants is None else instants.columns.shape[1],
+        rmse_instants=None
+        if instants is None
+        else float(np.sqrt(np.mean(instants.left(residual, weights) ** 2))),
     )
 
 

@@ -54,6 +54,22 @@ def linear_least_squares(columns: Float, measured: Float, min_direction: float) 
     return np.asarray((found.T / size).T)
 
 
+def orthonormal_rows(rows: Float, least: float) -> Float:
+    """An orthonormal basis of rows, without directions that are nearly in the others.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (p, n)
+    least : float
+        Share of the largest squared singular value, of rows of one length.
+    """
+    sizes = np.linalg.norm(rows, axis=1)
+    rows = rows[sizes > 0] / sizes[sizes > 0][:, None]
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    used = values > least * max(values, default=1.0)
+    return np.asarray((vectors[:, used] / np.sqrt(values[used])).T @ rows)
+
+
 @dataclass(frozen=True)
 class Triangle:
     """Triangle R and rotated measurement z: ‖w(y − D c)‖² = ‖z − R c‖² + a constant.
@@ -162,12 +178,28 @@ class CalibrationProblem:
             free_start,
         )
 
-    def compress(self, weights: Float) -> Triangle:
-        """QR of the weighted rows; `weights` are those of the squares, shape (rows,)."""
+    def compress(self, weights: Float, noise: tuple[Float, float] | None = None) -> Triangle:
+        """QR of the weighted rows.
+
+        Parameters
+        ----------
+        weights : ndarray, shape (rows,)
+            Of the squares.
+        noise : (ndarray of shape (rows, m), float), optional
+            Columns B and s of errors whose covariance is s²·I + B Bᵀ: those of a fit in which each
+            column has a weight of standard deviation one.
+        """
         root = np.sqrt(weights)[:, None]
         stacked = np.hstack([self.design * root, self.measured[:, None] * root])
+        first = 0
+        if noise is not None:
+            # Columns whose weights are eliminated first leave the others as they are beside them.
+            columns, sigma = noise
+            first = columns.shape[1]
+            known = np.hstack([sigma * np.eye(first), np.zeros((first, stacked.shape[1]))])
+            stacked = np.vstack([np.hstack([columns * root, stacked]), known])
         (R,) = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[:1]
-        R = R[: stacked.shape[1]]
+        R = R[first : stacked.shape[1], first:]
         return Triangle(np.asarray(R[:, :-1], float), np.asarray(R[:, -1], float))
 
     def decays(self, gains: int) -> int:

@@ -74,6 +74,7 @@ def calibration_warnings(model: Model) -> list[str]:
         for each in model.drives
         if (each.hold, hold_of(each.channel)) == ("first", "zero")
     ]
+    found += [_instants(o) for o in model.outputs if o.fit.get("instants")]
     if any(o.fit.get("free_start") for o in model.outputs):
         found.append(
             "the state at the first rows is fitted; simulate estimates it in other logs, too, "
@@ -94,9 +95,22 @@ def calibration_warnings(model: Model) -> list[str]:
     return found
 
 
+def _instants(output: Output) -> str:
+    """How many switches lie between rows, and how far the misfit falls with their instants."""
+    own = output.fit["instants"]
+    unit = printed(parse_channel(output.channel).unit)
+    return (
+        f"{output.channel}: the instants of {own['switches']} switches between rows are part of "
+        f"the fit and of its intervals: beside them it leaves {own['rmse']:.3g} {unit}, "
+        f"{own['rmse_without']:.3g} without"
+    )
+
+
 def _coarse(output: Output) -> str:
     """That a fit is far from the noise; empty where it is not."""
     left, noise = output.fit.get("rmse_zero_free", output.fit["rmse"]), output.fit.get("noise", 0.0)
+    if output.fit.get("instants"):
+        left = output.fit["instants"]["rmse"]
     if not noise or left < MAX_OVER_NOISE * noise:
         return ""
     unit = printed(parse_channel(output.channel).unit)

@@ -1,0 +1,65 @@
+"""Instants of commands between rows as a part of the noise of a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermaltool.fitting.instants import Instants, pulses
+from thermaltool.fitting.projection import CalibrationProblem
+from thermaltool.model import Drive
+from thermaltool.record import Record
+
+
+@pytest.fixture(scope="module")
+def columns_and_noise():
+    rng = np.random.default_rng(20261125)
+    columns = rng.standard_normal((400, 30)) * np.geomspace(0.3, 3.0, 30)
+    return rng, columns, 0.2 * rng.standard_normal(400)
+
+
+def test_noise_beside_the_instants_is_found(columns_and_noise):
+    rng, columns, noise = columns_and_noise
+    found = Instants.of(columns, columns @ rng.standard_normal(30) + noise)
+    assert found.noise == pytest.approx(0.2, rel=0.15)
+    assert found.evidence > 100
+    left = found.left(columns @ rng.standard_normal(30) + noise, np.ones(400))
+    assert np.std(left) == pytest.approx(0.2, rel=0.15)
+
+
+def test_no_instants_where_there_is_noise_alone(columns_and_noise):
+    _, columns, noise = columns_and_noise
+    assert Instants.of(columns, noise).evidence < 0
+
+
+def test_whitened_rows_have_the_likelihood_of_the_covariance(columns_and_noise):
+    rng, columns, _ = columns_and_noise
+    rows = rng.standard_normal((400, 3))
+    found = Instants(columns, 0.2, 0.0)
+    covariance = 0.2**2 * np.eye(400) + columns @ columns.T
+    expected = rows.T @ np.linalg.solve(covariance, rows)
+    white = found.whitened(rows)
+    assert white.T @ white / 0.2**2 == pytest.approx(expected, rel=1e-8)
+
+
+def test_compressed_rows_have_the_likelihood_of_the_covariance(columns_and_noise):
+    rng, _, _ = columns_and_noise
+    heat = np.repeat(rng.choice([0.0, 50.0, 100.0], 20), 20)
+    log = Record(15.0 * np.arange(400), {"Q_main_W": heat, "dT_a_K": rng.standard_normal(400)})
+    drive = Drive("Q_main_W", "first", 0.0, (0.0, 100.0))
+    problem = CalibrationProblem.assemble([log], [drive], "dT_a_K", False)
+    columns, sigma = rng.standard_normal((400, 20)), 0.3
+    triangle = problem.compress(np.ones(400), (columns, sigma))
+    covariance = sigma**2 * np.eye(400) + columns @ columns.T
+    for coefficients in rng.standard_normal((2, problem.design.shape[1])):
+        left = problem.measured - problem.design @ coefficients
+        expected = sigma**2 * left @ np.linalg.solve(covariance, left)
+        found = np.sum((triangle.z - triangle.R @ coefficients) ** 2)
+        assert found == pytest.approx(expected, rel=1e-8)
+
+
+def test_a_pulse_is_the_response_later_by_the_rows_of_the_switch():
+    levels, once = np.array([[0.0, 0, 0, 100, 100, 100, 100]]), [0.5 ** np.arange(7)]
+    (late,) = pulses(levels, once, ["zero"], 1)
+    assert late == pytest.approx(100 / 12**0.5 * np.array([0, 0, 1, 0.5, 0.25, 0.125, 0.0625]))
+    assert not list(pulses(levels, once, ["first"], 1))

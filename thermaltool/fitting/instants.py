@@ -1,0 +1,173 @@
+"""Instants of switches between the rows of a log, as a part of the noise of a calibration.
+
+Each lies anywhere between two rows; straight lines are the mean of what it does, and its pulse is
+what is left. With columns B, each an instant by its standard deviation, the errors of a fit have
+the covariance s²·I + B Bᵀ: a generalized least-squares fit, with intervals that count the instants.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from thermaltool.fitting.projection import CalibrationProblem
+from thermaltool.model import Drive
+from thermaltool.record import Record
+from thermaltool.responses import Response
+from thermaltool.responses.modes import Float
+from thermaltool.responses.switching import SPREAD, change_by_instant, switches
+from thermaltool.units import Hold
+
+# Of more switches of all drives and logs the largest of each count; what switches in a larger share
+# of the rows is no command.
+MAX_SWITCHES, MAX_SHARE = 400, 1 / 3
+# Rise of the log evidence from which the instants are a part of the fit.
+DECISIVE = 10.0
+# The noise beside them is looked for down to this share of the whole error.
+MIN_NOISE = 1e-4
+
+
+@dataclass(frozen=True)
+class Instants:
+    """Instants of the switches of all drives, as far as one output shows them.
+
+    Attributes
+    ----------
+    columns : ndarray, shape (rows, m)
+        Change of the output by each, earlier by a standard deviation [unit of the output].
+    noise : float
+        Standard deviation of the noise beside them [unit of the output].
+    evidence : float
+        Rise of the log likelihood, with the instants integrated out, over white noise alone.
+    """
+
+    columns: Float
+    noise: float
+    evidence: float
+
+    @staticmethod
+    def of(columns: Float, residual: Float) -> Instants:
+        """With the noise of largest likelihood.
+
+        Parameters
+        ----------
+        columns : ndarray, shape (rows, m)
+        residual : ndarray, shape (rows,)
+        """
+        left, values, _ = np.linalg.svd(columns, full_matrices=False)
+        along = (left.T @ residual) ** 2
+        whole, rows = float(residual @ residual), len(residual)
+        rest = max(whole - float(along.sum()), 0.0)
+
+        def misfit(log_noise: float) -> float:
+            square = np.exp(2 * log_noise)
+            both = square + values**2
+            free = (rows - len(values)) * np.log(square) + rest / square
+            return float(0.5 * (free + np.sum(np.log(both) + along / both)))
+
+        top = 0.5 * np.log(max(whole / rows, 1e-300))
+        found = minimize_scalar(
+            misfit, bounds=(top + np.log(MIN_NOISE), top + 1e-9), method="bounded"
+        )
+        alone = 0.5 * rows * (2 * top + 1)
+        return Instants(columns, float(np.exp(found.x)), alone - float(found.fun))
+
+    def left(self, residual: Float, weights: Float) -> Float:
+        """Residual beside what the likeliest instants explain of it, shape (rows,)."""
+        weighted = self.columns * weights[:, None]
+        information = self.columns.T @ weighted + self.noise**2 * np.eye(self.columns.shape[1])
+        return np.asarray(
+            residual - self.columns @ np.linalg.solve(information, weighted.T @ residual)
+        )
+
+    def whitened(self, rows: Float) -> Float:
+        """Rows through s·(s²·I + B Bᵀ)^(-1/2), shape as they are."""
+        left, values, _ = np.linalg.svd(self.columns, full_matrices=False)
+        share = self.noise / np.hypot(self.noise, values) - 1
+        return np.asarray(rows + (left * share) @ (left.T @ rows))
+
+
+def fitted_instants(
+    problem: CalibrationProblem,
+    records: Sequence[Record],
+    drives: Sequence[Drive],
+    between: Sequence[str],
+    responses: Sequence[Response],
+    residual: Float,
+) -> Instants | None:
+    """Instants of all switches near a fit; None where the evidence does not ask for them.
+
+    Parameters
+    ----------
+    problem : CalibrationProblem
+    records : sequence of Record
+    drives : sequence of Drive
+    between : sequence of str
+        Drives that switch between the rows.
+    responses : sequence of Response, one for each drive
+    residual : ndarray, shape (rows,)
+    """
+    columns = _columns(problem, records, drives, between, responses)
+    if not columns.shape[1]:
+        return None
+    found = Instants.of(columns, residual)
+    return found if found.evidence > DECISIVE else None
+
+
+def _columns(
+    problem: CalibrationProblem,
+    records: Sequence[Record],
+    drives: Sequence[Drive],
+    between: Sequence[str],
+    responses: Sequence[Response],
+) -> Float:
+    """Change of the output by the instant of each switch, shape (rows, m)."""
+    most = max(MAX_SWITCHES // max(len(between) * len(records), 1), 1)
+    columns = []
+    for k, record in enumerate(records):
+        own = problem.record == k
+        for drive, response in zip(drives, responses, strict=True):
+            if drive.channel not in between:
+                continue
+            level, time = record.column(drive.channel), record.time
+            for j in switches(level, np.diff(time), most, MAX_SHARE):
+                column = np.zeros(len(problem.measured))
+                column[own] = change_by_instant(
+                    problem.time[own], time[j], time[j + 1],
+                    float(level[j + 1] - level[j]), [response],
+                )  # fmt: skip
+                columns.append(column)
+    return np.array(columns).reshape(len(columns), len(problem.measured)).T
+
+
+def impulses(levels: Float) -> Float:
+    """A height of one in the first row, for each input; shape as `levels`, (inputs, n)."""
+    first = np.zeros_like(levels)
+    first[:, 0] = 1.0
+    return first
+
+
+def pulses(
+    levels: Float, once: Sequence[Float], holds: Sequence[Hold], records: int
+) -> Iterator[Float]:
+    """Change of an output by the instant of each switch of a held input, each shape (n,).
+
+    Parameters
+    ----------
+    levels : ndarray, shape (inputs, n)
+        On an even clock.
+    once : sequence of ndarray, shape (n,)
+        Response to `impulses`.
+    holds : sequence of Hold, one for each input
+    records : int
+        Over which the switches are counted.
+    """
+    most = max(MAX_SWITCHES // (len(levels) * records), 1)
+    for level, own, hold in zip(levels, once, holds, strict=True):
+        steps = np.ones(len(level) - 1)
+        for j in switches(level, steps, most, MAX_SHARE) if hold == "zero" else ():
+            late = np.concatenate([np.zeros(j), own])[: len(level)]
+            yield SPREAD * float(level[j + 1] - level[j]) * late
