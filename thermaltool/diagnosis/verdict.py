@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -123,7 +124,7 @@ def misfit_of(model: Model, output: str) -> float:
     if not known or "rmse" not in fit:
         return 0.0
     white = float(known["white_sigma"])
-    left = float(fit.get("rmse_zero_free", fit["rmse"]))
+    left = _calibrated(fit)
     misfit = float(np.sqrt(max(left**2 - white**2, 0.0)))
     drift = float(known["drift_sigma"])
     # A misfit that is larger than any drift that was tried is that of the kind of response.
@@ -133,6 +134,13 @@ def misfit_of(model: Model, output: str) -> float:
         return misfit
     lost, sure = (share * white for share in OVER_NOISE)
     return misfit * float(np.clip((misfit - lost) / (sure - lost), 0.0, 1.0))
+
+
+def _calibrated(fit: Mapping[str, Any]) -> float:
+    """What a model left of its calibration, beside the instants of commands between the rows."""
+    if "instants" in fit:
+        return float(fit["instants"]["rmse"])
+    return float(fit.get("rmse_zero_free", fit.get("rmse", 0.0)))
 
 
 def reading_noise(hypothesis: Hypothesis, output: str) -> float:
@@ -204,7 +212,7 @@ def budget_of(
         total if own else min(total, rms(hypothesis.unexplained(output))),
         white,
         floor_of(hypothesis, output),
-        0.0 if own else float(fit.get("rmse_zero_free", fit.get("rmse", 0.0))),
+        0.0 if own else _calibrated(fit),
         0.0 if own else misfit_of(plain.model, output),
         rows,
     )  # fmt: skip

@@ -267,9 +267,10 @@ def _described(
     names = parametrization.names()
     jacobian = problem.jacobian(parametrization, theta, linear)
     prior = np.append(np.full(len(theta), RATE_DEVIATION), np.full(len(linear), np.inf))
-    rows = (jacobian, residual)
+    rows, beside = (jacobian, residual), residual
     if instants is not None:
         rows = (instants.whitened(jacobian), instants.whitened(residual))
+        beside = instants.left(residual, weights)
     covariance = block_covariance(*rows, problem.record, weights, prior)
     # From logarithms to the parameters themselves.
     factor = np.concatenate([np.exp(theta), np.ones(len(linear))])
@@ -300,7 +301,7 @@ def _described(
         discrepancy=discrepancy(
             problem.time,
             problem.record,
-            residual,
+            beside,
             jacobian[:, :fitted],
             jacobian[:, fitted:],
             bank,
@@ -308,9 +309,7 @@ def _described(
         ),
         time_constants=tuple((1 / problem.grid.rates[lags]).tolist()),
         instants=0 if instants is None else instants.columns.shape[1],
-        rmse_instants=None
-        if instants is None
-        else float(np.sqrt(np.mean(instants.left(residual, weights) ** 2))),
+        rmse_instants=None if instants is None else float(np.sqrt(np.mean(beside**2))),
     )
 
 
