@@ -121,6 +121,20 @@ def test_a_warm_start_is_told_and_can_be_settled(thermaltool, files, form):
     assert settled.json["d_x_um"]["band"] < 0.5 * cold.json["d_x_um"]["band"]
 
 
+def test_a_warm_start_is_estimated_where_all_is_smoothed(thermaltool, files):
+    header, *rows = files.log.read_text().splitlines()
+    warm = "\n".join([header, *rows[110:]]) + "\n"
+    arguments = "estimate", files.kalman, "-", "--json", "-o", files.folder / "o.csv"
+    cold = thermaltool(*arguments, "--smooth", stdin=warm)
+    assert "see --initial settled or free" in cold.err
+    free = thermaltool(*arguments, "--smooth", "--initial", "free", stdin=warm)
+    assert "at the start" not in free.err
+    assert free.json["d_x_um"]["band"] < 0.5 * cold.json["d_x_um"]["band"]
+    refused = thermaltool(*arguments, "--initial", "free", stdin=warm)
+    assert refused.code == 2
+    assert "--initial free goes with --smooth" in refused.err
+
+
 def test_a_deflection_beyond_the_calibration_is_told(thermaltool, files):
     header, *rows = files.log.read_text().splitlines()
     hot = [header]

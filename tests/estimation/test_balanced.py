@@ -78,7 +78,7 @@ def variances(kalman, readings):
     time = DT * np.arange(ROWS)
     found = smooth(kalman, time, readings, (1.0,))
     space = kalman.state_space(DT)
-    even = EvenSmoother(space, kalman.start_covariance(DT, (1.0,), False), ROWS)
+    even = EvenSmoother(space, kalman.start_covariance(DT, (1.0,), "rest"), ROWS)
     P, G = kalman.steady(DT)
     steady = (space.C @ (P - G @ space.H @ P) @ space.C.T)[0, 0]
     lagged = steady * lag_saving(kalman, DT, ROWS // 2)[-1, 0]

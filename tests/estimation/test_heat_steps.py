@@ -75,7 +75,7 @@ def duty(rows, seed=1):
 def test_scores_and_information_of_a_shock():
     kalman, rows = replace(machine(), outputs=(), followed=()), 30
     _, readings = duty(rows)
-    start = kalman.start_covariance(DT, LEVEL, False)
+    start = kalman.start_covariance(DT, LEVEL, "rest")
     found = EvenSmoother(kalman.state_space(DT), start, rows, [kalman.modal])
     X, S = responses(kalman, rows), covariance(kalman, rows)
     expected = X @ np.linalg.solve(S, readings.ravel())
@@ -87,7 +87,7 @@ def test_scores_and_information_of_a_shock():
 def test_the_evidence_is_a_normal_density():
     kalman, rows = replace(machine(), outputs=(), followed=()), 30
     _, readings = duty(rows)
-    search = heat_steps._StepSearch(kalman, DT, readings, LEVEL, False)
+    search = heat_steps._StepSearch(kalman, DT, readings, LEVEL, "rest")
     X, S = responses(kalman, rows), covariance(kalman, rows)
     places = (6, 15, 22)
     stepped = S + LEVEL[0] ** 2 * X[list(places)].T @ X[list(places)]
@@ -106,7 +106,7 @@ def test_the_draws_are_those_of_all_sets_of_rows(monkeypatch):
     monkeypatch.setattr(heat_steps, "ROUNDS_BETWEEN", 1)
     kalman, rows = replace(machine(walk=0.05), outputs=(), followed=()), 7
     _, readings = duty(rows)
-    search = heat_steps._StepSearch(kalman, DT, readings, LEVEL, False)
+    search = heat_steps._StepSearch(kalman, DT, readings, LEVEL, "rest")
     sets = [s for n in range(rows + 1) for s in itertools.combinations(range(rows), n)]
     odds = np.exp([search._weighed(each)[0] for each in sets])
     odds /= np.sum(odds)
@@ -125,7 +125,7 @@ def test_smoothing_with_steps_is_the_conditional_mean(monkeypatch):
     _, readings = duty(rows)
     steps = np.zeros((rows, 1))
     steps[[6, 15], 0] = 100.0
-    found = smooth(kalman, DT * np.arange(rows), readings, LEVEL, False, steps)
+    found = smooth(kalman, DT * np.arange(rows), readings, LEVEL, "rest", steps)
     X = responses(kalman, rows)
     changes = np.full(rows, kalman.walk[0] ** 2 * DT)
     changes[0] = LEVEL[0] ** 2
@@ -143,11 +143,11 @@ def test_a_heat_that_steps_is_found_and_a_ramp_is_none():
     kalman, rows = machine(walk=1.0, drift=0.0), 250
     time = DT * np.arange(rows)
     heat, readings = duty(rows)
-    found = find_steps(kalman, time, readings, LEVEL, False)
+    found = find_steps(kalman, time, readings, LEVEL, "rest")
     assert found.are_likelier
     assert found.evidence > found.of_walk + 50
     assert np.flatnonzero(found.likeliest) == pytest.approx([50, 125, 187], abs=1)
-    stepped = smooth_with_steps(found, time, readings, LEVEL, False)
+    stepped = smooth_with_steps(found, time, readings, LEVEL, "rest")
     walked = smooth(kalman, time, readings, LEVEL)
     error = [np.sqrt(np.mean((each.estimates[:, 0] - heat) ** 2)) for each in (stepped, walked)]
     assert error[0] < 0.5 * error[1]
@@ -155,7 +155,7 @@ def test_a_heat_that_steps_is_found_and_a_ramp_is_none():
     noise = WHITE * np.random.default_rng(4).standard_normal((rows, 2))
     clean = np.diff(ramp, prepend=0.0) @ responses(kalman, rows)
     quiet = replace(kalman, walk=(0.1,))
-    found = find_steps(quiet, time, clean.reshape(rows, 2) + noise, LEVEL, False)
+    found = find_steps(quiet, time, clean.reshape(rows, 2) + noise, LEVEL, "rest")
     assert not found.are_likelier
     assert found.draws == ()
 
@@ -165,7 +165,7 @@ def test_a_constant_heat_has_no_steps():
     readings = clean + WHITE * np.random.default_rng(1).standard_normal(clean.shape)
     time = DT * np.arange(200)
     found = fit_sizes(machine(), time, readings).estimator
-    assert not find_steps(found, time, readings, LEVEL, False).are_likelier
+    assert not find_steps(found, time, readings, LEVEL, "rest").are_likelier
 
 
 def test_why_no_steps_are_looked_for():

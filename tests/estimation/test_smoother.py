@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from thermaltool.errors import LogError, ModelError
+from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.estimation import smoother
 from thermaltool.estimation.bands import model_errors
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
@@ -50,11 +51,11 @@ def clock(rows, even):
     return np.cumsum(steps)
 
 
-def dense(kalman, time, readings, settled):
+def dense(kalman, time, readings, initial):
     """Mean and variance of all estimates given all readings, and the readings' density."""
     n, dt = len(time), np.diff(time)
     level = LEVEL[: len(kalman.drives)]
-    start = kalman.start_covariance(float(dt[0]), level, settled)
+    start = kalman.start_covariance(float(dt[0]), level, initial)
     states = len(start)
     joint = np.zeros((n * states, n * states))
     joint[:states, :states] = start
@@ -77,17 +78,17 @@ def dense(kalman, time, readings, settled):
     return mean.reshape(shape), variance.reshape(shape), multivariate_normal(cov=S).logpdf(y)
 
 
-@pytest.mark.parametrize("settled", [False, True], ids=["rest", "settled"])
+@pytest.mark.parametrize("initial", ["rest", "settled", "free"])
 @pytest.mark.parametrize("even", [True, False], ids=["even", "uneven"])
-def test_it_is_the_conditional_mean_with_its_variance(monkeypatch, settled, even):
+def test_it_is_the_conditional_mean_with_its_variance(monkeypatch, initial, even):
     monkeypatch.setattr(smoother, "HELD_CHANGE", 0.0)
     generator = np.random.default_rng(20)
     time = clock(25, even)
     readings = np.cumsum(generator.normal(size=(25, 2)), axis=0)
     readings[8:12, 0] = np.nan
     readings[17] = np.nan
-    mean, variance, density = dense(estimator(), time, readings, settled)
-    found = smooth(estimator(), time, readings, LEVEL, settled)
+    mean, variance, density = dense(estimator(), time, readings, initial)
+    found = smooth(estimator(), time, readings, LEVEL, initial)
     np.testing.assert_allclose(found.estimates, mean, atol=1e-8 * np.max(np.abs(mean)))
     np.testing.assert_allclose(found.sigma**2, variance, atol=1e-8 * np.max(variance))
     assert found.log_likelihood == pytest.approx(density, rel=1e-9)
@@ -104,6 +105,56 @@ def simulated(kalman, rows, generator, dt=4.0):
         truth.append(space.C @ x)
         x = space.F @ x + process * generator.normal(size=len(x))
     return dt * np.arange(rows), np.array(readings), np.array(truth)
+
+
+def warm_machine(generator, rows, before, dt=4.0):
+    """Readings, heat and deflection of a machine that has worked before the first row: plain lags
+    under heats that wander about zero, each held over a sample."""
+    lags = [(0, 0, 20.0, 1.5), (0, 0, 90.0, 1.5), (0, 1, 70.0, 0.5),
+            (1, 0, 60.0, 1.0), (1, 1, 15.0, 2.0), (2, 0, 200.0, 10.0)]  # fmt: skip
+    keep = np.exp(-dt * 0.3**2 / (2 * np.square(LEVEL)))
+    heat, parts = LEVEL * generator.normal(size=2), np.zeros(len(lags))
+    heats, outputs = [], []
+    for _ in range(before + rows):
+        output = np.zeros(3)
+        for part, (to, *_) in zip(parts, lags, strict=True):
+            output[to] += part
+        heats.append(heat)
+        outputs.append(output)
+        for k, (_, drive, time_constant, gain) in enumerate(lags):
+            kept = np.exp(-dt / time_constant)
+            parts[k] = kept * parts[k] + (1 - kept) * gain * heat[drive]
+        heat = keep * heat + LEVEL * np.sqrt(1 - keep**2) * generator.normal(size=2)
+    drift = 0.1 * generator.normal()
+    readings = np.array(outputs)[before:, :2]
+    for row in readings:
+        row += [drift, 0.0] + generator.normal(size=2) * (0.05, 0.08)
+        kept = np.exp(-dt / 300.0)
+        drift = kept * drift + 0.1 * np.sqrt(1 - kept**2) * generator.normal()
+    truth = np.column_stack([np.array(heats)[before:], np.array(outputs)[before:, 2]])
+    return dt * np.arange(rows), readings, truth
+
+
+@pytest.mark.slow
+def test_bands_of_a_free_start_hold_where_the_machine_is_warm():
+    generator = np.random.default_rng(31)
+    inside = {"rest": [], "free": []}
+    for _ in range(150):
+        time, readings, truth = warm_machine(generator, 60, 500)
+        for initial, each in inside.items():
+            found = smooth(estimator(), time, readings, LEVEL, initial)
+            each.append(np.abs(found.estimates - truth) < 1.96 * found.sigma)
+    free = np.mean(inside["free"], axis=0)
+    # The first rows, and those after the start has decayed; 150 draws are sure to 2 % at each.
+    assert np.all(np.abs(np.mean(free[:5], axis=0) - 0.95) < 0.05)
+    assert np.all(np.abs(np.mean(free, axis=0) - 0.95) < 0.03)
+    assert np.mean(np.mean(inside["rest"], axis=0)[:5, 2]) < 0.2
+
+
+def test_no_free_start_of_a_response_that_does_not_decay():
+    still = replace(estimator(), followed=((0, 0, Modes(np.array([0j]), np.array([1 + 0j]))),))
+    with pytest.raises(FitError, match="does not decay"):
+        still.start_covariance(4.0, LEVEL, "free")
 
 
 def test_a_gain_that_is_held_costs_nothing_that_counts(monkeypatch):

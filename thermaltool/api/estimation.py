@@ -249,7 +249,7 @@ def estimate(
     model: ModelLike,
     data: Data,
     *,
-    initial: Literal["rest", "settled"] = "rest",
+    initial: Literal["rest", "settled", "free"] = "rest",
     smooth: bool = False,
     lag: float | None = None,
     walk: float | Literal["likelihood", "design"] | None = None,
@@ -272,8 +272,9 @@ def estimate(
     model : Model with a design, a result that holds one, str or path
         From `regularize`.
     data : str, path, pandas.DataFrame or Record
-    initial : {"rest", "settled"}
-        The machine at the first row: cold, or settled at the first readings.
+    initial : {"rest", "settled", "free"}
+        The machine at the first row: cold, settled at the first readings, or, with `smooth`, in a
+        state that is estimated.
     smooth : bool
         Each estimate rests on all readings of the record, later ones included. With `nan_policy`
         "hold" a sensor's missing readings count as none.
@@ -350,7 +351,7 @@ def estimate(
         # A smoother needs no reading that nobody has made; a method names them.
         need = tuple(each.column for each in pipeline.input_columns if not each.sensor)
     log = read(data, need, warn=warn, **reading)
-    found = estimate_record(model, pipeline, log, initial == "settled", how)
+    found = estimate_record(model, pipeline, log, initial, how)
     if found.sizes is not None:
         warn(sizes_message(found.sizes))
     if found.steps is not None:
@@ -364,8 +365,9 @@ def estimate(
         warn(sentence)
     for sentence in (*stuck_messages(log, need), *period_messages(log, model)):
         warn(sentence)
+    not_at_rest = f"{NOT_AT_REST} or free" if smooth else NOT_AT_REST
     for column, value in found.not_at_rest.items():
-        warn(row_message(log, 0, f"{column}: {value:.4g} at the start {NOT_AT_REST}"))
+        warn(row_message(log, 0, f"{column}: {value:.4g} at the start {not_at_rest}"))
     for excursion in found.excursions:
         warn(excursion_message(log, excursion))
     known = "the drives are held or run on"

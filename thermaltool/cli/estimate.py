@@ -25,7 +25,7 @@ RULES = "likelihood", "gcv", "quasi-optimality", "discrepancy", "l-curve"
 @shared.log_options
 @shared.output_option
 @shared.to_option
-@shared.initial_option
+@shared.free_initial_option
 @click.option("--smooth", is_flag=True,
               help="Each estimate rests on the whole log, later readings included.")  # fmt: skip
 @click.option("--lag", type=POSITIVE, metavar="SECONDS",
@@ -96,6 +96,8 @@ def command(
 
 def _clash(options: dict[str, Any]) -> str | None:
     """What is wrong with options that are each right."""
+    if options["initial"] == "free" and not options["smooth"]:
+        return "--initial free goes with --smooth"
     low, high, future = (options[name] for name in ("at_least", "at_most", "future"))
     if options["method"] is None:
         if any(options[name] is not None for name in ("rule", "at_least", "at_most", "future")):

@@ -80,6 +80,13 @@ initial_option: Decorator = click.option(
     default="rest",
     help="The machine at the first row: cold, or settled at the first readings.",
 )
+free_initial_option: Decorator = click.option(
+    "--initial",
+    type=click.Choice(["rest", "settled", "free"]),
+    default="rest",
+    help="The machine at the first row: cold, settled at the first readings, or, with --smooth, "
+    "free: its state is estimated.",
+)
 quiet_option: Decorator = click.option("-q", "--quiet", count=True, help="Less on stderr.")
 rmse_option: Decorator = click.option(
     "--max-rmse",

@@ -13,6 +13,7 @@ from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.heat_steps import HeatSteps
 from thermaltool.estimation.lookahead import Lookahead, look
 from thermaltool.estimation.pipeline import EstimatorPipeline
+from thermaltool.estimation.start import Initial
 from thermaltool.model import Excursion, Model, away_from_rest, beside, excursions, extrapolated
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
@@ -77,7 +78,7 @@ def estimate(
     model: Model,
     pipeline: EstimatorPipeline,
     record: Record,
-    settled: bool = False,
+    initial: Initial = "rest",
     how: Lookahead | None = None,
 ) -> EstimatedRecord:
     """Estimates of a whole record, equal to those of the stream line by line unless `how` says.
@@ -89,8 +90,9 @@ def estimate(
         Of the same model.
     record : Record
         The columns that the pipeline reads; without NaN, but for sensors where all is smoothed.
-    settled : bool
-        The machine has stood at the first readings for long; else it is at rest there.
+    initial : {"rest", "settled", "free"}
+        The machine at the first row: at rest, settled at the first readings, or, where all is
+        smoothed, in a state that is estimated.
     how : Lookahead, optional
         Which later readings count, and whether standard errors are told.
 
@@ -114,16 +116,17 @@ def estimate(
         if column.sensor and column.calibrated is not None:
             rest = rests[name]
             behind[name] = values + (0.0 if rest == "first" else rest)
-            if not settled and len(values) and away_from_rest(values[0], column.calibrated):
+            if initial == "rest" and len(values) and away_from_rest(values[0], column.calibrated):
                 not_at_rest[column.column] = float(values[0])
     sigma: dict[str, Float] = {}
     sizes, parted, deconvolved, steps, no_steps = None, None, None, None, ""
     names = pipeline.estimator.estimates
-    if how is None or how.plain:
-        found = [*pipeline.run(record.time, true_values, settled).T]
+    if initial != "free" and (how is None or how.plain):
+        found = [*pipeline.run(record.time, true_values, initial == "settled").T]
     else:
+        how = how or Lookahead()
         taken = np.column_stack(pipeline.estimator_inputs([*true_values.T]))
-        looked = look(model, pipeline.estimator, record.time, taken, how, settled)
+        looked = look(model, pipeline.estimator, record.time, taken, how, initial)
         found = pipeline.given_out([*looked.estimates.T])
         sizes = None if how.sizes == "design" else looked.estimator
         deconvolved = looked.deconvolved

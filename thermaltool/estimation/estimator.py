@@ -19,6 +19,7 @@ from thermaltool.documents import finite, is_place, names
 from thermaltool.errors import ModelError
 from thermaltool.estimation.known_inputs import Feedforward, load_known_inputs
 from thermaltool.estimation.linear_estimator import LinearEstimator
+from thermaltool.estimation.start import Initial, require_decay, warm_covariance
 from thermaltool.estimation.state_space import StateSpace
 from thermaltool.responses.modes import Float, Hold, Modes, Recursion
 from thermaltool.responses.parallel import parallel
@@ -166,7 +167,7 @@ class KalmanEstimator(LinearEstimator):
             return self.recursion(dt).settled(readings)
         return np.zeros(len(self.state_space(dt).F))
 
-    def start_covariance(self, dt: float, level: Sequence[float], settled: bool) -> Float:
+    def start_covariance(self, dt: float, level: Sequence[float], initial: Initial) -> Float:
         """Covariance of the state at a first reading, of which nothing is known but the start.
 
         Parameters
@@ -174,18 +175,27 @@ class KalmanEstimator(LinearEstimator):
         dt : float [s]
         level : sequence of float, one for each drive
             Standard deviation of its heat there.
-        settled : bool
-            The machine has stood at that heat for long; else it is at rest.
+        initial : {"rest", "settled", "free"}
+            The machine is at rest, has stood at that heat for long, or is warm of a heat that has
+            wandered at that level; see `warm_covariance`.
+
+        Raises
+        ------
+        FitError
+            Settled or free, with a response that does not decay.
         """
         F, modal, drives = self.state_space(dt).F, self.modal, len(self.drives)
         heated = np.zeros((len(F), drives))
         heated[modal : modal + drives] = np.diag(level)
-        if settled:
+        if initial != "rest":
+            require_decay(F[:modal, :modal])
             still = np.eye(modal) - F[:modal, :modal]
             heated[:modal] = np.linalg.solve(still, F[:modal] @ heated)
         P = heated @ heated.T
         drift = np.arange(modal + drives, len(F))
         P[drift, drift] = [noise.drift**2 for noise in self.noise]
+        if initial == "free":
+            return warm_covariance(self.state_space(dt), P, modal, level, self.walk, dt)
         return P
 
     @property

@@ -21,6 +21,7 @@ import numpy as np
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.even_smoother import EvenSmoother
 from thermaltool.estimation.smoother import Smoothed, smooth
+from thermaltool.estimation.start import Initial
 from thermaltool.responses.modes import Float, Recursion
 
 # Variance of the walk beside the steps, over that of the walk alone [1]: the likelier of the first
@@ -82,17 +83,17 @@ class HeatSteps:
 
 
 def smooth_with_steps(
-    found: HeatSteps, time: Float, readings: Float, level: Sequence[float], settled: bool
+    found: HeatSteps, time: Float, readings: Float, level: Sequence[float], initial: Initial
 ) -> Smoothed:
     """Fixed-interval smoothing over all draws of the steps' rows: estimates, and `sigma`.
 
     Parameters
     ----------
     found : HeatSteps
-    time, readings, level, settled
+    time, readings, level, initial
         As in `smoother.smooth`.
     """
-    draws = [smooth(found.estimator, time, readings, level, settled, each) for each in found.draws]
+    draws = [smooth(found.estimator, time, readings, level, initial, each) for each in found.draws]
     estimates = np.array([each.estimates for each in draws])
     # The law of total variance: within the draws and between them.
     within = np.mean([np.square(each.sigma) for each in draws], axis=0)
@@ -130,7 +131,7 @@ def why_no_steps(
 
 
 def find_steps(
-    kalman: KalmanEstimator, time: Float, readings: Float, level: Sequence[float], settled: bool
+    kalman: KalmanEstimator, time: Float, readings: Float, level: Sequence[float], initial: Initial
 ) -> HeatSteps:
     """Steps of the heat in a record, beside a walk.
 
@@ -149,14 +150,14 @@ def find_steps(
     """
     sensed = replace(kalman, outputs=(), followed=())
     dt = float(np.median(np.diff(time)))
-    of_walk = _StepSearch(sensed, dt, readings, level, settled).alone
+    of_walk = _StepSearch(sensed, dt, readings, level, initial).alone
     best: tuple[float, _StepSearch, Places] | None = None
     places: Places = ()
     for share in WALK_SHARES:
         if share == WALK_SHARES[-1] and best is not None and best[0] > of_walk:
             break
         quieter = replace(sensed, walk=tuple(math.sqrt(share) * each for each in sensed.walk))
-        search = _StepSearch(quieter, dt, readings, level, settled)
+        search = _StepSearch(quieter, dt, readings, level, initial)
         places, evidence = search.likeliest(places)
         if best is None or evidence > best[0]:
             best = evidence, search, places
@@ -186,14 +187,14 @@ class _StepSearch:
         dt: float,
         readings: Float,
         level: Sequence[float],
-        settled: bool,
+        initial: Initial,
     ) -> None:
         self.walk, self.rows = kalman.walk, len(readings)
         drives, modal = len(kalman.drives), kalman.modal
         self.stride = -(-self.rows * drives // MAX_PLACES)
         self.each = len(range(0, self.rows, self.stride))
         space = kalman.state_space(dt)
-        start = kalman.start_covariance(dt, level, settled)
+        start = kalman.start_covariance(dt, level, initial)
         self.smoother = EvenSmoother(space, start, self.rows, range(modal, modal + drives))
         G = space.F[:modal, modal : modal + drives]
         machine = Recursion(space.F[:modal, :modal], G, np.zeros_like(G), space.H[:, :modal])

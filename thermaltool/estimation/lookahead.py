@@ -31,6 +31,7 @@ from thermaltool.estimation.likelihood import fit_sizes
 from thermaltool.estimation.parameter_error import parameter_variance
 from thermaltool.estimation.permanent_effects import apply_maps, drive_maps
 from thermaltool.estimation.smoother import Smoothed, smooth
+from thermaltool.estimation.start import Initial
 from thermaltool.model import Model
 from thermaltool.responses.modes import Float
 
@@ -131,7 +132,7 @@ def look(
     time: Float,
     taken: Float,
     how: Lookahead,
-    settled: bool = False,
+    initial: Initial = "rest",
 ) -> Looked:
     """Estimates of a whole record as `how` asks.
 
@@ -144,16 +145,20 @@ def look(
     taken : ndarray, shape (n, m)
         What the estimator takes; NaN where a sensor has no reading (of a smoother).
     how : Lookahead
-    settled : bool
-        The machine has stood at the first readings for long; else it is at rest there.
+    initial : {"rest", "settled", "free"}
+        The machine at the first row: at rest, settled at the readings, or, where all is smoothed,
+        in a state that is estimated.
 
     Raises
     ------
     ModelError
-        No Kalman form; a method for a machine that has settled.
+        No Kalman form; a method for a machine that is not at rest; a free start of a filter.
     LogError, FitError
         As for `fit_sizes` and `deconvolve`.
     """
+    if initial == "free" and not how.smooth:
+        raise ModelError("--initial free goes with --smooth: a filter starts at a known state")
+    settled = initial != "rest"
     designed = kalman = linear_kalman(estimator)
     sensors = len(kalman.sensors)
     readings, behind = taken[:, :sensors], np.zeros((len(time), len(kalman.estimates)))
@@ -188,21 +193,21 @@ def look(
     if sought and parted is not None:
         no_steps = "model and machine have parted"
     elif sought:
-        steps = find_steps(kalman, time, readings, level, settled)
+        steps = find_steps(kalman, time, readings, level, initial)
         kalman = steps.estimator if steps.are_likelier else kalman
     stepped = steps if steps and steps.are_likelier else None
 
     def estimated(readings: Float) -> Float:
         if how.smooth:
             rows = None if stepped is None else stepped.likeliest
-            return smooth(kalman, time, readings, level, settled, rows).estimates
+            return smooth(kalman, time, readings, level, initial, rows).estimates
         if how.lag:
             return fixed_lag(kalman, time, readings, how.lag, settled)
         return kalman.run(time, readings, settled)
 
     if how.bands or stepped:
-        smoothed = (smooth(kalman, time, readings, level, settled) if stepped is None
-                    else smooth_with_steps(stepped, time, readings, level, settled))  # fmt: skip
+        smoothed = (smooth(kalman, time, readings, level, initial) if stepped is None
+                    else smooth_with_steps(stepped, time, readings, level, initial))  # fmt: skip
         estimates = smoothed.estimates if how.smooth else estimated(readings)
     else:
         estimates = estimated(readings)

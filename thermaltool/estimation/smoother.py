@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
 from thermaltool.estimation.estimator import KalmanEstimator
+from thermaltool.estimation.start import Initial
 from thermaltool.estimation.state_space import StateSpace, propagated
 from thermaltool.responses.modes import Float, Recursion
 from thermaltool.responses.sample_clock import clock_step
@@ -200,7 +201,7 @@ def smooth(
     time: Float,
     readings: Float,
     level: Sequence[float],
-    settled: bool = False,
+    initial: Initial = "rest",
     steps: Float | None = None,
 ) -> Smoothed:
     """Fixed-interval smoothing of a whole record.
@@ -213,9 +214,9 @@ def smooth(
         Relative to rest; NaN where a sensor has none.
     level : sequence of float, one for each drive
         How large a heat may be at the first row (a standard deviation) [unit of the drive].
-    settled : bool
-        The machine has stood at that heat for long; else it is at rest, whatever heat acts from
-        the first row on.
+    initial : {"rest", "settled", "free"}
+        The machine is at rest, whatever heat acts from the first row on, has stood at that heat
+        for long, or is in any state that such heat has left.
     steps : ndarray, shape (n, n_drives), optional
         Variance of a step of each heat that acts from a row on, beside its walk [unit of the
         drive, squared].
@@ -230,7 +231,7 @@ def smooth(
         return Smoothed(empty, empty, empty, empty, np.empty(readings.shape), 0.0)
     stepped = np.zeros(0, int) if steps is None else np.flatnonzero(steps.any(axis=1))
     runs = list(_runs(time, readings, stepped))
-    P = estimator.start_covariance(runs[0][1], level, settled)
+    P = estimator.start_covariance(runs[0][1], level, initial)
     forward = _Filter(len(estimator.estimates), readings, np.zeros(len(P)), P)
     with np.errstate(over="ignore", invalid="ignore"):
         heats = np.arange(estimator.modal, estimator.modal + len(estimator.drives))
