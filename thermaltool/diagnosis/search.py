@@ -26,7 +26,7 @@ from thermaltool.diagnosis.result import Cause
 from thermaltool.diagnosis.select import Ranking, fit_candidate, plain_forms_first, ranked
 from thermaltool.diagnosis.simulation import SimulatedLogs, without
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION, DiagnosisTask, SearchState
-from thermaltool.diagnosis.validate import any_slow_course, judge
+from thermaltool.diagnosis.validate import judge
 from thermaltool.diagnosis.verdict import reading_noise, unknown_cause, weigh_residuals
 from thermaltool.diagnosis.written import cannot_run, gains_of, spoiled_by
 
@@ -287,16 +287,17 @@ def _of_no_curve(task: DiagnosisTask, search: SearchState) -> SearchState:
 
 
 def _of_no_rest(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> SearchState:
-    """The search without slow courses beside which more is left than they explain.
+    """The search without courses of one log beside which more is left than they explain.
 
-    What any slow misfit looks like in part is not known by that part.
+    What any misfit looks like in part is not known by that part.
     """
-    courses = [c for c in search.causes if any_slow_course(c.effect, search.hypothesis)]
-    rest = _rest(task, first, search) if courses else None
-    for cause in courses:
-        if rest is not None and rest.evidence > cause.evidence:
-            why = f"is not told: beside it more is left (evidence {rest.evidence:.0f})"
-            search = _dropped(search, cause, why)
+    while courses := [c for c in search.causes if c.effect.log is not None and c.effect.course]:
+        rest = _rest(task, first, search)
+        weakest = min(courses, key=lambda c: c.evidence)
+        if rest is None or rest.evidence <= weakest.evidence:
+            break
+        why = f"is not told: beside it more is left (evidence {rest.evidence:.0f})"
+        search = _dropped(search, weakest, why)
     return search
 
 

@@ -118,7 +118,7 @@ def judge(
         if not _sure(candidate.effect, intervals) or _too_large(after, candidate.effect):
             return None
         share = explained(noise, gains)
-        if any_slow_course(candidate.effect, after) and share < MIN_SHARE_OF_COURSE:
+        if _any_slow_course(candidate.effect, after) and share < MIN_SHARE_OF_COURSE:
             return None
     except ModelError:  # the effect runs away with the parameters that go with it
         return None
@@ -145,15 +145,8 @@ def _sure(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> bool:
     return not given or any(not low <= neutral[n] <= high for n, (low, high) in given.items())
 
 
-def any_slow_course(effect: Effect, hypothesis: Hypothesis) -> bool:
-    """Whether an effect of one log is slow enough there to follow whatever is slow.
-
-    Parameters
-    ----------
-    effect : Effect
-    hypothesis : Hypothesis
-        On the logs in which it acts.
-    """
+def _any_slow_course(effect: Effect, hypothesis: Hypothesis) -> bool:
+    """Whether an effect of one log is slow enough there to follow whatever is slow."""
     longest = max(log.duration for log in hypothesis.logs)
     return effect.log is not None and effect.course > longest / MAX_PERIODS_OF_COURSE
 
