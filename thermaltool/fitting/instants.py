@@ -24,6 +24,8 @@ from thermaltool.units import Hold
 # Of more switches of all drives and logs the largest of each count; what switches in a larger share
 # of the rows is no command.
 MAX_SWITCHES, MAX_SHARE = 400, 1 / 3
+# ... in a test of linearity, whose rows are all in memory.
+MAX_PULSES = 80
 # Rise of the log evidence from which the instants are a part of the fit.
 DECISIVE = 10.0
 # The noise beside them is looked for down to this share of the whole error.
@@ -165,7 +167,7 @@ def pulses(
     records : int
         Over which the switches are counted.
     """
-    most = max(MAX_SWITCHES // (len(levels) * records), 1)
+    most = max(MAX_PULSES // (len(levels) * records), 1)
     for level, own, hold in zip(levels, once, holds, strict=True):
         steps = np.ones(len(level) - 1)
         for j in switches(level, steps, most, MAX_SHARE) if hold == "zero" else ():
