@@ -60,6 +60,6 @@ def test_compressed_rows_have_the_likelihood_of_the_covariance(columns_and_noise
 
 def test_a_pulse_is_the_response_later_by_the_rows_of_the_switch():
     levels, once = np.array([[0.0, 0, 0, 100, 100, 100, 100]]), [0.5 ** np.arange(7)]
-    (late,) = pulses(levels, once, ["zero"], 1)
+    (late,) = pulses(levels, lambda i, x: once[i], ["zero"], 1)
     assert late == pytest.approx(100 / 12**0.5 * np.array([0, 0, 1, 0.5, 0.25, 0.125, 0.0625]))
-    assert not list(pulses(levels, once, ["first"], 1))
+    assert not list(pulses(levels, lambda i, x: once[i], ["first"], 1))

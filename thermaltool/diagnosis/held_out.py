@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -215,7 +216,7 @@ class _Table:
         rows = np.flatnonzero(np.isin(self.row_groups, fold))
         return rows, self.fine[rows, 0] - self.fine[rows, 1:] @ moves
 
-    @property
+    @cached_property
     def row_groups(self) -> Index:
         """Group of every row."""
         ends = np.append(self.groups.first, len(self.fine))

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from thermaltool.diagnosis.result import Cause, Location, Verdict, reports_of
 from thermaltool.effects.effect import Float
 from thermaltool.effects.unknown import Unknown
 from thermaltool.fitting.averaging import known_noise
-from thermaltool.fitting.discrepancy import DRIFT_RATIOS, MAX_OVER_NOISE
+from thermaltool.fitting.discrepancy import DRIFT_RATIOS, MAX_OVER_NOISE, calibration_error
 from thermaltool.model import Model
 from thermaltool.signals.resolution import resolution_step
 from thermaltool.units import parse_channel, printed
@@ -124,7 +123,7 @@ def misfit_of(model: Model, output: str) -> float:
     if not known or "rmse" not in fit:
         return 0.0
     white = float(known["white_sigma"])
-    left = _calibrated(fit)
+    left = calibration_error(fit)
     misfit = float(np.sqrt(max(left**2 - white**2, 0.0)))
     drift = float(known["drift_sigma"])
     # A misfit that is larger than any drift that was tried is that of the kind of response.
@@ -134,13 +133,6 @@ def misfit_of(model: Model, output: str) -> float:
         return misfit
     lost, sure = (share * white for share in OVER_NOISE)
     return misfit * float(np.clip((misfit - lost) / (sure - lost), 0.0, 1.0))
-
-
-def _calibrated(fit: Mapping[str, Any]) -> float:
-    """What a model left of its calibration, beside the instants of commands between the rows."""
-    if "instants" in fit:
-        return float(fit["instants"]["rmse"])
-    return float(fit.get("rmse_zero_free", fit.get("rmse", 0.0)))
 
 
 def reading_noise(hypothesis: Hypothesis, output: str) -> float:
@@ -212,7 +204,7 @@ def budget_of(
         total if own else min(total, rms(hypothesis.unexplained(output))),
         white,
         floor_of(hypothesis, output),
-        0.0 if own else _calibrated(fit),
+        0.0 if own else calibration_error(fit),
         0.0 if own else misfit_of(plain.model, output),
         rows,
     )  # fmt: skip

@@ -11,7 +11,9 @@ out beside it, which moves the maximum, and that is only looked for on a grid.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +61,22 @@ class Discrepancy:
     drift: float
     drift_time: float
     size: float
+
+
+def calibration_error(fit: Mapping[str, Any]) -> float:
+    """RMS that a model left of its calibration [unit of the output].
+
+    Beside the instants of commands between the rows where these are part of the fit, else with the
+    zero of each log free.
+
+    Parameters
+    ----------
+    fit : mapping
+        Of an output of a model file.
+    """
+    if "instants" in fit:
+        return float(fit["instants"]["rmse"])
+    return float(fit.get("rmse_zero_free", fit.get("rmse", 0.0)))
 
 
 def discrepancy(

@@ -7,8 +7,9 @@ the covariance s²·I + B Bᵀ: a generalized least-squares fit, with intervals 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -77,6 +78,12 @@ class Instants:
         alone = 0.5 * rows * (2 * top + 1)
         return Instants(columns, float(np.exp(found.x)), alone - float(found.fun))
 
+    @cached_property
+    def _directions(self) -> tuple[Float, Float]:
+        """Left singular vectors of the columns, and their singular values."""
+        left, values, _ = np.linalg.svd(self.columns, full_matrices=False)
+        return left, values
+
     def left(self, residual: Float, weights: Float) -> Float:
         """Residual beside what the likeliest instants explain of it, shape (rows,)."""
         weighted = self.columns * weights[:, None]
@@ -87,7 +94,7 @@ class Instants:
 
     def whitened(self, rows: Float) -> Float:
         """Rows through s·(s²·I + B Bᵀ)^(-1/2), shape as they are."""
-        left, values, _ = np.linalg.svd(self.columns, full_matrices=False)
+        left, values = self._directions
         share = self.noise / np.hypot(self.noise, values) - 1
         return np.asarray(rows + (left * share) @ (left.T @ rows))
 
@@ -145,15 +152,8 @@ def _columns(
     return np.array(columns).reshape(len(columns), len(problem.measured)).T
 
 
-def impulses(levels: Float) -> Float:
-    """A height of one in the first row, for each input; shape as `levels`, (inputs, n)."""
-    first = np.zeros_like(levels)
-    first[:, 0] = 1.0
-    return first
-
-
 def pulses(
-    levels: Float, once: Sequence[Float], holds: Sequence[Hold], records: int
+    levels: Float, response: Callable[[int, Float], Float], holds: Sequence[Hold], records: int
 ) -> Iterator[Float]:
     """Change of an output by the instant of each switch of a held input, each shape (n,).
 
@@ -161,15 +161,21 @@ def pulses(
     ----------
     levels : ndarray, shape (inputs, n)
         On an even clock.
-    once : sequence of ndarray, shape (n,)
-        Response to `impulses`.
+    response : callable
+        Of the number of an input and its course, shape (n,): asked of what switches alone.
     holds : sequence of Hold, one for each input
     records : int
         Over which the switches are counted.
     """
     most = max(MAX_PULSES // (len(levels) * records), 1)
-    for level, own, hold in zip(levels, once, holds, strict=True):
+    for i, (level, hold) in enumerate(zip(levels, holds, strict=True)):
         steps = np.ones(len(level) - 1)
-        for j in switches(level, steps, most, MAX_SHARE) if hold == "zero" else ():
+        found = switches(level, steps, most, MAX_SHARE) if hold == "zero" else []
+        if not found:
+            continue
+        once = np.zeros(len(level))
+        once[0] = 1.0
+        own = response(i, once)
+        for j in found:
             late = np.concatenate([np.zeros(j), own])[: len(level)]
             yield SPREAD * float(level[j + 1] - level[j]) * late

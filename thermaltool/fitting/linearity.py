@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -28,7 +29,7 @@ from scipy.special import fdtrc
 
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.error_model import MAX_AR_ORDER, ROWS_PER_COEFFICIENT, known_runs
-from thermaltool.fitting.instants import DECISIVE, Instants, impulses, pulses
+from thermaltool.fitting.instants import DECISIVE, Instants, pulses
 from thermaltool.fitting.joint import with_absorbed
 from thermaltool.fitting.projection import orthonormal_rows
 from thermaltool.record import Record
@@ -310,8 +311,8 @@ def _regression(model: TestedModel, data: TrainingData) -> tuple[list[str], Erro
             decays[free.index(k)] = [_group_means(np.exp(-clock / tau), group) for tau in taus]
         whole = np.vstack([*first, offsets, *decays, *linear, *other.values()])
         edge, runs_there = len(whole) - len(other), known_runs(whole[0])
-        once = [_response_to(model, record, i, x) for i, x in enumerate(impulses(data.u[k]))]
-        late = [_group_means(x, group) for x in pulses(data.u[k], once, data.holds, len(runs))]
+        of_input = partial(_response_to, model, record)
+        late = [_group_means(x, group) for x in pulses(data.u[k], of_input, data.holds, len(runs))]
         parts += [whole[:, run].copy() for run in runs_there]
         instants += [np.array(late).reshape(len(late), count)[:, run] for run in runs_there]
     instants = [own for own, part in zip(instants, parts, strict=True) if part.shape[1] >= MIN_RUN]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from thermaltool.effects.effect import Effect
-from thermaltool.fitting.discrepancy import MAX_OVER_NOISE
+from thermaltool.fitting.discrepancy import MAX_OVER_NOISE, calibration_error
 from thermaltool.fitting.response_choice import LEFT_OUT
 from thermaltool.model import Model, Output, characteristics, to_document
 from thermaltool.report.presentation import duration, responses_table
@@ -108,9 +108,7 @@ def _instants(output: Output) -> str:
 
 def _coarse(output: Output) -> str:
     """That a fit is far from the noise; empty where it is not."""
-    left, noise = output.fit.get("rmse_zero_free", output.fit["rmse"]), output.fit.get("noise", 0.0)
-    if output.fit.get("instants"):
-        left = output.fit["instants"]["rmse"]
+    left, noise = calibration_error(output.fit), output.fit.get("noise", 0.0)
     if not noise or left < MAX_OVER_NOISE * noise:
         return ""
     unit = printed(parse_channel(output.channel).unit)

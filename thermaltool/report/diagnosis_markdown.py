@@ -21,8 +21,8 @@ GLOSSARY = """\
   *Independent rows* say as much about a mean as all rows, whose errors follow each other.
 - *Heating* and *cooling*: the output moves away from rest, or back to it.
 - *Evidence* is the fall of BIC when the cause is added, under white noise plus a slow
-  discrepancy, after a correction for the number of causes tried. From 4.6 (odds of 10) a cause is
-  tried on unseen rows; above 10 (odds of 150) it is called decisive.
+  discrepancy, after a correction for the number of causes tried. From 10 (odds of 150, decisive) a
+  cause is tried on unseen rows.
 - *Gain* is what the cause takes off the residual, by the written models without it and with it,
   the zero of each log free, with its 95 % interval; one that includes zero is not claimed.
 - *Detectable* is the RMS change of an output that this log would have shown.
