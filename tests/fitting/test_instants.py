@@ -58,8 +58,17 @@ def test_compressed_rows_have_the_likelihood_of_the_covariance(columns_and_noise
         assert found == pytest.approx(expected, rel=1e-8)
 
 
-def test_a_pulse_is_the_response_later_by_the_rows_of_the_switch():
-    levels, once = np.array([[0.0, 0, 0, 100, 100, 100, 100]]), [0.5 ** np.arange(7)]
-    (late,) = pulses(levels, lambda i, x: once[i], ["zero"], 1)
-    assert late == pytest.approx(100 / 12**0.5 * np.array([0, 0, 1, 0.5, 0.25, 0.125, 0.0625]))
-    assert not list(pulses(levels, lambda i, x: once[i], ["first"], 1))
+def test_a_pulse_is_what_a_step_half_a_row_earlier_changes():
+    """Two rows of time constant, and the mean over instants between the rows."""
+    tau, t = 2.0, np.arange(8.0)
+    step = 1 - np.exp(-t / tau)
+    # Mean of the rows after a step that lies anywhere in the row before, and of an impulse.
+    mean = np.diff(t + tau * np.exp(-t / tau))
+    once = np.append(mean[0], np.diff(mean))
+    levels = np.array([[0.0, 0, 0, 100, 100, 100, 100]])
+    (late,) = pulses(levels, lambda i, x: once, ["zero"], 1)
+    assert late[:3] == pytest.approx(np.zeros(3))
+    assert late[3:] == pytest.approx(100 / 12**0.5 * np.diff(step)[:4], rel=0.08)
+    assert not list(pulses(levels, lambda i, x: once, ["first"], 1))
+    assert not list(pulses(levels[:0], lambda i, x: once, [], 1))
+    assert not list(pulses(levels[:, :1], lambda i, x: once, ["zero"], 1))

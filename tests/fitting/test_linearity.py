@@ -102,6 +102,25 @@ def test_linear_plants_in_coloured_noise_are_not():
     assert np.mean([test.nonlinear for test in found]) < 0.027
 
 
+def between_rows(seed):
+    """One lag; what steps it switches anywhere between the rows, and the log has its level."""
+    rng = np.random.default_rng([7, seed])
+    u = steps(rng, 30_000, 400, 2000)
+    y = lag(u, 50 * rng.uniform(2, 20))
+    return u[::50], noisy(
+        rng, y[::50], float(rng.choice([0.003, 0.01])), float(rng.choice([0, 0.8]))
+    )
+
+
+@pytest.mark.slow
+def test_switches_between_the_rows_are_no_nonlinearity(monkeypatch):
+    """60 records; without their instants every second is called nonlinear."""
+    logs = [between_rows(seed) for seed in range(60)]
+    assert np.mean([judged(*log, (2, 2, 0)).nonlinear for log in logs]) < 0.1
+    monkeypatch.setattr("thermaltool.fitting.error_regression.DECISIVE", np.inf)
+    assert np.mean([judged(*log, (2, 2, 0)).nonlinear for log in logs]) > 0.4
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_linear_plant_is_linear(seed):
     assert not judged(*linear(seed)).nonlinear

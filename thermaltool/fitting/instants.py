@@ -167,15 +167,17 @@ def pulses(
     records : int
         Over which the switches are counted.
     """
-    most = max(MAX_PULSES // (len(levels) * records), 1)
+    most = max(MAX_PULSES // max(len(levels) * records, 1), 1)
     for i, (level, hold) in enumerate(zip(levels, holds, strict=True)):
         steps = np.ones(len(level) - 1)
         found = switches(level, steps, most, MAX_SHARE) if hold == "zero" else []
         if not found:
             continue
-        once = np.zeros(len(level))
-        once[0] = 1.0
-        own = response(i, once)
+        # Half a row after the switch: of a level held between the rows `response` is the mean over
+        # instants, of which the first row holds half.
+        once = response(i, np.eye(1, len(level))[0])
+        own = (once + np.append(once[1:], 0.0)) / 2
+        own[0] += once[0] / 2
         for j in found:
-            late = np.concatenate([np.zeros(j), own])[: len(level)]
+            late = np.concatenate([np.zeros(j + 1), own])[: len(level)]
             yield SPREAD * float(level[j + 1] - level[j]) * late

@@ -38,7 +38,7 @@ def switches(level: Float, steps: Float, most: int, max_share: float) -> list[in
     """
     changes = np.abs(np.diff(level))
     rows = np.flatnonzero(changes > MIN_SWITCH * float(np.ptp(level)))
-    if len(rows) > max_share * len(level):
+    if not len(rows) or len(rows) > max_share * len(level):
         return []
     largest = rows[np.argsort(-changes[rows], kind="stable")][:most]
     whole = steps[largest] <= MAX_APART * float(np.median(steps))
