@@ -8,12 +8,16 @@ import pytest
 from thermaltool.diagnosis.held_out import _NormalEquations
 
 SHARED = [(0, "limit")]
+# Precision of the shared parameter about zero.
+PRIOR = 60.0
 
 
 def equations(draw, count):
     """Least squares of one output: its own columns, and last the shared one."""
     columns, values = draw.standard_normal((40, count)), draw.standard_normal(40)
-    normal = _NormalEquations(columns.T @ columns, columns.T @ values, {SHARED[0]: count - 1})
+    prior = np.append(np.zeros(count - 1), PRIOR)
+    matrix = columns.T @ columns + np.diag(prior)
+    normal = _NormalEquations(matrix, columns.T @ values, {SHARED[0]: count - 1}, prior)
     return columns, values, normal
 
 
@@ -21,9 +25,9 @@ def test_shared_moves_are_those_of_one_fit_to_all_outputs():
     draw = np.random.default_rng(4)
     one, other = equations(draw, 3), equations(draw, 4)
     moves = one[2].beside(SHARED, [other[2].of(SHARED)])
-    # Both in one: own columns of one, those of the other, the shared one.
-    table = np.zeros((80, 6))
+    # Both in one: own columns of one, those of the other, the shared one; its prior once.
+    table = np.zeros((81, 6))
     table[:40, :2], table[40:, 2:5] = one[0][:, :2], other[0][:, :3]
-    table[:, 5] = np.concatenate([one[0][:, 2], other[0][:, 3]])
-    joint = np.linalg.lstsq(table, np.concatenate([one[1], other[1]]), rcond=None)[0]
+    table[:, 5] = np.concatenate([one[0][:, 2], other[0][:, 3], [PRIOR**0.5]])
+    joint = np.linalg.lstsq(table, np.concatenate([one[1], other[1], [0.0]]), rcond=None)[0]
     assert moves == pytest.approx(joint[[0, 1, 5]], abs=1e-9)

@@ -118,14 +118,20 @@ class _NormalEquations:
     right : ndarray, shape (c,)
     places : mapping of (number of the effect, parameter) to int
         Columns of the parameters of accepted causes.
+    prior : ndarray, shape (c,)
+        Precisions that the matrix holds; those of causes are about zero.
     """
 
     matrix: Float
     right: Float
     places: Mapping[Place, int]
+    prior: Float
 
     def of(self, shared: Sequence[Place]) -> tuple[Float, Float]:
-        """What the output says of shared parameters, all else fitted: matrix and right side."""
+        """What its rows say of shared parameters, all else fitted: matrix and right side.
+
+        Without the prior of these: it counts once, not once for each output.
+        """
         matrix, right = np.zeros((len(shared), len(shared))), np.zeros(len(shared))
         mine = [k for k, place in enumerate(shared) if place in self.places]
         if mine:
@@ -134,7 +140,8 @@ class _NormalEquations:
             through = self.matrix[np.ix_(chosen, rest)]
             known = np.column_stack([self.matrix[np.ix_(rest, chosen)], self.right[rest]])
             taken = through @ _solved(self.matrix[np.ix_(rest, rest)], known)
-            matrix[np.ix_(mine, mine)] = self.matrix[np.ix_(chosen, chosen)] - taken[:, :-1]
+            of_rows = self.matrix[np.ix_(chosen, chosen)] - np.diag(self.prior[chosen])
+            matrix[np.ix_(mine, mine)] = of_rows - taken[:, :-1]
             right[mine] = self.right[chosen] - taken[:, -1]
         return matrix, right
 
@@ -209,7 +216,8 @@ class _Table:
         rows = self.coarse[kept]
         gram = rows.T @ coloured.factor(*self.noise).solve(rows) / self.white**2
         matrix = gram[1:, 1:] + np.diag(self.prior)
-        return _NormalEquations(matrix, gram[0, 1:] - self.prior * self.centre, self.places)
+        right = gram[0, 1:] - self.prior * self.centre
+        return _NormalEquations(matrix, right, self.places, self.prior)
 
     def predicted(self, fold: Index, moves: Float) -> tuple[Index, Float]:
         """Rows of some groups, and their errors after moves."""

@@ -167,7 +167,13 @@ def stand_ins(task: DiagnosisTask, search: SearchState) -> list[tuple[Cause, str
         return []
     model, logs = task.model, task.logs
     before = {o: nonlinearity(model, logs, o) for o in search.hypothesis.groups}
-    bent = {o: test for o, test in before.items() if test is not None and is_bent(test)}
+    # What the calibration left is no news of these logs.
+    known = task.calibrated_misfit
+    bent = {
+        o: test
+        for o, test in before.items()
+        if test is not None and is_bent(test) and _bend(test, logs, o) > known.get(o, 0.0)
+    }
     if not bent:
         return []
     written = search.written(task)
@@ -178,14 +184,18 @@ def stand_ins(task: DiagnosisTask, search: SearchState) -> list[tuple[Cause, str
         effect = cause.effect
         # A channel that the model lacks may be what products of the others stand for.
         lacked = () if effect.bends or effect.channel in own | {""} else (effect.channel,)
+        moved = SimulatedLogs(without(written, effect), tuple(logs), {}).displacement(effect)
         for output, test in bent.items():
-            if effect.side == "sensor" and effect.channel != output:
+            change = moved.get(output)
+            if change is None or not any(np.any(each) for each in change):
                 continue  # it acts on another output alone
             if lacked and explains_more(test, nonlinearity(model, logs, output, lacked)):
                 continue
             if not effect.channel:
-                course = _with_course(written, effect, logs, output)
-                if course and explains_more(test, nonlinearity(model, course, output, (COURSE,))):
+                course = [
+                    log.with_columns({COURSE: c}) for log, c in zip(logs, change, strict=True)
+                ]
+                if explains_more(test, nonlinearity(model, course, output, (COURSE,))):
                     continue
             if stands_for_another(effect, test, after[output]):
                 found.append((cause, f"{output} is not linear, {_reached(test)}"))
@@ -193,15 +203,10 @@ def stand_ins(task: DiagnosisTask, search: SearchState) -> list[tuple[Cause, str
     return found
 
 
-def _with_course(
-    written: Model, effect: Effect, logs: Sequence[Record], output: str
-) -> list[Record]:
-    """Logs with what a cause without a channel adds to an output; none where it adds nothing."""
-    runs = SimulatedLogs(without(written, effect), tuple(logs), {})
-    change = runs.displacement(effect).get(output)
-    if change is None:
-        return []
-    return [log.with_columns({COURSE: c}) for log, c in zip(logs, change, strict=True)]
+def _bend(test: LinearityTest, logs: Sequence[Record], output: str) -> float:
+    """RMS of what products and powers explain of the error [unit of the output]."""
+    measured = np.concatenate([log.column(output) for log in logs if output in log.columns])
+    return float(np.sqrt(nonlinear_power(test)) * np.nanstd(measured))
 
 
 def _reached(test: LinearityTest) -> str:

@@ -9,7 +9,7 @@ causes made idle is taken out again, and so is what the written model has no use
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -61,13 +61,13 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
         return task, search
     apart = task.apart(sound)
     again = _found(apart, start)
-    if not again.causes or _left(apart, again) > MAX_LEFT * _left(task, search):
+    noise = start.hypothesis.white
+    if not again.causes or _left(apart, again, noise) > MAX_LEFT * _left(task, search, noise):
         return task, search
     for log in apart.sound:
         again = again.noted(
             f"nothing of this is in {log.name or 'a log'}, which the model as it came fits: the "
-            "machine has changed between the logs, or the cause is another; without that log as "
-            "--validate the extended model is written"
+            "machine has changed between the logs, or the cause is another"
         )
     return apart, again
 
@@ -75,11 +75,18 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
 def _sound_logs(task: DiagnosisTask) -> list[int]:
     """Numbers of the unseen logs that the model as it came fits."""
     known = corrected(task.model)
-    return [
-        k
-        for k, log in enumerate(task.validate)
-        if _misfit(Hypothesis.of(known, (log,), known, WITHIN_CALIBRATION)) < MIN_MISFIT
-    ]
+    plain = [Hypothesis.of(known, (log,), known, WITHIN_CALIBRATION) for log in task.validate]
+    return [k for k, each in enumerate(plain) if _misfit(each) < MIN_MISFIT and not _is_idle(each)]
+
+
+def _is_idle(hypothesis: Hypothesis) -> bool:
+    """Whether no output of the model moves by more than its noise: nothing could be wrong there."""
+    runs = hypothesis.simulation
+    moved = [
+        (hypothesis.white(o), computed) for o in hypothesis.groups
+        for _, computed in runs.as_simulated(o)
+    ]  # fmt: skip
+    return all(float(np.nanstd(computed)) < noise for noise, computed in moved)
 
 
 def _found(task: DiagnosisTask, search: SearchState) -> SearchState:
@@ -90,13 +97,13 @@ def _found(task: DiagnosisTask, search: SearchState) -> SearchState:
     return _of_no_rest(task, first, _of_no_curve(task, search))
 
 
-def _left(task: DiagnosisTask, search: SearchState) -> float:
+def _left(task: DiagnosisTask, search: SearchState, noise: Callable[[str], float]) -> float:
     """Power that the written model leaves of the worst output, over that of noise, less one."""
     model = search.written(task)
-    logs = tuple(log for log in task.logs if cannot_run(model, log) is None)
-    runs = SimulatedLogs(model, logs, search.hypothesis.simulation.masked)
+    if any(cannot_run(model, log) is not None for log in task.logs):
+        return np.inf
+    runs = SimulatedLogs(model, task.logs, search.hypothesis.simulation.masked)
     gains = gains_of(runs, runs, lambda output: True, runs.warm_logs)
-    noise = search.hypothesis.white
     return max(((g.rms_before / noise(o)) ** 2 - 1 for o, g in gains.items()), default=0.0)
 
 
@@ -231,12 +238,15 @@ def _misfit(hypothesis: Hypothesis) -> float:
     """Power of the worst output's residual over that of its noise, less one."""
     return max(
         (
-            float(np.mean(np.square(groups.joined(hypothesis.unexplained(o)))))
-            + hidden_noise(hypothesis.simulation, o) ** 2
-        )
-        / hypothesis.nuisance[o].white ** 2
-        - 1
-        for o, groups in hypothesis.groups.items()
+            (
+                float(np.mean(np.square(groups.joined(hypothesis.unexplained(o)))))
+                + hidden_noise(hypothesis.simulation, o) ** 2
+            )
+            / hypothesis.nuisance[o].white ** 2
+            - 1
+            for o, groups in hypothesis.groups.items()
+        ),
+        default=np.inf,
     )
 
 

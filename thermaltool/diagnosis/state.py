@@ -146,13 +146,14 @@ class DiagnosisTask:
         # Commands switch at the rows unless the logs say clearly that they do not.
         between = assumptions | {"instants"}
         early = replace(plain, assumptions=between | {"earlier"})
-        if early.evidence_of(assumptions) > -DECISIVE_EVIDENCE:
-            return plain
+        at_rows, later = early.evidence_of(assumptions), early.evidence_of(between)
         # A model of commands that switch at the rows has them late; what acts later is a cause.
         fitted = [e.fitted(early.assumptions, "earlier") for e in early.evidence.values()]
-        if early.evidence_of(between) < -DECISIVE_EVIDENCE and np.sum(fitted) > 0:
+        if max(at_rows, later) < -DECISIVE_EVIDENCE and np.sum(fitted) > 0:
             return early
-        return replace(plain, assumptions=between)
+        if later - at_rows > DECISIVE_EVIDENCE:
+            return replace(plain, assumptions=between)
+        return plain
 
 
 @dataclass(frozen=True)

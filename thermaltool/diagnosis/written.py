@@ -193,7 +193,9 @@ def with_agreements(model: Model, logs: Sequence[Record]) -> Model:
     outputs = []
     for o in model.outputs:
         judged = [log for log in logs if o.channel in log.columns and not cannot_run(model, log)]
-        kept = {key: value for key, value in o.fit.items() if key not in FIT_STATISTICS}
+        # Instants of switches are those of the calibration's own fit.
+        dropped = (*FIT_STATISTICS, "instants")
+        kept = {key: value for key, value in o.fit.items() if key not in dropped}
         if judged:
             found = agreements(model, judged, [o])[o.channel].document()
             kept |= {key: found[key] for key in FIT_STATISTICS if found[key] is not None}

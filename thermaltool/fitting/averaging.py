@@ -171,14 +171,19 @@ def of_readings(output: Output, records: Sequence[Record], rows: Sequence[int]) 
         return output
     measured = [record.column(output.channel) for record in records]
     noise = max(map(reading_sigma, measured))
+    # What a mean does not show of its readings.
+    hidden = noise * math.sqrt(1 - 1 / max(rows))
     figures = {
         "averaged_rows": list(rows),
         "rows": sum(int(np.isfinite(values).sum()) for values in measured),
         "noise": noise,
-        # What a mean does not show of its readings.
-        "rmse": math.hypot(output.fit["rmse"], noise * math.sqrt(1 - 1 / max(rows))),
+        "rmse": math.hypot(output.fit["rmse"], hidden),
         "discrepancy": {**output.fit["discrepancy"], "white_sigma": noise},
     }
+    if "instants" in output.fit:
+        own = output.fit["instants"]
+        both = {key: math.hypot(own[key], hidden) for key in ("rmse", "rmse_without")}
+        figures["instants"] = {**own, **both}
     return replace(output, fit={**output.fit, **figures})
 
 

@@ -223,6 +223,10 @@ def fit_output(
         responses = parametrization.responses(theta, linear[: parametrization.gains])
         found = fitted_instants(problem, records, drives, between, responses, residual)
         if found is None:
+            # Nothing in the last fit asks for what the one before has in it.
+            if instants is not None:
+                instants, triangle = None, problem.compress(weights)
+                theta = search.refine(theta, triangle)[1]
             break
         if instants is None:
             # Rows behind a switch are no outliers beside its instant.

@@ -13,6 +13,7 @@ import numpy as np
 
 from thermaltool.effects.effect import Effect
 from thermaltool.fitting.averaging import row_noise
+from thermaltool.fitting.discrepancy import calibration_error
 from thermaltool.fitting.hold_choice import ChosenKinds
 from thermaltool.fitting.laws import acting_records
 from thermaltool.fitting.response_choice import DECISIVE
@@ -101,7 +102,7 @@ def _far_nearer(free: Model, rested: Model, channel: str) -> bool:
     """Whether a free start explains what the fit from rest leaves of an output."""
     fits = [o.fit for m in (rested, free) for o in m.outputs if o.channel == channel]
     noise = float(fits[-1].get("noise", 0.0)) ** 2
-    size, left = (float(fit.get("rmse_zero_free", fit["rmse"])) ** 2 - noise for fit in fits)
+    size, left = (calibration_error(fit) ** 2 - noise for fit in fits)
     return _explained_by_start(size, left, noise)
 
 
