@@ -198,7 +198,7 @@ def judged(case: Case, draws: int, generator: np.random.Generator) -> list[str]:
             "look-ahead": tt.estimate(design, read, lag=LOOKAHEAD, warn=str),
             "smoothed": tt.estimate(design, read, smooth=True, bands=True, warn=str),
         }
-        parted.append(found["smoothed"].found.parted is not None)
+        parted.append(found["smoothed"].found.alarm.row is not None)
         for name, each in found.items():
             error = np.stack([each.columns[q] for q in drives], axis=1) - heat
             squares.setdefault(name, []).append(float(np.mean(error**2)))

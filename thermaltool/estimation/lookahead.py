@@ -25,7 +25,7 @@ from thermaltool.estimation.heat_steps import (
     smooth_with_steps,
     why_no_steps,
 )
-from thermaltool.estimation.innovation_test import InnovationTest, first_alarm
+from thermaltool.estimation.innovation_test import PARTED, Alarm, InnovationTest, record_alarm
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.likelihood import fit_sizes
 from thermaltool.estimation.parameter_error import parameter_variance
@@ -103,11 +103,9 @@ class Looked:
         Standard errors.
     estimator : KalmanEstimator
         With the sizes that were taken.
-    parted : int or None
-        The first row at which model and machine have parted, where standard errors were asked for
-        or steps could be looked for.
-    reason : str
-        What says so.
+    alarm : Alarm or None
+        Whether model and machine have parted, where standard errors were asked for or steps could
+        be looked for.
     steps : HeatSteps or None
         Where they were looked for.
     no_steps : str
@@ -119,8 +117,7 @@ class Looked:
     estimates: Float
     sigma: Float | None
     estimator: KalmanEstimator
-    parted: int | None = None
-    reason: str = ""
+    alarm: Alarm | None = None
     deconvolved: Deconvolved | None = None
     steps: HeatSteps | None = None
     no_steps: str = ""
@@ -186,11 +183,11 @@ def look(
     sought = how.may_step and len(time) > 0
     no_steps = why_no_steps(kalman, time, readings, level) if sought else ""
     sought = sought and not no_steps
-    parted, reason = None, ""
+    alarm = None
     if len(time) > 1 and (how.bands or sought):
-        parted, reason = _parted(model, designed, time, readings, settled)
+        alarm = _alarm(model, designed, time, readings, initial)
     steps = None
-    if sought and parted is not None:
+    if sought and alarm is not None and alarm.word == PARTED:
         no_steps = "model and machine have parted"
     elif sought:
         steps = find_steps(kalman, time, readings, level, initial)
@@ -217,17 +214,16 @@ def look(
         if len(time) > 1:
             variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
         sigma = np.sqrt(variance)
-    return Looked(estimates + behind, sigma, kalman, parted, reason, steps=steps, no_steps=no_steps)
+    return Looked(estimates + behind, sigma, kalman, alarm, steps=steps, no_steps=no_steps)
 
 
-def _parted(
-    model: Model, designed: KalmanEstimator, time: Float, readings: Float, settled: bool
-) -> tuple[int | None, str]:
+def _alarm(
+    model: Model, designed: KalmanEstimator, time: Float, readings: Float, initial: Initial
+) -> Alarm:
     """By the noise of the design: what the record itself tells has seen the contradiction."""
     errors = model_errors(model, designed), gain_errors(model, designed)
     test = InnovationTest(designed, float(np.median(np.diff(time))), *errors)
-    parted = first_alarm(test, time, readings, settled)
-    return parted, "" if parted is None else test.reason
+    return record_alarm(test, time, readings, initial, drive_levels(model, designed.drives))
 
 
 def _variance(kalman: KalmanEstimator, time: Float, smoothed: Smoothed, how: Lookahead) -> Float:
