@@ -157,6 +157,16 @@ def test_where_no_alarm_is_possible_that_is_said(thermaltool, files):
     assert "alarm" not in thermaltool(*run, stdin=files.log.read_text()).json
 
 
+def test_steps_are_looked_for_run_by_run_between_pauses(thermaltool, files):
+    header, *rows = files.log.read_text().splitlines()
+    parted = "\n".join([header, *rows[:90], *rows[120:]]) + "\n"
+    found = thermaltool("estimate", files.kalman, "-", "--smooth", "--bands", stdin=parted)
+    assert "in each of 2 runs between pauses" in found.err
+    _, values = table(found.out)
+    assert len(values) == len(rows) - 30
+    assert np.all(np.isfinite(values))
+
+
 LOOKS = pytest.mark.parametrize("look", [("--smooth",), ("--lag", 30), ("--walk", 0.05)], ids=str)
 
 

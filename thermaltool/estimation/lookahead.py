@@ -29,6 +29,7 @@ from thermaltool.estimation.innovation_test import PARTED, Alarm, InnovationTest
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.likelihood import fit_sizes
 from thermaltool.estimation.parameter_error import parameter_variance
+from thermaltool.estimation.pauses import with_pauses
 from thermaltool.estimation.permanent_effects import apply_maps, drive_maps
 from thermaltool.estimation.smoother import Smoothed, smooth
 from thermaltool.estimation.start import Initial
@@ -163,6 +164,9 @@ def look(
         before, behind = estimator.contributions(time, taken[:, sensors:])
         readings = readings - before
     level = drive_levels(model, kalman.drives)
+    there = np.ones(len(time), bool)
+    if how.smooth:
+        time, readings, there = with_pauses(time, readings)
     if how.plan is not None:
         if settled:
             raise ModelError("--method takes a machine at rest at the first row; --smooth takes "
@@ -196,7 +200,7 @@ def look(
 
     def estimated(readings: Float) -> Float:
         if how.smooth:
-            rows = None if stepped is None else stepped.likeliest
+            rows = None if stepped is None else stepped.likeliest + stepped.pauses
             return smooth(kalman, time, readings, level, initial, rows).estimates
         if how.lag:
             return fixed_lag(kalman, time, readings, how.lag, settled)
@@ -214,7 +218,10 @@ def look(
         if len(time) > 1:
             variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
         sigma = np.sqrt(variance)
-    return Looked(estimates + behind, sigma, kalman, alarm, steps=steps, no_steps=no_steps)
+    if alarm is not None and alarm.row is not None:
+        alarm = replace(alarm, row=int(np.count_nonzero(there[: alarm.row])))
+    estimates, sigma = estimates[there] + behind, None if sigma is None else sigma[there]
+    return Looked(estimates, sigma, kalman, alarm, steps=steps, no_steps=no_steps)
 
 
 def _alarm(

@@ -131,10 +131,11 @@ def sizes_message(found: KalmanEstimator) -> str:
 def steps_message(found: HeatSteps) -> str:
     """Which of walk and steps a log makes likelier."""
     by = abs(found.evidence - found.of_walk)
+    each = f" (looked for in each of {found.runs} runs between pauses)" if found.runs > 1 else ""
     if not found.are_likelier:
-        return f"the heat is taken to wander: steps are {by:.3g} nats less likely"
-    return (f"the heat is taken to step, {counted(found.count, 'time')}: that is {by:.3g} nats "
-            "likelier than a walk alone, which --walk likelihood takes")  # fmt: skip
+        return f"the heat is taken to wander: steps{each} are {by:.3g} nats less likely"
+    return (f"the heat is taken to step, {counted(found.count, 'time')}{each}: that is {by:.3g} "
+            "nats likelier than a walk alone, which --walk likelihood takes")  # fmt: skip
 
 
 def alarm_messages(log: Log, alarm: Alarm) -> Iterator[str]:
