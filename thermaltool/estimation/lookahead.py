@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from thermaltool.errors import ModelError
+from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.estimation.bands import gain_errors, model_errors
 from thermaltool.estimation.deconvolution import (
     DeconvolutionPlan,
@@ -17,7 +17,7 @@ from thermaltool.estimation.deconvolution import (
     followed,
 )
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
-from thermaltool.estimation.fixed_lag import fixed_lag, lag_saving
+from thermaltool.estimation.fixed_lag import error_variance, fixed_lag
 from thermaltool.estimation.forms import linear_kalman
 from thermaltool.estimation.heat_steps import (
     HeatSteps,
@@ -214,7 +214,7 @@ def look(
         estimates = estimated(readings)
     sigma = None
     if how.bands:
-        variance = _variance(kalman, time, smoothed, how)
+        variance = _variance(kalman, time, readings, smoothed, how)
         if len(time) > 1:
             variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
         sigma = np.sqrt(variance)
@@ -233,19 +233,36 @@ def _alarm(
     return record_alarm(test, time, readings, initial, drive_levels(model, designed.drives))
 
 
-def _variance(kalman: KalmanEstimator, time: Float, smoothed: Smoothed, how: Lookahead) -> Float:
+def _variance(
+    kalman: KalmanEstimator, time: Float, readings: Float, smoothed: Smoothed, how: Lookahead
+) -> Float:
     """Of the estimates, for a model that is right."""
     if how.smooth:
         return np.square(smoothed.sigma)
     filtered = np.square(smoothed.filtered_sigma)
-    if not how.lag or len(time) < 2:
+    if len(time) < 2:
         return filtered
-    # What the lag saves in the steady filter, on the mean over the record's clock; the last rows
-    # have fewer readings after them.
+    # The gains are those of the walk that a design has chosen; how far they leave the estimates
+    # from the heat depends on how it wanders here. On the mean over the record's clock; the last
+    # rows have fewer readings after them.
     period = float(np.median(np.diff(time)))
-    rows = round(how.lag / period)
+    rows = round(how.lag / period) if how.lag else 0
     ahead = np.minimum(np.arange(len(time))[::-1], rows)
-    return filtered * lag_saving(kalman, period, rows)[ahead]
+    steady = error_variance(kalman, kalman, period, 0)[0]
+    found = error_variance(kalman, _as_told(kalman, time, readings, how), period, rows)
+    return filtered * (found / np.maximum(steady, 1e-300))[ahead]
+
+
+def _as_told(
+    kalman: KalmanEstimator, time: Float, readings: Float, how: Lookahead
+) -> KalmanEstimator:
+    """With the sizes that the readings tell; as it is where those are taken already or given."""
+    if how.sizes != "design":
+        return kalman
+    try:
+        return fit_sizes(kalman, time, readings).estimator
+    except (LogError, FitError):
+        return kalman
 
 
 def drive_levels(model: Model, drives: Sequence[str]) -> tuple[float, ...]:
