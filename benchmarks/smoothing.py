@@ -5,7 +5,8 @@ and duties are drawn with fresh noise. Printed are the root mean squared errors 
 level: of the causal estimate, with 20 s of look-ahead, smoothed over the whole record (walk and
 noise by maximum likelihood from the record itself), and of the reference: the conditional mean of
 the heat given all readings, for the true plant, the true noise and the true mean square of the
-heat's steps, written out as one dense system. Then the share of rows within the 95 % band of each, and of draws on which model and machine are said to have parted.
+heat's steps, written out as one dense system. Then the share of rows within the 95 % band of each,
+and of draws on which model and machine are said to have parted.
 
 The machines are a finite-element frame and a rod and a wall of finite volumes; a step response of
 each, convolved with the heat, gives the truth.

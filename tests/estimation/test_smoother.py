@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from machines.wall import Wall
 from scipy.stats import multivariate_normal
 
 from thermaltool.errors import FitError, LogError, ModelError
@@ -314,3 +315,24 @@ def test_bands_of_a_causal_estimate_hold_whatever_walk_the_design_has(late):
         assert own == pytest.approx(error, rel=0.2)
         assert abs(np.log(own / error)) < abs(np.log(design / error))
         assert factor < 1 or design < 0.7 * error
+
+
+@pytest.mark.parametrize("pause", [False, True])
+def test_what_a_warm_machine_does_is_no_noise(pause):
+    """A wall of finite volumes that was heated before the first row; its back alone is read."""
+    wall, generator, dt, rows = Wall(cells=8), np.random.default_rng(33), 2.0, 300
+    flux = 2e4 * np.repeat(generator.uniform(0, 1, 12), 50)
+    y = wall.back_face(flux, dt)[-rows:, None]
+    y = y + 0.05 * generator.standard_normal(y.shape)
+    A, b, _ = wall.matrices()
+    rates, vectors = np.linalg.eigh(A)
+    back = Modes(rates.astype(complex), (vectors * (vectors.T @ b))[-1].astype(complex))
+    noise = (SensorNoise(0.05, 0.02, 600.0),)
+    kalman = KalmanEstimator(("T_degC",), ("Q_W",), (), ((0, 0, back),), (), (300.0,), noise)
+    there = np.r_[0:200, 230:rows] if pause else np.arange(rows)
+    time, y = dt * there, y[there]
+    free = fit_sizes(kalman, time, y, initial="free", level=(2e4,)).estimator.noise[0]
+    rest = fit_sizes(kalman, time, y).estimator.noise[0]
+    assert free.white == pytest.approx(0.05, rel=0.15)
+    assert free.drift < 0.1
+    assert rest.white > 3 * free.white

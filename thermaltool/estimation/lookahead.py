@@ -182,7 +182,8 @@ def look(
     if isinstance(how.sizes, float):
         kalman = replace(kalman, walk=tuple(how.sizes * each for each in level))
     if how.sizes != "design" and len(time):
-        kalman = fit_sizes(kalman, time, readings, pinned=how.sizes != "likelihood").estimator
+        pinned = how.sizes != "likelihood"
+        kalman = fit_sizes(kalman, time, readings, pinned, initial, level).estimator
 
     sought = how.may_step and len(time) > 0
     no_steps = why_no_steps(kalman, time, readings, level) if sought else ""
@@ -214,7 +215,10 @@ def look(
         estimates = estimated(readings)
     sigma = None
     if how.bands:
-        variance = _variance(kalman, time, readings, smoothed, how)
+        told = kalman
+        if how.sizes == "design" and not how.smooth:
+            told = _as_told(kalman, time, readings, level, initial)
+        variance = _variance(kalman, told, time, smoothed, how)
         if len(time) > 1:
             variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
         sigma = np.sqrt(variance)
@@ -234,7 +238,7 @@ def _alarm(
 
 
 def _variance(
-    kalman: KalmanEstimator, time: Float, readings: Float, smoothed: Smoothed, how: Lookahead
+    kalman: KalmanEstimator, told: KalmanEstimator, time: Float, smoothed: Smoothed, how: Lookahead
 ) -> Float:
     """Of the estimates, for a model that is right."""
     if how.smooth:
@@ -249,18 +253,20 @@ def _variance(
     rows = round(how.lag / period) if how.lag else 0
     ahead = np.minimum(np.arange(len(time))[::-1], rows)
     steady = error_variance(kalman, kalman, period, 0)[0]
-    found = error_variance(kalman, _as_told(kalman, time, readings, how), period, rows)
+    found = error_variance(kalman, told, period, rows)
     return filtered * (found / np.maximum(steady, 1e-300))[ahead]
 
 
 def _as_told(
-    kalman: KalmanEstimator, time: Float, readings: Float, how: Lookahead
+    kalman: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    level: Sequence[float],
+    initial: Initial,
 ) -> KalmanEstimator:
-    """With the sizes that the readings tell; as it is where those are taken already or given."""
-    if how.sizes != "design":
-        return kalman
+    """With the sizes that the readings tell; as it is where they tell none."""
     try:
-        return fit_sizes(kalman, time, readings).estimator
+        return fit_sizes(kalman, time, readings, initial=initial, level=level).estimator
     except (LogError, FitError):
         return kalman
 
