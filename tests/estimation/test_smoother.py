@@ -317,7 +317,7 @@ def test_bands_of_a_causal_estimate_hold_whatever_walk_the_design_has(late):
         assert factor < 1 or design < 0.7 * error
 
 
-@pytest.mark.parametrize("pause", [False, True])
+@pytest.mark.parametrize("pause", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_what_a_warm_machine_does_is_no_noise(pause):
     """A wall of finite volumes that was heated before the first row; its back alone is read."""
     wall, generator, dt, rows = Wall(cells=8), np.random.default_rng(33), 2.0, 300
