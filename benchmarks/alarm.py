@@ -19,7 +19,7 @@ from smoothing import CALIBRATION_ROWS, Case, Noise, model_of
 
 from thermaltool.errors import ModelError
 from thermaltool.estimation.bands import gain_errors, model_errors
-from thermaltool.estimation.innovation_test import InnovationTest, first_alarm
+from thermaltool.estimation.innovation_test import InnovationTest, record_alarm
 from thermaltool.estimation.lookahead import linear_kalman
 from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.model import Model
@@ -50,7 +50,7 @@ def parted(
     readings = case.readings(machine, case.heat(rows, generator), generator)
     errors = model_errors(model, kalman), gain_errors(model, kalman)
     test = InnovationTest(kalman, PERIOD, *errors)
-    return first_alarm(test, PERIOD * np.arange(rows), readings, False) is not None
+    return record_alarm(test, PERIOD * np.arange(rows), readings).row is not None
 
 
 def bound(case: Case, draws: int, generator: np.random.Generator) -> str:

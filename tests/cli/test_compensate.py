@@ -288,15 +288,21 @@ def test_bands_late_estimates_and_what_they_rest_on(thermaltool, files):
     done = subprocess.run([*TOOL, *map(str, (*run, *beside))], capture_output=True, check=True)
     header, *lines = (line.split(",") for line in done.stdout.decode().splitlines())
     assert header == ["time_s", "offset_x_um", "Q_main_1", "d_x_um", "sigma_Q_main_1",
-                      "sigma_d_x_um", "late_Q_main_1", "late_d_x_um", "status"]  # fmt: skip
+                      "sigma_d_x_um", "late_Q_main_1", "late_d_x_um", "alarm",
+                      "status"]  # fmt: skip
     batch = thermaltool("estimate", files.kalman, files.log, "--lag", 30, "-q")
     whole = [line.split(",") for line in batch.out.splitlines()[1:]]
     for now, then in zip(lines[3:-1], whole, strict=False):
         assert [float(each) for each in now[6:8]] == [float(each) for each in then[1:]]
-    assert b"so no alarm where model and machine part" in done.stderr
+    # Said before the first line, and in each: one sensor contradicts nothing.
+    said = b"%s: no alarm is possible where model and machine part" % str(files.log).encode()
+    assert done.stderr.count(b"no alarm") == done.stderr.count(said) == 1
+    assert {line[-2] for line in lines} == {"not possible"}
     assert {line[-1] for line in lines} <= {"ok", "safe", "extrapolates", "settles"}
     # What is written is a log like any other: its words are no channel.
-    assert "status" not in thermaltool("check", "-", stdin=done.stdout).err
+    read = thermaltool("check", "-", stdin=done.stdout).err
+    assert "status" not in read
+    assert "alarm" not in read
     picture = files.log.parent / "s.png"
     drawn = thermaltool("plot", "-", "-o", picture, stdin=done.stdout)
     assert (drawn.code, drawn.err) == (0, "")

@@ -146,6 +146,27 @@ def test_a_deflection_beyond_the_calibration_is_told(thermaltool, files):
     assert "outside the calibrated range" in result.err
 
 
+def test_where_no_alarm_is_possible_that_is_said(thermaltool, files):
+    run = ("estimate", files.kalman, "-", "--json", "-o", files.folder / "o.csv")
+    for look in ("--bands", "--smooth"):
+        found = thermaltool(*run, look, stdin=files.log.read_text())
+        assert found.json["alarm"] == "not possible"
+        assert "no more sensors than drives" in found.json["alarm_reason"]
+        assert found.err.count("no alarm is possible") == 1
+        assert "<stdin>: no alarm is possible where model and machine part" in found.err
+    assert "alarm" not in thermaltool(*run, stdin=files.log.read_text()).json
+
+
+def test_steps_are_looked_for_run_by_run_between_pauses(thermaltool, files):
+    header, *rows = files.log.read_text().splitlines()
+    parted = "\n".join([header, *rows[:90], *rows[120:]]) + "\n"
+    found = thermaltool("estimate", files.kalman, "-", "--smooth", "--bands", stdin=parted)
+    assert "in each of 2 runs between pauses" in found.err
+    _, values = table(found.out)
+    assert len(values) == len(rows) - 30
+    assert np.all(np.isfinite(values))
+
+
 LOOKS = pytest.mark.parametrize("look", [("--smooth",), ("--lag", 30), ("--walk", 0.05)], ids=str)
 
 

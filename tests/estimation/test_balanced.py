@@ -12,7 +12,7 @@ from thermaltool.estimation.design import DesignPlan, design_estimator
 from thermaltool.estimation.design_model import MAX_LEFT_OUT, DesignModel
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.even_smoother import EvenSmoother
-from thermaltool.estimation.fixed_lag import lag_saving
+from thermaltool.estimation.fixed_lag import error_variance
 from thermaltool.estimation.kernel import Regularization
 from thermaltool.estimation.smoother import smooth
 from thermaltool.model import Drive, Model, Output, Term
@@ -79,9 +79,7 @@ def variances(kalman, readings):
     found = smooth(kalman, time, readings, (1.0,))
     space = kalman.state_space(DT)
     even = EvenSmoother(space, kalman.start_covariance(DT, (1.0,), "rest"), ROWS)
-    P, G = kalman.steady(DT)
-    steady = (space.C @ (P - G @ space.H @ P) @ space.C.T)[0, 0]
-    lagged = steady * lag_saving(kalman, DT, ROWS // 2)[-1, 0]
+    lagged = error_variance(kalman, kalman, DT, ROWS // 2)[-1, 0]
     middle = found.sigma[ROWS // 2, 0] ** 2, even.variance[0], lagged
     return found, even.run(readings)[0], np.array(middle)
 

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from thermaltool.estimation.bands import MIN_GAIN_ERROR, SIGNAL_SHARE, gain_errors, model_errors
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.gain_test import FIRST_SILENCE, chi_squared_limit
-from thermaltool.estimation.innovation_test import WALK_FACTOR, InnovationTest, first_alarm
+from thermaltool.estimation.innovation_test import WALK_FACTOR, InnovationTest, record_alarm
 from thermaltool.responses.modes import Modes
 from thermaltool.responses.sample_clock import CLOCK_STEP
 
@@ -87,7 +87,7 @@ def test_a_ratio_that_has_changed_is_an_alarm_that_says_which():
     generator = np.random.default_rng(12)
     y = readings(generator, (1.0, 1.0, 1.05), 600)
     test = InnovationTest(estimator(), DT, [0.0] * 3, ERRORS)
-    row = first_alarm(test, DT * np.arange(600), y, settled=False)
+    row = record_alarm(test, DT * np.arange(600), y).row
     assert row is not None
     assert test.reason.startswith("the sensors' ratios differ from the model's (dT_a_K -")
     assert "dT_c_K +" in test.reason
@@ -96,7 +96,7 @@ def test_a_ratio_that_has_changed_is_an_alarm_that_says_which():
     # What all sensors have in common is another heat.
     common = readings(np.random.default_rng(12), (1.2, 1.2, 1.2), 600)
     test = InnovationTest(estimator(), DT, [0.0] * 3, ERRORS)
-    assert first_alarm(test, DT * np.arange(600), common, settled=False) is None
+    assert record_alarm(test, DT * np.arange(600), common).row is None
 
 
 def test_it_goes_on_after_a_restart():

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from thermaltool.estimation import heat_steps, smoother
+from thermaltool.estimation import heat_steps, smoother, step_search
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.even_smoother import EvenSmoother
 from thermaltool.estimation.heat_steps import find_steps, smooth_with_steps, why_no_steps
 from thermaltool.estimation.likelihood import fit_sizes
+from thermaltool.estimation.pauses import with_pauses
 from thermaltool.estimation.smoother import smooth
+from thermaltool.estimation.step_search import StepSearch
 from thermaltool.responses.modes import Modes
 
 DT, LEVEL, WHITE = 4.0, (10.0,), 0.05
@@ -64,6 +66,12 @@ def covariance(kalman, rows):
     return noise.reshape(2 * rows, -1) + (X.T * changes) @ X
 
 
+def at_rest(kalman):
+    """State at a first row, and its covariance."""
+    P = kalman.start_covariance(DT, LEVEL, "rest")
+    return np.zeros(len(P)), P
+
+
 def duty(rows, seed=1):
     heat = np.zeros(rows)
     heat[rows // 5 :], heat[rows // 2 :], heat[3 * rows // 4 :] = 8.0, 3.0, 6.0
@@ -87,7 +95,7 @@ def test_scores_and_information_of_a_shock():
 def test_the_evidence_is_a_normal_density():
     kalman, rows = replace(machine(), outputs=(), followed=()), 30
     _, readings = duty(rows)
-    search = heat_steps._StepSearch(kalman, DT, readings, LEVEL, "rest")
+    search = StepSearch(kalman, DT, readings, LEVEL, *at_rest(kalman))
     X, S = responses(kalman, rows), covariance(kalman, rows)
     places = (6, 15, 22)
     stepped = S + LEVEL[0] ** 2 * X[list(places)].T @ X[list(places)]
@@ -102,11 +110,11 @@ def test_the_evidence_is_a_normal_density():
 
 def test_the_draws_are_those_of_all_sets_of_rows(monkeypatch):
     """Rows of which few are sure: every set is weighed, and drawn as often."""
-    monkeypatch.setattr(heat_steps, "DRAWS", 800)
-    monkeypatch.setattr(heat_steps, "ROUNDS_BETWEEN", 1)
+    monkeypatch.setattr(step_search, "DRAWS", 800)
+    monkeypatch.setattr(step_search, "ROUNDS_BETWEEN", 1)
     kalman, rows = replace(machine(walk=0.05), outputs=(), followed=()), 7
     _, readings = duty(rows)
-    search = heat_steps._StepSearch(kalman, DT, readings, LEVEL, "rest")
+    search = StepSearch(kalman, DT, readings, LEVEL, *at_rest(kalman))
     sets = [s for n in range(rows + 1) for s in itertools.combinations(range(rows), n)]
     odds = np.exp([search._weighed(each)[0] for each in sets])
     odds /= np.sum(odds)
@@ -172,11 +180,17 @@ def test_why_no_steps_are_looked_for():
     kalman, rows = machine(), 50
     time, (_, readings) = DT * np.arange(rows), duty(rows)
     assert why_no_steps(kalman, time, readings, LEVEL) == ""
-    late = np.where(time > 100, time + 3.0, time)
-    assert why_no_steps(kalman, late, readings, LEVEL) == "the clock is uneven"
+    # A pause is none of the reasons, nor are readings that are missing together.
+    assert why_no_steps(kalman, np.where(time > 100, time + 3.0, time), readings, LEVEL) == ""
     dead = readings.copy()
     dead[20, 1] = np.nan
-    assert why_no_steps(kalman, time, dead, LEVEL) == "readings are missing"
+    assert why_no_steps(kalman, time, dead, LEVEL) == ""
+    dead[::7] = np.nan
+    assert why_no_steps(kalman, time, dead, LEVEL) == "too many readings are missing"
+    late = time + 3.0 * (np.arange(rows) // 7)
+    assert why_no_steps(kalman, late, readings, LEVEL) == "the clock is uneven"
+    early = time - 2.0 * (time > 100)
+    assert why_no_steps(kalman, early, readings, LEVEL) == "the clock is uneven"
     two = replace(kalman, drives=("Q_a_W", "Q_b_W"), walk=(1.0, 1.0))
     assert why_no_steps(two, time, readings, LEVEL) == "several drives are estimated"
     many = DT * np.arange(heat_steps.MAX_ROWS + 1)
@@ -186,3 +200,56 @@ def test_why_no_steps_are_looked_for():
     )
     still = replace(kalman, walk=(1e-13,))
     assert why_no_steps(still, time, readings, LEVEL) == "the heat stands still"
+
+
+def test_the_evidence_over_a_pause_is_a_normal_density(monkeypatch):
+    """Run by run, each from what the runs before tell: together that of all readings at once."""
+    monkeypatch.setattr(smoother, "HELD_CHANGE", 0.0)
+    monkeypatch.setattr(heat_steps, "MIN_RUN", 5)
+    kalman, rows = replace(machine(), outputs=(), followed=()), 40
+    _, readings = duty(rows)
+    kept = np.r_[0:12, 18:rows]
+    time, readings = DT * kept, readings[kept]
+    runs = heat_steps.even_runs(time, readings)
+    assert runs == [slice(0, 12), slice(12, 34)]
+    record = heat_steps._Record(kalman, time, readings, LEVEL, "rest", runs)
+    X = responses(kalman, rows)
+
+    def density(walk, steps):
+        changes = np.full(rows, walk**2 * DT)
+        changes[0] = LEVEL[0] ** 2
+        # Over the pause the heat stays, and has changed by as much as it wanders.
+        changes[12:18], changes[18] = 0.0, 7 * walk**2 * DT
+        changes += steps
+        quiet = covariance(replace(kalman, walk=(1e-9,)), rows)
+        quiet -= LEVEL[0] ** 2 * np.outer(X[0], X[0])
+        both = (quiet + (X.T * changes) @ X).reshape(rows, 2, rows, 2)
+        some = both[kept][:, :, kept].reshape(2 * len(kept), -1)
+        return multivariate_normal(cov=some).logpdf(readings.ravel())
+
+    walk = kalman.walk[0]
+    assert record.searched(1.0).evidence == pytest.approx(density(walk, np.zeros(rows)), abs=1e-4)
+    found = record.searched(0.1)
+    steps = np.zeros(rows)
+    steps[kept] = (record.variances(found.searches, found.places) + record.pauses)[:, 0]
+    assert np.count_nonzero(steps) > 3
+    parts = zip(found.searches, found.places, strict=True)
+    value = sum(one.alone + one._weighed(at)[0] - one._prior(len(at)) for one, at in parts)
+    assert value == pytest.approx(density(np.sqrt(0.1) * walk, steps), abs=1e-4)
+
+
+def test_steps_beside_and_amid_a_pause():
+    """The heat steps while nobody reads; what is known of its course there tells the rows after."""
+    kalman, rows = machine(walk=0.5, drift=0.0), 250
+    heat, readings = duty(rows, seed=5)
+    kept = np.r_[0:110, 140:rows]
+    time, readings, there = with_pauses(DT * kept, readings[kept])
+    assert why_no_steps(kalman, time, readings, LEVEL) == ""
+    found = find_steps(kalman, time, readings, LEVEL, "rest")
+    assert (found.are_likelier, found.runs) == (True, 2)
+    assert np.flatnonzero(found.likeliest) == pytest.approx([50, 187], abs=1)
+    stepped = smooth_with_steps(found, time, readings, LEVEL, "rest")
+    walked = smooth(kalman, time, readings, LEVEL)
+    error = [(each.estimates[:, 0] - heat)[there] for each in (stepped, walked)]
+    assert np.sqrt(np.mean(error[0] ** 2)) < 0.5 * np.sqrt(np.mean(error[1] ** 2))
+    assert np.mean(np.abs(error[0]) < 1.96 * stepped.sigma[there, 0]) > 0.9

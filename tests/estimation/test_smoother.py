@@ -8,13 +8,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from machines.wall import Wall
 from scipy.stats import multivariate_normal
 
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.estimation import smoother
 from thermaltool.estimation.bands import model_errors
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
-from thermaltool.estimation.fixed_lag import FixedLag, fixed_lag
+from thermaltool.estimation.fixed_lag import FixedLag, error_variance, fixed_lag
 from thermaltool.estimation.likelihood import fit_sizes
 from thermaltool.estimation.smoother import smooth
 from thermaltool.responses.modes import Modes
@@ -253,3 +254,85 @@ def test_a_fit_that_keeps_no_number_is_told():
         model_errors(model, kalman)
     sensor.fit = {"rmse": 0.05, "noise": 0.03}
     assert model_errors(model, kalman) == [pytest.approx(0.04)]
+
+
+@pytest.mark.parametrize("late", [0, 4])
+def test_the_error_of_gains_that_are_for_other_sizes(late):
+    """Weights of the readings in an estimate, on the joint distribution of what is true."""
+    kalman, rows, at, dt = estimator(drives=1), 60, 50, 30.0
+    noise = tuple(
+        replace(each, white=2 * each.white, drift=3 * each.drift) for each in kalman.noise
+    )
+    true = replace(kalman, walk=(0.1,), noise=noise)
+    time, weights = dt * np.arange(rows), np.empty((rows, 2, 2))
+    for k in range(rows):
+        for sensor in range(2):
+            read = np.zeros((rows, 2))
+            read[k, sensor] = 1.0
+            one = fixed_lag(kalman, time, read, dt * late) if late else kalman.run(time, read)
+            weights[k, sensor] = one[at]
+    space, states = true.state_space(dt), []
+    P = true.start_covariance(dt, LEVEL[:1], "rest")
+    for _ in range(rows):
+        states.append(P)
+        P = space.F @ P @ space.F.T + space.Q
+    errors = np.zeros((2, rows, len(P)))
+    for k in range(rows):
+        errors[:, k] = -weights[k].T @ space.H
+    errors[:, at] += space.C
+    variance = np.einsum("isj,jk,isk->i", -weights.transpose(2, 0, 1), space.R,
+                         -weights.transpose(2, 0, 1))  # fmt: skip
+    # The state of each row is that of the row before it, carried on, and what came new.
+    behind = np.zeros((2, len(P)))
+    for k in range(rows - 1, -1, -1):
+        behind = behind @ space.F + errors[:, k]
+        new = states[0] if k == 0 else space.Q
+        variance += np.einsum("ij,jk,ik->i", behind, new, behind)
+    found = error_variance(kalman, true, dt, late)[late]
+    np.testing.assert_allclose(found, variance, rtol=0.01)
+    assert np.all(np.abs(found / error_variance(kalman, kalman, dt, late)[late] - 1) > 0.2)
+
+
+@pytest.mark.parametrize("late", [0, 4])
+def test_bands_of_a_causal_estimate_hold_whatever_walk_the_design_has(late):
+    """A heat that wanders faster, and slower, than the design took it to."""
+    kalman, rows, dt = estimator(drives=1), 600, 4.0
+    generator, space = np.random.default_rng(31), kalman.state_space(4.0)
+    time = dt * np.arange(rows)
+    for factor in (0.2, 5.0):
+        true = replace(kalman, walk=(factor * kalman.walk[0],))
+        space, x = true.state_space(dt), np.zeros(len(space.F))
+        y, heat = np.empty((rows, 2)), np.empty(rows)
+        for k in range(rows):
+            y[k] = space.H @ x + np.sqrt(np.diag(space.R)) * generator.normal(size=2)
+            heat[k] = space.C[0] @ x
+            x = space.F @ x + np.sqrt(np.diag(space.Q)) * generator.normal(size=len(x))
+        told = fit_sizes(kalman, time, y).estimator
+        found = fixed_lag(kalman, time, y, dt * late) if late else kalman.run(time, y)
+        error = np.sqrt(np.mean((found[50:, 0] - heat[50:]) ** 2))
+        own, design = (np.sqrt(error_variance(kalman, each, dt, late)[late, 0])
+                       for each in (told, kalman))  # fmt: skip
+        assert own == pytest.approx(error, rel=0.2)
+        assert abs(np.log(own / error)) < abs(np.log(design / error))
+        assert factor < 1 or design < 0.7 * error
+
+
+@pytest.mark.parametrize("pause", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_what_a_warm_machine_does_is_no_noise(pause):
+    """A wall of finite volumes that was heated before the first row; its back alone is read."""
+    wall, generator, dt, rows = Wall(cells=8), np.random.default_rng(33), 2.0, 300
+    flux = 2e4 * np.repeat(generator.uniform(0, 1, 12), 50)
+    y = wall.back_face(flux, dt)[-rows:, None]
+    y = y + 0.05 * generator.standard_normal(y.shape)
+    A, b, _ = wall.matrices()
+    rates, vectors = np.linalg.eigh(A)
+    back = Modes(rates.astype(complex), (vectors * (vectors.T @ b))[-1].astype(complex))
+    noise = (SensorNoise(0.05, 0.02, 600.0),)
+    kalman = KalmanEstimator(("T_degC",), ("Q_W",), (), ((0, 0, back),), (), (300.0,), noise)
+    there = np.r_[0:200, 230:rows] if pause else np.arange(rows)
+    time, y = dt * there, y[there]
+    free = fit_sizes(kalman, time, y, initial="free", level=(2e4,)).estimator.noise[0]
+    rest = fit_sizes(kalman, time, y).estimator.noise[0]
+    assert free.white == pytest.approx(0.05, rel=0.15)
+    assert free.drift < 0.1
+    assert rest.white > 3 * free.white

@@ -141,7 +141,7 @@ def test_a_pause_is_told_and_does_not_loosen_the_slew_rate(compensator):
     assert take(each, 3601.0) == before
     after = take(each, 3602.0)
     assert abs(after[1] - before[1]) == pytest.approx(3.0)
-    assert said[1] == "<stdin>:0: a pause of 3601 s"
+    assert said[1] == "<stdin>: a pause of 3601 s"
     assert "the estimate settles" in said[2]
     assert len(said) == 3
 

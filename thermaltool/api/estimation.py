@@ -122,13 +122,15 @@ class LogEstimate(Result):
         return to_frame(self.columns)
 
     def document(self) -> dict[str, Any]:
-        """The agreement of every measured channel, and how a method chose, JSON-ready."""
+        """The agreement of every measured channel, the alarm, how a method chose, JSON-ready."""
         from thermaltool.report.deconvolution import deconvolution_document
 
-        agreements = {name: each.document() for name, each in self.agreements.items()}
-        if self.found.deconvolved is None:
-            return agreements
-        return agreements | {"deconvolution": deconvolution_document(self.found.deconvolved)}
+        found: dict[str, Any] = {name: each.document() for name, each in self.agreements.items()}
+        if self.found.alarm is not None:
+            found |= self.found.alarm.document()
+        if self.found.deconvolved is not None:
+            found["deconvolution"] = deconvolution_document(self.found.deconvolved)
+        return found
 
     def table(self) -> str:
         """How a method chose; band and error of every estimate that was measured."""
@@ -332,6 +334,7 @@ def estimate(
     from thermaltool.estimation.pipeline import EstimatorPipeline
     from thermaltool.model import NOT_AT_REST
     from thermaltool.report.text import (
+        alarm_messages,
         excursion_message,
         period_messages,
         row_message,
@@ -358,9 +361,9 @@ def estimate(
         warn(steps_message(found.steps))
     elif found.no_steps:
         warn(f"the heat is taken to wander; no steps are looked for: {found.no_steps}")
-    if found.parted is not None:
-        row, why = found.parted
-        warn(row_message(log, row, f"model and machine have parted: {why}"))
+    if found.alarm is not None:
+        for sentence in alarm_messages(log, found.alarm):
+            warn(sentence)
     for sentence in found.deconvolved.notes if found.deconvolved else ():
         warn(sentence)
     for sentence in (*stuck_messages(log, need), *period_messages(log, model)):

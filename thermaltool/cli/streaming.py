@@ -88,8 +88,8 @@ also_options = shared.together(
     click.option("--also", type=click.Choice(["estimates", "status", "bands"]), multiple=True,
                  help="Add columns: heat and deflections (the power wanted and the output); what "
                  "lines rest on: ok, settles, held, reduced, safe, extrapolates, resumed, parted, "
-                 "saturated, fault, old-plan; standard errors sigma_..., with the "
-                 "alarm when model and machine part."),
+                 "saturated, fault, old-plan; standard errors sigma_..., and the alarm, whether "
+                 "model and machine have parted: quiet, parted, untested, not possible."),
     click.option("--lag", type=POSITIVE, metavar="S",
                  help="Add columns late_...: estimates of so long ago [s], which have seen the "
                  "readings since; 0 until there are any."),

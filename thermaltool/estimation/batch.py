@@ -11,6 +11,7 @@ from thermaltool.errors import LogError, counted
 from thermaltool.estimation.deconvolution import Deconvolved
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.heat_steps import HeatSteps
+from thermaltool.estimation.innovation_test import Alarm
 from thermaltool.estimation.lookahead import Lookahead, look
 from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.estimation.start import Initial
@@ -44,9 +45,9 @@ class EstimatedRecord:
         Standard errors, where they were asked for.
     sizes : KalmanEstimator or None
         With the sizes of walk and noise that were taken, where they are not the design's.
-    parted : (int, str) or None
-        The row from which on model and machine contradict each other, and what says so; looked for
-        where standard errors were asked for or steps could be looked for.
+    alarm : Alarm or None
+        Whether model and machine contradict each other; looked for where standard errors were
+        asked for or steps could be looked for.
     steps : HeatSteps or None
         What the readings say of steps of the heat, where these were looked for.
     no_steps : str
@@ -63,7 +64,7 @@ class EstimatedRecord:
     extrapolated: tuple[Excursion, ...]
     sigma: Mapping[str, Float] = field(default_factory=dict)
     sizes: KalmanEstimator | None = None
-    parted: tuple[int, str] | None = None
+    alarm: Alarm | None = None
     deconvolved: Deconvolved | None = None
     steps: HeatSteps | None = None
     no_steps: str = ""
@@ -119,7 +120,7 @@ def estimate(
             if initial == "rest" and len(values) and away_from_rest(values[0], column.calibrated):
                 not_at_rest[column.column] = float(values[0])
     sigma: dict[str, Float] = {}
-    sizes, parted, deconvolved, steps, no_steps = None, None, None, None, ""
+    sizes, alarm, deconvolved, steps, no_steps = None, None, None, None, ""
     names = pipeline.estimator.estimates
     if initial != "free" and (how is None or how.plain):
         found = [*pipeline.run(record.time, true_values, initial == "settled").T]
@@ -131,7 +132,7 @@ def estimate(
         sizes = None if how.sizes == "design" else looked.estimator
         deconvolved = looked.deconvolved
         steps, no_steps = looked.steps, looked.no_steps
-        parted = None if looked.parted is None else (looked.parted, looked.reason)
+        alarm = looked.alarm
         if looked.sigma is not None:
             # Through the maps behind the estimator, which may bend.
             high, low = (pipeline.given_out([*ends.T])
@@ -149,7 +150,7 @@ def estimate(
         extrapolated(model, estimates),
         sigma,
         sizes,
-        parted,
+        alarm,
         deconvolved,
         steps,
         no_steps,

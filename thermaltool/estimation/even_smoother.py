@@ -97,6 +97,16 @@ class EvenSmoother:
         estimates[:count] += self._pass(np.zeros((count, self.sensors)), first)[0]
         return estimates, squares + float(r @ self.D @ told)
 
+    def first_state(self, readings: Float) -> Float:
+        """Conditional mean of the first state, before its reading; shape (n,).
+
+        Parameters
+        ----------
+        readings : ndarray, shape (n, n_sensors)
+        """
+        r = self._pass(readings, np.zeros(len(self.P)))[2]
+        return np.asarray(-self.D @ np.linalg.solve(self.ratio, r))
+
     def scores(self, readings: Float) -> Float:
         """How the log likelihood changes with a shock to a state, at the shock of zero.
 

@@ -18,6 +18,8 @@ import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import GAIN_GRID, KalmanEstimator
+from thermaltool.estimation.start import FORGOTTEN
+from thermaltool.estimation.state_space import propagated
 from thermaltool.responses.modes import Float
 from thermaltool.responses.sample_clock import CLOCK_STEP
 
@@ -293,12 +295,19 @@ def fixed_lag(
     return out
 
 
-def lag_saving(estimator: KalmanEstimator, period: float, rows: int) -> Float:
-    """Variance of the estimates with readings of 0, 1, ... `rows` later rows, over that without.
+def error_variance(
+    estimator: KalmanEstimator, true: KalmanEstimator, period: float, rows: int
+) -> Float:
+    """Variance of the errors of the steady estimates with readings of 0, 1, ... `rows` later rows.
+
+    The gains are the estimator's, whatever is true: the error and that of the prediction of the
+    newest row, ã ← L ã − K e + w with L = F − K H, are carried along from lag to lag.
 
     Parameters
     ----------
     estimator : KalmanEstimator
+    true : KalmanEstimator
+        With the sizes of walk and noise that hold.
     period : float [s]
     rows : int
 
@@ -307,12 +316,20 @@ def lag_saving(estimator: KalmanEstimator, period: float, rows: int) -> Float:
     ndarray, shape (rows + 1, n_estimates)
     """
     space, (P, G) = estimator.state_space(period), estimator.steady(period)
-    S = space.H @ P @ space.H.T + space.R
-    told = space.H.T @ np.linalg.solve(S, space.H)
-    L, M = space.F @ (np.eye(len(P)) - G @ space.H), P @ space.C.T
-    variance = np.empty((rows + 1, len(space.C)))
-    left = np.einsum("ij,ji->i", space.C, M)
+    holds = true.state_space(period)
+    F, H, C, K = space.F, space.H, space.C, space.F @ G
+    L, m = F - K @ H, len(space.C)
+    told = np.linalg.solve(H @ P @ H.T + space.R, H).T
+    added = K @ holds.R @ K.T + holds.Q
+    both = np.vstack([C, np.eye(len(F))])
+    Z = both @ propagated(L, added, np.zeros_like(P), FORGOTTEN) @ both.T
+    A, B = np.eye(m + len(F)), np.vstack([np.zeros((m, len(H))), -K])
+    A[m:, m:] = L
+    variance, M = np.empty((rows + 1, m)), C @ P.T
     for k in range(rows + 1):
-        left = left - np.einsum("ij,ij->j", M, told @ M)
-        variance[k], M = left, L @ M
-    return np.asarray(np.maximum(variance, 0.0) / np.maximum(variance[0], 1e-300))
+        B[:m] = -M @ told
+        A[:m, m:] = B[:m] @ H
+        Z = A @ Z @ A.T + B @ holds.R @ B.T
+        Z[m:, m:] += holds.Q
+        variance[k], M = np.diag(Z)[:m], M @ L.T
+    return np.asarray(np.maximum(variance, 0.0))

@@ -8,10 +8,9 @@ import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.estimation.design_model import DesignModel
+from thermaltool.estimation.static_gains import RANK_TOLERANCE, static_gains
 from thermaltool.responses.modes import Float
 
-# Below this share of the largest singular value of the static gains there is none.
-RANK_TOLERANCE = 1e-6
 # A combination of drives at their calibrated levels that moves the sensors by fewer standard
 # deviations of their noise than this is hardly seen.
 VISIBLE = 3.0
@@ -56,14 +55,6 @@ def identifiability_note(problem: DesignModel) -> str | None:
         f"{_combination(problem, directions[-1])} moves the sensors by only {seen[-1]:.2g} "
         "standard deviations of their noise: hardly identifiable"
     )
-
-
-def static_gains(problem: DesignModel) -> Float:
-    """Steady state of each sensor per unit of each drive, shape (n_sensors, n_drives)."""
-    gains = np.zeros((len(problem.sensors), len(problem.drives)))
-    for sensor, drive, modes in problem.sensed:
-        gains[sensor, drive] += modes.dc_gain()
-    return gains
 
 
 def noise_sizes(problem: DesignModel) -> Float:

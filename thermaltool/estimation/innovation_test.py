@@ -11,14 +11,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
+from thermaltool.estimation.free_start import FreeStart
 from thermaltool.estimation.gain_test import GainTest, WhitenedSample
+from thermaltool.estimation.start import Initial
+from thermaltool.estimation.static_gains import checked_sensors
 from thermaltool.responses.modes import Float
 from thermaltool.responses.sample_clock import CLOCK_STEP
 
@@ -40,6 +44,31 @@ MISFIT_TIME = 60.0
 MAX_PAUSE, BLIND_TIME = 5, 60.0
 # Sample lengths whose matrices are kept.
 MAX_CACHED_LENGTHS = 64
+# What an alarm says; "untested" of a row that does not count.
+QUIET, PARTED, UNTESTED, NOT_POSSIBLE = "quiet", "parted", "untested", "not possible"
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """What the test says of a record.
+
+    Attributes
+    ----------
+    word : str
+        "quiet", "parted" or "not possible".
+    reason : str
+        What says so; of a quiet one, what it has not looked at.
+    row : int or None
+        From which on model and machine have parted.
+    """
+
+    word: str
+    reason: str = ""
+    row: int | None = None
+
+    def document(self) -> dict[str, Any]:
+        """As JSON."""
+        return {"alarm": self.word, "alarm_reason": self.reason}
 
 
 class InnovationTest:
@@ -62,7 +91,9 @@ class InnovationTest:
     drift : float
         Mean square of the sensors' drifts, over what noise and model leave of them.
     can_tell : bool
-        Whether there are more sensors than drives: else some heat explains any reading.
+        Whether a sensor can contradict the others: else some heat explains any reading.
+    blind_spot : str
+        What the test cannot see, and why; empty where it sees every sensor.
     """
 
     def __init__(
@@ -83,8 +114,11 @@ class InnovationTest:
         self._sensors, self._modal = len(noise), self._filter.modal
         self._x = np.zeros(len(sample.F))
         self._blind = 0
+        self._unknown: FreeStart | None = None
         self.nis = self.drift = 1.0
-        self.can_tell = self._sensors > len(estimator.drives)
+        checked = checked_sensors(estimator)
+        self.can_tell = bool(np.any(checked))
+        self.blind_spot = _blind_spot(estimator, checked)
         self._gains = None
         if gain_error and self.can_tell:
             self._gains = GainTest(_shares(estimator), gain_error)
@@ -106,7 +140,26 @@ class InnovationTest:
         readings : ndarray, shape (n_sensors,)
         settled : bool
         """
-        self._x = self._filter.first_state(self._period * CLOCK_STEP, readings, settled)
+        self._begin(self._filter.first_state(self._period * CLOCK_STEP, readings, settled))
+
+    def start_free(self, readings: Float, level: Sequence[float]) -> None:
+        """Begin at the first readings of a machine that is warm, of which no more is known.
+
+        Rows count as soon as they tell of the machine more than of its start.
+
+        Parameters
+        ----------
+        readings : ndarray, shape (n_sensors,)
+        level : sequence of float, one for each drive
+            Standard deviation of the heat that it has had [unit of the drive].
+        """
+        dt = self._period * CLOCK_STEP
+        unknown = FreeStart(self._filter, dt, level)
+        self._begin(unknown.first(dt, readings))
+        self._unknown = unknown
+
+    def _begin(self, state: Float) -> None:
+        self._x, self._unknown = state, None
         self._blind = 0
         self.nis = self.drift = 1.0
         if self._gains is not None:
@@ -121,17 +174,24 @@ class InnovationTest:
         readings : ndarray, shape (n_sensors,)
         """
         sample, weight = self._sample(ticks)
+        counts = self._blind <= 0
+        if self._unknown is not None:
+            sample = self._unknown.sample(ticks, sample)
+            counts = counts and self._unknown.counts
+            self._unknown = None if self._unknown.over else self._unknown
         a = sample.F @ self._x
         v = readings - sample.H @ a
         self._x = a + sample.G @ v
         z = sample.root @ v
         if ticks > MAX_PAUSE * self._period:
             self._blind = max(round(BLIND_TIME / CLOCK_STEP), MAX_PAUSE * self._period)
+            counts = False
         if self._gains is not None:
             signals = sample.H[:, : self._modal] @ a[: self._modal]
-            self._gains.step(sample, signals, z, ticks * CLOCK_STEP, self._blind <= 0)
+            self._gains.step(sample, signals, z, ticks * CLOCK_STEP, counts)
         if self._blind > 0:
             self._blind -= min(ticks, self._period)
+        if not counts:
             return
         drift = self._x[-self._sensors :] / self._allowed
         self.nis += weight * (float(z @ z) / self._sensors - self.nis)
@@ -199,6 +259,19 @@ def _with_misfit(noise: SensorNoise, error: float) -> SensorNoise:
     return replace(noise, drift=drift, drift_time=1 / rate)
 
 
+def _blind_spot(estimator: KalmanEstimator, checked: NDArray[np.bool_]) -> str:
+    """What no other sensor can contradict, and why."""
+    if checked.all():
+        return ""
+    alone = ", ".join(np.array(estimator.sensors)[~checked].tolist())
+    if checked.any():
+        return f"no alarm of {alone}: no other sensor shows the same heat"
+    few = len(estimator.sensors) <= len(estimator.drives)
+    why = "no more sensors than drives" if few else "no two sensors show the same drive"
+    where = "no alarm is possible where model and machine part"
+    return f"{where}: {why}, some heat explains any reading"
+
+
 def _shares(estimator: KalmanEstimator) -> Float:
     """Share of each drive in what a sensor shows of drives that wander as they do."""
     found = np.zeros((len(estimator.sensors), len(estimator.drives)))
@@ -207,8 +280,14 @@ def _shares(estimator: KalmanEstimator) -> Float:
     return found / np.maximum(np.sum(found, axis=1, keepdims=True), 1e-300)
 
 
-def first_alarm(test: InnovationTest, time: Float, readings: Float, settled: bool) -> int | None:
-    """The first row at which the test says that model and machine have parted; None where none.
+def record_alarm(
+    test: InnovationTest,
+    time: Float,
+    readings: Float,
+    initial: Initial = "rest",
+    level: Sequence[float] = (),
+) -> Alarm:
+    """Whether, and from which row on, the test says that model and machine have parted.
 
     Parameters
     ----------
@@ -217,15 +296,23 @@ def first_alarm(test: InnovationTest, time: Float, readings: Float, settled: boo
     time : ndarray, shape (n,) [s], increasing
     readings : ndarray, shape (n, n_sensors)
         Rows with NaN are passed over.
-    settled : bool
+    initial : {"rest", "settled", "free"}
+        The machine at the first row.
+    level : sequence of float, one for each drive
+        Of a free start, as for `InnovationTest.start_free`.
     """
+    if not test.can_tell:
+        return Alarm(NOT_POSSIBLE, test.blind_spot)
     rows = np.flatnonzero(np.isfinite(readings).all(axis=1))
-    if not test.can_tell or not len(rows):
-        return None
-    test.start(readings[rows[0]], settled)
+    if len(rows) < 2:
+        return Alarm(NOT_POSSIBLE, "no alarm is possible: no two rows have readings of all sensors")
+    if initial == "free":
+        test.start_free(readings[rows[0]], level)
+    else:
+        test.start(readings[rows[0]], initial == "settled")
     ticks = np.round(np.diff(time[rows]) / CLOCK_STEP).astype(np.int64).tolist()
     for length, row in zip(ticks, rows[1:].tolist(), strict=True):
         test.step(length, readings[row])
         if test.alarm:
-            return int(row)
-    return None
+            return Alarm(PARTED, test.reason, int(row))
+    return Alarm(QUIET, test.blind_spot)

@@ -6,6 +6,7 @@ are white with the variance that it predicts where walk, drift and white noise a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +14,8 @@ import numpy as np
 
 from thermaltool.errors import FitError, LogError
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
+from thermaltool.estimation.even_smoother import EvenSmoother
+from thermaltool.estimation.start import Initial
 from thermaltool.responses.modes import Float, Recursion
 from thermaltool.responses.sample_clock import uniform_spans
 
@@ -44,7 +47,12 @@ class FittedSizes:
 
 
 def fit_sizes(
-    estimator: KalmanEstimator, time: Float, readings: Float, pinned: bool = False
+    estimator: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    pinned: bool = False,
+    initial: Initial = "rest",
+    level: Sequence[float] = (),
 ) -> FittedSizes:
     """Walk, white noise and drift at the maximum of the likelihood.
 
@@ -60,6 +68,10 @@ def fit_sizes(
         Relative to rest; rows with NaN do not count.
     pinned : bool
         The walk is given; noise alone is searched, and stays as it is where rows are too few.
+    initial : {"rest", "settled", "free"}
+        The machine at the first row: what a warm one does there is no noise.
+    level : sequence of float, one for each drive
+        Where it is not at rest: how large a heat may be there [unit of the drive].
 
     Raises
     ------
@@ -92,7 +104,9 @@ def fit_sizes(
         """Minus the logarithm of the likelihood, and the variance that all sizes are scaled by."""
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                squares, logs = _innovations(_with(sensed, theta, 1.0, pinned), time, readings)
+                squares, logs = _innovations(
+                    _with(sensed, theta, 1.0, pinned), time, readings, initial, level
+                )
         except (FitError, np.linalg.LinAlgError):
             return np.inf, 1.0
         if not np.isfinite(squares + logs):
@@ -146,11 +160,26 @@ def _counted(time: Float) -> Float:
     return np.concatenate([[0.0], np.cumsum(whole)])
 
 
-def _innovations(estimator: KalmanEstimator, time: Float, readings: Float) -> tuple[float, float]:
+def _innovations(
+    estimator: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    initial: Initial,
+    level: Sequence[float],
+) -> tuple[float, float]:
     """Sum of the whitened innovations' squares, and of their covariances' log determinants."""
     squares, logs, x = 0.0, 0.0, None
     for rows, dt in uniform_spans(time):
         space = estimator.state_space(dt)
+        if x is None and initial != "rest":
+            start = estimator.start_covariance(dt, level, initial)
+            first = EvenSmoother(space, start, rows.stop - rows.start)
+            squares = first.run(readings[rows])[1]
+            logs = first.log_determinant
+            predictor = Recursion(first.L, first.K, np.zeros_like(first.K), first.H)
+            a = predictor.run(readings[rows], first.first_state(readings[rows]))[1]
+            x = a + space.filter_gain(first.P) @ (readings[rows][-1] - space.H @ a)
+            continue
         P = space.predicted()
         S = space.H @ P @ space.H.T + space.R
         G = space.filter_gain(P)

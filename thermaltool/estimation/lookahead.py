@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from thermaltool.errors import ModelError
+from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.estimation.bands import gain_errors, model_errors
 from thermaltool.estimation.deconvolution import (
     DeconvolutionPlan,
@@ -17,7 +17,7 @@ from thermaltool.estimation.deconvolution import (
     followed,
 )
 from thermaltool.estimation.estimator import Estimator, KalmanEstimator
-from thermaltool.estimation.fixed_lag import fixed_lag, lag_saving
+from thermaltool.estimation.fixed_lag import error_variance, fixed_lag
 from thermaltool.estimation.forms import linear_kalman
 from thermaltool.estimation.heat_steps import (
     HeatSteps,
@@ -25,10 +25,11 @@ from thermaltool.estimation.heat_steps import (
     smooth_with_steps,
     why_no_steps,
 )
-from thermaltool.estimation.innovation_test import InnovationTest, first_alarm
+from thermaltool.estimation.innovation_test import PARTED, Alarm, InnovationTest, record_alarm
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.likelihood import fit_sizes
 from thermaltool.estimation.parameter_error import parameter_variance
+from thermaltool.estimation.pauses import with_pauses
 from thermaltool.estimation.permanent_effects import apply_maps, drive_maps
 from thermaltool.estimation.smoother import Smoothed, smooth
 from thermaltool.estimation.start import Initial
@@ -103,11 +104,9 @@ class Looked:
         Standard errors.
     estimator : KalmanEstimator
         With the sizes that were taken.
-    parted : int or None
-        The first row at which model and machine have parted, where standard errors were asked for
-        or steps could be looked for.
-    reason : str
-        What says so.
+    alarm : Alarm or None
+        Whether model and machine have parted, where standard errors were asked for or steps could
+        be looked for.
     steps : HeatSteps or None
         Where they were looked for.
     no_steps : str
@@ -119,8 +118,7 @@ class Looked:
     estimates: Float
     sigma: Float | None
     estimator: KalmanEstimator
-    parted: int | None = None
-    reason: str = ""
+    alarm: Alarm | None = None
     deconvolved: Deconvolved | None = None
     steps: HeatSteps | None = None
     no_steps: str = ""
@@ -166,6 +164,9 @@ def look(
         before, behind = estimator.contributions(time, taken[:, sensors:])
         readings = readings - before
     level = drive_levels(model, kalman.drives)
+    there = np.ones(len(time), bool)
+    if how.smooth:
+        time, readings, there = with_pauses(time, readings)
     if how.plan is not None:
         if settled:
             raise ModelError("--method takes a machine at rest at the first row; --smooth takes "
@@ -181,16 +182,17 @@ def look(
     if isinstance(how.sizes, float):
         kalman = replace(kalman, walk=tuple(how.sizes * each for each in level))
     if how.sizes != "design" and len(time):
-        kalman = fit_sizes(kalman, time, readings, pinned=how.sizes != "likelihood").estimator
+        pinned = how.sizes != "likelihood"
+        kalman = fit_sizes(kalman, time, readings, pinned, initial, level).estimator
 
     sought = how.may_step and len(time) > 0
     no_steps = why_no_steps(kalman, time, readings, level) if sought else ""
     sought = sought and not no_steps
-    parted, reason = None, ""
+    alarm = None
     if len(time) > 1 and (how.bands or sought):
-        parted, reason = _parted(model, designed, time, readings, settled)
+        alarm = _alarm(model, designed, time, readings, initial)
     steps = None
-    if sought and parted is not None:
+    if sought and alarm is not None and alarm.word == PARTED:
         no_steps = "model and machine have parted"
     elif sought:
         steps = find_steps(kalman, time, readings, level, initial)
@@ -199,7 +201,7 @@ def look(
 
     def estimated(readings: Float) -> Float:
         if how.smooth:
-            rows = None if stepped is None else stepped.likeliest
+            rows = None if stepped is None else stepped.likeliest + stepped.pauses
             return smooth(kalman, time, readings, level, initial, rows).estimates
         if how.lag:
             return fixed_lag(kalman, time, readings, how.lag, settled)
@@ -213,36 +215,60 @@ def look(
         estimates = estimated(readings)
     sigma = None
     if how.bands:
-        variance = _variance(kalman, time, smoothed, how)
+        told = kalman
+        if how.sizes == "design" and not how.smooth:
+            told = _as_told(kalman, time, readings, level, initial)
+        variance = _variance(kalman, told, time, smoothed, how)
         if len(time) > 1:
             variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
         sigma = np.sqrt(variance)
-    return Looked(estimates + behind, sigma, kalman, parted, reason, steps=steps, no_steps=no_steps)
+    if alarm is not None and alarm.row is not None:
+        alarm = replace(alarm, row=int(np.count_nonzero(there[: alarm.row])))
+    estimates, sigma = estimates[there] + behind, None if sigma is None else sigma[there]
+    return Looked(estimates, sigma, kalman, alarm, steps=steps, no_steps=no_steps)
 
 
-def _parted(
-    model: Model, designed: KalmanEstimator, time: Float, readings: Float, settled: bool
-) -> tuple[int | None, str]:
+def _alarm(
+    model: Model, designed: KalmanEstimator, time: Float, readings: Float, initial: Initial
+) -> Alarm:
     """By the noise of the design: what the record itself tells has seen the contradiction."""
     errors = model_errors(model, designed), gain_errors(model, designed)
     test = InnovationTest(designed, float(np.median(np.diff(time))), *errors)
-    parted = first_alarm(test, time, readings, settled)
-    return parted, "" if parted is None else test.reason
+    return record_alarm(test, time, readings, initial, drive_levels(model, designed.drives))
 
 
-def _variance(kalman: KalmanEstimator, time: Float, smoothed: Smoothed, how: Lookahead) -> Float:
+def _variance(
+    kalman: KalmanEstimator, told: KalmanEstimator, time: Float, smoothed: Smoothed, how: Lookahead
+) -> Float:
     """Of the estimates, for a model that is right."""
     if how.smooth:
         return np.square(smoothed.sigma)
     filtered = np.square(smoothed.filtered_sigma)
-    if not how.lag or len(time) < 2:
+    if len(time) < 2:
         return filtered
-    # What the lag saves in the steady filter, on the mean over the record's clock; the last rows
-    # have fewer readings after them.
+    # The gains are those of the walk that a design has chosen; how far they leave the estimates
+    # from the heat depends on how it wanders here. On the mean over the record's clock; the last
+    # rows have fewer readings after them.
     period = float(np.median(np.diff(time)))
-    rows = round(how.lag / period)
+    rows = round(how.lag / period) if how.lag else 0
     ahead = np.minimum(np.arange(len(time))[::-1], rows)
-    return filtered * lag_saving(kalman, period, rows)[ahead]
+    steady = error_variance(kalman, kalman, period, 0)[0]
+    found = error_variance(kalman, told, period, rows)
+    return filtered * (found / np.maximum(steady, 1e-300))[ahead]
+
+
+def _as_told(
+    kalman: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    level: Sequence[float],
+    initial: Initial,
+) -> KalmanEstimator:
+    """With the sizes that the readings tell; as it is where they tell none."""
+    try:
+        return fit_sizes(kalman, time, readings, initial=initial, level=level).estimator
+    except (LogError, FitError):
+        return kalman
 
 
 def drive_levels(model: Model, drives: Sequence[str]) -> tuple[float, ...]:

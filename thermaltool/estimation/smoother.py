@@ -229,21 +229,68 @@ def smooth(
     if not len(time):
         empty = np.empty((0, len(estimator.estimates)))
         return Smoothed(empty, empty, empty, empty, np.empty(readings.shape), 0.0)
-    stepped = np.zeros(0, int) if steps is None else np.flatnonzero(steps.any(axis=1))
-    runs = list(_runs(time, readings, stepped))
-    P = estimator.start_covariance(runs[0][1], level, initial)
-    forward = _Filter(len(estimator.estimates), readings, np.zeros(len(P)), P)
+    dt = float(time[1] - time[0]) if len(time) > 1 else 1.0
+    P = estimator.start_covariance(dt, level, initial)
+    return _filtered(estimator, time, readings, np.zeros(len(P)), P, steps).back()
+
+
+def predicted(
+    estimator: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    state: Float,
+    covariance: Float,
+    steps: Float,
+) -> tuple[Float, Float]:
+    """The state at the last row and its covariance, from the readings of all rows before it.
+
+    Parameters
+    ----------
+    estimator, time, readings, steps
+        As for `smooth`; a step of the last row is in the covariance.
+    state : ndarray, shape (n,)
+        At the first row, before its reading,
+    covariance : ndarray, shape (n, n)
+        steps of that row not yet counted.
+
+    Raises
+    ------
+    FitError
+        The covariance of the estimate is not finite.
+    """
+    found = _filtered(estimator, time, readings, state, covariance, steps, len(time) - 1)
+    heats = np.arange(estimator.modal, estimator.modal + len(estimator.drives))
+    found.P[heats, heats] += steps[-1]
+    return found.a, found.P
+
+
+def _filtered(
+    estimator: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    state: Float,
+    covariance: Float,
+    steps: Float | None,
+    stop: int | None = None,
+) -> _Filter:
+    """The way forward, before row `stop` where that is given."""
+    cuts = [] if stop is None else [stop]
+    if steps is not None:
+        cuts += np.flatnonzero(steps.any(axis=1)).tolist()
+    forward = _Filter(len(estimator.estimates), readings, state, covariance.copy())
+    heats = np.arange(estimator.modal, estimator.modal + len(estimator.drives))
     with np.errstate(over="ignore", invalid="ignore"):
-        heats = np.arange(estimator.modal, estimator.modal + len(estimator.drives))
-        for rows, dt, some in runs:
+        for rows, dt, some in _runs(time, readings, cuts):
+            if rows.start == stop:
+                break
             if steps is not None:
                 forward.P[heats, heats] += steps[rows.start]
             forward.run(rows, estimator.state_space(dt), some)
-    return forward.back()
+    return forward
 
 
 def _runs(
-    time: Float, readings: Float, cuts: NDArray[np.intp]
+    time: Float, readings: Float, cuts: Sequence[int]
 ) -> Iterator[tuple[slice, float, Sensors]]:
     """Rows whose next sample has one length [s], with readings of the same sensors, cut at rows."""
     n = len(time)
@@ -253,7 +300,7 @@ def _runs(
         ticks[-1] = ticks[-2]
     there = np.isfinite(readings)
     changes = (np.diff(ticks) != 0) | np.any(there[1:] != there[:-1], axis=1)
-    edges = np.unique([0, *(np.flatnonzero(changes) + 1).tolist(), *cuts.tolist(), n]).tolist()
+    edges = np.unique([0, *(np.flatnonzero(changes) + 1).tolist(), *cuts, n]).tolist()
     for start, stop in itertools.pairwise(edges):
         dt = float(steps[min(start, n - 2)]) if n > 1 else 1.0
         yield slice(start, stop), dt, np.flatnonzero(there[start])

@@ -30,7 +30,7 @@ from thermaltool.logs.table import (
 from thermaltool.logs.time_stamps import iso_clock, joined_stamps
 from thermaltool.logs.unread import spared_cells, with_cure
 from thermaltool.record import Array, Record, hint
-from thermaltool.units import STATUS, UNITS, clock_unit, names, parse_channel
+from thermaltool.units import UNITS, WORDS, clock_unit, names, parse_channel
 
 if TYPE_CHECKING:
     import pandas
@@ -255,7 +255,7 @@ def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:
             kinds[i] = "text" if clock.unit == "iso" else "number"
             continue
         rename = mapping.rename(name)
-        if rename is None or rename.name == STATUS:
+        if rename is None or rename.name in WORDS:
             continue
         if rename.name in taken:
             fault(f"two columns are mapped to {rename.name}", name)

@@ -14,6 +14,7 @@ OTHER_PERIOD = 1.5
 if TYPE_CHECKING:
     from thermaltool.estimation.estimator import KalmanEstimator
     from thermaltool.estimation.heat_steps import HeatSteps
+    from thermaltool.estimation.innovation_test import Alarm
     from thermaltool.logs import Log
     from thermaltool.model import Excursion, Model, Zero
 
@@ -130,10 +131,19 @@ def sizes_message(found: KalmanEstimator) -> str:
 def steps_message(found: HeatSteps) -> str:
     """Which of walk and steps a log makes likelier."""
     by = abs(found.evidence - found.of_walk)
+    each = f" (looked for in each of {found.runs} runs between pauses)" if found.runs > 1 else ""
     if not found.are_likelier:
-        return f"the heat is taken to wander: steps are {by:.3g} nats less likely"
-    return (f"the heat is taken to step, {counted(found.count, 'time')}: that is {by:.3g} nats "
-            "likelier than a walk alone, which --walk likelihood takes")  # fmt: skip
+        return f"the heat is taken to wander: steps{each} are {by:.3g} nats less likely"
+    return (f"the heat is taken to step, {counted(found.count, 'time')}{each}: that is {by:.3g} "
+            "nats likelier than a walk alone, which --walk likelihood takes")  # fmt: skip
+
+
+def alarm_messages(log: Log, alarm: Alarm) -> Iterator[str]:
+    """From where on model and machine have parted, or what no test can see of it."""
+    if alarm.row is not None:
+        yield row_message(log, alarm.row, f"model and machine have parted: {alarm.reason}")
+    elif alarm.reason:
+        yield f"{log.name}: {alarm.reason}"
 
 
 def pause_messages(log: Log, meaning: str) -> Iterator[str]:

@@ -22,7 +22,7 @@ class Messages:
     source : str
         The stream's name, for ``source:line: channel: message``.
     line : int
-        The line being read, from 1.
+        The line being read, from 1; 0 before any, which a message does not name.
     """
 
     emit: Callable[[str], None]
@@ -48,7 +48,8 @@ class Messages:
         self._credit -= 1
         self.close()
         place = f"{channel}: " if channel else ""
-        self.emit(f"{self.source}:{self.line}: {place}{message}")
+        at = f"{self.source}:{self.line}" if self.line else self.source
+        self.emit(f"{at}: {place}{message}")
 
     def close(self) -> None:
         """Say how many messages were left out since the last one."""

@@ -12,9 +12,16 @@ import numpy as np
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.fixed_lag import FixedLag, without_readings
-from thermaltool.estimation.innovation_test import InnovationTest
+from thermaltool.estimation.innovation_test import (
+    NOT_POSSIBLE,
+    PARTED,
+    QUIET,
+    UNTESTED,
+    InnovationTest,
+)
 from thermaltool.estimation.stream_bands import stream_bands
 from thermaltool.runtime.messages import Report
+from thermaltool.runtime.process import ALARM
 
 # Before the names of estimates: of their standard error, and of a late one.
 SIGMA, LATE = "sigma_", "late_"
@@ -73,15 +80,15 @@ class Monitor:
             kept = stream_bands(design, len(estimator.estimates))
             self._sigma, self._relative, error, gain_error = kept
             test = InnovationTest(estimator, period, error, gain_error)
-            if test.can_tell:
-                self._test = test
-            else:
-                report("", "no more sensors than drives: some heat explains any reading, so no "
-                       "alarm where model and machine part")  # fmt: skip
+            self._test = test if test.can_tell else None
+            if test.blind_spot:
+                report("", test.blind_spot)
             names += [SIGMA + name for name in estimator.estimates]
         if self._late is not None:
             names += [LATE + name for name in estimator.estimates]
-        self.names, self.alarm = tuple(names), False
+        if bands:
+            names.append(ALARM)
+        self.names, self.alarm, self._tested = tuple(names), False, False
 
     def start(self, readings: Sequence[float], settled: bool) -> None:
         """Begin at the first readings: at rest, or settled at them."""
@@ -91,7 +98,7 @@ class Monitor:
                 part.start(first, settled)
         self._latest = [0.0] * len(self._latest)
         self._late_ticks = self._test_ticks = 0
-        self.alarm = False
+        self.alarm = self._tested = False
 
     def step(
         self, ticks: int, readings: Sequence[float], good: bool, lost: Collection[int] = ()
@@ -104,6 +111,7 @@ class Monitor:
         self._lost = tuple(sorted(lost))
         self._late_ticks += ticks
         self._test_ticks += ticks
+        self._tested = False
         if not np.isfinite(now).all():
             return
         if self._late is not None:
@@ -112,6 +120,7 @@ class Monitor:
             late = self._late.latest_due()
             if late is not None:
                 self._latest = late.tolist()
+        self._tested = good
         if self._test is not None and good:
             self._test.step(self._test_ticks, now)
             self._test_ticks = 0
@@ -120,9 +129,18 @@ class Monitor:
                 why = f"model and machine have parted: {self._test.reason}"
                 self._report("", why if self.alarm else "model and machine agree again")
 
-    def values(self, estimates: Sequence[float]) -> list[float]:
+    @property
+    def _word(self) -> str:
+        """What the alarm says of the last row."""
+        if self._test is None:
+            return NOT_POSSIBLE
+        if self.alarm:
+            return PARTED
+        return QUIET if self._tested else UNTESTED
+
+    def values(self, estimates: Sequence[float]) -> list[Any]:
         """The columns beside these estimates; late ones are at rest until there are any."""
-        written: list[float] = []
+        written: list[Any] = []
         if self._sigma:
             more = self._widened(self._lost) if self._lost else [0.0] * len(self._sigma)
             written += [
@@ -131,7 +149,9 @@ class Monitor:
                     self._sigma, self._relative, estimates, more, strict=True
                 )
             ]
-        return written if self._late is None else written + self._latest
+        if self._late is not None:
+            written += self._latest
+        return [*written, self._word] if self._sigma else written
 
     def _widening(self, lost: tuple[int, ...]) -> list[float]:
         """Standard error of every estimate that comes of doing without some sensors."""

@@ -11,7 +11,7 @@ from typing import Any
 from thermaltool.documents import CONTROLLER
 from thermaltool.runtime.compensation import setpoint_name
 from thermaltool.runtime.pipe import LinePipe
-from thermaltool.runtime.process import STATUS
+from thermaltool.runtime.process import ALARM, STATUS
 from thermaltool.runtime.settings import Settings
 from thermaltool.runtime.sinks import open_sink
 
@@ -19,6 +19,9 @@ from thermaltool.runtime.sinks import open_sink
 DEFLECTION = re.compile(r'"channel":\s*"(d_[^"\\]+)"')
 # And drives that a controller sets.
 CONTROL = re.compile(r'"channel":\s*"([^"\\]+)",\s*"maximum"')
+
+# Words of a line that rests on nothing.
+UNKNOWN = {STATUS: "safe", ALARM: "untested"}
 
 
 def refused_setpoints(path: str, heater: str | None) -> list[str]:
@@ -63,7 +66,7 @@ def write_safe_line(names: list[str], settings: Settings, source: int, sink: int
         values: list[Any] = [(settings.safe or 0.0) + 0.0] * len(names)
         for name in settings.template_fields(names):
             # Of what is estimated nothing is known.
-            names, values = [*names, name], [*values, "safe" if name == STATUS else 0.0]
+            names, values = [*names, name], [*values, UNKNOWN.get(name, 0.0)]
         out = open_sink(settings.to_format, pipe, **settings.sink_options(names))
         out.open(("time_s", *names))
         # Where the last set point is to be held, no line holds it.

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from thermaltool.runtime.process import STATUS
+from thermaltool.runtime.process import WORDS
 
 if TYPE_CHECKING:
     from thermaltool.runtime.process import Reply
@@ -58,7 +58,7 @@ class CsvSink(LineSink):
         self._header = header
 
     def _layout(self, names: Sequence[str]) -> tuple[str, str, str]:
-        fields = ["%s", *("%s" if name == STATUS else "%r" for name in names[1:])]
+        fields = ["%s", *("%s" if name in WORDS else "%r" for name in names[1:])]
         header = ",".join(names) + "\n" if self._header else ""
         return header, ",".join(fields) + "\n", ""
 
@@ -68,7 +68,7 @@ class NdjsonSink(LineSink):
 
     def _layout(self, names: Sequence[str]) -> tuple[str, str, str]:
         keys = [json.dumps(name).replace("%", "%%") for name in names]
-        values = ["%s", *('"%s"' if name == STATUS else "%r" for name in names[1:])]
+        values = ["%s", *('"%s"' if name in WORDS else "%r" for name in names[1:])]
         fields = [f"{key}: {value}" for key, value in zip(keys, values, strict=True)]
         return "", "{" + ", ".join(fields) + "}\n", "null"
 

@@ -6,7 +6,7 @@ import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from thermaltool.runtime.process import STATUS
+from thermaltool.runtime.process import WORDS
 
 if TYPE_CHECKING:
     from thermaltool.runtime.process import Reply
@@ -34,7 +34,7 @@ class ParquetSink:
         from pyarrow import parquet
 
         text, number = pyarrow.string(), pyarrow.float64()
-        kinds = [text if name in ("time", STATUS) else number for name in names]
+        kinds = [text if name == "time" or name in WORDS else number for name in names]
         self._schema = pyarrow.schema(list(zip(names, kinds, strict=True)))
         self._writer = parquet.ParquetWriter(self._file, self._schema)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from thermaltool.errors import UnitError
 from thermaltool.runtime.clocks import Stamp
 from thermaltool.runtime.pipe import PIPE_BUF
-from thermaltool.runtime.process import STATUS
+from thermaltool.runtime.process import WORDS
 from thermaltool.units import converted, parse_channel
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class TemplateSink:
         if not any(field.place is not None and field.place >= len(TIMES) for field in self._fields):
             raise ValueError(f"--template {template!r}: no set point in it, of {', '.join(names)}")
         for number in TRIAL_NUMBERS:
-            values = [TRIAL_WORD if name == STATUS else number for name in names]
+            values = [TRIAL_WORD if name in WORDS else number for name in names]
             self._try([(number, values)], template)
 
     def _try(self, replies: Sequence[Reply], template: str) -> None:
