@@ -176,3 +176,18 @@ def test_one_input_or_output_alone_has_weights_free():
     data = even_training_data([record], ins(1), outs(2)).from_rest()
     found = choose_order(data, orders=[1, 2])
     assert all(c.model.participations is None for c in found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("colour", [0.0, 0.8])
+def test_intervals_hold_the_truth_in_repetitions(colour):
+    held, gains = [], SHAPES @ DRIVES
+    for k in range(80):
+        rng = np.random.default_rng([88, k])
+        data = training([log(modes(), rng, 800, 0.1, colour=colour)[0]]).from_rest()
+        outputs = identify_modal(data, of_order(data, 3)).outputs
+        taus = outputs[0].time_constant_estimates()
+        held += [e.low < 1 / r < e.high for e, r in zip(taus, RATES[::-1], strict=True)]
+        each = [(own.gain(i), gains[j, i]) for j, own in enumerate(outputs) for i in range(3)]
+        held += [e.low < truth < e.high for e, truth in each]
+    assert 0.91 < np.mean(held) < 0.98
