@@ -71,7 +71,7 @@ def test_the_table_names_pair_and_feedthrough(thermaltool, log):
     assert "dT_tip_K, d_z_um: 3 shared modes and feedthrough by subspace identification" in done.out
     assert "pair: period 104." in done.out
     assert "weight K0" in done.out
-    assert "of 2 candidates the best first" in done.out
+    assert "of 3 candidates the best first" in done.out
 
 
 def test_the_stream_gives_what_the_simulation_gives(thermaltool, log, columns, tmp_path):

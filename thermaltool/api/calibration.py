@@ -221,8 +221,8 @@ def _reduced(
     logs: Sequence[Log], plan: CalibrationPlan, reduction: Reduction, warn: Notice
 ) -> Calibration:
     """A calibration by components of the drives; says what `identify` says of such logs."""
-    from thermaltool.api.identification import check_clock, warn_holes
     from thermaltool.api.identification_arguments import COMPONENTS
+    from thermaltool.api.identification_plans import check_clock, warn_holes
     from thermaltool.fitting.reduced import calibrate_reduced
     from thermaltool.report.components import component_warnings, given_components
 

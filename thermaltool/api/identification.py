@@ -8,44 +8,35 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-import numpy as np
-
 from thermaltool.api.identification_arguments import (
-    BILINEAR,
     COMPONENTS,
-    LPV,
     NETWORK,
-    SUBSPACE,
     USUAL,
     Orders,
     check_arguments,
 )
+from thermaltool.api.identification_plans import (
+    HOLES,
+    check_clock,
+    plans_of,
+    warn_holes,
+    without_bursts,
+)
 from thermaltool.api.inputs import Reading, all_of, options_of, read_for_fit, reads
 from thermaltool.api.result import Notice, Result, notice, silent
-from thermaltool.errors import counted
-from thermaltool.units import is_overdamped, names
+from thermaltool.units import names
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
     from thermaltool.fitting.fit import Fit
-    from thermaltool.fitting.identification import Plan
     from thermaltool.fitting.screening import LeftOut
     from thermaltool.logs import Log
     from thermaltool.logs.reader import Data
     from thermaltool.model import Model
     from thermaltool.record import Record
     from thermaltool.units import Reference
-
-# Above so many responses they share their poles: to search each by itself takes minutes.
-MAX_SEPARATE = 2
-# As long as so many runs of readings at most are missing: a spike is left out, for example.
-MAX_HOLES = 3
-# What missing readings of an output mean to the structures that do not simulate over them.
-REGRESSED = "a reading counts only where all those before it that the equation takes are there"
-PARTED = "they part the record, and each part begins in a state of its own"
-HOLES = {"arx": REGRESSED, "armax": REGRESSED, SUBSPACE: PARTED, COMPONENTS: PARTED}
 
 
 @dataclass(frozen=True, repr=False)
@@ -243,16 +234,8 @@ def identify(
     >>> round(found.model.terms[0].response.dc_gain(), 3)
     0.2
     """
-    from thermaltool.fitting.components.plan import ComponentPlan
-    from thermaltool.fitting.components.reduction import Reduction, parse_reduction
-    from thermaltool.fitting.identification import identify as fit
-    from thermaltool.fitting.lpv.choose import LEVEL_COUNTS
-    from thermaltool.fitting.lpv.plan import LpvPlan
-    from thermaltool.fitting.network.plan import NetworkPlan
+    from thermaltool.fitting.identification import identify_first
     from thermaltool.fitting.search_budget import SearchBudget
-    from thermaltool.fitting.subspace.plan import SubspacePlan
-    from thermaltool.fitting.transfer.plan import TransferPlan
-    from thermaltool.fitting.transfer.registry import structure_of
 
     inputs, outputs = names(inputs), names(outputs)
     check_arguments(inputs, outputs, structure=structure, reduce=reduce, orders=orders, modes=modes,
@@ -267,7 +250,7 @@ def identify(
                            whole=True, pauses="the record is parted there", warn=warn,
                            **reading)  # fmt: skip
         if structure != NETWORK:
-            log = _without_bursts(log, warn)
+            log = without_bursts(log, warn)
         part = log.between(start, stop)
         if structure != NETWORK:
             check_clock(part, (parts or [part])[0].period, warn)
@@ -285,33 +268,13 @@ def identify(
         for part in parts:
             warn_holes(part, inputs, outputs, structure, warn)
     search = SearchBudget(math.inf if budget is None else budget, progress)
-    common: dict[str, Any] = {
-        "initial": initial, "split": split, "span": (start, stop), "budget": search,
-    }  # fmt: skip
-    plan: Plan
-    if structure == NETWORK:
-        plan = NetworkPlan(modes=modes, delay=delay or 0.0, **common)
-    elif structure == SUBSPACE:
-        plan = SubspacePlan(modes=modes, **common)
-    elif structure in (LPV, BILINEAR):
-        counts = (2,) if structure == BILINEAR else LEVEL_COUNTS
-        plan = LpvPlan(modes=modes, level_counts=counts, reference=reference, **common)
-    elif structure == COMPONENTS:
-        reduction = Reduction() if reduce is None else parse_reduction(reduce)
-        plan = ComponentPlan(reduction=reduction, **common)
-    else:
-        heat = all(is_overdamped(inputs, output) for output in outputs)
-        if real_poles is None:
-            real_poles = structure == USUAL and heat and (not orders or None in orders)
-        if usual and len(inputs) * len(outputs) > MAX_SEPARATE and _few_holes(parts, outputs):
-            for part in parts:
-                warn_holes(part, inputs, outputs, SUBSPACE, warn)
-            plan = SubspacePlan(linear=False, real=bool(real_poles), **common)
-        else:
-            form = structure_of(structure, noise_orders or (1, 1), real_poles, continuous)
-            plan = TransferPlan(structure=form, orders=tuple(orders), linear=not usual,
-                                rough=bool(left_out), **common)  # fmt: skip
-    fits = fit(logs, inputs, outputs, plan, fresh, reference)
+    plans = plans_of(
+        parts, inputs, outputs, structure=structure, usual=usual, reduce=reduce, modes=modes,
+        delay=delay, orders=orders, noise_orders=noise_orders, continuous=continuous,
+        real_poles=real_poles, reference=reference, rough=bool(left_out), warn=warn,
+        initial=initial, split=split, span=(start, stop), budget=search,
+    )  # fmt: skip
+    fits = identify_first(logs, inputs, outputs, plans, fresh, reference, warn)
     progress("done\n")
     if search.ended:
         warn(f"the choice was ended: the best of {search.tried} candidates")
@@ -354,46 +317,3 @@ def _say_the_same(
         "components; --structure oe gives each a transfer function of its own"
     )
     return True
-
-
-def _few_holes(parts: Sequence[Log], outputs: Sequence[str]) -> bool:
-    """Whether few runs of readings of outputs are missing: each parts a subspace model's record."""
-    missing = (np.append(False, ~part.known(outputs)) for part in parts)
-    return sum(int(np.sum(np.diff(each.astype(int)) > 0)) for each in missing) <= MAX_HOLES
-
-
-def _without_bursts(log: Log, warn: Notice) -> Log:
-    """A log with a row for each burst of readings, which an even clock would part; says so."""
-    from thermaltool.logs.duplicates import burst_means
-
-    means = burst_means(log)
-    if len(means) < len(log):
-        warn(f"{log.name}: in bursts of readings: the mean of each is one row, {len(means)} in all "
-             "(--structure network takes every reading)")  # fmt: skip
-    return means
-
-
-def warn_holes(
-    log: Log, inputs: Sequence[str], outputs: Sequence[str], structure: str, warn: Notice
-) -> None:
-    """Say what missing readings of an output cost where a structure does not simulate over them."""
-    known = log.known(inputs)
-    for name in outputs:
-        if missing := int((known & ~log.known([name])).sum()):
-            warn(
-                f"{log.name}: {name}: {counted(missing, 'reading')} missing: {HOLES[structure]}; "
-                "--structure oe and network go on through holes"
-            )
-
-
-def check_clock(log: Record, period: float, warn: Notice) -> None:
-    """Refuse another period than that of the first log; say where steps are uneven."""
-    from thermaltool.fitting.even_clock import check_period, uneven_steps
-
-    check_period(log, period)
-    uneven, steps = uneven_steps(log, period)
-    if uneven:
-        warn(
-            f"{log.name}: {uneven} of {steps} steps are not {period:g} s: straight lines "
-            "between the readings are taken on an even clock, longer steps part the record"
-        )

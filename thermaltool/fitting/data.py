@@ -356,8 +356,10 @@ def even_training_data(
     period = logs[0].period
     records, used = _numbered(even_records(log, inputs, outputs, period, parted) for log in logs)
     if not records:
-        named = ", ".join((*inputs, *outputs))
-        raise FitError(f"{named}: no row has a reading of all inputs and of an output")
+        columns = {n: np.hstack([log.column(n) for log in logs]) for n in (*inputs, *outputs)}
+        if silent := [n for n, values in columns.items() if not np.isfinite(values).any()]:
+            raise FitError(f"{', '.join(silent)}: no reading at all")
+        raise FitError(f"{', '.join(columns)}: no row has a reading of all inputs and of an output")
     holds = tuple(map(hold_of, inputs))
     return TrainingData(records, tuple(inputs), tuple(outputs), period, holds, used)
 

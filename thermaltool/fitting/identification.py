@@ -7,7 +7,7 @@ continuous time: a `Plan` says what is fitted, the sequence is the same for all.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
@@ -156,6 +156,43 @@ def identify(
     )
 
 
+def identify_first(
+    logs: Sequence[Record],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    plans: Sequence[Plan],
+    fresh: Sequence[Record] = (),
+    reference: Reference | None = None,
+    warn: Callable[[str], None] = lambda message: None,
+) -> tuple[Fit, ...]:
+    """Models by the first of the plans that fits these data.
+
+    Parameters
+    ----------
+    logs, inputs, outputs, fresh, reference
+        As `identify`.
+    plans : sequence of Plan
+    warn : callable
+        Takes a sentence on what stands in for a plan that does not fit, and why.
+
+    Raises
+    ------
+    FitError
+        None does; the message is that of the first.
+    """
+    problem: FitError | None = None
+    for plan in plans:
+        try:
+            fits = identify(logs, inputs, outputs, plan, fresh, reference)
+        except FitError as error:
+            problem = problem or error
+            continue
+        if problem is not None:
+            warn(f"{problem}: {plan.label} stands in for {plans[0].label}")
+        return fits
+    raise problem or FitError("there is no plan")
+
+
 @dataclass(frozen=True)
 class _Planned:
     """Fits of one plan, and what was fitted together."""
@@ -214,7 +251,7 @@ def _judged(
             data = split.fitted
         models, candidates = plan.fit(data)
     except FitError as error:
-        if plan.joint:
+        if plan.joint or str(error).startswith(data.outputs[0]):
             raise
         raise FitError(f"{data.outputs[0]}: {error}") from error
     fits = []

@@ -110,7 +110,7 @@ class Separate:
     models: tuple[Ranked, ...]
 
     @property
-    def parameters(self) -> int:
+    def parameters(self) -> float:
         """Of all outputs."""
         return sum(model.parameters for model in self.models)
 

@@ -30,7 +30,7 @@ class Ranked(Protocol):
     """What is asked of a model to rank it: its number of parameters and its free runs."""
 
     @property
-    def parameters(self) -> int: ...
+    def parameters(self) -> float: ...
     def carried_on(self, split: Split) -> Array: ...
 
 
@@ -92,7 +92,8 @@ def rank(
     budget = budget or SearchBudget()
     first, problem = _judged(candidates, fit, [split], budget)
     if not first:
-        raise problem or FitError(none)
+        part = f"fitted to {split.fitted.rows} of {split.data.rows} rows, to choose by the others"
+        raise FitError(f"{problem or none} ({part})")
     folds = [fold for fold in split.data.folds(BLOCKS) if excites(fold.fitted)]
     finalists = [each for each, _ in first[:FINALISTS]] if folds and not budget.is_over else []
     last = _judged(finalists, fit, folds, budget)[0] if finalists else []

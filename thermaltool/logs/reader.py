@@ -361,14 +361,14 @@ def _without_gaps(log: Log, need: Sequence[str], policy: str, outputs: Sequence[
         if 0 < np.fmax.reduce(np.abs(values), initial=0.0) < 1 / MAX_NUMBER:
             raise LogError(f"too small, none above {1 / MAX_NUMBER:g}", log.name, None, name)
     if policy == "omit":
-        bad = np.isnan(log.time)
-        for name in need:
-            bad = bad | np.isnan(needed[name])
+        bad = np.any([np.isnan(each) for each in (log.time, *(needed[n] for n in need))], axis=0)
         return log.where(~bad) if bad.any() else log
     for name, values in needed.items():
         missing = np.isnan(values)
         if not missing.any():
             continue
+        if missing.all():
+            raise LogError("no reading at all", log.name, None, name)
         row = int(np.argmax(missing))
         if policy == "raise":
             message = f"missing value ({missing.sum()} in all): see --nan-policy"

@@ -68,9 +68,12 @@ def subspace_fields(fits: Sequence[Fit], k: int) -> dict[str, Any]:
         "criteria": {"aic": output.criteria.aic, "bic": output.criteria.bic},
         "terms": [_term(output, i) for i in range(len(output.names))],
     }
+    if output.participations is not None:
+        fields["participations"] = jsonable(output.participations)
     if fit.candidates:
         fields["candidates"] = [
             {"modes": c.model.order, "feedthrough": c.model.has_direct,
+             "combinations": c.model.participations is not None,
              "fit_percent": jsonable(c.fit_percent[k]), "bic": c.model.criteria.bic}
             for c in fit.candidates
         ]  # fmt: skip
@@ -148,9 +151,10 @@ def _named_poles(output: SubspaceOutput) -> list[tuple[str, Estimate]]:
 
 
 def _candidates(candidates: Sequence[Candidate[Subspace]]) -> str:
-    rows = [["modes", "feedthrough", "held-out fit %", "BIC"]]
+    rows = [["modes", "of inputs", "feedthrough", "held-out fit %", "BIC"]]
     for c in candidates[:LISTED_CANDIDATES]:
         fits = " ".join(f"{fit:.2f}" for fit in c.fit_percent)
-        rows.append([str(c.model.order), "yes" if c.model.has_direct else "no", fits,
+        kind = "each" if c.model.participations is None else "one combination"
+        rows.append([str(c.model.order), kind, "yes" if c.model.has_direct else "no", fits,
                      f"{c.model.criteria.bic:.1f}"])  # fmt: skip
     return f"of {len(candidates)} candidates the best first:\n{aligned(rows)}"

@@ -13,6 +13,7 @@ from thermaltool.fitting.search_budget import SearchBudget
 from thermaltool.fitting.selection import FITTED_SHARE, Candidate, held_out_level, rank
 from thermaltool.fitting.start_state import StartErrors
 from thermaltool.fitting.subspace.identify import identify_subspace, problem_of
+from thermaltool.fitting.subspace.modal import grown, identify_modal
 from thermaltool.fitting.subspace.model import Subspace
 from thermaltool.fitting.subspace.problem import SubspacePoint
 from thermaltool.fitting.subspace.realization import realizations
@@ -71,10 +72,21 @@ def choose_order(
                     yield model
                 if since >= PATIENCE:
                     break
+        best, since = np.inf, 0
+        for model in grown(split.fitted, max(orders)) if takes_combinations(data) else ():
+            level = held_out_level(model, split)
+            best, since = (level, 0) if level < best else (best, since + 1)
+            if model.order in orders:
+                any_fits = True
+                yield model
+            if since >= PATIENCE:
+                break
         if not any_fits and problem is not None:
             raise problem
 
     def fit(each: Subspace, part: TrainingData) -> _ByPoles:
+        if each.participations is not None:
+            return _ByPoles(each if part is split.fitted else identify_modal(part, each, False))
         if part is not split.fitted:
             known = realizations(part, each.order)
             each = identify_subspace(
@@ -86,19 +98,35 @@ def choose_order(
     return tuple(Candidate(c.model.model, c.fit_percent, c.score) for c in ranked)
 
 
+def takes_combinations(data: TrainingData) -> bool:
+    """Whether there are several inputs and outputs: of one, any pole takes one combination.
+
+    Parameters
+    ----------
+    data : TrainingData
+    """
+    return min(len(data.inputs), len(data.outputs)) > 1
+
+
 @dataclass(frozen=True)
 class _ByPoles:
     """A model whose poles count, for each output, and feedthrough as another one.
 
     Not its weights, of which sixteen inputs have sixteen for each pole: slow errors are worth so
-    few rows that no second pole would be taken. What weights too many do, rows held out show.
+    few rows that no second pole would be taken. What weights too many do, rows held out show. A
+    pole that takes one combination of the inputs counts by its share of the parameters of one with
+    weights free for every input and output.
     """
 
     model: Subspace
 
     @property
-    def parameters(self) -> int:
-        return len(self.model.outputs) * (self.model.order + self.model.has_direct)
+    def parameters(self) -> float:
+        p, m = len(self.model.outputs), len(self.model.outputs[0].names)
+        poles: float = self.model.order
+        if self.model.participations is not None:
+            poles *= (m + p) / (1 + m * p)
+        return p * (poles + self.model.has_direct)
 
     def carried_on(self, split: Split) -> Array:
         """As that of the model."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, counted
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.joint import Sensitivities, joint_covariances
 from thermaltool.fitting.subspace.model import Subspace, SubspaceOutput
@@ -82,8 +82,8 @@ def problem_of(data: TrainingData, order: int, direct: bool) -> SubspaceProblem:
     need = size + order + sum(not r.at_rest for r in data.records) * order
     if data.rows < 2 * need:
         raise FitError(
-            f"{data.outputs[0]}: {data.rows} rows do not carry {order} modes with {need} "
-            "parameters: take fewer or more data"
+            f"{data.outputs[0]}: {data.rows} rows do not carry {counted(order, 'mode')} with "
+            f"{need} parameters: {'take fewer modes or ' * (order > 1)}more data"
         )
     return SubspaceProblem(data, direct, max(1, round(data.rows * size / MAX_NUMBERS)))
 

@@ -49,12 +49,16 @@ class SubspaceOutput(OutputModel):
         Of each input.
     covariance : ndarray, shape (p, p)
         Of the logarithms of the sections, then of `weights`, then of `direct`.
+    participations : ndarray, shape (N, m), or None
+        Combination of the inputs that each pole takes, the same for all outputs and of length one,
+        where the weights are those of such a model.
     """
 
     sections: tuple[PoleSection, ...]
     weights: Array
     direct: Array
     holds: tuple[Hold, ...]
+    participations: Array | None = None
 
     @property
     def order(self) -> int:
@@ -224,3 +228,8 @@ class Subspace(JointModel[SubspaceOutput]):
     def sections(self) -> tuple[PoleSection, ...]:
         """The poles as sections."""
         return self.outputs[0].sections
+
+    @property
+    def participations(self) -> Array | None:
+        """Combination of the inputs that each pole takes, shape (N, m), where it takes one."""
+        return self.outputs[0].participations

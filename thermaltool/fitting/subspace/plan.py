@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -19,6 +20,7 @@ from thermaltool.fitting.selection import Candidate, first_that_fits
 from thermaltool.fitting.start_state import with_start
 from thermaltool.fitting.subspace.choose import choose_order, start_errors
 from thermaltool.fitting.subspace.identify import identify_subspace
+from thermaltool.fitting.subspace.modal import identify_modal
 from thermaltool.fitting.subspace.model import Subspace, SubspaceOutput
 from thermaltool.record import Record
 from thermaltool.units import Reference
@@ -87,7 +89,7 @@ class SubspacePlan(Plan):
         self._known.clear()
         model = first_that_fits(
             (candidate.model for candidate in candidates),
-            lambda m: identify_subspace(data, m.order, m.has_direct, [m.sections]),
+            partial(_fitted, data),
         )
         return model.outputs, candidates
 
@@ -104,9 +106,14 @@ class SubspacePlan(Plan):
 
     def refitted(self, models: Sequence[OutputModel], data: TrainingData) -> Subspace:
         known = next(model for model in models if isinstance(model, SubspaceOutput))
-        return identify_subspace(
-            data, known.order, known.has_direct, [known.sections], judged=False
-        )
+        return _fitted(data, Subspace((known,), known.criteria), judged=False)
+
+
+def _fitted(data: TrainingData, known: Subspace, judged: bool = True) -> Subspace:
+    """What was chosen, fitted to given data."""
+    if known.participations is not None:
+        return identify_modal(data, known, judged)
+    return identify_subspace(data, known.order, known.has_direct, [known.sections], judged=judged)
 
 
 def _is_real(candidate: Candidate[Subspace]) -> bool:

@@ -1,0 +1,117 @@
+"""identify on odd logs: one clear line, or a model; what stands in where a structure fails."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+CALL = ("--input", "Q_a_W", "--input", "Q_b_W", "--output", "d_z_um")
+THREE = (*CALL, "--output", "dT_x_K", "--output", "d_y_um")
+ROWS, PERIOD = 300, 10.0
+
+
+def lag(u, tau, gain):
+    a, x, found = np.exp(-PERIOD / tau), 0.0, []
+    for value in u:
+        found.append(x)
+        x = a * x + (1 - a) * gain * value
+    return np.array(found)
+
+
+@pytest.fixture
+def columns():
+    rng = np.random.default_rng(91)
+    a, b = (np.repeat(rng.uniform(0, 100, ROWS // n), n) for n in (4, 3))
+    a[:4] = b[:3] = 0.0
+    outputs = (lag(a, 900, 0.2) - lag(b, 200, 0.1), lag(a, 300, 0.1) + lag(b, 500, 0.05),
+               lag(a, 400, 0.15) + lag(b, 900, 0.2))  # fmt: skip
+    noisy = [y + 0.02 * rng.standard_normal(ROWS) for y in outputs]
+    return {"time_s": PERIOD * np.arange(ROWS), "Q_a_W": a, "Q_b_W": b,
+            **dict(zip(("d_z_um", "dT_x_K", "d_y_um"), noisy, strict=True))}  # fmt: skip
+
+
+def written(path, columns, rows=slice(None)):
+    values = [list(map(str, each[rows])) for each in columns.values()]
+    lines = [",".join(columns), *map(",".join, zip(*values, strict=True))]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def one_line(done):
+    assert done.code == 1
+    assert done.err.count("\n") == 1, done.err
+    return done.err
+
+
+@pytest.mark.parametrize("call", [CALL, THREE])
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"Q_a_W": np.full(ROWS, 50.0)}, "Q_a_W does not excite: it never moves"),
+        ({"Q_a_W": np.full(ROWS, 1e15)}, "Q_a_W does not excite: it never moves"),
+        ({"d_z_um": np.full(ROWS, np.nan)}, "d_z_um: no reading at all"),
+        ({"d_z_um": np.full(ROWS, 3.0)}, "d_z_um is constant: there is nothing to identify"),
+        ({"d_z_um": np.full(ROWS, 1e200)}, "d_z_um: too large"),
+    ],
+)
+def test_a_channel_that_says_nothing_is_named(thermaltool, tmp_path, columns, call, changed, said):
+    log = written(tmp_path / "run.csv", {**columns, **changed})
+    assert said in one_line(thermaltool("identify", log, *call))
+
+
+@pytest.mark.parametrize("call", [CALL, THREE])
+def test_inputs_that_are_the_same_are_named(thermaltool, tmp_path, columns, call):
+    log = written(tmp_path / "run.csv", {**columns, "Q_b_W": columns["Q_a_W"]})
+    said = one_line(thermaltool("identify", log, *call))
+    assert "collinear inputs: Q_a_W, Q_b_W" in said
+
+
+def test_names_and_cells_that_are_wrong_have_their_place(thermaltool, tmp_path, columns):
+    log = written(tmp_path / "run.csv", columns)
+    text = log.read_text()
+    log.write_text(text.replace("Q_b_W", "Q_a_W", 1))
+    assert "run.csv:1: Q_a_W: this name is there twice" in one_line(
+        thermaltool("identify", log, *CALL)
+    )
+    log.write_text(text.replace("Q_a_W", "Q_a_kJ/h", 1))
+    done = thermaltool("identify", log, "--input", "Q_a_kJ/h", "--output", "d_z_um")
+    assert "Q_a_kJ/h: unknown unit 'kJ/h'" in one_line(done)
+    lines = text.splitlines()
+    lines[100] = lines[100].replace(lines[100].split(",")[1], "5O.0", 1)
+    log.write_text("\n".join(lines) + "\n")
+    assert "run.csv:101: Q_a_W: not a number: '5O.0'" in one_line(
+        thermaltool("identify", log, *CALL)
+    )
+
+
+@pytest.mark.parametrize("call", [CALL, THREE])
+def test_twelve_rows_are_too_few_for_every_structure(thermaltool, tmp_path, columns, call):
+    log = written(tmp_path / "run.csv", columns, slice(10, 22))
+    said = one_line(thermaltool("identify", log, *call))
+    assert "fitted to 7 of 12 rows" in said
+    assert said.count("d_z_um") == 1
+
+
+def test_what_stands_in_for_a_structure_that_does_not_fit_is_said(thermaltool, tmp_path, columns):
+    log = written(tmp_path / "run.csv", columns, slice(16, 36))
+    done = thermaltool("identify", log, *CALL)
+    assert done.code == 0, done.err
+    first = done.err.splitlines()[0]
+    assert "rows do not carry orders" in first
+    assert first.endswith("subspace stands in for oe with real poles")
+    # A structure that is asked for is not replaced.
+    assert "rows do not carry orders" in one_line(
+        thermaltool("identify", log, *CALL, "--structure", "oe")
+    )
+
+
+def test_numbers_beyond_a_word_of_64_bits_and_an_output_that_is_its_input(
+    thermaltool, tmp_path, columns
+):
+    huge = [str(int(value * 1e20) * 10**5) for value in columns["Q_a_W"]]
+    log = written(tmp_path / "run.csv", {**columns, "Q_a_W": huge, "d_z_um": columns["Q_b_W"]})
+    done = thermaltool("identify", log, *CALL, "--orders", "1,1,0", "--json")
+    assert done.code == 0, done.err
+    first, second = (term["gain"]["value"] for term in done.json["models"][0]["terms"])
+    assert abs(first) < 1e-30
+    assert second == pytest.approx(1.0, rel=1e-6)

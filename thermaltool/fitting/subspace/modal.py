@@ -1,0 +1,165 @@
+"""Models whose poles each take one combination of the inputs: grown pole by pole, and refined."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from thermaltool.errors import FitError
+from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.joint import joint_covariances
+from thermaltool.fitting.subspace.identify import problem_of
+from thermaltool.fitting.subspace.modal_problem import ModalPoint, ModalProblem, ModalStart
+from thermaltool.fitting.subspace.model import Subspace, SubspaceOutput
+from thermaltool.fitting.subspace.search import (
+    ADDED_POLES,
+    FOLLOWED_STARTS,
+    LIKELIHOOD_TOLERANCE,
+    MAX_ITERATIONS,
+    MAX_START_ROWS,
+    MAX_STEP,
+    ROUGH_TOLERANCE,
+    bounded,
+)
+from thermaltool.signals.criteria import Criteria
+from thermaltool.signals.gauss_newton import Minimum, minimize
+
+METHOD = "output error, each taking one combination of the inputs"
+
+
+def grown(data: TrainingData, largest: int) -> Iterator[Subspace]:
+    """Models of one pole, two, and so on, each from the one before.
+
+    Parameters
+    ----------
+    data : TrainingData
+        On an even clock, of several inputs and outputs.
+    largest : int
+        Number of poles, at most.
+    """
+    start = ModalStart(np.zeros(0), np.zeros((0, len(data.inputs))))
+    for order in range(1, largest + 1):
+        try:
+            problem = _problem(data, order)
+        except FitError:
+            return
+        rates = np.log(1 / np.geomspace(0.3, data.longest / 2, ADDED_POLES))
+        starts = problem.one_more(problem.project(start), rates)
+        ends = [_refined(problem, each, ROUGH_TOLERANCE) for each in starts[:FOLLOWED_STARTS]]
+        best = min(ends, key=lambda end: end.point.criterion)
+        start = best.point.start
+        yield _model(best, judged=False)
+
+
+def identify_modal(data: TrainingData, known: Subspace, judged: bool = True) -> Subspace:
+    """The same poles and participations, refined on given data.
+
+    Parameters
+    ----------
+    data : TrainingData
+        On an even clock.
+    known : Subspace
+        With participations.
+    judged : bool
+        Whether covariances are wanted; else they are zero, and the search ends sooner.
+
+    Raises
+    ------
+    FitError
+        Data that carry no transfer function (`TrainingData.check`), more poles than the data carry.
+    """
+    data.check()
+    assert known.participations is not None
+    problem = ModalProblem(problem_of(data, known.order, False))
+    own = known.participations * problem.scales
+    own = own / np.linalg.norm(own, axis=1, keepdims=True)
+    start = ModalStart(np.array([section.theta[0] for section in known.sections]), own)
+    tolerance = LIKELIHOOD_TOLERANCE if judged else ROUGH_TOLERANCE
+    return _model(_refined(problem, start, tolerance), judged)
+
+
+def _problem(data: TrainingData, order: int) -> ModalProblem:
+    """The problem on as many rows as starts are compared on."""
+    whole = problem_of(data, order, False)
+    return ModalProblem(replace(whole, stride=max(whole.stride, data.rows // MAX_START_ROWS)))
+
+
+def _refined(problem: ModalProblem, start: ModalStart, tolerance: float) -> Minimum[ModalPoint]:
+    """Damped Gauss-Newton over the logarithms of the rates and the participations."""
+    longest = problem.data.longest
+
+    def normal_equations(here: ModalPoint) -> tuple[Array, Array]:
+        parts = here.linearized
+        matrix = sum(f.rows / f.loss * f.reduced for f in parts)
+        return np.asarray(matrix), np.asarray(sum(f.rows / f.loss * f.pull for f in parts))
+
+    def stepped(here: ModalPoint, step: Array) -> ModalPoint:
+        step, n = np.clip(step, -MAX_STEP, MAX_STEP), len(here.start.rates)
+        there = ModalStart(here.start.rates + step[:n], np.zeros((0, 0)))
+        rates = np.array([each.theta[0] for each in bounded(there.sections, longest)])
+        turned = np.einsum("nt,ntm->nm", step[n:].reshape(n, -1), here.tangents)
+        turned += here.start.participations
+        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+        return problem.project(ModalStart(rates, turned))
+
+    return minimize(
+        problem.project(start),
+        lambda here: 2 * here.criterion,
+        normal_equations,
+        stepped,
+        lambda here: 2 * tolerance,
+        MAX_ITERATIONS,
+    )
+
+
+def _model(found: Minimum[ModalPoint], judged: bool) -> Subspace:
+    point, data = found.point, found.point.problem.data
+    n, m = point.start.participations.shape
+    # By the inputs in their units.
+    turned = point.start.participations / point.problem.scales
+    sizes = np.linalg.norm(turned, axis=1, keepdims=True)
+    tangents = point.tangents / point.problem.scales
+    zero = np.zeros((n + n * m, n + n * m))
+    covariances, variances = [zero] * len(point.linear), (point.losses / point.rows).tolist()
+    if judged:
+        errors = [[(point.errors_of(piece)[k] @ piece.values) for piece in point.pieces]
+                  for k in range(len(point.linear))]  # fmt: skip
+        taken = sum(piece.taken.shape[1] for piece in point.pieces)
+        found_covariances, variances = joint_covariances(
+            point.linearized, errors, point.sensitivities, n, taken
+        )
+        covariances = []
+        for linear, covariance in zip(point.linear, found_covariances, strict=True):
+            # From rates, tangents and weights by pole to rates and weights by pole and input.
+            turn = np.zeros((n + n * m, n * m + n))
+            turn[:n, :n] = np.eye(n)
+            for k in range(n):
+                place = slice(n + k * m, n + (k + 1) * m)
+                turn[place, n + k * (m - 1) : n + (k + 1) * (m - 1)] = linear[k] * tangents[k].T
+                turn[place, n * m + k] = turned[k]
+            covariances.append(turn @ covariance @ turn.T)
+    outputs = [
+        SubspaceOutput(
+            names=data.inputs,
+            target=data.outputs[k],
+            dt=data.period,
+            sections=point.start.sections,
+            weights=(linear[:n, None] * turned).ravel(),
+            direct=np.zeros(0),
+            holds=data.holds,
+            levels=data.levels,
+            zeros=tuple((linear[n:] + point.problem.problem.centres[k]).tolist()),
+            sigma2=variances[k],
+            covariance=covariances[k],
+            method=METHOD,
+            converged=found.converged,
+            rows=point.rows,
+            loss=float(point.losses[k]),
+            participations=turned / sizes,
+        )
+        for k, linear in enumerate(point.linear)
+    ]
+    own = sum(len(linear) for linear in point.linear)
+    return Subspace(tuple(outputs), Criteria(2 * point.criterion, n * m + own, data.rows))
