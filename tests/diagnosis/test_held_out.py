@@ -27,7 +27,7 @@ def test_shared_moves_are_those_of_one_fit_to_all_outputs():
     moves = one[2].beside(SHARED, [other[2].of(SHARED)])
     # Both in one: own columns of one, those of the other, the shared one; its prior once.
     table = np.zeros((81, 6))
-    table[:40, :2], table[40:, 2:5] = one[0][:, :2], other[0][:, :3]
+    table[:40, :2], table[40:80, 2:5] = one[0][:, :2], other[0][:, :3]
     table[:, 5] = np.concatenate([one[0][:, 2], other[0][:, 3], [PRIOR**0.5]])
     joint = np.linalg.lstsq(table, np.concatenate([one[1], other[1], [0.0]]), rcond=None)[0]
     assert moves == pytest.approx(joint[[0, 1, 5]], abs=1e-9)
