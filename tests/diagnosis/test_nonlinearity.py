@@ -19,7 +19,7 @@ from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
 from thermaltool.responses.rational import rational_kind
 
-HEAT, READ = "Q_main_1", "dT_pair1_K"
+HEAT, READ, MOVED = "Q_main_1", "dT_pair1_K", "d_y_um"
 
 
 def logged(seed: int, bent: bool, rows: int = 1000) -> Record:
@@ -92,3 +92,24 @@ def test_no_period_is_named_for_a_curve() -> None:
     found = diagnose(model, [log])
     assert not found.adequate
     assert {cause.effect.name for cause in found.causes} <= {"unknown"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", ["geometry_step", "sensor_offset_step"])
+def test_a_curve_that_the_calibration_left_keeps_no_cause_from_being_named(effect: str) -> None:
+    """A thermometer a little bent, as calibrated: what jumps later is named."""
+
+    def curved(seed: int) -> Record:
+        log = logged(seed, False)
+        read, moved = log.column(READ), 0.2 * log.column(READ)
+        noise = 0.02 * np.random.default_rng([9, seed]).standard_normal(len(log))
+        return log.with_columns({READ: read + 0.02 * read * (20 - read), MOVED: moved + noise})
+
+    kinds = {READ: "rational2", MOVED: "rational2"}
+    model = calibrate([curved(1)], CalibrationPlan((HEAT,), (READ,), (MOVED,), kinds))
+    log = curved(2)
+    channel = MOVED if effect == "geometry_step" else READ
+    jump = (0.3 if channel == MOVED else 3.0) * (log.time > 0.6 * log.duration)
+    found = diagnose(model, [log.with_columns({channel: log.column(channel) + jump})])
+    assert found.causes[0].effect.name == effect
+    assert not any("stands for what it is not" in note for note in found.notes)

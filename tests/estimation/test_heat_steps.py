@@ -92,6 +92,30 @@ def test_scores_and_information_of_a_shock():
     assert found.information()[:, 0] == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
+@pytest.mark.parametrize("rows", [20, 40])
+@pytest.mark.parametrize("share", [1.0, 0.001])
+def test_the_information_of_a_short_run_is_that_of_a_step_of_one(rows, share):
+    slow = replace(machine(), outputs=(), followed=())
+    kalman = replace(slow, walk=tuple(np.sqrt(share) * each for each in slow.walk))
+    _, readings = duty(rows)
+    search = StepSearch(kalman, DT, readings, LEVEL, *at_rest(kalman))
+    own = np.array([search._column(place)[place] for place in range(rows)])
+    assert search.information == pytest.approx(own, rel=1e-6, abs=1e-9 * own.max())
+
+
+def test_the_prior_of_runs_is_that_of_the_record():
+    kalman = replace(machine(), outputs=(), followed=())
+    _, readings = duty(60)
+    whole = StepSearch(kalman, DT, readings, LEVEL, *at_rest(kalman))
+    first, second = (
+        StepSearch(kalman, DT, part, LEVEL, *at_rest(kalman), 60, earlier)
+        for part, earlier in ((readings[:20], None), (readings[20:], 2))
+    )
+    assert first._prior(2) + second._prior(3) == pytest.approx(whole._prior(5))
+    assert second._prior(0) == 0.0
+    assert second._prior(41) == -np.inf
+
+
 def test_the_evidence_is_a_normal_density():
     kalman, rows = replace(machine(), outputs=(), followed=()), 30
     _, readings = duty(rows)
@@ -235,6 +259,8 @@ def test_the_evidence_over_a_pause_is_a_normal_density(monkeypatch):
     assert np.count_nonzero(steps) > 3
     parts = zip(found.searches, found.places, strict=True)
     value = sum(one.alone + one._weighed(at)[0] - one._prior(len(at)) for one, at in parts)
+    priors = sum(one._prior(len(at)) for one, at in zip(found.searches, found.places, strict=True))
+    assert found.evidence == pytest.approx(value + priors, abs=1e-4)
     assert value == pytest.approx(density(np.sqrt(0.1) * walk, steps), abs=1e-4)
 
 

@@ -23,9 +23,12 @@ def test_a_lost_line_is_no_pause_and_a_long_one_has_long_samples():
     clock, _, there = with_pauses(time, time[:, None])
     assert there.all()
     assert clock is time
-    time = np.r_[0:20, 86400:86420].astype(float)
-    clock, _, there = with_pauses(time, time[:, None])
-    assert np.count_nonzero(~there) == MAX_ROWS_OF_PAUSE
-    assert np.all(np.diff(clock) > 0)
+    for rows in (200, 20, 4):
+        time = np.r_[0:rows, 86400 : 86400 + rows].astype(float)
+        clock, _, there = with_pauses(time, time[:, None])
+        assert np.count_nonzero(~there) == min(MAX_ROWS_OF_PAUSE, 2 * rows - 4)
+        assert np.all(np.diff(clock) > 0)
+        # The sample stays that of the record.
+        assert np.median(np.diff(clock)) == 1.0
     for few in (time[:0], time[:1]):
         assert with_pauses(few, few[:, None])[2].all()

@@ -205,8 +205,10 @@ def stand_ins(task: DiagnosisTask, search: SearchState) -> list[tuple[Cause, str
 
 def _bend(test: LinearityTest, logs: Sequence[Record], output: str) -> float:
     """RMS of what products and powers explain of the error [unit of the output]."""
-    measured = np.concatenate([log.column(output) for log in logs if output in log.columns])
-    return float(np.sqrt(nonlinear_power(test)) * np.nanstd(measured))
+    logged = [log.column(output) for log in logs if output in log.columns]
+    # Each about its own mean: logs have zeros of their own.
+    about = np.concatenate([values - np.nanmean(values) for values in logged])
+    return float(np.sqrt(nonlinear_power(test)) * np.nanstd(about))
 
 
 def _reached(test: LinearityTest) -> str:

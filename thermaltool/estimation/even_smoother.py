@@ -132,16 +132,19 @@ class EvenSmoother:
         W, count, at = self.H.T @ self.weighed, min(self.rows, self._memory), self._shocked
         # From the last row back until the readings that are still to come make no difference.
         late, N = np.empty((count, len(at))), np.zeros_like(W)
+        # What so many rows that are still to come tell of a shock now, through any state.
+        told = np.empty((count, len(W), len(at)))
         for k in range(count):
             N = W + self.L.T @ N @ self.L
-            late[k] = N[at, at]
+            late[k], told[k] = N[at, at], N[:, at]
         found = np.tile(late[-1], (self.rows, 1))
         found[self.rows - count :] = late[::-1]
         # A start that is known better than the steady filter knows a state: its first rows.
-        gained, reach = np.linalg.solve(self.ratio.T, self.D), self.N[:, at]
+        gained, back = np.linalg.solve(self.ratio.T, self.D), np.eye(len(W))
         for k in range(count):
+            reach = back @ told[min(self.rows - k, count) - 1]
             found[k] += np.einsum("ij,ik,kj->j", reach, gained, reach)
-            reach = self.L.T @ reach
+            back = self.L.T @ back
         return np.maximum(found, 0.0)
 
     def _pass(self, readings: Float, first: Float) -> tuple[Float, Float, Float]:

@@ -21,7 +21,7 @@ import numpy as np
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.smoother import Smoothed, predicted, smooth
 from thermaltool.estimation.start import Initial
-from thermaltool.estimation.step_search import Places, StepSearch
+from thermaltool.estimation.step_search import Places, StepSearch, places_of
 from thermaltool.responses.modes import Float
 
 # Variance of the walk beside the steps, over that of the walk alone [1]: the likelier of the first
@@ -130,7 +130,7 @@ def why_no_steps(
         return "too many readings are missing" if missing else "the clock is uneven"
     if kalman.walk[0] * math.sqrt(float(np.ptp(time))) < STANDSTILL * level[0]:
         return "the heat stands still"
-    if len(time) > MAX_ROWS:
+    if read > MAX_ROWS:
         return f"there are more than {MAX_ROWS} rows"
     return ""
 
@@ -247,7 +247,9 @@ class _Record:
         steps = self.pauses if share < 1 else np.zeros((len(self.time), len(self.level)))
         P = kalman.start_covariance(dt, self.level, self.initial)
         a, at = np.zeros(len(P)), 0
-        searches, sets, evidence = [], [], 0.0
+        places = places_of(self.runs, len(self.level))
+        searches, evidence = [], 0.0
+        sets: list[Places] = []
         for k, run in enumerate(self.runs):
             if run.start > at:
                 # The rows up to this run, with the steps that were found in them.
@@ -257,14 +259,15 @@ class _Record:
                 before[0] -= self.pauses[at] if share < 1 and k > 0 else 0.0
                 a, P = predicted(kalman, self.time[rows], self.readings[rows], a, P, before)
             at = run.start
-            search = StepSearch(kalman, dt, self.readings[run], self.level, a, P)
-            places: Places = ()
+            earlier = sum(len(each) for each in sets) if k else None
+            search = StepSearch(kalman, dt, self.readings[run], self.level, a, P, places, earlier)
+            found: Places = ()
             value = search.alone
             if share < 1:
-                places, value = search.likeliest(known.places[k] if known else ())
-                steps[run] += search.variances(places)
+                found, value = search.likeliest(known.places[k] if known else ())
+                steps[run] += search.variances(found)
             searches.append(search)
-            sets.append(places)
+            sets.append(found)
             evidence += value
         return _Searched(evidence, searches, sets)
 

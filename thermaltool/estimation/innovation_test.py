@@ -44,6 +44,8 @@ MISFIT_TIME = 60.0
 MAX_PAUSE, BLIND_TIME = 5, 60.0
 # Sample lengths whose matrices are kept.
 MAX_CACHED_LENGTHS = 64
+# A quiet record of which a smaller share of the rows counts says how many do.
+MIN_TESTED = 0.5
 # What an alarm says; "untested" of a row that does not count.
 QUIET, PARTED, UNTESTED, NOT_POSSIBLE = "quiet", "parted", "untested", "not possible"
 
@@ -94,6 +96,8 @@ class InnovationTest:
         Whether a sensor can contradict the others: else some heat explains any reading.
     blind_spot : str
         What the test cannot see, and why; empty where it sees every sensor.
+    counted : bool
+        Whether the last row has been tested.
     """
 
     def __init__(
@@ -115,7 +119,7 @@ class InnovationTest:
         self._x = np.zeros(len(sample.F))
         self._blind = 0
         self._unknown: FreeStart | None = None
-        self.nis = self.drift = 1.0
+        self.nis, self.drift, self.counted = 1.0, 1.0, False
         checked = checked_sensors(estimator)
         self.can_tell = bool(np.any(checked))
         self.blind_spot = _blind_spot(estimator, checked)
@@ -161,7 +165,7 @@ class InnovationTest:
     def _begin(self, state: Float) -> None:
         self._x, self._unknown = state, None
         self._blind = 0
-        self.nis = self.drift = 1.0
+        self.nis, self.drift, self.counted = 1.0, 1.0, False
         if self._gains is not None:
             self._gains.start(len(self._x))
 
@@ -191,6 +195,7 @@ class InnovationTest:
             self._gains.step(sample, signals, z, ticks * CLOCK_STEP, counts)
         if self._blind > 0:
             self._blind -= min(ticks, self._period)
+        self.counted = counts
         if not counts:
             return
         drift = self._x[-self._sensors :] / self._allowed
@@ -311,8 +316,15 @@ def record_alarm(
     else:
         test.start(readings[rows[0]], initial == "settled")
     ticks = np.round(np.diff(time[rows]) / CLOCK_STEP).astype(np.int64).tolist()
+    tested = 0
     for length, row in zip(ticks, rows[1:].tolist(), strict=True):
         test.step(length, readings[row])
+        tested += test.counted
         if test.alarm:
             return Alarm(PARTED, test.reason, int(row))
+    if not tested:
+        return Alarm(NOT_POSSIBLE, "no alarm is possible: no row could be tested")
+    if tested < MIN_TESTED * len(time):
+        few = f"{tested} of {len(time)} rows could be tested"
+        return Alarm(QUIET, "; ".join(filter(None, (few, test.blind_spot))))
     return Alarm(QUIET, test.blind_spot)

@@ -216,7 +216,7 @@ def look(
     sigma = None
     if how.bands:
         told = kalman
-        if how.sizes == "design" and not how.smooth:
+        if how.walk is None and not how.smooth:
             told = _as_told(kalman, time, readings, level, initial)
         variance = _variance(kalman, told, time, smoothed, how)
         if len(time) > 1:

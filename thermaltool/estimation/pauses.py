@@ -33,8 +33,11 @@ def with_pauses(time: Float, readings: Float) -> tuple[Float, Float, NDArray[np.
     if not len(steps) or np.max(steps) <= LONG_SAMPLE * np.median(steps):
         return time, readings, np.ones(len(time), bool)
     samples = np.round(steps / np.median(steps))
-    more = np.where(steps > LONG_SAMPLE * np.median(steps),
-                    np.minimum(samples - 1, MAX_ROWS_OF_PAUSE), 0).astype(int)  # fmt: skip
+    long = steps > LONG_SAMPLE * np.median(steps)
+    # Most rows stay those of the record: its sample is the median one.
+    pauses = int(np.sum(long))
+    most = max(min(MAX_ROWS_OF_PAUSE, (len(steps) - pauses) // pauses - 2), 0)
+    more = np.where(long, np.minimum(samples - 1.0, float(most)), 0).astype(int)
     at = np.append(0, np.cumsum(1 + more))
     there = np.zeros(at[-1] + 1, bool)
     there[at] = True

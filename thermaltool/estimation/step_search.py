@@ -29,6 +29,23 @@ LEAST_GAIN = 1e-6
 Places = tuple[int, ...]
 
 
+def _places(rows: int, drives: int) -> tuple[int, int]:
+    """Rows from place to place, and places of each drive."""
+    stride = -(-rows * drives // MAX_PLACES)
+    return stride, len(range(0, rows, stride))
+
+
+def places_of(runs: Sequence[slice], drives: int) -> int:
+    """Places of all runs of a record.
+
+    Parameters
+    ----------
+    runs : sequence of slice
+    drives : int
+    """
+    return drives * sum(_places(run.stop - run.start, drives)[1] for run in runs)
+
+
 class StepSearch:
     """Steps beside one walk: which rows are how likely.
 
@@ -47,6 +64,10 @@ class StepSearch:
         What is expected of the state at the first row, before its reading,
     covariance : ndarray, shape (m, m)
         and how far it may be from that.
+    places : int, optional
+        Of the record of which these rows are a part; without it they are all of it.
+    earlier : int, optional
+        Steps that earlier rows of it have; without it there are none.
     """
 
     def __init__(
@@ -57,11 +78,13 @@ class StepSearch:
         level: Sequence[float],
         state: Float,
         covariance: Float,
+        places: int | None = None,
+        earlier: int | None = None,
     ) -> None:
         self.walk, self.rows = kalman.walk, len(readings)
         drives, modal = len(kalman.drives), kalman.modal
-        self.stride = -(-self.rows * drives // MAX_PLACES)
-        self.each = len(range(0, self.rows, self.stride))
+        self.stride, self.each = _places(self.rows, drives)
+        self.places, self.earlier = places or self.each * drives, earlier
         space = kalman.state_space(dt)
         if state.any():
             nothing = np.zeros((len(space.F), 1))
@@ -93,10 +116,19 @@ class StepSearch:
         return self.columns[place]
 
     def _prior(self, count: int) -> float:
-        """Of one set of so many places, any share of places being as likely."""
-        n = len(self.score)
-        return (math.lgamma(count + 1) + math.lgamma(n - count + 1) - math.lgamma(n + 2)
-                if count <= n else -math.inf)  # fmt: skip
+        """Of one set of so many places, any share of those of the record being as likely.
+
+        What earlier runs have of it is theirs: the values of all runs add up.
+        """
+        if count > len(self.score):
+            return -math.inf
+        if self.earlier is None:
+            return self._of_record(count)
+        return self._of_record(self.earlier + count) - self._of_record(self.earlier)
+
+    def _of_record(self, count: int) -> float:
+        n = self.places
+        return math.lgamma(count + 1) + math.lgamma(n - count + 1) - math.lgamma(n + 2)
 
     def _weighed(self, places: Places, at: slice = slice(None)) -> tuple[float, Float]:
         """Evidence of a set over none, and what one more place would add to it, for each."""

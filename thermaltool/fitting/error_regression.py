@@ -125,10 +125,11 @@ def error_regression(model: TestedModel, data: TrainingData) -> ErrorRegression 
         edge, runs_there = len(whole) - len(other), known_runs(whole[0])
         of_input = partial(_response_to, model, record)
         late = [_group_means(x, group) for x in pulses(data.u[k], of_input, data.holds, len(runs))]
-        parts += [whole[:, run].copy() for run in runs_there]
-        instants += [np.array(late).reshape(len(late), count)[:, run] for run in runs_there]
-    instants = [own for own, part in zip(instants, parts, strict=True) if part.shape[1] >= MIN_RUN]
-    parts = [part for part in parts if part.shape[1] >= MIN_RUN]
+        long = [run for run in runs_there if run.stop - run.start >= MIN_RUN]
+        parts += [whole[:, run].copy() for run in long]
+        # The same instants in all runs of a record.
+        of_record = np.array(late).reshape(len(late), count)
+        instants.append(np.hstack([of_record[:, :0], *(of_record[:, run] for run in long)]))
     if not parts:
         return None
     ends = np.cumsum([part.shape[1] for part in parts]).tolist()

@@ -131,7 +131,11 @@ def sizes_message(found: KalmanEstimator) -> str:
 def steps_message(found: HeatSteps) -> str:
     """Which of walk and steps a log makes likelier."""
     by = abs(found.evidence - found.of_walk)
-    each = f" (looked for in each of {found.runs} runs between pauses)" if found.runs > 1 else ""
+    each = (
+        f" (looked for in each of {found.runs} runs between pauses and missing readings)"
+        if found.runs > 1
+        else ""
+    )
     if not found.are_likelier:
         return f"the heat is taken to wander: steps{each} are {by:.3g} nats less likely"
     return (f"the heat is taken to step, {counted(found.count, 'time')}{each}: that is {by:.3g} "

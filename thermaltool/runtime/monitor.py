@@ -120,9 +120,9 @@ class Monitor:
             late = self._late.latest_due()
             if late is not None:
                 self._latest = late.tolist()
-        self._tested = good
         if self._test is not None and good:
             self._test.step(self._test_ticks, now)
+            self._tested = self._test.counted
             self._test_ticks = 0
             if self._test.alarm != self.alarm:
                 self.alarm = self._test.alarm

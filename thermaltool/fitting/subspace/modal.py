@@ -162,4 +162,6 @@ def _model(found: Minimum[ModalPoint], judged: bool) -> Subspace:
         for k, linear in enumerate(point.linear)
     ]
     own = sum(len(linear) for linear in point.linear)
-    return Subspace(tuple(outputs), Criteria(2 * point.criterion, n * m + own, data.rows))
+    # Candidates are compared as of all rows, also where some of them are fitted.
+    whole = 2 * point.criterion * data.rows / point.rows
+    return Subspace(tuple(outputs), Criteria(whole, n * m + own, data.rows))
