@@ -20,6 +20,7 @@ from thermaltool.estimation.step_search import StepSearch
 from thermaltool.responses.modes import Modes
 
 DT, LEVEL, WHITE = 4.0, (10.0,), 0.05
+QUIET = SensorNoise(WHITE)
 
 
 def lag(time_constants, gain=3.0):
@@ -179,7 +180,7 @@ def test_a_heat_that_steps_is_found_and_a_ramp_is_none():
     assert found.are_likelier
     assert found.evidence > found.of_walk + 50
     assert np.flatnonzero(found.likeliest) == pytest.approx([50, 125, 187], abs=1)
-    stepped = smooth_with_steps(found, time, readings, LEVEL, "rest")
+    stepped = smooth_with_steps(found, time, readings, LEVEL)
     walked = smooth(kalman, time, readings, LEVEL)
     error = [np.sqrt(np.mean((each.estimates[:, 0] - heat) ** 2)) for each in (stepped, walked)]
     assert error[0] < 0.5 * error[1]
@@ -274,8 +275,29 @@ def test_steps_beside_and_amid_a_pause():
     found = find_steps(kalman, time, readings, LEVEL, "rest")
     assert (found.are_likelier, found.runs) == (True, 2)
     assert np.flatnonzero(found.likeliest) == pytest.approx([50, 187], abs=1)
-    stepped = smooth_with_steps(found, time, readings, LEVEL, "rest")
+    stepped = smooth_with_steps(found, time, readings, LEVEL)
     walked = smooth(kalman, time, readings, LEVEL)
     error = [(each.estimates[:, 0] - heat)[there] for each in (stepped, walked)]
     assert np.sqrt(np.mean(error[0] ** 2)) < 0.5 * np.sqrt(np.mean(error[1] ** 2))
     assert np.mean(np.abs(error[0]) < 1.96 * stepped.sigma[there, 0]) > 0.9
+
+
+@pytest.mark.slow
+def test_a_warm_machine_has_had_steps_before_the_first_row():
+    """Hot for long, switched off soon before: the walk beside steps says nothing of that."""
+    whole, rows, cut = machine(walk=1.0, drift=0.0), 500, 310
+    kalman = replace(whole, sensors=whole.sensors[:1], sensed=whole.sensed[:1], noise=(QUIET,))
+    heat, warm = np.zeros(rows), np.zeros(rows)
+    heat[:300], heat[380:] = 10.0, 6.0
+    for k in range(1, rows):
+        warm[k] = warm[k - 1] + (1 - np.exp(-DT / 200)) * (10 * heat[k - 1] - warm[k - 1])
+    clean = (np.diff(heat, prepend=0.0) @ responses(whole, rows)).reshape(rows, 2)
+    time, off = DT * np.arange(rows - cut), []
+    for seed in range(6):
+        noise = WHITE * np.random.default_rng(seed).standard_normal((rows - cut, 1))
+        readings = clean[cut:, :1] + noise
+        found = find_steps(kalman, time, readings, LEVEL, "free")
+        assert found.are_likelier
+        both = smooth_with_steps(found, time, readings, LEVEL)
+        off.append(((both.estimates - np.column_stack([heat, warm])[cut:]) / both.sigma)[:30])
+    assert np.sqrt(np.mean(np.square(off))) < 1.5

@@ -60,6 +60,9 @@ class HeatSteps:
     pauses : ndarray, shape (n, n_drives)
         Variance of what a heat may change by in each row of a pause and at its ends [unit of the
         drive, squared].
+    start : ndarray, shape (m, m)
+        Covariance of the estimator's state at the first reading. Before it a heat has stepped, too:
+        it is that of the walk without steps.
     runs : int
         Between pauses.
     """
@@ -70,6 +73,7 @@ class HeatSteps:
     likeliest: Float
     draws: tuple[Float, ...]
     pauses: Float
+    start: Float
     runs: int = 1
 
     @property
@@ -84,18 +88,25 @@ class HeatSteps:
 
 
 def smooth_with_steps(
-    found: HeatSteps, time: Float, readings: Float, level: Sequence[float], initial: Initial
+    found: HeatSteps, time: Float, readings: Float, level: Sequence[float]
 ) -> Smoothed:
     """Fixed-interval smoothing over all draws of the steps' rows: estimates, and `sigma`.
 
     Parameters
     ----------
     found : HeatSteps
-    time, readings, level, initial
+    time, readings, level
         As in `smoother.smooth`.
     """
     draws = [
-        smooth(found.estimator, time, readings, level, initial, each + found.pauses)
+        smooth(
+            found.estimator,
+            time,
+            readings,
+            level,
+            steps=each + found.pauses,
+            start=found.start,
+        )
         for each in found.draws
     ]
     estimates = np.array([each.estimates for each in draws])
@@ -205,6 +216,7 @@ def find_steps(
         record.variances(best.searches, best.places),
         tuple(drawn),
         record.pauses,
+        kalman.start_covariance(float(np.median(np.diff(time))), level, initial),
         len(record.runs),
     )
 
@@ -245,7 +257,7 @@ class _Record:
         walk = tuple(math.sqrt(share) * each for each in self.kalman.walk)
         kalman, dt = replace(self.kalman, walk=walk), float(np.median(np.diff(self.time)))
         steps = self.pauses if share < 1 else np.zeros((len(self.time), len(self.level)))
-        P = kalman.start_covariance(dt, self.level, self.initial)
+        P = self.kalman.start_covariance(dt, self.level, self.initial)
         a, at = np.zeros(len(P)), 0
         places = places_of(self.runs, len(self.level))
         searches, evidence = [], 0.0

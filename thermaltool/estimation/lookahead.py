@@ -209,7 +209,7 @@ def look(
 
     if how.bands or stepped:
         smoothed = (smooth(kalman, time, readings, level, initial) if stepped is None
-                    else smooth_with_steps(stepped, time, readings, level, initial))  # fmt: skip
+                    else smooth_with_steps(stepped, time, readings, level))  # fmt: skip
         estimates = smoothed.estimates if how.smooth else estimated(readings)
     else:
         estimates = estimated(readings)

@@ -203,6 +203,7 @@ def smooth(
     level: Sequence[float],
     initial: Initial = "rest",
     steps: Float | None = None,
+    start: Float | None = None,
 ) -> Smoothed:
     """Fixed-interval smoothing of a whole record.
 
@@ -220,6 +221,8 @@ def smooth(
     steps : ndarray, shape (n, n_drives), optional
         Variance of a step of each heat that acts from a row on, beside its walk [unit of the
         drive, squared].
+    start : ndarray, shape (m, m), optional
+        Covariance of the state at the first reading; without it that of `initial` and the walk.
 
     Raises
     ------
@@ -230,7 +233,7 @@ def smooth(
         empty = np.empty((0, len(estimator.estimates)))
         return Smoothed(empty, empty, empty, empty, np.empty(readings.shape), 0.0)
     dt = float(time[1] - time[0]) if len(time) > 1 else 1.0
-    P = estimator.start_covariance(dt, level, initial)
+    P = estimator.start_covariance(dt, level, initial) if start is None else start
     return _filtered(estimator, time, readings, np.zeros(len(P)), P, steps).back()
 
 
