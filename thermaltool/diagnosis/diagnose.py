@@ -115,7 +115,9 @@ def _check(model: Model, logs: Sequence[Record]) -> None:
             raise ModelError(f"{o} has fewer than {MIN_ROWS} values")
     if not any(np.ptp(log.columns[d.channel]) > 0 for d in model.drives for log in logs):
         names = ", ".join(d.channel for d in model.drives)
-        raise FitError(f"{names} never moves: nothing to compare a response with")
+        where = ", ".join(log.name for log in logs if log.name)
+        place = f"{where}: " if where else ""
+        raise FitError(f"{place}{names} never moves: nothing to compare a response with")
 
 
 def _with_outliers(search: SearchState) -> SearchState:
