@@ -76,8 +76,11 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
 def _sound_logs(task: DiagnosisTask) -> list[int]:
     """Numbers of the unseen logs that the model as it came fits."""
     known = corrected(task.model)
-    plain = [Hypothesis.of(known, (log,), known, WITHIN_CALIBRATION) for log in task.validate]
-    return [k for k, each in enumerate(plain) if _misfit(each) < MIN_MISFIT]
+    return [
+        k
+        for k, log in enumerate(task.validate)
+        if _misfit(Hypothesis.of(known, (log,), known, WITHIN_CALIBRATION)) < MIN_MISFIT
+    ]
 
 
 def _found(task: DiagnosisTask, search: SearchState) -> SearchState:

@@ -89,23 +89,33 @@ class EvenSmoother:
         squares : float
             yᵀ Σ⁻¹ y.
         """
-        estimates, v, r = self._pass(readings, np.zeros(len(self.P)))
-        squares = float(np.sum(v * np.linalg.solve(self.S, v.T).T))
-        told = np.linalg.solve(self.ratio, r)
-        first = -self.D @ told
+        estimates, first, squares = self._begun(readings)
         count = min(self.rows, self._memory)
         estimates[:count] += self._pass(np.zeros((count, self.sensors)), first)[0]
-        return estimates, squares + float(r @ self.D @ told)
+        return estimates, squares
 
-    def first_state(self, readings: Float) -> Float:
-        """Conditional mean of the first state, before its reading; shape (n,).
+    def start(self, readings: Float) -> tuple[Float, float]:
+        """What readings say of the start, and how likely they are: half the work of `run`.
 
         Parameters
         ----------
         readings : ndarray, shape (n, n_sensors)
+
+        Returns
+        -------
+        state : ndarray, shape (n_states,)
+            Conditional mean of the first state, before its reading.
+        squares : float
+            As of `run`.
         """
-        r = self._pass(readings, np.zeros(len(self.P)))[2]
-        return np.asarray(-self.D @ np.linalg.solve(self.ratio, r))
+        return self._begun(readings)[1:]
+
+    def _begun(self, readings: Float) -> tuple[Float, Float, float]:
+        """Estimates as from a start of zero, the first state, and the squares."""
+        estimates, v, r = self._pass(readings, np.zeros(len(self.P)))
+        squares = float(np.sum(v * np.linalg.solve(self.S, v.T).T))
+        told = np.linalg.solve(self.ratio, r)
+        return estimates, -self.D @ told, squares + float(r @ self.D @ told)
 
     def scores(self, readings: Float) -> Float:
         """How the log likelihood changes with a shock to a state, at the shock of zero.

@@ -174,10 +174,10 @@ def _innovations(
         if x is None and initial != "rest":
             start = estimator.start_covariance(dt, level, initial)
             first = EvenSmoother(space, start, rows.stop - rows.start)
-            squares = first.run(readings[rows])[1]
+            state, squares = first.start(readings[rows])
             logs = first.log_determinant
             predictor = Recursion(first.L, first.K, np.zeros_like(first.K), first.H)
-            a = predictor.run(readings[rows], first.first_state(readings[rows]))[1]
+            a = predictor.run(readings[rows], state)[1]
             x = a + space.filter_gain(first.P) @ (readings[rows][-1] - space.H @ a)
             continue
         P = space.predicted()

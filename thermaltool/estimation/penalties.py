@@ -117,7 +117,7 @@ class HeatProblem:
         own = slice(first, first + len(drift))
         F, H, Q = space.F[own, own], space.H[:, own], space.Q[own, own]
         noise = StateSpace(F, H, H, Q, space.R)
-        return EvenSmoother(noise, np.diag(drift**2), len(residuals)).run(residuals)[1]
+        return EvenSmoother(noise, np.diag(drift**2), len(residuals)).start(residuals)[1]
 
     @cached_property
     def _unpenalized(self) -> StateSpace:

@@ -94,7 +94,7 @@ class StepSearch:
         G = space.F[:modal, modal : modal + drives]
         machine = Recursion(space.F[:modal, :modal], G, np.zeros_like(G), space.H[:, :modal])
         self.responses = [machine.run(np.tile(unit, (self.rows, 1)))[0] for unit in np.eye(drives)]
-        squares = self.smoother.run(readings)[1]
+        squares = self.smoother.start(readings)[1]
         constant = readings.size * math.log(2 * math.pi)
         self.alone = -0.5 * (squares + self.smoother.log_determinant + constant)
         self.score = self._at_places(self.smoother.scores(readings))

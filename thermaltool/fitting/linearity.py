@@ -97,10 +97,10 @@ def linearity_test(model: TestedModel, data: TrainingData) -> LinearityTest | No
     if p_value < SURE_P_VALUE:
         p_value = _simulated_p_value(tested, basis, reduced.statistic)
     kept = reduced.kept
-    _, linear, whole = _deviations(tested, kept)
-    explained = float(1 - (whole / linear) ** 2)
     # The fit is that of the output as it is.
-    deviation, linear, whole = _deviations(found, kept)
+    deviation, linear, whole = own = _deviations(found, kept)
+    _, left, less = own if tested is found else _deviations(tested, kept)
+    explained = float(1 - (less / left) ** 2)
     return LinearityTest(
         p_value,
         explained,

@@ -13,7 +13,7 @@ from thermaltool.fitting.search_budget import SearchBudget
 from thermaltool.fitting.selection import FITTED_SHARE, Candidate, held_out_level, rank
 from thermaltool.fitting.start_state import StartErrors
 from thermaltool.fitting.subspace.identify import identify_subspace, problem_of
-from thermaltool.fitting.subspace.modal import grown, identify_modal
+from thermaltool.fitting.subspace.modal import fitted_as, grown
 from thermaltool.fitting.subspace.model import Subspace
 from thermaltool.fitting.subspace.problem import SubspacePoint
 from thermaltool.fitting.subspace.realization import realizations
@@ -85,14 +85,7 @@ def choose_order(
             raise problem
 
     def fit(each: Subspace, part: TrainingData) -> _ByPoles:
-        if each.participations is not None:
-            return _ByPoles(each if part is split.fitted else identify_modal(part, each, False))
-        if part is not split.fitted:
-            known = realizations(part, each.order)
-            each = identify_subspace(
-                part, each.order, each.has_direct, [each.sections], known, judged=False
-            )
-        return _ByPoles(each)
+        return _ByPoles(each if part is split.fitted else fitted_as(part, each, judged=False))
 
     ranked = rank(candidates(), fit, split, "no number of modes fits", budget)
     return tuple(Candidate(c.model.model, c.fit_percent, c.score) for c in ranked)

@@ -10,7 +10,7 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.joint import joint_covariances
-from thermaltool.fitting.subspace.identify import problem_of
+from thermaltool.fitting.subspace.identify import identify_subspace, problem_of
 from thermaltool.fitting.subspace.modal_problem import ModalPoint, ModalProblem, ModalStart
 from thermaltool.fitting.subspace.model import Subspace, SubspaceOutput
 from thermaltool.fitting.subspace.search import (
@@ -78,6 +78,24 @@ def identify_modal(data: TrainingData, known: Subspace, judged: bool = True) -> 
     start = ModalStart(np.array([section.theta[0] for section in known.sections]), own)
     tolerance = LIKELIHOOD_TOLERANCE if judged else ROUGH_TOLERANCE
     return _model(_refined(problem, start, tolerance), judged)
+
+
+def fitted_as(data: TrainingData, known: Subspace, judged: bool = True) -> Subspace:
+    """A model of the same structure, from the same poles, fitted to given data.
+
+    Parameters
+    ----------
+    data, known, judged
+        As for `identify_modal` and `identify_subspace`, which `known` comes from.
+
+    Raises
+    ------
+    FitError
+        As these.
+    """
+    if known.participations is not None:
+        return identify_modal(data, known, judged)
+    return identify_subspace(data, known.order, known.has_direct, [known.sections], judged=judged)
 
 
 def _problem(data: TrainingData, order: int) -> ModalProblem:

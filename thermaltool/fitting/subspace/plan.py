@@ -19,8 +19,7 @@ from thermaltool.fitting.rivals import MIN_GAIN
 from thermaltool.fitting.selection import Candidate, first_that_fits
 from thermaltool.fitting.start_state import with_start
 from thermaltool.fitting.subspace.choose import choose_order, start_errors
-from thermaltool.fitting.subspace.identify import identify_subspace
-from thermaltool.fitting.subspace.modal import identify_modal
+from thermaltool.fitting.subspace.modal import fitted_as
 from thermaltool.fitting.subspace.model import Subspace, SubspaceOutput
 from thermaltool.record import Record
 from thermaltool.units import Reference
@@ -89,7 +88,7 @@ class SubspacePlan(Plan):
         self._known.clear()
         model = first_that_fits(
             (candidate.model for candidate in candidates),
-            partial(_fitted, data),
+            partial(fitted_as, data),
         )
         return model.outputs, candidates
 
@@ -106,14 +105,7 @@ class SubspacePlan(Plan):
 
     def refitted(self, models: Sequence[OutputModel], data: TrainingData) -> Subspace:
         known = next(model for model in models if isinstance(model, SubspaceOutput))
-        return _fitted(data, Subspace((known,), known.criteria), judged=False)
-
-
-def _fitted(data: TrainingData, known: Subspace, judged: bool = True) -> Subspace:
-    """What was chosen, fitted to given data."""
-    if known.participations is not None:
-        return identify_modal(data, known, judged)
-    return identify_subspace(data, known.order, known.has_direct, [known.sections], judged=judged)
+        return fitted_as(data, Subspace((known,), known.criteria), judged=False)
 
 
 def _is_real(candidate: Candidate[Subspace]) -> bool:
