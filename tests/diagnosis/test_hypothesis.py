@@ -11,6 +11,7 @@ import pytest
 from thermaltool.diagnosis.fit import CandidateProducts, CauseCandidate, evaluate, profile
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.select import fit_candidate
+from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import RELEASED, WITHIN_CALIBRATION
 from thermaltool.diagnosis.validate import judge
 from thermaltool.effects import effect_class
@@ -18,6 +19,7 @@ from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
 from thermaltool.responses.deflection import Deflection
+from thermaltool.responses.rational import Rational1
 from thermaltool.signals.row_groups import MAX_ROWS, RowGroups
 
 HEAT, Z = "Q_main_1", "d_z_um"
@@ -192,3 +194,14 @@ def test_a_calibration_knows_its_own_log_to_the_noise(exponent, most) -> None:
     # Noise is 0.02: what many rows have settled is not open. The error of a curve holds what the
     # gains may make up for, which is counted beside it once more.
     assert open_to < most
+
+
+def test_a_loss_at_its_bound_is_moved_the_other_way() -> None:
+    """By one fiftieth more heat would be lost than can be followed beside a delay."""
+    late = Term(HEAT, Z, Rational1(80.0, 900.0, delay=12.0))
+    model = Model(MODEL.drives, MODEL.outputs, (late,), 5.0)
+    columns = {HEAT: LEVELS, Z: np.where(LEVELS > 0.4, 1.0, -1.0)}
+    on = 5.0 * np.sum(columns[Z] > 0)
+    loss = effect_class("switching_loss")(Z, {"rate": 298.0 / on, "on": 0.5, "off": -0.5})
+    found = SimulatedLogs(model, (Record(TIME, columns),), {}).span(loss)
+    assert {"rate", "on", "off"} <= found.keys()

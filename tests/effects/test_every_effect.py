@@ -62,11 +62,13 @@ def moved(*effects):
 def test_it_is_described(name):
     cls = effect_class(name)
     assert cls.name == name
-    assert cls.side in SIDES
-    for text in (cls.explanation, cls.action, cls.signature, cls.source):
-        assert len(text) > 15
-        assert text == text.strip()
-        assert not text.endswith(".")
+    # What a cause with several forms says of itself goes by its form.
+    for form in variants(name) or [cls]:
+        assert form.side in SIDES
+        for text in (form.explanation, form.action, form.signature, form.source):
+            assert len(text) > 15
+            assert text == text.strip()
+            assert not text.endswith(".")
 
 
 @acting

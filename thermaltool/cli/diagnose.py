@@ -33,7 +33,7 @@ OUTCOMES = {"adequate": (0, "green"), "not adequate": (DID_NOT_PASS, "red"),
     "--output",
     metavar="FILE",
     help="Where the extended model goes: the input, byte for byte, where no cause is found; "
-    "not written where a log would be worse by it.  [default: nowhere]",
+    "not written where LOG or --validate would be worse by it.  [default: nowhere]",
 )
 @click.option("--report", metavar="FILE.md", help="Report in Markdown, its figures beside it.")
 @click.option(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.effects.effect import Effect, Float, Scene, reference_of
+from thermaltool.errors import ModelError
 from thermaltool.model import (
     Model,
     StartedOutput,
@@ -272,12 +273,17 @@ class SimulatedLogs:
                 step = RELATIVE_MOVE * (
                     abs(value) if known.log else abs(value - known.neutral) or 1.0
                 )
-                step = step if value + step <= known.high else -step
-                there = self.with_effects(effect.changed({name: value + step}))
-                found[name] = {
-                    o: [(t[o] - h[o]) / step for t, h in zip(there, here, strict=True)]
-                    for o in self.groups
-                }
+                # A loss at its bound may be too strong to be followed beyond it.
+                for move in (step, -step) if value + step <= known.high else (-step,):
+                    try:
+                        there = self.with_effects(effect.changed({name: value + move}))
+                    except ModelError:
+                        continue
+                    found[name] = {
+                        o: [(t[o] - h[o]) / move for t, h in zip(there, here, strict=True)]
+                        for o in self.groups
+                    }
+                    break
         return found
 
     def level(self, drive: str) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 
 from thermaltool.documents import finite
 from thermaltool.effects.effect import Effect
+from thermaltool.effects.heat_loss import HeatLoss
 from thermaltool.errors import ModelError
 
 # name -> class in thermaltool.effects.<name>; imported on use.
@@ -117,10 +118,12 @@ def load_effect(document: Mapping[str, Any]) -> Effect:
         if known is None or (known.low > 0 and not value > 0):
             raise ModelError(f"{cls.name}: no parameter {name} = {value:g}")
     covariance = document.get("covariance")
+    further = {"air": document["air"]} if "air" in document and issubclass(cls, HeatLoss) else {}
     return cls(
         document["channel"],
         parameters,
         document.get("log"),
         None if covariance is None else np.array(covariance, float),
         document.get("partner"),
+        **further,
     )

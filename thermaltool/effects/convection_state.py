@@ -15,51 +15,59 @@ from thermaltool.effects.effect import (
     Outputs,
     Parameter,
     Scene,
-    Side,
     needed,
 )
+from thermaltool.effects.heat_loss import LOCAL, HeatLoss, places
 from thermaltool.record import Record
+from thermaltool.units import parse_channel
 
 # Levels of a table, at most, and what its numbers are called.
 MAX_LEVELS, NUMBERED = 9, ("level", "rate")
+# Lags of the heat that is lost at one place that are worth a trial.
+LAG_TRIALS = 5
+# A fan, a coolant or a door is none of these.
+NO_STATES = ("temperature", "temperature difference", "length")
 
 
-class ConvectionState(Effect):
-    """Heat is lost faster by `rate` in proportion to a channel (over its largest value).
+class ConvectionState(HeatLoss):
+    """Heat is lost faster in proportion to a channel (over its largest value), by `rate`.
 
-    A uniform rise of the film coefficient raises the rate of every thermal mode alike. The
-    channel is a state of the log, or a drive: a speed that moves the air, or, where `idle` is 1,
-    one whose absence counts. Or the rate goes by levels of the channel (`level0`, `rate0`,
-    `level1`, ...), along straight lines between them: with two of them x' = A x + B u − r x u.
+    The channel is a state of the log, or a drive: a speed that moves the air, or, where `idle` is
+    1, one whose absence counts. Or the rate goes by levels of the channel (`level0`, `rate0`,
+    `level1`, ...), along straight lines between them: with two of them x' = A x + B u − r x u. Or
+    heat is lost at one place, `partner`, alone.
     """
 
     name: ClassVar[str] = "convection_state"
-    side: ClassVar[Side] = "state"
     bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "the machine loses heat at another rate in some state: coolant on, spindle turning, fan, "
         "or the drive off (cooling down differs from warming up)"
     )
-    action: ClassVar[str] = (
-        "look at what changes the cooling with {channel} (coolant, fan, an open door, "
-        "standstill): the rate of heat loss changes by {rate}; keep it the same in all runs, "
-        "or leave the column in the log"
-    )
     signature: ClassVar[str] = (
-        "all outputs decay at another rate while the state lasts, in proportion to their level"
+        "all outputs decay at another rate while the state lasts, in proportion to their level or "
+        "to that of one place"
     )
     source: ClassVar[str] = "Mize 1998 (coolant on or off); Zhu, Ni & Shih 2008 (cool-down)"
-    causal: ClassVar[bool] = True
     known: ClassVar = {
         "rate": Parameter("1/s"),
         "level": Parameter("{channel}", fixed=True),
         "idle": Parameter("1", fixed=True),
+        **LOCAL,
         **{f"level{k}": Parameter("{channel}", fixed=True) for k in range(MAX_LEVELS)},
         **{f"rate{k}": Parameter("1/s") for k in range(MAX_LEVELS)},
     }
 
-    def needs(self) -> tuple[str, ...]:
-        return (self.channel,)
+    @property
+    def action(self) -> str:  # type: ignore[override]
+        """What a technician can do, with places for names."""
+        changes = "the rate of heat loss changes by {rate}"
+        if self.partner is not None:
+            changes = "it cools {partner}; {output} moves by up to {moves}"
+        return (
+            "look at what changes the cooling with {channel} (coolant, fan, an open door, "
+            f"standstill): {changes}; keep it the same in all runs, or leave the column in the log"
+        )
 
     @property
     def table(self) -> tuple[list[float], list[float]] | None:
@@ -71,15 +79,21 @@ class ConvectionState(Effect):
         return levels, rates
 
     def loss(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:
-        values = np.nan_to_num(needed(record, self.channel))
+        if self.partner is not None:
+            return None
         if self.table is not None:
-            return np.interp(values, *self.table)
-        share = np.abs(values) / self.parameters["level"]
-        if self.parameters["idle"]:
+            return np.interp(np.nan_to_num(needed(record, self.channel)), *self.table)
+        return self.parameters["rate"] * self.state(record)
+
+    def state(self, record: Record, memory: Memory = None) -> Float:
+        share = np.abs(np.nan_to_num(needed(record, self.channel))) / self.parameters["level"]
+        if self.parameters.get("idle"):
             share = (share < 0.02).astype(float)
-        return self.parameters["rate"] * np.minimum(share, 1.0)
+        return np.minimum(share, 1.0)
 
     def plausible(self, scene: Scene) -> bool:
+        if self.partner is not None:
+            return super().plausible(scene)
         rates = (v for name, v in self.parameters.items() if name.startswith("rate"))
         return all(is_plausible_rate(rate, scene) for rate in rates)
 
@@ -92,6 +106,9 @@ class ConvectionState(Effect):
             level = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
             if not level or np.ptp(values[np.isfinite(values)]) < 0.5 * level:
                 continue
+            if channel in scene.extra and parse_channel(channel).dimension not in NO_STATES:
+                for place, air, own in places(scene, LAG_TRIALS):
+                    yield cls(channel, {**own, "level": level}, partner=place, air=air)
             for idle in (1.0, 0.0) if channel in scene.drives else (0.0,):
                 for rate in (-0.3 / slowest, 0.3 / slowest, 1.0 / slowest):
                     yield cls(channel, {"rate": rate, "level": level, "idle": idle})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -17,24 +18,28 @@ from thermaltool.effects.effect import (
     Outputs,
     Parameter,
     Scene,
-    Side,
     needed,
 )
+from thermaltool.effects.heat_loss import LOCAL, HeatLoss, places
 from thermaltool.record import Record
 
 # Thresholds that are tried, and how far below them it is switched off, as shares of the range that
 # the temperature goes through.
 THRESHOLDS, BANDS = (0.3, 0.5, 0.7), (0.1, 0.3)
+# At the place of the thermostat itself many more are looked at, the likeliest ones closely, and so
+# many tried in full, with so many lags each.
+NEAR_THRESHOLDS, NEAR_BANDS = np.linspace(0.1, 0.98, 31).tolist(), (0.02, 0.06, 0.12, 0.2, 0.32)
+CLOSE_STEPS, CLOSE_LOOKS, MAX_PROBES, LAG_TRIALS = (0.015, 0.007, 0.003), 3, 2, 3
 
 
-class SwitchingLoss(Effect):
+class SwitchingLoss(HeatLoss):
     """Heat is lost faster by `rate` from where a temperature reaches `on` until it is below `off`.
 
-    The temperature is the reading of the log: a thermostat has no other either.
+    The temperature is the reading of the log: a thermostat has no other either. Or heat is lost at
+    one place, `partner`, alone.
     """
 
     name: ClassVar[str] = "switching_loss"
-    side: ClassVar[Side] = "state"
     bends: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "a fan, a pump or a valve that is not logged is switched by a thermostat"
@@ -48,21 +53,23 @@ class SwitchingLoss(Effect):
         "until it passes another one downwards"
     )
     source: ClassVar[str] = "Åström & Hägglund 1995, ch. 2 (relay with hysteresis)"
-    causal: ClassVar[bool] = True
     known: ClassVar = {
         "rate": Parameter("1/s", low=0.0),
         "on": Parameter("{channel}", place=True),
         "off": Parameter("{channel}", place=True),
+        **LOCAL,
     }
 
     @property
     def odds(self) -> float:
         return NOBODY_LOGGED
 
-    def needs(self) -> tuple[str, ...]:
-        return (self.channel,)
-
     def loss(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:
+        if self.partner is not None:
+            return None
+        return self.parameters["rate"] * self.state(record, memory)
+
+    def state(self, record: Record, memory: Memory = None) -> Float:
         memory = {} if memory is None else memory
         reading = needed(record, self.channel)
         off = min(self.parameters["off"], self.parameters["on"])
@@ -72,13 +79,15 @@ class SwitchingLoss(Effect):
         rows = np.maximum.accumulate(np.where(np.isfinite(says), np.arange(len(says)), 0))
         state = says[rows][1:]
         memory["state"] = float(state[-1])
-        return self.parameters["rate"] * state
+        return state
 
     def plausible(self, scene: Scene) -> bool:
         rises = self.parameters["off"] <= self.parameters["on"]
-        return (
-            super().plausible(scene) and rises and is_plausible_rate(self.parameters["rate"], scene)
-        )
+        if not (rises and super().plausible(scene)):
+            return False
+        if self.partner is not None:
+            return self.total(self.partner) < 0
+        return is_plausible_rate(self.parameters["rate"], scene)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
@@ -92,3 +101,34 @@ class SwitchingLoss(Effect):
             for share, band in itertools.product(THRESHOLDS, BANDS) if span else ():
                 on = low + share * span
                 yield cls(sensor, {"rate": 0.5 / slowest, "on": on, "off": on - band * span})
+            if span:
+                yield from cls._where_it_is_read(scene, sensor, low, span)
+
+    @classmethod
+    def _where_it_is_read(
+        cls, scene: Scene, sensor: str, low: float, span: float
+    ) -> Iterator[Effect]:
+        """A fan that cools the place of its thermostat, by what explains most of that output."""
+        lags = [each for each in places(scene, LAG_TRIALS) if each[0] == sensor]
+
+        def at(point: tuple[float, float], k: int) -> SwitchingLoss:
+            _, air, own = lags[k]
+            on = low + point[0] * span
+            limits = {"on": on, "off": on - point[1] * span}
+            return cls(sensor, {**own, **limits}, partner=sensor, air=air)
+
+        @cache
+        def explained(point: tuple[float, float]) -> float:
+            return at(point, len(lags) // 2).explained(scene)
+
+        grid = list(itertools.product(NEAR_THRESHOLDS, NEAR_BANDS)) if lags else []
+        found = sorted(grid, key=explained, reverse=True)[:CLOSE_LOOKS]
+        for step in CLOSE_STEPS:
+            moves = list(itertools.product((-step, 0.0, step), repeat=2))
+            found = [
+                max(((a + x, max(b + y, 0.0)) for x, y in moves), key=explained) for a, b in found
+            ]
+        likeliest = sorted(dict.fromkeys(found), key=explained, reverse=True)[:MAX_PROBES]
+        for point in likeliest:
+            if explained(point):
+                yield from (at(point, k) for k in range(len(lags)))

@@ -248,6 +248,8 @@ def check_supported(model: Model, measured: Sequence[str] = ()) -> tuple[str, ..
             if channel not in measured and effect.undone(STILL.time) is None:
                 notes.append(f"{channel}: the estimate is what acts, behind {name}")
         elif effect.side == "source":
+            if effect.partner is not None:
+                refuse(effect, f"not supported where heat is lost at one place, {effect.partner}")
             if not any(effect.path(output) for output in roles):
                 refuse(effect, "no column tells a stream of it")
         elif effect.side == "structure" and effect.joins:

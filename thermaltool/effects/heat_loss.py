@@ -1,0 +1,198 @@
+"""Heat that is lost faster in some state: everywhere alike, or at one place of the machine."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from thermaltool.effects.channels import is_air
+from thermaltool.effects.dynamics import from_rest, lagged, time_constants
+from thermaltool.effects.effect import (
+    Effect,
+    Float,
+    Memory,
+    Outputs,
+    Parameter,
+    Scene,
+    Side,
+)
+from thermaltool.record import Record
+from thermaltool.units import hold_of, is_temperature, parse_channel
+
+# Of a temperature by each degree of the place that loses heat.
+MAX_LOCAL_GAIN = 3.0
+# A loss at one place is told from another gain where its state is there, and is not, for this share
+# of the rows at least.
+MIN_IN_STATE = 0.03
+# Rows of a log that a quick look takes.
+LOOKED_AT = 2000
+# Parameters of a loss at one place.
+LOCAL: Mapping[str, Parameter] = {
+    "fast": Parameter("{output}/K", linear=True),
+    "slow": Parameter("{output}/K", linear=True),
+    "time_constant": Parameter("s", low=0.0, high=1e6, log=True),
+    "slowest": Parameter("s", fixed=True),
+}
+
+
+@dataclass(frozen=True)
+class HeatLoss(Effect, ABC):
+    """A film coefficient rises with a state, everywhere or at one place, `partner`.
+
+    A uniform rise raises the rate of every thermal mode alike: the subclass's `loss`. At one place,
+    a temperature T that is read, it takes the heat Δh·A·s·(T − T_air) out of the machine, s the
+    state between 0 and 1. What that does to an output is the sum of ``fast`` and ``slow`` times
+    s·(T − T_air) behind lags of `time_constant` and of the slowest mode, `slowest`.
+
+    Attributes
+    ----------
+    air : str or None
+        Temperature of the air at the place; without one T counts from its first value.
+    """
+
+    air: str | None = None
+
+    causal: ClassVar[bool] = True
+
+    @property
+    def side(self) -> Side:  # type: ignore[override]
+        """Heat that leaves at one place is a source below zero there."""
+        return "state" if self.partner is None else "source"
+
+    @property
+    def joins(self) -> bool:
+        """All outputs go by the state, or by what is read at the place."""
+        return True
+
+    def needs(self) -> tuple[str, ...]:
+        named = (self.channel, self.partner, self.air)
+        return tuple(dict.fromkeys(c for c in named if c is not None))
+
+    def without(self, names: tuple[str, ...]) -> Effect:
+        """As `Effect.without`; its state and its place stay what they are."""
+        return replace(super().without(names), channel=self.channel)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON."""
+        air = {} if self.air is None else {"air": self.air}
+        return {**super().document(), **air}
+
+    @abstractmethod
+    def state(self, record: Record, memory: Memory = None) -> Float:
+        """Share of the rise that there is in each row, shape (n,).
+
+        Parameters
+        ----------
+        record : Record
+        memory : dict, optional
+            As in `drive`.
+        """
+
+    def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
+        gains = [self.parameters.get(f"{base}[{name}]", 0.0) for base in ("fast", "slow")]
+        if self.partner is None or not any(gains):
+            return outputs[name]
+        return outputs[name] + np.dot(gains, self._felt(record, {} if memory is None else memory))
+
+    def _felt(self, record: Record, memory: dict[str, Any]) -> Float:
+        """What is lost at the place behind either lag, shape (2, n)."""
+        assert self.partner is not None
+        excess = self._above(record, self.partner, memory)
+        if self.air is not None:
+            excess = excess - self._above(record, self.air, memory)
+        lost, hold = self.state(record, memory) * excess, hold_of(self.channel)
+        return np.array(
+            [
+                lagged(
+                    record.time, lost, self.parameters[lag], hold, memory=memory.setdefault(lag, {})
+                )
+                for lag in ("time_constant", "slowest")
+            ]
+        )
+
+    def explained(self, scene: Scene) -> float:
+        """Sum of squares that a loss at one place takes off that output's residual; a quick look.
+
+        Parameters
+        ----------
+        scene : Scene
+
+        Returns
+        -------
+        float
+            0 where heat would have to enter, or the state never changes.
+        """
+        assert self.partner is not None
+        pairs = []
+        for log, residual in zip(scene.logs, scene.residual, strict=True):
+            thin = slice(None, None, -(-len(log.time) // LOOKED_AT))
+            columns = {c: log.columns[c][thin] for c in self.needs()}
+            felt, left = (
+                self._felt(Record(log.time[thin], columns), {}),
+                residual[self.partner][thin],
+            )
+            rows = np.isfinite(left)
+            felt, left = felt[:, rows], left[rows]
+            pairs.append((felt - felt.mean(axis=1, keepdims=True), left - left.mean()))
+        x, y = (np.concatenate(each, axis=-1) for each in zip(*pairs, strict=True))
+        gains = np.linalg.lstsq(x.T, y, rcond=None)[0]
+        return float(gains @ (x @ y)) if gains.sum() < 0 else 0.0
+
+    def _above(self, record: Record, channel: str, memory: dict[str, Any]) -> Float:
+        """A temperature that is read: as such beside one of the air, else from its first value."""
+        kept = memory.setdefault(channel, {})
+        rise = from_rest(record, channel, kept)
+        return rise if self.air is None else rise + kept.get("reading", [0.0])[0]
+
+    def plausible(self, scene: Scene) -> bool:
+        if not super().plausible(scene):
+            return False
+        if self.partner is None:
+            return True
+        # In the long run heat that leaves cools everything that it moves, the place itself first.
+        moved = [total for o in scene.outputs if is_temperature(o) and (total := self.total(o))]
+        here = self.total(self.partner)
+        same = here != 0 and all(total * here > 0 for total in moved)
+        states = np.concatenate([self.state(log) for log in scene.logs])
+        both = MIN_IN_STATE < float(np.mean(states)) < 1 - MIN_IN_STATE
+        return same and both and all(abs(total) <= MAX_LOCAL_GAIN for total in moved)
+
+    def total(self, output: str) -> float:
+        """What an output is moved by in the long run for each degree of the place.
+
+        Parameters
+        ----------
+        output : str
+        """
+        return sum(self.parameters.get(f"{base}[{output}]", 0.0) for base in ("fast", "slow"))
+
+
+def places(scene: Scene, trials: int) -> Iterator[tuple[str, str | None, dict[str, float]]]:
+    """Every temperature of the model that all logs read, and what a loss there is tried with.
+
+    Parameters
+    ----------
+    scene : Scene
+    trials : int
+        Lags at each place.
+
+    Yields
+    ------
+    place, air, parameters
+        No air for a place that reads a difference of temperatures.
+    """
+    logged = set.intersection(*(set(log.columns) for log in scene.logs))
+    air = next((c for c in sorted(logged) if is_air(c)), None)
+    gains = {f"{base}[{o}]": 1.0 for base in ("fast", "slow") for o in scene.outputs}
+    for place in scene.sensors():
+        if place not in logged or not is_temperature(place):
+            continue
+        absolute = parse_channel(place).dimension == "temperature"
+        slowest = float(scene.slowest[place])
+        for tau in time_constants(10 * scene.period, slowest, trials):
+            given = {"time_constant": tau, "slowest": slowest}
+            yield place, air if absolute else None, {**gains, **given}
