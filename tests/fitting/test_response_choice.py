@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from machines.cooled_chain import CooledChain
 from machines.heated_rod import HeatedRod
 
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
@@ -198,3 +199,22 @@ def test_gains_that_cancel_are_told_and_not_chosen():
     assert any("gains cancel" in note for note in calibration_warnings(forced))
     free = fitted(log, (HEAT, ROOM))
     assert not any("gains cancel" in note for note in calibration_warnings(free))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("machine", "output"),
+    [(1336930158, "T_housing_degC"), (43277377, "T_housing_degC"), (395248134, "T_motor_degC")],
+)
+def test_a_room_that_hardly_moves_is_given_no_gain_that_no_machine_has(machine, output):
+    """A kind for each drive is judged by its best fit, and a gain of -8 °C/°C is no answer."""
+    chain, drives = CooledChain.drawn(machine), ("P_motor_W", "T_room_degC")
+    logs = []
+    for seed, rows in ((1, 1800), (2, 1440), (3, 1440)):
+        columns = chain.log(machine + seed, rows=rows)
+        logs.append(Record(columns["time_s"], {c: columns[c] for c in (*drives, output)}))
+    model = calibrate([logs[0]], CalibrationPlan(drives, (output,), choose=True))
+    room = next(t.response for t in model.terms if t.drive == "T_room_degC")
+    assert 0.5 < room.transfer(np.array([1e-9 + 0j]))[0].real < 1.5
+    for log in logs[1:]:
+        assert agreements(model, [log])[output].rmse < 0.15

@@ -83,7 +83,7 @@ class CooledChain:
         heat = self.power * _spells(rng, rows, 40, 240, (0.0, 0.3, 0.6, 1.0))
         heat[:30] = 0.0
         spells = _spells(rng, rows, 120, 360, (0.0, 1.0))
-        time = period * np.arange(rows)
+        time: Array = period * np.arange(rows, dtype=float)
         room = 20 + 0.8 * np.sin(2 * np.pi * (time / 9000 + rng.uniform()))
         T, on, readings, fan = np.full(3, room[0]), 0.0, np.empty((rows, 3)), np.zeros(rows)
         for k in range(rows):
@@ -102,15 +102,14 @@ class CooledChain:
                 gained[0] += heat[k]
                 T = T + period / STEPS * gained / self.capacity
             fan[k] = on
-        columns = {"time_s": time, "P_motor_W": heat, "T_room_degC": room}
+        columns: dict[str, Array] = {"time_s": time, "P_motor_W": heat}
         columns["T_room_degC"] = room + NOISE["T"] * rng.normal(size=rows)
         if thermostat is None:
             columns["x_fan_1"] = fan
         for name, values in zip(PLACES, readings.T, strict=True):
             columns[f"T_{name}_degC"] = values + NOISE["T"] * rng.normal(size=rows)
-        columns["d_tool_um"] = (readings - 20.0) @ self.expansion + NOISE["d"] * rng.normal(
-            size=rows
-        )
+        noise = NOISE["d"] * rng.normal(size=rows)
+        columns["d_tool_um"] = np.asarray((readings - 20.0) @ self.expansion + noise)
         return columns
 
 

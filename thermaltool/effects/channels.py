@@ -23,6 +23,10 @@ AIR_WORDS = {
     "workshop",
 }
 PART_WORDS = {"part", "work", "workpiece"}
+# Of a temperature to one that it warms: nothing warms more than what warms it, but the logged
+# sensor may be on its far side. Air warms a machine by as much in the long run, where nothing else
+# does.
+MAX_TEMPERATURE_GAIN, AIR_GAINS = 3.0, (-0.5, 2.0)
 
 
 def _speaks_of(channel: str, words: set[str]) -> bool:
@@ -50,6 +54,20 @@ def is_part(channel: str) -> bool:
     channel : str
     """
     return _speaks_of(channel, PART_WORDS)
+
+
+def is_possible_gain(source: str, output: str, gain: float) -> bool:
+    """Whether a channel may move an output by so much in the long run, as far as its name says.
+
+    Parameters
+    ----------
+    source, output : str
+    gain : float [unit of the output over that of the source]
+    """
+    if not (is_temperature(source) and is_temperature(output)):
+        return True
+    low, high = AIR_GAINS if is_air(source) else (-MAX_TEMPERATURE_GAIN, MAX_TEMPERATURE_GAIN)
+    return low <= gain <= high
 
 
 def source_channels(scene: Scene) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from thermaltool.effects.channels import is_air
+from thermaltool.effects.channels import MAX_TEMPERATURE_GAIN, is_air
 from thermaltool.effects.dynamics import from_rest, lagged, time_constants
 from thermaltool.effects.effect import (
     Effect,
@@ -23,8 +23,6 @@ from thermaltool.effects.effect import (
 from thermaltool.record import Record
 from thermaltool.units import hold_of, is_temperature, parse_channel
 
-# Of a temperature by each degree of the place that loses heat.
-MAX_LOCAL_GAIN = 3.0
 # A loss at one place is told from another gain where its state is there, and is not, for this share
 # of the rows at least.
 MIN_IN_STATE = 0.03
@@ -159,7 +157,7 @@ class HeatLoss(Effect, ABC):
         same = here != 0 and all(total * here > 0 for total in moved)
         states = np.concatenate([self.state(log) for log in scene.logs])
         both = MIN_IN_STATE < float(np.mean(states)) < 1 - MIN_IN_STATE
-        return same and both and all(abs(total) <= MAX_LOCAL_GAIN for total in moved)
+        return same and both and all(abs(total) <= MAX_TEMPERATURE_GAIN for total in moved)
 
     def total(self, output: str) -> float:
         """What an output is moved by in the long run for each degree of the place.

@@ -6,13 +6,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
+from thermaltool.effects.channels import MAX_TEMPERATURE_GAIN
 from thermaltool.effects.dynamics import MAX_LAG_RECORDS, time_constants, warmed
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Scene, Side, reference_of
 from thermaltool.record import Record
 from thermaltool.units import is_temperature
-
-# Of a temperature to one that it warms.
-MAX_TEMPERATURE_GAIN = 3.0
 
 
 class HeatSource(Effect, ABC):

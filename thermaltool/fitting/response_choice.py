@@ -25,7 +25,13 @@ from thermaltool.fitting.kind_candidate import (
 )
 from thermaltool.fitting.output_fit import check_records
 from thermaltool.fitting.projection import MAX_CANCELLATION, GridStates
-from thermaltool.fitting.response_search import BLOCKS, CandidateData, FittedKinds, KindSearch
+from thermaltool.fitting.response_search import (
+    BLOCKS,
+    FEW_STARTS,
+    CandidateData,
+    FittedKinds,
+    KindSearch,
+)
 from thermaltool.model import Drive
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
@@ -164,7 +170,7 @@ def _with_delay(each: FittedKinds, d: int, delay: float) -> tuple[float, ...]:
 
 def _size_of(task: KindSearch, base: FittedKinds, d: int, delay: float) -> float:
     """Sum of squares with another delay of one drive: each delay has rates of its own."""
-    found = task.fit(base.kinds, _with_delay(base, d, delay))
+    found = task.fit(base.kinds, _with_delay(base, d, delay), refined=FEW_STARTS)
     return base.size if found is None else found.size
 
 
@@ -202,9 +208,17 @@ def _golden(size: Callable[[float], float], low: float, high: float, steps: int)
 
 
 def _mixed(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
+    """From the best, and from the best without a delay, where that is another."""
+    plain = [each for each in found if not any(each.delays)]
+    starts = {id(each): each for each in (_best(found, rows), _best(plain, rows))}
+    return [each for start in starts.values() for each in _replaced(task, start, plain, rows)]
+
+
+def _replaced(
+    task: KindSearch, best: FittedKinds, plain: Sequence[FittedKinds], rows: float
+) -> list[FittedKinds]:
     """Without each of the drives, and with another kind for one after the other."""
-    alike = {each.kinds[0]: each for each in found if not any(each.delays)}
-    best = _best(found, rows)
+    alike = {each.kinds[0]: each for each in plain}
     tried: list[FittedKinds] = []
     for d in range(len(best.kinds)):
         others = [_left_out(task, best, d)]
@@ -230,9 +244,10 @@ def _best(found: Sequence[FittedKinds], rows: float) -> FittedKinds:
 
 
 def _sound(found: Sequence[FittedKinds]) -> list[FittedKinds]:
-    """Those that may be an answer: whose terms do not cancel, of lags that the records show."""
+    """Those that may be an answer: possible ones, of lags that show, whose terms do not cancel."""
     steady = _unless_far(found, lambda each: each.cancellation <= MAX_CANCELLATION, CANCELLING_LOSS)
-    return _unless_far(steady, lambda each: each.slowest <= MAX_SLOWEST, SLOW_LOSS)
+    seen = _unless_far(steady, lambda each: each.slowest <= MAX_SLOWEST, SLOW_LOSS)
+    return _unless_far(seen, lambda each: not each.impossible, CANCELLING_LOSS)
 
 
 def _unless_far(
@@ -247,6 +262,8 @@ def _unless_far(
 
 def _unsound(each: FittedKinds) -> str:
     """Why a candidate is no answer, however close it comes; empty where it is one."""
+    if each.impossible:
+        return each.impossible
     if each.cancellation > MAX_CANCELLATION:
         return f"terms of {each.cancellation:.3g} times the output cancel"
     if each.slowest > MAX_SLOWEST:
@@ -270,10 +287,13 @@ class _Judgement:
 
     def __init__(self, found: Sequence[FittedKinds], data: CandidateData, rows: float) -> None:
         self.data, self.rows = data, rows
-        # A delay is a cause of its own: it has to say more than any kind without one.
+        # A delay is a cause of its own: it has to say more than any kind without one that is as
+        # sound.
         plain = [each for each in found if not any(each.delays)]
-        gain = _criterion(_best(plain, rows), rows) - _criterion(_best(found, rows), rows)
-        self.found = list(found) if gain > DECISIVE else plain
+        alike = [each for each in _sound(found) if not any(each.delays)]
+        least = min((_criterion(each, rows) for each in alike), default=np.inf)
+        delayed = least - _criterion(_best(found, rows), rows) > DECISIVE
+        self.found = list(found) if delayed else plain
         sound = _sound(self.found)
         self.least = _criterion(_best(sound, rows), rows)
         closest, kept = min(sound, key=lambda each: each.size), {id(each) for each in sound}

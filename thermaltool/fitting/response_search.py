@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.effects.channels import is_possible_gain
 from thermaltool.errors import FitError
 from thermaltool.fitting.averaging import known_noise
 from thermaltool.fitting.parametrization import Parametrization
@@ -17,7 +18,7 @@ from thermaltool.fitting.projection import CalibrationProblem, GridStates, Trian
 from thermaltool.fitting.start_search import COARSE, StartSearch
 from thermaltool.model import Drive
 from thermaltool.record import Record
-from thermaltool.responses import response_class
+from thermaltool.responses import Response, response_class
 from thermaltool.responses.modes import Float
 from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.robust import robust_std
@@ -26,10 +27,13 @@ from thermaltool.signals.robust import robust_std
 MAX_GROUPS = 1200
 # The records are cut into so many blocks, every fourth of which is held out in turn.
 BLOCKS, FOLDS = 96, 4
-# Starts of each search that are refined.
-STARTS = 2
+# Starts of each search that are refined. With several drives kinds have many minima, and one that
+# is judged by a wrong one loses to a kind that can do anything; fewer do where delays are compared.
+STARTS, FEW_STARTS = 16, 2
 # Sums over so many blocks say how many rows are independent.
 INDEPENDENT_BLOCKS = 48
+# Of a rate so many times below the slowest one a response is as good as settled.
+STEADY = 1e-6
 # Rows whose residual is beyond so many robust deviations of a first fit take no part.
 MAX_DEVIATIONS = 8.0
 
@@ -80,6 +84,8 @@ class FittedKinds:
         Size of the largest term over that of the output.
     slowest : float
         Slowest time constant over the longest record.
+    impossible : str
+        A gain that no machine has; empty where there is none.
     search : StartSearch
     data : CandidateData
     """
@@ -91,6 +97,7 @@ class FittedKinds:
     residual: Float
     cancellation: float
     slowest: float
+    impossible: str
     search: StartSearch
     data: CandidateData
 
@@ -269,7 +276,11 @@ class KindSearch:
         return float((search.refine(theta, data.whole)[0] * search.scale) ** 2)
 
     def fit(
-        self, kinds: tuple[str, ...], delays: tuple[float, ...], theta: Float | None = None
+        self,
+        kinds: tuple[str, ...],
+        delays: tuple[float, ...],
+        theta: Float | None = None,
+        refined: int | None = None,
     ) -> FittedKinds | None:
         """Kinds fitted to all rows; None where they cannot be.
 
@@ -278,7 +289,9 @@ class KindSearch:
         kinds : tuple of str, one for each drive
         delays : tuple of float [s]
         theta : ndarray, shape (searched,), optional
-            Where to start; the grids of the kinds by default.
+            Where to start, too, beside the grids of the kinds.
+        refined : int, optional
+            Starts from which a minimum is sought; by the number of drives by default.
         """
         data = self.data(delays)
         search = self._search(data, kinds)
@@ -286,9 +299,10 @@ class KindSearch:
         unknowns = data.problem.unknowns(own)
         if len(data.problem.measured) * (FOLDS - 1) <= unknowns * FOLDS:
             return None
-        starts = own.starts(self.period, self.duration) if theta is None else [theta]
+        starts = [*own.starts(self.period, self.duration), *([] if theta is None else [theta])]
+        several = STARTS if len(self.drives) > 1 else FEW_STARTS
         try:
-            theta = search.best(starts, data.whole, STARTS, _silent)[0][1]
+            theta = search.best(starts, data.whole, refined or several, _silent)[0][1]
         except FitError:
             return None
         residual, linear = search.fitted(theta, data.whole)
@@ -298,8 +312,25 @@ class KindSearch:
         responses = own.responses(theta, linear[: own.gains])
         slowest = max(response.slowest() for response in responses) / self.duration
         return FittedKinds(
-            kinds, delays, count, theta, residual, cancellation, slowest, search, data
+            kinds,
+            delays,
+            count,
+            theta,
+            residual,
+            cancellation,
+            slowest,
+            self._impossible(responses),
+            search,
+            data,
         )
+
+    def _impossible(self, responses: Sequence[Response]) -> str:
+        for drive, response in zip(self.drives, responses, strict=True):
+            slow = np.array([STEADY / response.slowest()], complex)
+            gain = float(response.transfer(slow)[0].real)
+            if not is_possible_gain(drive.channel, self.output, gain):
+                return f"{drive.channel} would move it by {gain:.3g} °C for each °C"
+        return ""
 
 
 def _silent(message: str) -> None:

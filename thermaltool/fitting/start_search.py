@@ -30,6 +30,8 @@ class Tolerance:
     central: bool
 
 
+# In a comparison all starts take so many steps, and so many of them go on.
+FIRST_STEPS, LEADERS = 8, 2
 # Step of a trust region that counts as one, in logarithms; where the search ends.
 STEP_SCALE = 0.3
 FINE, COARSE = Tolerance(1e-10, 1e-13, True), Tolerance(1e-4, 1e-5, False)
@@ -94,19 +96,23 @@ class StartSearch:
             slopes += np.outer(self.errors(theta, triangle) / (1 + excess), rise)
         return np.asarray(slopes)
 
-    def refine(self, theta: Float, triangle: Triangle) -> tuple[float, Float]:
+    def refine(
+        self, theta: Float, triangle: Triangle, most: int | None = None
+    ) -> tuple[float, Float]:
         """Size of the errors at the minimum near `theta`, and where it is.
 
         Parameters
         ----------
         theta : ndarray, shape (searched,)
         triangle : Triangle
+        most : int, optional
+            Steps after which the search ends anyway.
         """
         low, high = self.bounds
         inside = np.clip(theta, low + 1e-9, high - 1e-9)
         solution = least_squares(
             self.errors, inside, self.slopes, bounds=self.bounds, x_scale=STEP_SCALE,
-            xtol=self.tolerance.step, ftol=self.tolerance.loss, args=(triangle,),
+            xtol=self.tolerance.step, ftol=self.tolerance.loss, args=(triangle,), max_nfev=most,
         )  # fmt: skip
         return float(np.linalg.norm(self.errors(solution.x, triangle))), solution.x
 
@@ -132,13 +138,16 @@ class StartSearch:
             None of the grid has finite errors.
         """
         sizes = np.array([np.linalg.norm(self.errors(theta, triangle)) for theta in grid])
-        order = [k for k in np.argsort(sizes) if np.isfinite(sizes[k])][:starts]
+        order = [grid[k] for k in np.argsort(sizes) if np.isfinite(sizes[k])][:starts]
         if not order:
             raise FitError("no start of the search has a finite error")
+        if self.tolerance is COARSE and len(order) > LEADERS:
+            ahead = [self.refine(theta, triangle, FIRST_STEPS) for theta in order]
+            order = [theta for _, theta in sorted(ahead, key=lambda result: result[0])[:LEADERS]]
         reached = []
-        for number, k in enumerate(order):
+        for number, theta in enumerate(order):
             progress(f"start {number + 1} of {len(order)}")
-            reached.append(self.refine(grid[k], triangle))
+            reached.append(self.refine(theta, triangle))
         return sorted(reached, key=lambda result: result[0])
 
     def fitted(self, theta: Float, triangle: Triangle) -> tuple[Float, Float]:
