@@ -15,11 +15,18 @@ from thermaltool.estimation.innovation_test import Alarm
 from thermaltool.estimation.lookahead import Lookahead, look
 from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.estimation.start import Initial
-from thermaltool.model import Excursion, Model, away_from_rest, beside, excursions, extrapolated
+from thermaltool.model import (
+    Excursion,
+    Model,
+    Zero,
+    away_from_rest,
+    excursions,
+    extrapolated,
+    zero_beside,
+)
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.signals.agreement import Agreement, agreement
-from thermaltool.units import Reference
 
 # Before the name of an estimate stands this for its standard error.
 SIGMA = "sigma_"
@@ -35,6 +42,8 @@ class EstimatedRecord:
     estimates : mapping of channel to ndarray, shape (n,)
     agreement : mapping of channel to Agreement
         With what the record holds of the same channels.
+    zeros : mapping of channel to Zero
+        What these count from in the record.
     not_at_rest : mapping of column to float
         First readings, relative to rest, that contradict a machine at rest.
     excursions : tuple of Excursion
@@ -59,6 +68,7 @@ class EstimatedRecord:
     time: Float
     estimates: Mapping[str, Float]
     agreement: Mapping[str, Agreement]
+    zeros: Mapping[str, Zero]
     not_at_rest: Mapping[str, float]
     excursions: tuple[Excursion, ...]
     extrapolated: tuple[Excursion, ...]
@@ -127,7 +137,7 @@ def estimate(
     else:
         how = how or Lookahead()
         taken = np.column_stack(pipeline.estimator_inputs([*true_values.T]))
-        looked = look(model, pipeline.estimator, record.time, taken, how, initial)
+        looked = look(model, pipeline.estimator, record.time, taken, how, initial, not not_at_rest)
         found = pipeline.given_out([*looked.estimates.T])
         sizes = None if how.sizes == "design" else looked.estimator
         deconvolved = looked.deconvolved
@@ -141,10 +151,15 @@ def estimate(
             errors = [np.abs(a - b) / 2 for a, b in zip(high, low, strict=True)]
             sigma = dict(zip(names, errors, strict=True))
     estimates = dict(zip(names, found, strict=True))
+    zeros = _zeros(model, record, estimates, initial != "rest" or bool(not_at_rest))
     return EstimatedRecord(
         record.time,
         estimates,
-        _agreement(model, record, estimates),
+        {
+            name: agreement(record.columns[name] - zero.value, estimates[name])
+            for name, zero in zeros.items()
+        },
+        zeros,
         not_at_rest,
         excursions(model, behind),
         extrapolated(model, estimates),
@@ -157,18 +172,14 @@ def estimate(
     )
 
 
-def _agreement(
-    model: Model, record: Record, estimates: Mapping[str, Float]
-) -> dict[str, Agreement]:
-    """With the measured channels; what has no zero counts from the level of its first rows."""
+def _zeros(
+    model: Model, record: Record, estimates: Mapping[str, Float], warm: bool
+) -> dict[str, Zero]:
+    """What each measured channel counts from beside its estimate."""
     references = {d.channel: d.reference for d in model.drives}
     references |= {o.channel: o.offset for o in model.outputs}
     return {
-        name: agreement(_counted(record.columns[name], values, references[name]), values)
+        name: zero_beside(record.time, record.columns[name], values, references[name], warm)
         for name, values in estimates.items()
         if name in record.columns and len(record)
     }
-
-
-def _counted(measured: Float, estimated: Float, rest: Reference) -> Float:
-    return beside(measured, estimated) if rest == "first" else measured - rest

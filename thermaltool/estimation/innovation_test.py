@@ -25,6 +25,7 @@ from thermaltool.estimation.start import Initial
 from thermaltool.estimation.static_gains import checked_sensors
 from thermaltool.responses.modes import Float
 from thermaltool.responses.sample_clock import CLOCK_STEP
+from thermaltool.status import NOT_POSSIBLE, PARTED, QUIET
 
 # The test's heat changes faster than that of the design by this factor: a step of heat, which a
 # random walk does not expect, is no alarm.
@@ -46,8 +47,6 @@ MAX_PAUSE, BLIND_TIME = 5, 60.0
 MAX_CACHED_LENGTHS = 64
 # A quiet record of which a smaller share of the rows counts says how many do.
 MIN_TESTED = 0.5
-# What an alarm says; "untested" of a row that does not count.
-QUIET, PARTED, UNTESTED, NOT_POSSIBLE = "quiet", "parted", "untested", "not possible"
 
 
 @dataclass(frozen=True)
@@ -68,9 +67,16 @@ class Alarm:
     reason: str = ""
     row: int | None = None
 
-    def document(self) -> dict[str, Any]:
-        """As JSON."""
-        return {"alarm": self.word, "alarm_reason": self.reason}
+    def document(self, time: Float) -> dict[str, Any]:
+        """As JSON, with the moment at which it comes.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,) [s]
+            Of the record.
+        """
+        at = None if self.row is None else float(time[self.row])
+        return {"word": self.word, "reason": self.reason, "time_s": at}
 
 
 class InnovationTest:

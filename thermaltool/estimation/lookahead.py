@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -25,16 +25,19 @@ from thermaltool.estimation.heat_steps import (
     smooth_with_steps,
     why_no_steps,
 )
-from thermaltool.estimation.innovation_test import PARTED, Alarm, InnovationTest, record_alarm
+from thermaltool.estimation.innovation_test import Alarm, InnovationTest, record_alarm
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.likelihood import fit_sizes
 from thermaltool.estimation.parameter_error import parameter_variance
 from thermaltool.estimation.pauses import with_pauses
 from thermaltool.estimation.permanent_effects import apply_maps, drive_maps
-from thermaltool.estimation.smoother import Smoothed, smooth
-from thermaltool.estimation.start import Initial
+from thermaltool.estimation.running_error import RunningError, running_errors
+from thermaltool.estimation.smoother import smooth
+from thermaltool.estimation.start import Initial, drive_levels
+from thermaltool.estimation.stream_bands import stream_bands
 from thermaltool.model import Model
 from thermaltool.responses.modes import Float
+from thermaltool.status import PARTED
 
 RateSource = float | Literal["likelihood", "design"]
 
@@ -131,6 +134,7 @@ def look(
     taken: Float,
     how: Lookahead,
     initial: Initial = "rest",
+    at_rest: bool = True,
 ) -> Looked:
     """Estimates of a whole record as `how` asks.
 
@@ -146,6 +150,8 @@ def look(
     initial : {"rest", "settled", "free"}
         The machine at the first row: at rest, settled at the readings, or, where all is smoothed,
         in a state that is estimated.
+    at_rest : bool
+        Whether the first readings allow a machine at rest.
 
     Raises
     ------
@@ -157,6 +163,7 @@ def look(
     if initial == "free" and not how.smooth:
         raise ModelError("--initial free goes with --smooth: a filter starts at a known state")
     settled = initial != "rest"
+    begins: Initial = initial if settled or at_rest else "free"
     designed = kalman = linear_kalman(estimator)
     sensors = len(kalman.sensors)
     readings, behind = taken[:, :sensors], np.zeros((len(time), len(kalman.estimates)))
@@ -207,21 +214,27 @@ def look(
             return fixed_lag(kalman, time, readings, how.lag, settled)
         return kalman.run(time, readings, settled)
 
-    if how.bands or stepped:
+    smoothed = None
+    if how.smooth and (how.bands or stepped):
         smoothed = (smooth(kalman, time, readings, level, initial) if stepped is None
                     else smooth_with_steps(stepped, time, readings, level))  # fmt: skip
-        estimates = smoothed.estimates if how.smooth else estimated(readings)
-    else:
-        estimates = estimated(readings)
+    estimates = estimated(readings) if smoothed is None else smoothed.estimates
     sigma = None
-    if how.bands:
+    if how.bands and smoothed is not None:
+        sigma = _with_parameters(
+            smoothed.sigma, model, kalman, time, estimates, readings, estimated
+        )
+    elif how.bands:
         told = kalman
-        if how.walk is None and not how.smooth:
+        if how.walk is None:
             told = _as_told(kalman, time, readings, level, initial)
-        variance = _variance(kalman, told, time, smoothed, how)
-        if len(time) > 1:
-            variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
-        sigma = np.sqrt(variance)
+        sigma = _filtered_sigma(kalman, told, time, level, begins, how.lag)
+        if how.walk == "design" and not how.lag:
+            # As a stream has them.
+            relative, _, _ = stream_bands(model.estimator_design(), len(kalman.estimates))
+            sigma = np.hypot(sigma, np.array(relative) * estimates)
+        else:
+            sigma = _with_parameters(sigma, model, kalman, time, estimates, readings, estimated)
     if alarm is not None and alarm.row is not None:
         alarm = replace(alarm, row=int(np.count_nonzero(there[: alarm.row])))
     estimates, sigma = estimates[there] + behind, None if sigma is None else sigma[there]
@@ -237,24 +250,44 @@ def _alarm(
     return record_alarm(test, time, readings, initial, drive_levels(model, designed.drives))
 
 
-def _variance(
-    kalman: KalmanEstimator, told: KalmanEstimator, time: Float, smoothed: Smoothed, how: Lookahead
+def _with_parameters(
+    sigma: Float,
+    model: Model,
+    kalman: KalmanEstimator,
+    time: Float,
+    estimates: Float,
+    readings: Float,
+    estimated: Callable[[Float], Float],
 ) -> Float:
-    """Of the estimates, for a model that is right."""
-    if how.smooth:
-        return np.square(smoothed.sigma)
-    filtered = np.square(smoothed.filtered_sigma)
+    """Standard errors for a model that is right, and those that its parameters make."""
     if len(time) < 2:
-        return filtered
-    # The gains are those of the walk that a design has chosen; how far they leave the estimates
-    # from the heat depends on how it wanders here. On the mean over the record's clock; the last
-    # rows have fewer readings after them.
-    period = float(np.median(np.diff(time)))
-    rows = round(how.lag / period) if how.lag else 0
+        return sigma
+    variance = parameter_variance(model, kalman, time, estimates, readings, estimated)
+    return np.sqrt(np.square(sigma) + variance)
+
+
+def _filtered_sigma(
+    kalman: KalmanEstimator,
+    told: KalmanEstimator,
+    time: Float,
+    level: Sequence[float],
+    begins: Initial,
+    lag: float | None,
+) -> Float:
+    """Standard errors of estimates with readings up to their moment, or of `lag` seconds more.
+
+    The gains are those of the walk that a design has chosen; how far they leave the estimates from
+    the heat depends on how it wanders here, as `told`.
+    """
+    period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    sigma = running_errors(RunningError(kalman, period, level, told), time, begins)
+    if not lag or len(time) < 2:
+        return sigma
+    # On the mean over the record's clock; the last rows have fewer readings after them.
+    rows = round(lag / period)
     ahead = np.minimum(np.arange(len(time))[::-1], rows)
-    steady = error_variance(kalman, kalman, period, 0)[0]
-    found = error_variance(kalman, told, period, rows)
-    return filtered * (found / np.maximum(steady, 1e-300))[ahead]
+    found = np.sqrt(error_variance(kalman, told, period, rows))
+    return np.asarray(sigma * (found / np.maximum(found[0], 1e-300))[ahead])
 
 
 def _as_told(
@@ -269,9 +302,3 @@ def _as_told(
         return fit_sizes(kalman, time, readings, initial=initial, level=level).estimator
     except (LogError, FitError):
         return kalman
-
-
-def drive_levels(model: Model, drives: Sequence[str]) -> tuple[float, ...]:
-    """The largest size of each drive in the calibration; 1 where it was none."""
-    ranges = {d.channel: max(map(abs, d.range)) for d in model.drives}
-    return tuple(float(ranges[name]) or 1.0 for name in drives)

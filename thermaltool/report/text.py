@@ -168,9 +168,10 @@ def start_message(log: Log, rmse: Mapping[str, float]) -> str:
     )
 
 
-def zero_message(channel: str, zero: Zero, log: Log) -> str:
+def zero_message(channel: str, zero: Zero, log: Log, computed: str = "simulated") -> str:
     """From what the zero of an output was taken that has none of its own."""
-    return (
-        f"{channel}: counts from the median of measured minus simulated over the first "
-        f"{zero.stop - log.time[0]:.4g} s ({counted(zero.rows, 'reading')})"
-    )
+    if zero.rows == 1:
+        return f"{channel}: counts from its first reading minus what is {computed} there"
+    first = f"the first {zero.stop - log.time[0]:.4g} s ({counted(zero.rows, 'reading')})"
+    over = "all rows" if zero.rows > 0.9 * len(log) else first
+    return f"{channel}: counts from the median of measured minus {computed} over {over}"
