@@ -133,6 +133,8 @@ class LogEstimate(Result):
         }
         if self.found.alarm is not None:
             found["alarm"] = self.found.alarm.document(self.found.time)
+        if self.found.change is not None:
+            found["change"] = self.found.change.document()
         if self.found.deconvolved is not None:
             found["deconvolution"] = deconvolution_document(self.found.deconvolved)
         return found
@@ -348,6 +350,7 @@ def estimate(
     from thermaltool.model import NOT_AT_REST
     from thermaltool.report.text import (
         alarm_messages,
+        change_message,
         excursion_message,
         period_messages,
         row_message,
@@ -377,6 +380,8 @@ def estimate(
     if found.alarm is not None:
         for sentence in alarm_messages(log, found.alarm):
             warn(sentence)
+    if found.change is not None and found.change.explains:
+        warn(change_message(log, found.change, found.change.taken and smooth))
     for sentence in found.deconvolved.notes if found.deconvolved else ():
         warn(sentence)
     for sentence in (*stuck_messages(log, need), *period_messages(log, model)):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from thermaltool.errors import LogError, counted
+from thermaltool.estimation.changed_machine import Change
 from thermaltool.estimation.deconvolution import Deconvolved
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.heat_steps import HeatSteps
@@ -56,13 +57,15 @@ class EstimatedRecord:
         With the sizes of walk and noise that were taken, where they are not the design's.
     alarm : Alarm or None
         Whether model and machine contradict each other; looked for where standard errors were
-        asked for or steps could be looked for.
+        asked for or all is smoothed.
     steps : HeatSteps or None
         What the readings say of steps of the heat, where these were looked for.
     no_steps : str
         Why they were not.
     deconvolved : Deconvolved or None
         How a method that was asked for came to its heat.
+    change : Change or None
+        Of the machine since its calibration, where the readings are much likelier with it.
     """
 
     time: Float
@@ -78,6 +81,7 @@ class EstimatedRecord:
     deconvolved: Deconvolved | None = None
     steps: HeatSteps | None = None
     no_steps: str = ""
+    change: Change | None = None
 
     def columns(self) -> dict[str, Float]:
         """The table: ``time_s``, the estimates and their standard errors."""
@@ -130,7 +134,7 @@ def estimate(
             if initial == "rest" and len(values) and away_from_rest(values[0], column.calibrated):
                 not_at_rest[column.column] = float(values[0])
     sigma: dict[str, Float] = {}
-    sizes, alarm, deconvolved, steps, no_steps = None, None, None, None, ""
+    sizes, alarm, deconvolved, steps, no_steps, change = None, None, None, None, "", None
     names = pipeline.estimator.estimates
     if initial != "free" and (how is None or how.plain):
         found = [*pipeline.run(record.time, true_values, initial == "settled").T]
@@ -142,7 +146,7 @@ def estimate(
         sizes = None if how.sizes == "design" else looked.estimator
         deconvolved = looked.deconvolved
         steps, no_steps = looked.steps, looked.no_steps
-        alarm = looked.alarm
+        alarm, change = looked.alarm, looked.change
         if looked.sigma is not None:
             # Through the maps behind the estimator, which may bend.
             high, low = (pipeline.given_out([*ends.T])
@@ -169,6 +173,7 @@ def estimate(
         deconvolved,
         steps,
         no_steps,
+        change,
     )
 
 

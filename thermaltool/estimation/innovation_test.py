@@ -113,10 +113,8 @@ class InnovationTest:
         model_error: Sequence[float],
         gain_error: Sequence[float] = (),
     ) -> None:
-        noise = tuple(map(_with_misfit, estimator.noise, model_error))
-        walk = tuple(WALK_FACTOR * each for each in estimator.walk)
-        # What follows the heat is not read.
-        self._filter = replace(estimator, outputs=(), followed=(), walk=walk, noise=noise)
+        self._filter = test_filter(estimator, model_error)
+        noise = self._filter.noise
         self._period = max(round(period / CLOCK_STEP), 1)
         self._sample = lru_cache(MAX_CACHED_LENGTHS)(self._of_ticks)
         self._allowed = np.array([each.drift for each in noise])
@@ -261,11 +259,41 @@ class InnovationTest:
         self._x, self.nis, self.drift, self._blind = state, float(nis), float(drift), int(blind)
 
 
+def test_filter(estimator: KalmanEstimator, model_error: Sequence[float]) -> KalmanEstimator:
+    """The filter of the test: a heat that changes fast, sensors with what the model leaves of them.
+
+    Parameters
+    ----------
+    estimator : KalmanEstimator
+    model_error : sequence of float
+        For each sensor [unit of the sensor].
+    """
+    walk = tuple(WALK_FACTOR * each for each in estimator.walk)
+    noise = tuple(
+        each if each.drift else replace(each, drift=each.white)
+        for each in with_misfit(estimator, model_error).noise
+    )
+    # What follows the heat is not read.
+    return replace(estimator, outputs=(), followed=(), walk=walk, noise=noise)
+
+
+def with_misfit(estimator: KalmanEstimator, model_error: Sequence[float]) -> KalmanEstimator:
+    """An estimator whose sensors have what the model leaves of them, beside their noise.
+
+    Parameters
+    ----------
+    estimator : KalmanEstimator
+    model_error : sequence of float
+        For each sensor [unit of the sensor].
+    """
+    return replace(estimator, noise=tuple(map(_with_misfit, estimator.noise, model_error)))
+
+
 def _with_misfit(noise: SensorNoise, error: float) -> SensorNoise:
     """A sensor's noise with what the model leaves of it, as a drift of both sizes and times."""
     drift = math.hypot(noise.drift, error)
     if not drift:
-        return replace(noise, drift=noise.white)
+        return noise
     rate = (noise.drift**2 / noise.drift_time + error**2 / MISFIT_TIME) / drift**2
     return replace(noise, drift=drift, drift_time=1 / rate)
 

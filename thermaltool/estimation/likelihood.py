@@ -131,6 +131,35 @@ def fit_sizes(
     return FittedSizes(_with(estimator, found.x, scale, pinned), -value)
 
 
+def log_likelihood(
+    estimator: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    initial: Initial = "rest",
+    level: Sequence[float] = (),
+) -> float:
+    """Logarithm of the likelihood of a record in a steady filter [nats].
+
+    Parameters
+    ----------
+    estimator, time, readings, initial, level
+        As for `fit_sizes`.
+
+    Raises
+    ------
+    LogError
+        Fewer than `MIN_READINGS` rows with a reading of every sensor.
+    FitError
+        The filter has no steady state.
+    """
+    known = np.isfinite(readings).all(axis=1)
+    if np.sum(known) < MIN_READINGS:
+        raise LogError(f"{np.sum(known)} rows with a reading of every sensor: too few")
+    read = readings[known]
+    squares, logs = _innovations(estimator, _counted(time[known]), read, initial, level)
+    return -0.5 * float(squares + logs + read.size * np.log(2 * np.pi))
+
+
 def _with(estimator: KalmanEstimator, theta: Float, scale: float, pinned: bool) -> KalmanEstimator:
     """An estimator with other sizes.
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.estimation.bands import gain_errors, model_errors
+from thermaltool.estimation.changed_machine import Change, likeliest_change
 from thermaltool.estimation.deconvolution import (
     DeconvolutionPlan,
     Deconvolved,
@@ -25,7 +26,12 @@ from thermaltool.estimation.heat_steps import (
     smooth_with_steps,
     why_no_steps,
 )
-from thermaltool.estimation.innovation_test import Alarm, InnovationTest, record_alarm
+from thermaltool.estimation.innovation_test import (
+    Alarm,
+    InnovationTest,
+    record_alarm,
+    with_misfit,
+)
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.likelihood import fit_sizes
 from thermaltool.estimation.parameter_error import parameter_variance
@@ -37,7 +43,10 @@ from thermaltool.estimation.start import Initial, drive_levels
 from thermaltool.estimation.stream_bands import stream_bands
 from thermaltool.model import Model
 from thermaltool.responses.modes import Float
-from thermaltool.status import PARTED
+from thermaltool.status import NOT_POSSIBLE, PARTED, QUIET
+
+# In a longer record a change of the machine is looked for after an alarm alone, which sees it then.
+MAX_ROWS_WITHOUT_ALARM = 6000
 
 RateSource = float | Literal["likelihood", "design"]
 
@@ -106,16 +115,18 @@ class Looked:
     sigma : ndarray, shape (n, n_estimates), or None
         Standard errors.
     estimator : KalmanEstimator
-        With the sizes that were taken.
+        With the sizes that were taken, without steps.
     alarm : Alarm or None
-        Whether model and machine have parted, where standard errors were asked for or steps could
-        be looked for.
+        Whether model and machine have parted, where standard errors were asked for or all is
+        smoothed.
     steps : HeatSteps or None
         Where they were looked for.
     no_steps : str
         Why they were not.
     deconvolved : Deconvolved or None
         How another method came to its heat.
+    change : Change or None
+        Of the machine, where the readings are much likelier with it.
     """
 
     estimates: Float
@@ -125,6 +136,7 @@ class Looked:
     deconvolved: Deconvolved | None = None
     steps: HeatSteps | None = None
     no_steps: str = ""
+    change: Change | None = None
 
 
 def look(
@@ -186,33 +198,41 @@ def look(
         found = deconvolve(kalman, time, readings, level[0], how.plan, acting)
         estimates = followed(kalman, float(np.median(np.diff(time))), found.heat)
         return Looked(estimates + behind, None, kalman, deconvolved=found)
+    alarm, change = None, None
+    if len(time) > 1 and (how.bands or how.smooth):
+        alarm = _alarm(model, designed, time, readings, initial)
+        if how.walk != "design":
+            change = _change(model, designed, time, readings, initial, alarm)
+    if change is not None and how.smooth and change.taken:
+        kalman = change.estimator
     if isinstance(how.sizes, float):
         kalman = replace(kalman, walk=tuple(how.sizes * each for each in level))
     if how.sizes != "design" and len(time):
         pinned = how.sizes != "likelihood"
         kalman = fit_sizes(kalman, time, readings, pinned, initial, level).estimator
+    sized = kalman
+    if how.smooth and how.sizes != "design":
+        # What the calibration has left of the sensors is no heat.
+        kalman = with_misfit(kalman, model_errors(model, kalman))
 
     sought = how.may_step and len(time) > 0
     no_steps = why_no_steps(kalman, time, readings, level) if sought else ""
     sought = sought and not no_steps
-    alarm = None
-    if len(time) > 1 and (how.bands or sought):
-        alarm = _alarm(model, designed, time, readings, initial)
-    steps = None
-    if sought and alarm is not None and alarm.word == PARTED:
+    steps, is_known = None, change is not None and change.taken
+    if sought and alarm is not None and alarm.word == PARTED and not is_known:
         no_steps = "model and machine have parted"
     elif sought:
         steps = find_steps(kalman, time, readings, level, initial)
         kalman = steps.estimator if steps.are_likelier else kalman
     stepped = steps if steps and steps.are_likelier else None
 
-    def estimated(readings: Float) -> Float:
+    def estimated(readings: Float, like: KalmanEstimator = kalman) -> Float:
         if how.smooth:
             rows = None if stepped is None else stepped.likeliest + stepped.pauses
-            return smooth(kalman, time, readings, level, initial, rows).estimates
+            return smooth(like, time, readings, level, initial, rows).estimates
         if how.lag:
-            return fixed_lag(kalman, time, readings, how.lag, settled)
-        return kalman.run(time, readings, settled)
+            return fixed_lag(like, time, readings, how.lag, settled)
+        return like.run(time, readings, settled)
 
     smoothed = None
     if how.smooth and (how.bands or stepped):
@@ -235,19 +255,49 @@ def look(
             sigma = np.hypot(sigma, np.array(relative) * estimates)
         else:
             sigma = _with_parameters(sigma, model, kalman, time, estimates, readings, estimated)
+    if sigma is not None and change is not None:
+        # What a change leaves open that is taken, and all that one does which is not.
+        like = replace(kalman, sensed=change.edge.sensed, followed=change.edge.followed)
+        sigma = np.hypot(sigma, estimated(readings, like) - estimated(readings))
     if alarm is not None and alarm.row is not None:
         alarm = replace(alarm, row=int(np.count_nonzero(there[: alarm.row])))
     estimates, sigma = estimates[there] + behind, None if sigma is None else sigma[there]
-    return Looked(estimates, sigma, kalman, alarm, steps=steps, no_steps=no_steps)
+    return Looked(estimates, sigma, sized, alarm, steps=steps, no_steps=no_steps, change=change)
 
 
 def _alarm(
-    model: Model, designed: KalmanEstimator, time: Float, readings: Float, initial: Initial
+    model: Model,
+    designed: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    initial: Initial,
+    changed: KalmanEstimator | None = None,
 ) -> Alarm:
     """By the noise of the design: what the record itself tells has seen the contradiction."""
     errors = model_errors(model, designed), gain_errors(model, designed)
-    test = InnovationTest(designed, float(np.median(np.diff(time))), *errors)
+    test = InnovationTest(changed or designed, float(np.median(np.diff(time))), *errors)
     return record_alarm(test, time, readings, initial, drive_levels(model, designed.drives))
+
+
+def _change(
+    model: Model,
+    designed: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    initial: Initial,
+    alarm: Alarm,
+) -> Change | None:
+    """What the record says of a change of the machine; taken where it explains all of it."""
+    long = len(time) > MAX_ROWS_WITHOUT_ALARM and alarm.word != PARTED
+    if alarm.word == NOT_POSSIBLE or long:
+        return None
+    errors = model_errors(model, designed), gain_errors(model, designed)
+    level = drive_levels(model, designed.drives)
+    found = likeliest_change(designed, *errors, time, readings, initial, level)
+    if found is None or not found.explains:
+        return found
+    after = _alarm(model, designed, time, readings, initial, found.estimator)
+    return replace(found, taken=after.word == QUIET)
 
 
 def _with_parameters(

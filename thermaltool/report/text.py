@@ -12,6 +12,7 @@ from thermaltool.units import parse_channel, symbol
 OTHER_PERIOD = 1.5
 
 if TYPE_CHECKING:
+    from thermaltool.estimation.changed_machine import Change
     from thermaltool.estimation.estimator import KalmanEstimator
     from thermaltool.estimation.heat_steps import HeatSteps
     from thermaltool.estimation.innovation_test import Alarm
@@ -148,6 +149,23 @@ def alarm_messages(log: Log, alarm: Alarm) -> Iterator[str]:
         yield row_message(log, alarm.row, f"model and machine have parted: {alarm.reason}")
     elif alarm.reason:
         yield f"{log.name}: {alarm.reason}"
+
+
+def change_message(log: Log, found: Change, taken: bool) -> str:
+    """By what change of the machine the readings of a log are explained, and what that does."""
+    before, after = (f"{each:.3g} s" for each in found.slowest)
+    what = (
+        f"{found.sensor} shows {found.size:.4g} times what the model has for it"
+        if found.sensor
+        else f"the machine loses {'more' if found.size > 0 else 'less'} heat than when it was "
+        f"calibrated, its slowest time constant is {after}, not {before}"
+    )
+    then = (
+        "the estimates are those of such a machine"
+        if taken
+        else "the estimates are those of the model, standard errors hold the difference"
+    )
+    return f"{log.name}: {what}: {found.likelier:.3g} nats likelier than no change; {then}"
 
 
 def pause_messages(log: Log, meaning: str) -> Iterator[str]:
