@@ -380,7 +380,7 @@ def estimate(
     if found.alarm is not None:
         for sentence in alarm_messages(log, found.alarm):
             warn(sentence)
-    if found.change is not None and found.change.explains:
+    if found.change is not None and found.change.taken:
         warn(change_message(log, found.change, found.change.taken and smooth))
     for sentence in found.deconvolved.notes if found.deconvolved else ():
         warn(sentence)
