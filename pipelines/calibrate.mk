@@ -154,7 +154,7 @@ def judged(name, form, other):
             "-q", "--nan-policy", "omit"]
     call += ["--columns", mapping] if mapping else []
     done = subprocess.run(call, stdout=subprocess.PIPE)
-    return json.loads(done.stdout) if done.returncode == 0 else {}
+    return json.loads(done.stdout)["agreement"] if done.returncode == 0 else {}
 
 heading = ["log", "output", "rmse", "fit_percent"]
 heading += [f"{form}_{what}" for form in forms for what in ("predicted_band", "lag_s")]

@@ -15,10 +15,6 @@ from typing import Literal
 
 from thermaltool.errors import UnitError
 
-# What streams call the columns of words that say what a line rests on, and whether model and
-# machine have parted: they are no channels.
-STATUS, ALARM = "status", "alarm"
-WORDS = frozenset({STATUS, ALARM})
 # Between two samples a value is constant ("zero") or runs straight ("first"): the hold's order.
 Hold = Literal["zero", "first"]
 # What counts as zero of a channel: a value, or its first one in a log.

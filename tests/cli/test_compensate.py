@@ -290,6 +290,11 @@ def test_bands_late_estimates_and_what_they_rest_on(thermaltool, files):
     assert header == ["time_s", "offset_x_um", "Q_main_1", "d_x_um", "sigma_Q_main_1",
                       "sigma_d_x_um", "late_Q_main_1", "late_d_x_um", "alarm",
                       "status"]  # fmt: skip
+    bands = thermaltool("estimate", files.kalman, files.log, "--bands", "--walk", "design", "-q")
+    found = np.array([line.split(",")[1:] for line in bands.out.splitlines()[1:]], float)
+    stream = np.array([line[2:6] for line in lines[:-1]], float)
+    np.testing.assert_allclose(stream, found, rtol=1e-9, atol=1e-9)
+    assert found[0, 2] > 5 * found[-1, 2]
     batch = thermaltool("estimate", files.kalman, files.log, "--lag", 30, "-q")
     whole = [line.split(",") for line in batch.out.splitlines()[1:]]
     for now, then in zip(lines[3:-1], whole, strict=False):

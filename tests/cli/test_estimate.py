@@ -11,6 +11,11 @@ import pytest
 forms = pytest.mark.parametrize("form", ["kalman", "kernel"])
 
 
+def agreed(result, name):
+    """Figures of a channel in what --json wrote."""
+    return result.json["agreement"][name]
+
+
 def table(text):
     rows = list(csv.reader(text.splitlines()))
     return rows[0], np.array(rows[1:], float).reshape(len(rows) - 1, len(rows[0]))
@@ -33,12 +38,13 @@ def test_heat_and_deflection(thermaltool, files, form):
 def test_json_and_the_table_agree(thermaltool, files):
     target = files.folder / "out.csv"
     result = thermaltool("estimate", files.kalman, files.log, "--json", "-o", target)
-    assert set(result.json) == {"Q_main_1", "d_x_um"}
+    assert set(result.json) == {"agreement"}
+    assert set(result.json["agreement"]) == {"Q_main_1", "d_x_um"}
     _, values = table(target.read_text())
     _, log = table(files.log.read_text())
     error = (log[:, 3] - log[0, 3]) - values[:, 2]
-    assert result.json["d_x_um"]["band"] == pytest.approx(np.ptp(error))
-    assert result.json["d_x_um"]["rows"] == 240
+    assert agreed(result, "d_x_um")["band"] == pytest.approx(np.ptp(error))
+    assert agreed(result, "d_x_um")["rows"] == 240
 
 
 @forms
@@ -118,7 +124,25 @@ def test_a_warm_start_is_told_and_can_be_settled(thermaltool, files, form):
         stdin=warm,
     )  # fmt: skip
     assert "settled" not in settled.err
-    assert settled.json["d_x_um"]["band"] < 0.5 * cold.json["d_x_um"]["band"]
+    assert agreed(settled, "d_x_um")["band"] < 0.5 * agreed(cold, "d_x_um")["band"]
+
+
+def test_what_a_displacement_counts_from_is_told_and_a_warm_start_is_no_zero(thermaltool, files):
+    """Beside a machine that is warm at the first row the zero is that of the whole log."""
+    header, *rows = files.log.read_text().splitlines()
+    target = files.folder / "o.csv"
+    for begin, said in ((0, "over the first"), (110, "over all rows")):
+        text = "\n".join([header, *rows[begin:]]) + "\n"
+        told = thermaltool("estimate", files.kalman, "-", "-o", target, stdin=text)
+        assert f"d_x_um: counts from the median of measured minus estimated {said}" in told.err
+        found = agreed(thermaltool("estimate", files.kalman, "-", "--json", "-o", target,
+                                   stdin=text), "d_x_um")  # fmt: skip
+        _, log = table(text)
+        error = log[:, 3] - table(target.read_text())[1][:, 2]
+        assert found["rmse"] == pytest.approx(np.sqrt(np.mean((error - found["zero"]) ** 2)))
+        if begin:
+            assert found["zero"] == pytest.approx(np.median(error))
+            assert found["zero_rows"] == len(error)
 
 
 def test_a_warm_start_is_estimated_where_all_is_smoothed(thermaltool, files):
@@ -129,7 +153,7 @@ def test_a_warm_start_is_estimated_where_all_is_smoothed(thermaltool, files):
     assert "see --initial settled or free" in cold.err
     free = thermaltool(*arguments, "--smooth", "--initial", "free", stdin=warm)
     assert "at the start" not in free.err
-    assert free.json["d_x_um"]["band"] < 0.5 * cold.json["d_x_um"]["band"]
+    assert agreed(free, "d_x_um")["band"] < 0.5 * agreed(cold, "d_x_um")["band"]
     refused = thermaltool(*arguments, "--initial", "free", stdin=warm)
     assert refused.code == 2
     assert "--initial free goes with --smooth" in refused.err
@@ -150,8 +174,9 @@ def test_where_no_alarm_is_possible_that_is_said(thermaltool, files):
     run = ("estimate", files.kalman, "-", "--json", "-o", files.folder / "o.csv")
     for look in ("--bands", "--smooth"):
         found = thermaltool(*run, look, stdin=files.log.read_text())
-        assert found.json["alarm"] == "not possible"
-        assert "no more sensors than drives" in found.json["alarm_reason"]
+        alarm = found.json["alarm"]
+        assert (alarm["word"], alarm["time_s"]) == ("not possible", None)
+        assert "no more sensors than drives" in alarm["reason"]
         assert found.err.count("no alarm is possible") == 1
         assert "<stdin>: no alarm is possible where model and machine part" in found.err
     assert "alarm" not in thermaltool(*run, stdin=files.log.read_text()).json
@@ -182,7 +207,7 @@ def test_looking_back_is_nearer_and_says_how_sure_it_is(thermaltool, files, look
     assert names == ["time_s", "Q_main_1", "d_x_um", "sigma_Q_main_1", "sigma_d_x_um"]
     assert np.all(values[:, 3] > 0)
     if "--walk" not in look:
-        assert result.json["Q_main_1"]["rmse"] < 0.9 * plain.json["Q_main_1"]["rmse"]
+        assert agreed(result, "Q_main_1")["rmse"] < 0.9 * agreed(plain, "Q_main_1")["rmse"]
     assert ("as this log tells it" in result.err) == ("--lag" not in look)
 
 

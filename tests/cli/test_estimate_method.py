@@ -38,7 +38,7 @@ def test_json_has_the_rules(thermaltool, files):
     target = files.folder / "out.csv"
     options = ("--method", "tikhonov1", "--at-least", 0, "--at-most", 1.2, "--json", "-o", target)
     result = thermaltool("estimate", files.kalman, files.log, *options)
-    assert set(result.json) == {"Q_main_1", "d_x_um", "deconvolution"}
+    assert set(result.json) == {"agreement", "deconvolution"}
     found = result.json["deconvolution"]
     assert [each["rule"] for each in found["rules"]] == RULES
     assert (found["method"], found["rule"], found["at_most"]) == ("tikhonov1", "likelihood", 1.2)

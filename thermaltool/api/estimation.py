@@ -122,12 +122,19 @@ class LogEstimate(Result):
         return to_frame(self.columns)
 
     def document(self) -> dict[str, Any]:
-        """The agreement of every measured channel, the alarm, how a method chose, JSON-ready."""
+        """Agreement and zero of every measured channel, the alarm, how a method chose."""
         from thermaltool.report.deconvolution import deconvolution_document
 
-        found: dict[str, Any] = {name: each.document() for name, each in self.agreements.items()}
+        found: dict[str, Any] = {
+            "agreement": {
+                name: each.document() | self.found.zeros[name].document()
+                for name, each in self.agreements.items()
+            }
+        }
         if self.found.alarm is not None:
-            found |= self.found.alarm.document()
+            found["alarm"] = self.found.alarm.document(self.found.time)
+        if self.found.change is not None:
+            found["change"] = self.found.change.document()
         if self.found.deconvolved is not None:
             found["deconvolution"] = deconvolution_document(self.found.deconvolved)
         return found
@@ -136,11 +143,17 @@ class LogEstimate(Result):
         """How a method chose; band and error of every estimate that was measured."""
         from thermaltool.report.deconvolution import deconvolution_table
         from thermaltool.report.simulation import estimate_table
+        from thermaltool.report.text import zero_message
 
         parts = [] if self.found.deconvolved is None else [
             deconvolution_table(self.found.deconvolved)
         ]  # fmt: skip
-        return "\n".join([*parts, *([estimate_table(self.agreements)] if self.agreements else [])])
+        if self.agreements:
+            parts.append(estimate_table(self.agreements))
+        zeros = self.found.zeros.items()
+        parts += [zero_message(name, zero, self.log, "estimated") for name, zero in zeros
+                  if zero.rows]  # fmt: skip
+        return "\n".join(parts)
 
     def draw(self) -> Figure:
         """The estimates, against what was measured of them where it was."""
@@ -148,7 +161,9 @@ class LogEstimate(Result):
         from thermaltool.report.records import draw_log
 
         log = replace(self.log, columns=self.found.estimates)
-        return draw_estimate(log, self.log) if self.agreements else draw_log(log)
+        if not self.agreements:
+            return draw_log(log)
+        return draw_estimate(log, self.log, zeros=self.found.zeros)
 
 
 def regularize(
@@ -335,6 +350,7 @@ def estimate(
     from thermaltool.model import NOT_AT_REST
     from thermaltool.report.text import (
         alarm_messages,
+        change_message,
         excursion_message,
         period_messages,
         row_message,
@@ -364,6 +380,8 @@ def estimate(
     if found.alarm is not None:
         for sentence in alarm_messages(log, found.alarm):
             warn(sentence)
+    if found.change is not None and found.change.taken:
+        warn(change_message(log, found.change, found.change.taken and smooth))
     for sentence in found.deconvolved.notes if found.deconvolved else ():
         warn(sentence)
     for sentence in (*stuck_messages(log, need), *period_messages(log, model)):

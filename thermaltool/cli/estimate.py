@@ -32,7 +32,8 @@ RULES = "likelihood", "gcv", "quasi-optimality", "discrepancy", "l-curve"
               help="Each estimate rests on the readings up to so long after it [s].")  # fmt: skip
 @click.option("--walk", type=RateType(),
               help="How fast the heat changes: as this log tells it, as the design has it, or a "
-              "rate [share of the level per √s].  [default: design; with --smooth the likelier of "
+              "rate [share of the level per √s]. With design, --bands are those of compensate.  "
+              "[default: design; with --smooth the likelier of "
               "likelihood and a smaller one beside steps]"
 )  # fmt: skip
 @click.option("--bands", is_flag=True,
@@ -66,7 +67,9 @@ def command(
     The numbers are those that thermaltool compensate gives line by line, the effects of the model
     included: readings are put right, what a column tells of other sources is added. Where the log
     holds the true heat or deflection too, the error is judged on stderr: band is its largest minus
-    its smallest value, steady its mean over the last tenth.
+    its smallest value, steady its mean over the last tenth. A displacement has no zero of its own:
+    it counts from the median of measured minus estimated over the first rows, beside a machine that
+    is warm there over all rows, and a line says so.
 
     --method takes a machine at rest at the first row and an even clock; all rules are told on
     stderr, with the error that each is expected to have.

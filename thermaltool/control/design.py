@@ -12,13 +12,14 @@ from scipy.optimize import nnls
 from thermaltool.control.controller import ControlDrive, HeaterController
 from thermaltool.control.heaters import powers
 from thermaltool.control.law_choice import disturbance_levels, law_of, linear_estimator
-from thermaltool.control.laws import AT_LIMIT, SATURATED
+from thermaltool.control.laws import AT_LIMIT
 from thermaltool.control.methods import Method
 from thermaltool.control.prediction import ControlPrediction
 from thermaltool.documents import finite
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
 from thermaltool.responses.modes import Float
+from thermaltool.status import SATURATED
 from thermaltool.units import parse_channel
 
 # Without a tolerance of the user's: this part of the largest range that the calibration has seen of

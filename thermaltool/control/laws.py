@@ -17,6 +17,7 @@ from thermaltool.control.prediction import ControlPrediction
 from thermaltool.errors import FitError
 from thermaltool.estimation.state_space import predicted_covariance, propagated
 from thermaltool.responses.modes import Float
+from thermaltool.status import OK, OLD_PLAN, SATURATED
 
 # A regulator's gain varies slowly with the sample length: it is solved for on this relative grid.
 GAIN_GRID = 0.01
@@ -34,8 +35,6 @@ AT_LIMIT = 1e-3
 
 # After so many samples without a plan, or a state to plan from, there is no heat.
 MAX_FAILURES = 5
-# What a law rests on, as a stream has it in its status.
-OK, SATURATED, OLD_PLAN, FAILED = "ok", "saturated", "old-plan", "failed"
 
 
 @dataclass(frozen=True)

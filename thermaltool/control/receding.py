@@ -29,20 +29,11 @@ from typing import Any
 
 import numpy as np
 
-from thermaltool.control.laws import (
-    AT_LIMIT,
-    FAILED,
-    MAX_FAILURES,
-    OK,
-    OLD_PLAN,
-    SATURATED,
-    ControlLaw,
-    Decision,
-    HeatLimits,
-)
+from thermaltool.control.laws import AT_LIMIT, MAX_FAILURES, ControlLaw, Decision, HeatLimits
 from thermaltool.control.prediction import ControlPrediction
 from thermaltool.errors import FitError
 from thermaltool.responses.modes import Float
+from thermaltool.status import FAILED, OK, OLD_PLAN, SATURATED
 
 # Stretches of a plan, and in each so many moments at which outputs count.
 STRETCHES, MOMENTS = 20, 3

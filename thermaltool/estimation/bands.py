@@ -1,4 +1,4 @@
-"""Standard errors of the estimates of a stream, worked out with the design."""
+"""What is uncertain of a model in the estimates of a stream, worked out with the design."""
 
 from __future__ import annotations
 
@@ -33,15 +33,11 @@ def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) ->
     Returns
     -------
     dict
-        ``sigma``: steady standard errors of the estimates for a model that is right; ``relative``:
-        those of the parameters as shares of an estimate, after a step; ``model_error``: what the
-        calibration left of each sensor beside noise; ``gain_error``: that over the sensor's signal.
+        ``relative``: standard errors of the estimates that the parameters make, as shares of an
+        estimate, after a step; ``model_error``: what the calibration left of each sensor beside
+        noise; ``gain_error``: that over the sensor's signal.
     """
-    space, (P, G) = kalman.state_space(problem.dt), kalman.steady(problem.dt)
-    kept = P - G @ space.H @ P
-    sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", space.C, kept, space.C), 0.0))
-    relative = np.zeros(len(sigma))
-    recursion = kalman.recursion(problem.dt)
+    relative, recursion = np.zeros(len(kalman.estimates)), kalman.recursion(problem.dt)
     for readings, _ in problem.trials:
         estimates = recursion.run(readings)[0]
         variance = parameter_variance(
@@ -50,7 +46,6 @@ def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) ->
         size = np.maximum(np.mean(estimates**2, axis=0), 1e-300)
         relative = np.maximum(relative, np.sqrt(np.mean(variance, axis=0) / size))
     return {
-        "sigma": sigma.tolist(),
         "relative": np.minimum(relative, 1.0).tolist(),
         "model_error": model_errors(model, kalman),
         "gain_error": gain_errors(model, kalman),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from thermaltool.errors import LogError, counted
+from thermaltool.estimation.changed_machine import Change
 from thermaltool.estimation.deconvolution import Deconvolved
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.heat_steps import HeatSteps
@@ -15,11 +16,18 @@ from thermaltool.estimation.innovation_test import Alarm
 from thermaltool.estimation.lookahead import Lookahead, look
 from thermaltool.estimation.pipeline import EstimatorPipeline
 from thermaltool.estimation.start import Initial
-from thermaltool.model import Excursion, Model, away_from_rest, beside, excursions, extrapolated
+from thermaltool.model import (
+    Excursion,
+    Model,
+    Zero,
+    away_from_rest,
+    excursions,
+    extrapolated,
+    zero_beside,
+)
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.signals.agreement import Agreement, agreement
-from thermaltool.units import Reference
 
 # Before the name of an estimate stands this for its standard error.
 SIGMA = "sigma_"
@@ -35,6 +43,8 @@ class EstimatedRecord:
     estimates : mapping of channel to ndarray, shape (n,)
     agreement : mapping of channel to Agreement
         With what the record holds of the same channels.
+    zeros : mapping of channel to Zero
+        What these count from in the record.
     not_at_rest : mapping of column to float
         First readings, relative to rest, that contradict a machine at rest.
     excursions : tuple of Excursion
@@ -47,18 +57,21 @@ class EstimatedRecord:
         With the sizes of walk and noise that were taken, where they are not the design's.
     alarm : Alarm or None
         Whether model and machine contradict each other; looked for where standard errors were
-        asked for or steps could be looked for.
+        asked for or all is smoothed.
     steps : HeatSteps or None
         What the readings say of steps of the heat, where these were looked for.
     no_steps : str
         Why they were not.
     deconvolved : Deconvolved or None
         How a method that was asked for came to its heat.
+    change : Change or None
+        Of the machine since its calibration, where the readings are much likelier with it.
     """
 
     time: Float
     estimates: Mapping[str, Float]
     agreement: Mapping[str, Agreement]
+    zeros: Mapping[str, Zero]
     not_at_rest: Mapping[str, float]
     excursions: tuple[Excursion, ...]
     extrapolated: tuple[Excursion, ...]
@@ -68,6 +81,7 @@ class EstimatedRecord:
     deconvolved: Deconvolved | None = None
     steps: HeatSteps | None = None
     no_steps: str = ""
+    change: Change | None = None
 
     def columns(self) -> dict[str, Float]:
         """The table: ``time_s``, the estimates and their standard errors."""
@@ -120,19 +134,19 @@ def estimate(
             if initial == "rest" and len(values) and away_from_rest(values[0], column.calibrated):
                 not_at_rest[column.column] = float(values[0])
     sigma: dict[str, Float] = {}
-    sizes, alarm, deconvolved, steps, no_steps = None, None, None, None, ""
+    sizes, alarm, deconvolved, steps, no_steps, change = None, None, None, None, "", None
     names = pipeline.estimator.estimates
     if initial != "free" and (how is None or how.plain):
         found = [*pipeline.run(record.time, true_values, initial == "settled").T]
     else:
         how = how or Lookahead()
         taken = np.column_stack(pipeline.estimator_inputs([*true_values.T]))
-        looked = look(model, pipeline.estimator, record.time, taken, how, initial)
+        looked = look(model, pipeline.estimator, record.time, taken, how, initial, not not_at_rest)
         found = pipeline.given_out([*looked.estimates.T])
         sizes = None if how.sizes == "design" else looked.estimator
         deconvolved = looked.deconvolved
         steps, no_steps = looked.steps, looked.no_steps
-        alarm = looked.alarm
+        alarm, change = looked.alarm, looked.change
         if looked.sigma is not None:
             # Through the maps behind the estimator, which may bend.
             high, low = (pipeline.given_out([*ends.T])
@@ -141,10 +155,15 @@ def estimate(
             errors = [np.abs(a - b) / 2 for a, b in zip(high, low, strict=True)]
             sigma = dict(zip(names, errors, strict=True))
     estimates = dict(zip(names, found, strict=True))
+    zeros = _zeros(model, record, estimates, initial != "rest" or bool(not_at_rest))
     return EstimatedRecord(
         record.time,
         estimates,
-        _agreement(model, record, estimates),
+        {
+            name: agreement(record.columns[name] - zero.value, estimates[name])
+            for name, zero in zeros.items()
+        },
+        zeros,
         not_at_rest,
         excursions(model, behind),
         extrapolated(model, estimates),
@@ -154,21 +173,18 @@ def estimate(
         deconvolved,
         steps,
         no_steps,
+        change,
     )
 
 
-def _agreement(
-    model: Model, record: Record, estimates: Mapping[str, Float]
-) -> dict[str, Agreement]:
-    """With the measured channels; what has no zero counts from the level of its first rows."""
+def _zeros(
+    model: Model, record: Record, estimates: Mapping[str, Float], warm: bool
+) -> dict[str, Zero]:
+    """What each measured channel counts from beside its estimate."""
     references = {d.channel: d.reference for d in model.drives}
     references |= {o.channel: o.offset for o in model.outputs}
     return {
-        name: agreement(_counted(record.columns[name], values, references[name]), values)
+        name: zero_beside(record.time, record.columns[name], values, references[name], warm)
         for name, values in estimates.items()
         if name in record.columns and len(record)
     }
-
-
-def _counted(measured: Float, estimated: Float, rest: Reference) -> Float:
-    return beside(measured, estimated) if rest == "first" else measured - rest

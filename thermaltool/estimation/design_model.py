@@ -193,7 +193,8 @@ class DesignModel:
         for sensor in sensors:
             if columns[sensor] not in noise:
                 raise ModelError(
-                    f"no noise for the sensor {columns[sensor]}; there is {', '.join(noise)}"
+                    f"no noise for the sensor {columns[sensor]}: not measured, or zero in a log "
+                    f"where it was constant; there is {', '.join(noise) or 'none'}"
                 )
             if not noise[columns[sensor]].white > 0:
                 raise ModelError(

@@ -24,10 +24,10 @@ from thermaltool.estimation.start import Initial
 from thermaltool.estimation.step_search import Places, StepSearch, places_of
 from thermaltool.responses.modes import Float
 
-# Variance of the walk beside the steps, over that of the walk alone [1]: the likelier of the first
-# two, the last where the walk alone is likelier than both. A smaller one is often likelier still,
-# but takes what the model gets wrong for steps.
-WALK_SHARES = (0.1, 0.01, 0.001)
+# Variance of the walk beside the steps, over that of the walk alone [1]: smaller ones are tried as
+# long as they are likelier. What the model gets wrong has to be in the sensors' noise: with a small
+# walk steps would follow it.
+WALK_SHARES = (0.1, 0.01, 0.001, 0.0001)
 # So much less likely than the walk alone, the steps are not looked for with a smaller walk [nats].
 HOPELESS = 50.0
 # In more rows no steps are looked for, which would take minutes.
@@ -197,12 +197,11 @@ def find_steps(
     best: _Searched | None = None
     found: _Searched | None = None
     for share in WALK_SHARES:
-        if share == WALK_SHARES[-1] and best is not None and best.evidence > of_walk:
-            break
         found = record.searched(share, found)
-        if best is None or found.evidence > best.evidence:
+        falls = best is not None and found.evidence < best.evidence
+        if not falls:
             best = found
-        if found.evidence < of_walk - HOPELESS:
+        if found.evidence < of_walk - HOPELESS or (falls and found.evidence > of_walk):
             break
     assert best is not None, "there is a share"
     drawn: list[Float] = []

@@ -25,6 +25,7 @@ from thermaltool.estimation.start import Initial
 from thermaltool.estimation.static_gains import checked_sensors
 from thermaltool.responses.modes import Float
 from thermaltool.responses.sample_clock import CLOCK_STEP
+from thermaltool.status import NOT_POSSIBLE, PARTED, QUIET
 
 # The test's heat changes faster than that of the design by this factor: a step of heat, which a
 # random walk does not expect, is no alarm.
@@ -46,8 +47,6 @@ MAX_PAUSE, BLIND_TIME = 5, 60.0
 MAX_CACHED_LENGTHS = 64
 # A quiet record of which a smaller share of the rows counts says how many do.
 MIN_TESTED = 0.5
-# What an alarm says; "untested" of a row that does not count.
-QUIET, PARTED, UNTESTED, NOT_POSSIBLE = "quiet", "parted", "untested", "not possible"
 
 
 @dataclass(frozen=True)
@@ -68,9 +67,16 @@ class Alarm:
     reason: str = ""
     row: int | None = None
 
-    def document(self) -> dict[str, Any]:
-        """As JSON."""
-        return {"alarm": self.word, "alarm_reason": self.reason}
+    def document(self, time: Float) -> dict[str, Any]:
+        """As JSON, with the moment at which it comes.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,) [s]
+            Of the record.
+        """
+        at = None if self.row is None else float(time[self.row])
+        return {"word": self.word, "reason": self.reason, "time_s": at}
 
 
 class InnovationTest:
@@ -107,10 +113,8 @@ class InnovationTest:
         model_error: Sequence[float],
         gain_error: Sequence[float] = (),
     ) -> None:
-        noise = tuple(map(_with_misfit, estimator.noise, model_error))
-        walk = tuple(WALK_FACTOR * each for each in estimator.walk)
-        # What follows the heat is not read.
-        self._filter = replace(estimator, outputs=(), followed=(), walk=walk, noise=noise)
+        self._filter = test_filter(estimator, model_error)
+        noise = self._filter.noise
         self._period = max(round(period / CLOCK_STEP), 1)
         self._sample = lru_cache(MAX_CACHED_LENGTHS)(self._of_ticks)
         self._allowed = np.array([each.drift for each in noise])
@@ -255,11 +259,41 @@ class InnovationTest:
         self._x, self.nis, self.drift, self._blind = state, float(nis), float(drift), int(blind)
 
 
+def test_filter(estimator: KalmanEstimator, model_error: Sequence[float]) -> KalmanEstimator:
+    """The filter of the test: a heat that changes fast, sensors with what the model leaves of them.
+
+    Parameters
+    ----------
+    estimator : KalmanEstimator
+    model_error : sequence of float
+        For each sensor [unit of the sensor].
+    """
+    walk = tuple(WALK_FACTOR * each for each in estimator.walk)
+    noise = tuple(
+        each if each.drift else replace(each, drift=each.white)
+        for each in with_misfit(estimator, model_error).noise
+    )
+    # What follows the heat is not read.
+    return replace(estimator, outputs=(), followed=(), walk=walk, noise=noise)
+
+
+def with_misfit(estimator: KalmanEstimator, model_error: Sequence[float]) -> KalmanEstimator:
+    """An estimator whose sensors have what the model leaves of them, beside their noise.
+
+    Parameters
+    ----------
+    estimator : KalmanEstimator
+    model_error : sequence of float
+        For each sensor [unit of the sensor].
+    """
+    return replace(estimator, noise=tuple(map(_with_misfit, estimator.noise, model_error)))
+
+
 def _with_misfit(noise: SensorNoise, error: float) -> SensorNoise:
     """A sensor's noise with what the model leaves of it, as a drift of both sizes and times."""
     drift = math.hypot(noise.drift, error)
     if not drift:
-        return replace(noise, drift=noise.white)
+        return noise
     rate = (noise.drift**2 / noise.drift_time + error**2 / MISFIT_TIME) / drift**2
     return replace(noise, drift=drift, drift_time=1 / rate)
 

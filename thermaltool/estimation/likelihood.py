@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,9 @@ from thermaltool.errors import FitError, LogError
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.even_smoother import EvenSmoother
 from thermaltool.estimation.start import Initial
+from thermaltool.estimation.state_space import StateSpace
 from thermaltool.responses.modes import Float, Recursion
-from thermaltool.responses.sample_clock import uniform_spans
+from thermaltool.responses.sample_clock import CLOCK_STEP, uniform_spans
 
 # The search is a simplex of these first steps [factors on a logarithmic scale] ...
 FIRST_STEP, SIZE_TOLERANCE, VALUE_TOLERANCE, MAX_EVALUATIONS = 1.0, 0.03, 0.02, 300
@@ -131,6 +133,35 @@ def fit_sizes(
     return FittedSizes(_with(estimator, found.x, scale, pinned), -value)
 
 
+def log_likelihood(
+    estimator: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    initial: Initial = "rest",
+    level: Sequence[float] = (),
+) -> float:
+    """Logarithm of the likelihood of a record in a steady filter [nats].
+
+    Parameters
+    ----------
+    estimator, time, readings, initial, level
+        As for `fit_sizes`.
+
+    Raises
+    ------
+    LogError
+        Fewer than `MIN_READINGS` rows with a reading of every sensor.
+    FitError
+        The filter has no steady state.
+    """
+    known = np.isfinite(readings).all(axis=1)
+    if np.sum(known) < MIN_READINGS:
+        raise LogError(f"{np.sum(known)} rows with a reading of every sensor: too few")
+    read = readings[known]
+    squares, logs = _innovations(estimator, _counted(time[known]), read, initial, level)
+    return -0.5 * float(squares + logs + read.size * np.log(2 * np.pi))
+
+
 def _with(estimator: KalmanEstimator, theta: Float, scale: float, pinned: bool) -> KalmanEstimator:
     """An estimator with other sizes.
 
@@ -160,6 +191,29 @@ def _counted(time: Float) -> Float:
     return np.concatenate([[0.0], np.cumsum(whole)])
 
 
+@dataclass(frozen=True)
+class _SteadyFilter:
+    """The steady filter over one length of sample: its gain, covariance of innovations, predictor.
+
+    ``log_determinant`` is that of the covariance.
+    """
+
+    space: StateSpace
+    G: Float
+    S: Float
+    predictor: Recursion
+    log_determinant: float
+
+    @staticmethod
+    def of(space: StateSpace) -> _SteadyFilter:
+        P = space.predicted()
+        S = space.H @ P @ space.H.T + space.R
+        G = space.filter_gain(P)
+        K = space.F @ G
+        predictor = Recursion(space.F - K @ space.H, K, np.zeros_like(K), space.H)
+        return _SteadyFilter(space, G, S, predictor, float(np.linalg.slogdet(S)[1]))
+
+
 def _innovations(
     estimator: KalmanEstimator,
     time: Float,
@@ -169,8 +223,11 @@ def _innovations(
 ) -> tuple[float, float]:
     """Sum of the whitened innovations' squares, and of their covariances' log determinants."""
     squares, logs, x = 0.0, 0.0, None
+    # On an uneven clock stretches are many, lengths of a sample few.
+    steady = cache(lambda ticks: _SteadyFilter.of(estimator.state_space(ticks * CLOCK_STEP)))
     for rows, dt in uniform_spans(time):
-        space = estimator.state_space(dt)
+        known = steady(max(round(dt / CLOCK_STEP), 1))
+        space = known.space
         if x is None and initial != "rest":
             start = estimator.start_covariance(dt, level, initial)
             first = EvenSmoother(space, start, rows.stop - rows.start)
@@ -180,16 +237,12 @@ def _innovations(
             a = predictor.run(readings[rows], state)[1]
             x = a + space.filter_gain(first.P) @ (readings[rows][-1] - space.H @ a)
             continue
-        P = space.predicted()
-        S = space.H @ P @ space.H.T + space.R
-        G = space.filter_gain(P)
-        K = space.F @ G
-        predictor = Recursion(space.F - K @ space.H, K, np.zeros_like(K), space.H)
+        G, S, predictor = known.G, known.S, known.predictor
         # The row that two spans share belongs to the earlier one: its sample ends there.
         y = readings[rows] if x is None else readings[rows][1:]
         seen, a = predictor.run(y, None if x is None else space.F @ x)
         v = y - seen
         x = a + G @ (y[-1] - space.H @ a)
         squares += float(np.sum(v * np.linalg.solve(S, v.T).T))
-        logs += len(v) * float(np.linalg.slogdet(S)[1])
+        logs += len(v) * known.log_determinant
     return squares, logs

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.estimation.bands import gain_errors, model_errors
+from thermaltool.estimation.changed_machine import Change, likeliest_change
 from thermaltool.estimation.deconvolution import (
     DeconvolutionPlan,
     Deconvolved,
@@ -25,16 +26,27 @@ from thermaltool.estimation.heat_steps import (
     smooth_with_steps,
     why_no_steps,
 )
-from thermaltool.estimation.innovation_test import PARTED, Alarm, InnovationTest, record_alarm
+from thermaltool.estimation.innovation_test import (
+    Alarm,
+    InnovationTest,
+    record_alarm,
+    with_misfit,
+)
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.likelihood import fit_sizes
 from thermaltool.estimation.parameter_error import parameter_variance
 from thermaltool.estimation.pauses import with_pauses
 from thermaltool.estimation.permanent_effects import apply_maps, drive_maps
-from thermaltool.estimation.smoother import Smoothed, smooth
-from thermaltool.estimation.start import Initial
+from thermaltool.estimation.running_error import RunningError, running_errors
+from thermaltool.estimation.smoother import smooth
+from thermaltool.estimation.start import Initial, drive_levels
+from thermaltool.estimation.stream_bands import stream_bands
 from thermaltool.model import Model
 from thermaltool.responses.modes import Float
+from thermaltool.status import NOT_POSSIBLE, PARTED, QUIET
+
+# In a longer record a change of the machine is looked for after an alarm alone, which sees it then.
+MAX_ROWS_WITHOUT_ALARM = 6000
 
 RateSource = float | Literal["likelihood", "design"]
 
@@ -103,16 +115,18 @@ class Looked:
     sigma : ndarray, shape (n, n_estimates), or None
         Standard errors.
     estimator : KalmanEstimator
-        With the sizes that were taken.
+        With the sizes that were taken, without steps.
     alarm : Alarm or None
-        Whether model and machine have parted, where standard errors were asked for or steps could
-        be looked for.
+        Whether model and machine have parted, where standard errors were asked for or all is
+        smoothed.
     steps : HeatSteps or None
         Where they were looked for.
     no_steps : str
         Why they were not.
     deconvolved : Deconvolved or None
         How another method came to its heat.
+    change : Change or None
+        Of the machine, where the readings are much likelier with it.
     """
 
     estimates: Float
@@ -122,6 +136,7 @@ class Looked:
     deconvolved: Deconvolved | None = None
     steps: HeatSteps | None = None
     no_steps: str = ""
+    change: Change | None = None
 
 
 def look(
@@ -131,6 +146,7 @@ def look(
     taken: Float,
     how: Lookahead,
     initial: Initial = "rest",
+    at_rest: bool = True,
 ) -> Looked:
     """Estimates of a whole record as `how` asks.
 
@@ -146,6 +162,8 @@ def look(
     initial : {"rest", "settled", "free"}
         The machine at the first row: at rest, settled at the readings, or, where all is smoothed,
         in a state that is estimated.
+    at_rest : bool
+        Whether the first readings allow a machine at rest.
 
     Raises
     ------
@@ -157,6 +175,7 @@ def look(
     if initial == "free" and not how.smooth:
         raise ModelError("--initial free goes with --smooth: a filter starts at a known state")
     settled = initial != "rest"
+    begins: Initial = initial if settled or at_rest else "free"
     designed = kalman = linear_kalman(estimator)
     sensors = len(kalman.sensors)
     readings, behind = taken[:, :sensors], np.zeros((len(time), len(kalman.estimates)))
@@ -179,82 +198,147 @@ def look(
         found = deconvolve(kalman, time, readings, level[0], how.plan, acting)
         estimates = followed(kalman, float(np.median(np.diff(time))), found.heat)
         return Looked(estimates + behind, None, kalman, deconvolved=found)
+    alarm, change = None, None
+    if len(time) > 1 and (how.bands or how.smooth):
+        alarm = _alarm(model, designed, time, readings, initial)
+        if how.walk != "design":
+            change = _change(model, designed, time, readings, initial, alarm)
+    if change is not None and how.smooth and change.taken:
+        kalman = change.estimator
     if isinstance(how.sizes, float):
         kalman = replace(kalman, walk=tuple(how.sizes * each for each in level))
     if how.sizes != "design" and len(time):
         pinned = how.sizes != "likelihood"
         kalman = fit_sizes(kalman, time, readings, pinned, initial, level).estimator
+    sized = kalman
+    if how.smooth and how.sizes != "design":
+        # What the calibration has left of the sensors is no heat.
+        kalman = with_misfit(kalman, model_errors(model, kalman))
 
     sought = how.may_step and len(time) > 0
     no_steps = why_no_steps(kalman, time, readings, level) if sought else ""
     sought = sought and not no_steps
-    alarm = None
-    if len(time) > 1 and (how.bands or sought):
-        alarm = _alarm(model, designed, time, readings, initial)
-    steps = None
-    if sought and alarm is not None and alarm.word == PARTED:
+    steps, is_known = None, change is not None and change.taken
+    if sought and alarm is not None and alarm.word == PARTED and not is_known:
         no_steps = "model and machine have parted"
     elif sought:
         steps = find_steps(kalman, time, readings, level, initial)
         kalman = steps.estimator if steps.are_likelier else kalman
     stepped = steps if steps and steps.are_likelier else None
 
-    def estimated(readings: Float) -> Float:
+    def estimated(readings: Float, like: KalmanEstimator = kalman) -> Float:
         if how.smooth:
             rows = None if stepped is None else stepped.likeliest + stepped.pauses
-            return smooth(kalman, time, readings, level, initial, rows).estimates
+            return smooth(like, time, readings, level, initial, rows).estimates
         if how.lag:
-            return fixed_lag(kalman, time, readings, how.lag, settled)
-        return kalman.run(time, readings, settled)
+            return fixed_lag(like, time, readings, how.lag, settled)
+        return like.run(time, readings, settled)
 
-    if how.bands or stepped:
+    smoothed = None
+    if how.smooth and (how.bands or stepped):
         smoothed = (smooth(kalman, time, readings, level, initial) if stepped is None
                     else smooth_with_steps(stepped, time, readings, level))  # fmt: skip
-        estimates = smoothed.estimates if how.smooth else estimated(readings)
-    else:
-        estimates = estimated(readings)
+    estimates = estimated(readings) if smoothed is None else smoothed.estimates
     sigma = None
-    if how.bands:
+    if how.bands and smoothed is not None:
+        sigma = _with_parameters(
+            smoothed.sigma, model, kalman, time, estimates, readings, estimated
+        )
+    elif how.bands:
         told = kalman
-        if how.walk is None and not how.smooth:
+        if how.walk is None:
             told = _as_told(kalman, time, readings, level, initial)
-        variance = _variance(kalman, told, time, smoothed, how)
-        if len(time) > 1:
-            variance += parameter_variance(model, kalman, time, estimates, readings, estimated)
-        sigma = np.sqrt(variance)
+        sigma = _filtered_sigma(kalman, told, time, level, begins, how.lag)
+        if how.walk == "design" and not how.lag:
+            # As a stream has them.
+            relative, _, _ = stream_bands(model.estimator_design(), len(kalman.estimates))
+            sigma = np.hypot(sigma, np.array(relative) * estimates)
+        else:
+            sigma = _with_parameters(sigma, model, kalman, time, estimates, readings, estimated)
+    if sigma is not None and change is not None:
+        # What a change leaves open that is taken, and all that one does which is not.
+        like = replace(kalman, sensed=change.edge.sensed, followed=change.edge.followed)
+        sigma = np.hypot(sigma, estimated(readings, like) - estimated(readings))
     if alarm is not None and alarm.row is not None:
         alarm = replace(alarm, row=int(np.count_nonzero(there[: alarm.row])))
     estimates, sigma = estimates[there] + behind, None if sigma is None else sigma[there]
-    return Looked(estimates, sigma, kalman, alarm, steps=steps, no_steps=no_steps)
+    return Looked(estimates, sigma, sized, alarm, steps=steps, no_steps=no_steps, change=change)
 
 
 def _alarm(
-    model: Model, designed: KalmanEstimator, time: Float, readings: Float, initial: Initial
+    model: Model,
+    designed: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    initial: Initial,
+    changed: KalmanEstimator | None = None,
 ) -> Alarm:
     """By the noise of the design: what the record itself tells has seen the contradiction."""
     errors = model_errors(model, designed), gain_errors(model, designed)
-    test = InnovationTest(designed, float(np.median(np.diff(time))), *errors)
+    test = InnovationTest(changed or designed, float(np.median(np.diff(time))), *errors)
     return record_alarm(test, time, readings, initial, drive_levels(model, designed.drives))
 
 
-def _variance(
-    kalman: KalmanEstimator, told: KalmanEstimator, time: Float, smoothed: Smoothed, how: Lookahead
+def _change(
+    model: Model,
+    designed: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    initial: Initial,
+    alarm: Alarm,
+) -> Change | None:
+    """What the record says of a change of the machine; taken where it explains all of it."""
+    long = len(time) > MAX_ROWS_WITHOUT_ALARM and alarm.word != PARTED
+    if alarm.word == NOT_POSSIBLE or long:
+        return None
+    errors = model_errors(model, designed), gain_errors(model, designed)
+    level = drive_levels(model, designed.drives)
+    found = likeliest_change(designed, *errors, time, readings, initial, level)
+    # A gain that is off without an alarm is one of the calibration's own.
+    if found is None or not found.explains or (found.sensor and alarm.word != PARTED):
+        return found
+    after = _alarm(model, designed, time, readings, initial, found.estimator)
+    return replace(found, taken=after.word == QUIET)
+
+
+def _with_parameters(
+    sigma: Float,
+    model: Model,
+    kalman: KalmanEstimator,
+    time: Float,
+    estimates: Float,
+    readings: Float,
+    estimated: Callable[[Float], Float],
 ) -> Float:
-    """Of the estimates, for a model that is right."""
-    if how.smooth:
-        return np.square(smoothed.sigma)
-    filtered = np.square(smoothed.filtered_sigma)
+    """Standard errors for a model that is right, and those that its parameters make."""
     if len(time) < 2:
-        return filtered
-    # The gains are those of the walk that a design has chosen; how far they leave the estimates
-    # from the heat depends on how it wanders here. On the mean over the record's clock; the last
-    # rows have fewer readings after them.
-    period = float(np.median(np.diff(time)))
-    rows = round(how.lag / period) if how.lag else 0
+        return sigma
+    variance = parameter_variance(model, kalman, time, estimates, readings, estimated)
+    return np.sqrt(np.square(sigma) + variance)
+
+
+def _filtered_sigma(
+    kalman: KalmanEstimator,
+    told: KalmanEstimator,
+    time: Float,
+    level: Sequence[float],
+    begins: Initial,
+    lag: float | None,
+) -> Float:
+    """Standard errors of estimates with readings up to their moment, or of `lag` seconds more.
+
+    The gains are those of the walk that a design has chosen; how far they leave the estimates from
+    the heat depends on how it wanders here, as `told`.
+    """
+    period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    sigma = running_errors(RunningError(kalman, period, level, told), time, begins)
+    if not lag or len(time) < 2:
+        return sigma
+    # On the mean over the record's clock; the last rows have fewer readings after them.
+    rows = round(lag / period)
     ahead = np.minimum(np.arange(len(time))[::-1], rows)
-    steady = error_variance(kalman, kalman, period, 0)[0]
-    found = error_variance(kalman, told, period, rows)
-    return filtered * (found / np.maximum(steady, 1e-300))[ahead]
+    found = np.sqrt(error_variance(kalman, told, period, rows))
+    return np.asarray(sigma * (found / np.maximum(found[0], 1e-300))[ahead])
 
 
 def _as_told(
@@ -269,9 +353,3 @@ def _as_told(
         return fit_sizes(kalman, time, readings, initial=initial, level=level).estimator
     except (LogError, FitError):
         return kalman
-
-
-def drive_levels(model: Model, drives: Sequence[str]) -> tuple[float, ...]:
-    """The largest size of each drive in the calibration; 1 where it was none."""
-    ranges = {d.channel: max(map(abs, d.range)) for d in model.drives}
-    return tuple(float(ranges[name]) or 1.0 for name in drives)

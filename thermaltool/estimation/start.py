@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from thermaltool.errors import FitError
 from thermaltool.estimation.state_space import StateSpace, propagated
 from thermaltool.responses.modes import Float
+
+if TYPE_CHECKING:
+    from thermaltool.model import Model
 
 # Cold, settled at its heat, or in any state that heat before the record has left.
 Initial = Literal["rest", "settled", "free"]
@@ -61,3 +64,9 @@ def warm_covariance(
         F[modal + k, modal + k] = np.exp(-share)
         Q[modal + k, modal + k] = size**2 * -np.expm1(-2 * share)
     return propagated(F, Q, settled, FORGOTTEN)
+
+
+def drive_levels(model: Model, drives: Sequence[str]) -> tuple[float, ...]:
+    """The largest size of each drive in the calibration; 1 where it was none."""
+    ranges = {d.channel: max(map(abs, d.range)) for d in model.drives}
+    return tuple(float(ranges[name]) or 1.0 for name in drives)

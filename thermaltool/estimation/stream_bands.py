@@ -1,4 +1,4 @@
-"""What a stream reads of its design on the standard errors of its estimates."""
+"""What a stream reads of its design on what is uncertain of its model."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from thermaltool.documents import Part, finite, items
 
 def stream_bands(
     design: Mapping[str, Any], estimates: int
-) -> tuple[list[float], list[float], list[float], list[float]]:
-    """Steady standard errors, those of the parameters as shares, and what the model leaves.
+) -> tuple[list[float], list[float], list[float]]:
+    """Standard errors that the parameters make, as shares of an estimate; what the model leaves.
 
     The last is over the sensors' signals; empty in a design without them.
 
@@ -27,15 +27,14 @@ def stream_bands(
         Not what `design_bands` gives.
     """
     kept = Part(design["bands"], "design.bands")
-    sigma, relative, error = (
-        [finite(value) for value in kept.read(name, items)]
-        for name in ("sigma", "relative", "model_error")
+    relative, error = (
+        [finite(value) for value in kept.read(name, items)] for name in ("relative", "model_error")
     )
     gains = [finite(value) for value in kept.read("gain_error", items, [])]
-    kept.as_whole(lambda whole: _same_length(estimates, sigma, relative))
-    return sigma, relative, error, gains
+    kept.as_whole(lambda whole: _same_length(estimates, relative))
+    return relative, error, gains
 
 
-def _same_length(count: int, *lists: list[float]) -> None:
-    if any(len(each) != count for each in lists):
+def _same_length(count: int, relative: list[float]) -> None:
+    if len(relative) != count:
         raise ValueError("standard errors and estimates do not go together")

@@ -30,7 +30,8 @@ from thermaltool.logs.table import (
 from thermaltool.logs.time_stamps import iso_clock, joined_stamps
 from thermaltool.logs.unread import spared_cells, with_cure
 from thermaltool.record import Array, Record, hint
-from thermaltool.units import UNITS, WORDS, clock_unit, names, parse_channel
+from thermaltool.status import WORDS
+from thermaltool.units import UNITS, clock_unit, names, parse_channel
 
 if TYPE_CHECKING:
     import pandas
@@ -240,8 +241,7 @@ def _plan(file: str, table: Table, mapping: ColumnMap) -> _Plan:
     renames: dict[int, Rename] = {}
     problems: list[LogError] = []
     # Tables of some ten thousand columns: no search through those before.
-    seen: set[str] = set()
-    taken: set[str] = set()
+    seen, taken = set[str](), set[str]()
 
     def fault(message: str, name: str | None) -> None:
         problems.append(LogError(message, file, table.header_line, name))

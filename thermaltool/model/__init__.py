@@ -21,11 +21,11 @@ from thermaltool.model.initial_state import Start, StartedOutput, agreements, st
 from thermaltool.model.model_file import dumps, from_document, loads, to_document
 from thermaltool.model.rest import (
     Zero,
-    beside,
     drive_rests,
     relative,
     rest_level,
     rest_shifts,
+    zero_beside,
     zero_of,
 )
 from thermaltool.model.selection import only_sensors
@@ -70,7 +70,6 @@ __all__ = [
     "agreements",
     "at_operating_points",
     "away_from_rest",
-    "beside",
     "characteristics",
     "deviations",
     "drive_rests",
@@ -93,5 +92,6 @@ __all__ = [
     "term_input",
     "to_document",
     "with_known_spread",
+    "zero_beside",
     "zero_of",
 ]

@@ -8,7 +8,8 @@
   an error of its gain hardly goes into the zero, and neither a wrong first reading nor a jump of
   the first minute shifts a whole log.
 - Beside an estimate, which follows with a delay, it counts from the level of the first rows of
-  measured minus estimated, `start_level`.
+  measured minus estimated, `start_level`; where the machine is warm there, of which the estimate
+  knows little, from the median over all rows.
 
 A stream has the first reading alone, and counts from that one (`ModelRecursion`).
 """
@@ -151,17 +152,37 @@ def rest_shifts(model: Model, levels: Mapping[str, float]) -> dict[str, float]:
     return shifts
 
 
-def beside(measured: Float, estimated: Float) -> Float:
-    """A measured channel without a zero of its own as it stands beside an estimate, shape (n,).
+def zero_beside(
+    time: Float, measured: Float, estimated: Float, rest: Reference, warm: bool = False
+) -> Zero:
+    """What a measured channel counts from beside an estimate.
 
     An estimate follows with a delay: it says nothing of how the first rows move, and the level of
     the difference counts as that of a measured drive does.
 
     Parameters
     ----------
+    time : ndarray, shape (n,) [s]
     measured, estimated : ndarray, shape (n,) [unit of the channel]
+        As read, NaN where missing, and relative to rest.
+    rest : "first" or float
+    warm : bool
+        The machine is not at rest at the first row: all rows count.
     """
-    return measured - rest_level(measured - estimated, "first")
+    # Imported on use: the stream reads models and needs no scipy.
+    from thermaltool.signals.start_level import start_level
+
+    if rest != "first":
+        return Zero(rest)
+    difference = measured - estimated
+    there = np.flatnonzero(np.isfinite(difference))
+    if not len(there):
+        return Zero(0.0)
+    if warm:
+        value = float(np.median(difference[there]))
+        return Zero(value, len(there), float(time[there[0]]), float(time[there[-1]]))
+    level = start_level(difference)
+    return Zero(level.value, level.rows, float(time[level.first]), float(time[level.last]))
 
 
 def drive_rests(model: Model, record: Record) -> dict[str, float]:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from thermaltool.errors import LogError
 from thermaltool.logs import Log
-from thermaltool.model import beside, relative
+from thermaltool.model import Zero, relative, zero_beside
 from thermaltool.report.clock_axis import record_axis
 from thermaltool.report.records import RESIDUAL, SETPOINT, deflection_of
 from thermaltool.report.style import (
@@ -61,11 +62,16 @@ def draw_simulation(log: Log, channels: Sequence[str] = ()) -> Figure:
     return draw_pairs(f"Simulated and measured, {Path(log.name).name}", log, pairs, "simulated")
 
 
-def draw_estimate(log: Log, reference: Log, channels: Sequence[str] = ()) -> Figure:
+def draw_estimate(
+    log: Log,
+    reference: Log,
+    channels: Sequence[str] = (),
+    zeros: Mapping[str, Zero] = MappingProxyType({}),
+) -> Figure:
     """What ``estimate`` writes, against the log that holds the truth.
 
-    The zero of displacements, angles and absolute temperatures is arbitrary: they count from the
-    level of measured minus estimated over the first rows.
+    The zero of displacements, angles and absolute temperatures is arbitrary: they count from
+    `zeros`, without these from the level of measured minus estimated over the first rows.
 
     Raises
     ------
@@ -80,7 +86,7 @@ def draw_estimate(log: Log, reference: Log, channels: Sequence[str] = ()) -> Fig
         )
     pairs = [
         Pair(_titled(name), _unit(name), log.columns[name],
-             _measured(log.time, log.columns[name], reference, name))
+             _measured(log.time, log.columns[name], reference, name, zeros.get(name)))
         for name in choose(common, channels, log.name)
     ]  # fmt: skip
     title = f"{Path(log.name).name} against {Path(reference.name).name}"
@@ -200,12 +206,14 @@ def _titled(channel: str) -> str:
     return f"{channel}, from rest" if counts_from_first(channel) else channel
 
 
-def _measured(time: Array, computed: Array, reference: Log, channel: str) -> Array:
+def _measured(
+    time: Array, computed: Array, reference: Log, channel: str, zero: Zero | None
+) -> Array:
     """A channel of the reference at the times of a result, from rest where its zero is free."""
     values = _at(time, reference, channel)
     if not counts_from_first(channel):
         return values
-    return beside(values, computed)
+    return values - (zero or zero_beside(time, values, computed, "first")).value
 
 
 def _at(time: Array, reference: Log, channel: str) -> Array:

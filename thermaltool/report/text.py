@@ -12,6 +12,7 @@ from thermaltool.units import parse_channel, symbol
 OTHER_PERIOD = 1.5
 
 if TYPE_CHECKING:
+    from thermaltool.estimation.changed_machine import Change
     from thermaltool.estimation.estimator import KalmanEstimator
     from thermaltool.estimation.heat_steps import HeatSteps
     from thermaltool.estimation.innovation_test import Alarm
@@ -150,6 +151,23 @@ def alarm_messages(log: Log, alarm: Alarm) -> Iterator[str]:
         yield f"{log.name}: {alarm.reason}"
 
 
+def change_message(log: Log, found: Change, taken: bool) -> str:
+    """By what change of the machine the readings of a log are explained, and what that does."""
+    before, after = (f"{each:.3g} s" for each in found.slowest)
+    what = (
+        f"{found.sensor} shows {found.size:.4g} times what the model has for it"
+        if found.sensor
+        else f"the machine loses {'more' if found.size > 0 else 'less'} heat than when it was "
+        f"calibrated, its slowest time constant is {after}, not {before}"
+    )
+    then = (
+        "the estimates are those of such a machine"
+        if taken
+        else "the estimates are those of the model, standard errors hold the difference"
+    )
+    return f"{log.name}: {what}: {found.likelier:.3g} nats likelier than no change; {then}"
+
+
 def pause_messages(log: Log, meaning: str) -> Iterator[str]:
     """The pauses of a log (above ``max_gap``), and what they mean here."""
     for part in log.segments[1:]:
@@ -168,9 +186,10 @@ def start_message(log: Log, rmse: Mapping[str, float]) -> str:
     )
 
 
-def zero_message(channel: str, zero: Zero, log: Log) -> str:
+def zero_message(channel: str, zero: Zero, log: Log, computed: str = "simulated") -> str:
     """From what the zero of an output was taken that has none of its own."""
-    return (
-        f"{channel}: counts from the median of measured minus simulated over the first "
-        f"{zero.stop - log.time[0]:.4g} s ({counted(zero.rows, 'reading')})"
-    )
+    if zero.rows == 1:
+        return f"{channel}: counts from its first reading minus what is {computed} there"
+    first = f"the first {zero.stop - log.time[0]:.4g} s ({counted(zero.rows, 'reading')})"
+    over = "all rows" if zero.rows > 0.9 * len(log) else first
+    return f"{channel}: counts from the median of measured minus {computed} over {over}"

@@ -18,6 +18,7 @@ from thermaltool.estimation.forms import linear_kalman
 from thermaltool.estimation.pipeline import EstimatorPipeline, InputColumn
 from thermaltool.estimation.plausible_change import plausible_changes, reach_of, white_noise_of
 from thermaltool.estimation.settling_time import REMAINDER
+from thermaltool.estimation.start import drive_levels
 from thermaltool.model import Model, Term
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import LONGEST_PAUSE, ClockCheck
@@ -137,11 +138,12 @@ def offsets(
         reduced=[_seen(ranges[estimator.estimates[k]], sign) for k in followed]
         if watch or stands_in
         else (),
-        monitor=_monitor(pipeline, settings, messages, design, period),
+        monitor=_monitor(model, pipeline, settings, messages, design, period),
     )
 
 
 def _monitor(
+    model: Model,
     pipeline: EstimatorPipeline,
     settings: Settings,
     report: Report,
@@ -157,7 +159,9 @@ def _monitor(
     if estimator is not pipeline.estimator or any(pipeline.estimate_maps):
         what = "known columns" if estimator is not pipeline.estimator else "a curve"
         raise ModelError(f"beside {what} a stream has neither standard errors nor late estimates")
-    return Monitor(estimator, design, period, report, bands=settings.bands, lag=settings.lag)
+    level = drive_levels(model, estimator.drives)
+    return Monitor(estimator, design, period, report, bands=settings.bands, lag=settings.lag,
+                   level=level)  # fmt: skip
 
 
 def _offset(settings: Settings, deflection: str, seen: tuple[float, float]) -> Setpoint:

@@ -6,13 +6,14 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from thermaltool import status
 from thermaltool.control.setpoint import Limits, Setpoint
 from thermaltool.model import NOT_AT_REST, away_from_rest
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.messages import Report
 from thermaltool.runtime.policy import Policy
-from thermaltool.runtime.process import STATUS, Process, Reply
+from thermaltool.runtime.process import Process, Reply
 from thermaltool.runtime.rows.row import Row
 from thermaltool.runtime.sensing.sensors import SensorChannel
 from thermaltool.runtime.sensing.vote import Vote
@@ -22,7 +23,8 @@ from thermaltool.runtime.unknown_state import UnknownState
 if TYPE_CHECKING:
     from thermaltool.runtime.monitor import Monitor
 
-UNTESTED = ("safe", "held", "reduced", "settles")
+# A row of such a status says nothing of whether model and machine agree.
+NOT_TESTED = status.SAFE, status.HELD, status.REDUCED, status.SETTLES
 Pass = Callable[[list[float]], list[float]]
 
 
@@ -92,7 +94,7 @@ class SetpointProcess(Process):
         self.policy, self.clock, self.report = policy, clock, report
         self.columns = tuple(sensor.channel for sensor in sensors)
         beside = (*estimates, *(monitor.names if monitor else ()))
-        self.names = (*names, *beside, *[STATUS] * with_status)
+        self.names = (*names, *beside, *[status.STATUS] * with_status)
         self._estimates_too, self._status_too = bool(estimates), with_status
         self.period, self.patience = policy.period, patience
         self.clock_advice, self.digest, self._summary = clock_advice, digest, summary
@@ -105,7 +107,7 @@ class SetpointProcess(Process):
         self.estimates: list[float] = stepper.rest()
         self._started, self._moved_at = False, -math.inf
         self.begins = self._begins()
-        self.status = "safe"
+        self.status = status.SAFE
         # Age [s] of a resumed state, until a row shows that it belongs to it.
         self._age: float | None = None
         self._doubted = math.inf
@@ -115,12 +117,9 @@ class SetpointProcess(Process):
         """Where the machine is taken to be at the first readings."""
         if self.policy.settled:
             return "from the first readings, as settled"
-        rests = [
-            f"{sensor.channel} {sensor.rest:g}"
-            for sensor in self.sensors
-            if sensor.at_rest and math.isfinite(sensor.rest)
-        ]
-        return f"from rest ({', '.join(rests)})" if rests else "from rest"
+        known = [s for s in self.sensors if s.at_rest and math.isfinite(s.rest)]
+        rests = ", ".join(f"{sensor.channel} {sensor.rest:g}" for sensor in known)
+        return f"from rest ({rests})" if rests else "from rest"
 
     def take(self, row: Row) -> Reply | None:
         """The reply to a row, as `Process.take`; a state that was kept has to fit the first."""
@@ -128,7 +127,7 @@ class SetpointProcess(Process):
             if not self._follows(row, row.time, self._age):
                 return self.repeat()
             self._age = None
-            self.status = "resumed"
+            self.status = status.RESUMED
         return super().take(row)
 
     def step(self, row: Row, seconds: float) -> Reply:
@@ -151,7 +150,7 @@ class SetpointProcess(Process):
         safe = lost or not self._started
         self._move(time, safe)
         self.status = self._state_of(safe)
-        if self.status == "settles" and not self._settles:
+        if self.status == status.SETTLES and not self._settles:
             left = self._unsure.left
             how = f": about {left:.3g} s of readings" if left < math.inf else ", and never ends"
             self.report("", f"the estimate settles{how}")
@@ -197,18 +196,18 @@ class SetpointProcess(Process):
     def _state_of(self, safe: bool) -> str:
         """What a row's reply rests on."""
         if safe:
-            return "safe"
+            return status.SAFE
         if self._without is not None:
-            return "reduced"
+            return status.REDUCED
         if any(sensor.held for sensor in self.sensors):
-            return "held"
+            return status.HELD
         if self._unsure.lasts:
-            return "settles"
+            return status.SETTLES
         if self._monitor and self._monitor.alarm:
-            return "parted"
-        if self.accepted == 1 and self.status == "resumed":
-            return "resumed"
-        return "extrapolates" if any(s.extrapolates for s in self.sensors) else "ok"
+            return status.PARTED
+        if self.accepted == 1 and self.status == status.RESUMED:
+            return status.RESUMED
+        return status.EXTRAPOLATES if any(s.extrapolates for s in self.sensors) else status.OK
 
     def _follows(self, row: Row, time: float, age: float) -> bool:
         """Whether rows go on from the state that was kept; where they do not, it is forgotten.
@@ -255,7 +254,7 @@ class SetpointProcess(Process):
         if self._started:
             estimates = self.stepper.step(ticks, inputs)
             if self._monitor is not None:
-                self._monitor.step(ticks, inputs, self.status not in UNTESTED, self.stepper.out)
+                self._monitor.step(ticks, inputs, self.status not in NOT_TESTED, self.stepper.out)
             self.estimates = self._outputs(estimates) if self._outputs else estimates
             if math.isfinite(sum(self.estimates)):
                 return
@@ -267,14 +266,14 @@ class SetpointProcess(Process):
             return
         settled = self.policy.settled
         estimates = self.stepper.start(inputs, settled)
-        if self._monitor:
-            self._monitor.start(inputs, settled)
         self.estimates = self._outputs(estimates) if self._outputs else estimates
-        for sensor, reading in zip(self.sensors, readings, strict=True):
-            if settled or not sensor.at_rest or not away_from_rest(reading, sensor.calibrated):
-                continue
+        pairs = [] if settled else zip(self.sensors, readings, strict=True)
+        away = [s for s, x in pairs if s.at_rest and away_from_rest(x, s.calibrated)]
+        for sensor in away:
             self.report(sensor.channel, f"{sensor.value:g} at the start {NOT_AT_REST}")
             self._unsure.unknown = 1.0
+        if self._monitor:
+            self._monitor.start(inputs, "settled" if settled else "free" if away else "rest")
 
     def _shift(self, seconds: float) -> None:
         """The clock was set: past times move along."""
@@ -309,7 +308,7 @@ class SetpointProcess(Process):
 
     def silence(self, elapsed: float) -> Reply:
         """Move towards the safe setpoint, `elapsed` [s] after the last row."""
-        self.status = "safe"
+        self.status = status.SAFE
         if self.time is None:
             # No row has told a time: that of the silence does.
             self._move(elapsed, True)
@@ -329,7 +328,7 @@ class SetpointProcess(Process):
         """The safe setpoint at once, or none where the last one stays: nothing comes after it."""
         if self.policy.hold_at_end:
             return None
-        self.status = "safe"
+        self.status = status.SAFE
         for setpoint in self.setpoints:
             setpoint.jump(self._safe(setpoint))
         return self._written()

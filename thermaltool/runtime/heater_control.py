@@ -12,24 +12,15 @@ from thermaltool.control.actuation import Actuation
 from thermaltool.control.blind import BlindPrediction
 from thermaltool.control.controller import HeaterController
 from thermaltool.control.law_choice import law_of
-from thermaltool.control.laws import (
-    FAILED,
-    MAX_FAILURES,
-    OK,
-    OLD_PLAN,
-    SATURATED,
-    ControlLaw,
-    Decision,
-)
+from thermaltool.control.laws import MAX_FAILURES, ControlLaw, Decision
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.compensator import SetpointProcess
 from thermaltool.runtime.messages import Report
 from thermaltool.runtime.stepper import Stepper, Steps
+from thermaltool.status import FAILED, FAULT, OK, OLD_PLAN, SAFE, SATURATED
 
-# Status where a heater does not follow its setpoint.
-FAULT = "fault"
 # Why there is no plan where temperatures are lost for long.
 UNTRUSTED = "what the model foretells is not trusted any more"
 
@@ -306,10 +297,10 @@ class ControlProcess(SetpointProcess):
     def _state_of(self, safe: bool) -> str:
         """What a row's reply rests on."""
         status = super()._state_of(safe)
-        if status == "safe":
+        if status == SAFE:
             return status
         if self.stepper.gives_nothing:
-            return "safe"
+            return SAFE
         if self.stepper.actuation.stuck.any():
             return FAULT
         found = self.stepper.decision.status

@@ -4,29 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from thermaltool.errors import ModelError
 from thermaltool.estimation.estimator import KalmanEstimator
-from thermaltool.estimation.fixed_lag import FixedLag, without_readings
-from thermaltool.estimation.innovation_test import (
-    NOT_POSSIBLE,
-    PARTED,
-    QUIET,
-    UNTESTED,
-    InnovationTest,
-)
+from thermaltool.estimation.fixed_lag import FixedLag
+from thermaltool.estimation.innovation_test import InnovationTest
+from thermaltool.estimation.running_error import RunningError
+from thermaltool.estimation.start import Initial
 from thermaltool.estimation.stream_bands import stream_bands
 from thermaltool.runtime.messages import Report
-from thermaltool.runtime.process import ALARM
+from thermaltool.status import ALARM, NOT_POSSIBLE, PARTED, QUIET, UNTESTED
 
 # Before the names of estimates: of their standard error, and of a late one.
 SIGMA, LATE = "sigma_", "late_"
-# Choices of sensors that are left out whose standard errors are kept.
-MAX_LOST_CACHED = 16
 
 
 class Monitor:
@@ -42,6 +35,8 @@ class Monitor:
         Gets (channel, message) when model and machine part, and when they agree again.
     bands : bool
         Standard errors, and the alarm.
+    level : sequence of float, one for each drive
+        How large a heat may be at the first row [unit of the drive].
     lag : float or None [s]
         Late estimates.
 
@@ -62,23 +57,22 @@ class Monitor:
         *,
         bands: bool,
         lag: float | None,
+        level: Sequence[float] = (),
     ) -> None:
         self._report = report
         self._late = None if lag is None else FixedLag(estimator, lag, period)
         self._test: InnovationTest | None = None
-        self._sigma: list[float] = []
+        self._error: RunningError | None = None
         self._latest = [0.0] * len(estimator.estimates)
-        self._estimator, self._period = estimator, period
-        self._lost: tuple[int, ...] = ()
-        self._widened = lru_cache(MAX_LOST_CACHED)(self._widening)
-        # Clock steps that each has not seen.
+        # Clock steps that late estimates and standard errors, and that the test has not seen.
         self._late_ticks = self._test_ticks = 0
         names: list[str] = []
         if bands:
             if "bands" not in design:
                 raise ModelError("the design has no standard errors: run regularize again")
             kept = stream_bands(design, len(estimator.estimates))
-            self._sigma, self._relative, error, gain_error = kept
+            self._relative, error, gain_error = kept
+            self._error = RunningError(estimator, period, level)
             test = InnovationTest(estimator, period, error, gain_error)
             self._test = test if test.can_tell else None
             if test.blind_spot:
@@ -90,12 +84,14 @@ class Monitor:
             names.append(ALARM)
         self.names, self.alarm, self._tested = tuple(names), False, False
 
-    def start(self, readings: Sequence[float], settled: bool) -> None:
-        """Begin at the first readings: at rest, or settled at them."""
+    def start(self, readings: Sequence[float], initial: Initial) -> None:
+        """Begin at the first readings: at rest, settled at them, or at rest where nothing is."""
         first = np.array(readings)
         for part in (self._late, self._test):
             if part is not None:
-                part.start(first, settled)
+                part.start(first, initial == "settled")
+        if self._error is not None:
+            self._error.start(initial)
         self._latest = [0.0] * len(self._latest)
         self._late_ticks = self._test_ticks = 0
         self.alarm = self._tested = False
@@ -108,15 +104,16 @@ class Monitor:
         Where they are not `good` (held, or of a sensor that is left out) nothing is tested.
         """
         now = np.array(readings)
-        self._lost = tuple(sorted(lost))
         self._late_ticks += ticks
         self._test_ticks += ticks
         self._tested = False
         if not np.isfinite(now).all():
             return
+        ticks, self._late_ticks = self._late_ticks, 0
+        if self._error is not None:
+            self._error.step(ticks, lost)
         if self._late is not None:
-            self._late.step(self._late_ticks, now, lost)
-            self._late_ticks = 0
+            self._late.step(ticks, now, lost)
             late = self._late.latest_due()
             if late is not None:
                 self._latest = late.tolist()
@@ -141,31 +138,24 @@ class Monitor:
     def values(self, estimates: Sequence[float]) -> list[Any]:
         """The columns beside these estimates; late ones are at rest until there are any."""
         written: list[Any] = []
-        if self._sigma:
-            more = self._widened(self._lost) if self._lost else [0.0] * len(self._sigma)
+        if self._error is not None:
+            sigma = self._error.sigma.tolist()
             written += [
-                math.hypot(sigma, relative * estimate, beside)
-                for sigma, relative, estimate, beside in zip(
-                    self._sigma, self._relative, estimates, more, strict=True
-                )
+                math.hypot(own, relative * estimate)
+                for own, relative, estimate in zip(sigma, self._relative, estimates, strict=True)
             ]
         if self._late is not None:
             written += self._latest
-        return [*written, self._word] if self._sigma else written
-
-    def _widening(self, lost: tuple[int, ...]) -> list[float]:
-        """Standard error of every estimate that comes of doing without some sensors."""
-        estimator, variances = self._estimator, []
-        for each in (without_readings(estimator, lost), estimator):
-            space, (P, G) = each.state_space(self._period), each.steady(self._period)
-            filtered = P - G @ (space.H @ P)
-            variances.append(np.sum((space.C @ filtered) * space.C, axis=1))
-        return np.sqrt(np.maximum(variances[0] - variances[1], 0.0)).tolist()
+        return written if self._error is None else [*written, self._word]
 
     def state(self) -> list[Any]:
         """For `resume`, as JSON."""
-        parts = [None if part is None else part.state() for part in (self._late, self._test)]
+        parts = [None if part is None else part.state() for part in self._parts]
         return [*parts, self._latest, self._late_ticks, self._test_ticks]
+
+    @property
+    def _parts(self) -> tuple[FixedLag | None, InnovationTest | None, RunningError | None]:
+        return self._late, self._test, self._error
 
     def resume(self, values: list[Any]) -> None:
         """Go on from a state.
@@ -175,11 +165,14 @@ class Monitor:
         ValueError
             Not a state of this monitor.
         """
-        for part, kept in zip((self._late, self._test), values, strict=False):
+        *parts, latest, late_ticks, test_ticks = values
+        if len(parts) != len(self._parts):
+            raise ValueError("not a state of this monitor")
+        for part, kept in zip(self._parts, parts, strict=True):
             if (part is None) != (kept is None):
                 raise ValueError("not a state of this monitor")
             if part is not None:
                 part.resume(kept)
-        self._latest = [float(each) for each in values[2]]
-        self._late_ticks, self._test_ticks = map(int, values[3:])
+        self._latest = [float(each) for each in latest]
+        self._late_ticks, self._test_ticks = int(late_ticks), int(test_ticks)
         self.alarm = self._test is not None and self._test.alarm

@@ -9,9 +9,6 @@ from typing import Any
 from thermaltool.runtime.clock_check import ClockCheck
 from thermaltool.runtime.messages import Report
 from thermaltool.runtime.rows.row import Row
-from thermaltool.units import ALARM as ALARM
-from thermaltool.units import STATUS as STATUS
-from thermaltool.units import WORDS as WORDS
 
 # What is written for a row: a time [s] (None where none is known; of a sink's also a stamp, as the
 # lines have them) and one finite number per name, never -0.0; under a name of WORDS a word.

@@ -11,9 +11,9 @@ from typing import Any
 from thermaltool.documents import CONTROLLER
 from thermaltool.runtime.compensation import setpoint_name
 from thermaltool.runtime.pipe import LinePipe
-from thermaltool.runtime.process import ALARM, STATUS
 from thermaltool.runtime.settings import Settings
 from thermaltool.runtime.sinks import open_sink
+from thermaltool.status import ALARM, SAFE, STATUS, UNTESTED
 
 # In a file that is no JSON any more: outputs that measure a displacement.
 DEFLECTION = re.compile(r'"channel":\s*"(d_[^"\\]+)"')
@@ -21,7 +21,7 @@ DEFLECTION = re.compile(r'"channel":\s*"(d_[^"\\]+)"')
 CONTROL = re.compile(r'"channel":\s*"([^"\\]+)",\s*"maximum"')
 
 # Words of a line that rests on nothing.
-UNKNOWN = {STATUS: "safe", ALARM: "untested"}
+UNKNOWN = {STATUS: SAFE, ALARM: UNTESTED}
 
 
 def refused_setpoints(path: str, heater: str | None) -> list[str]:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from thermaltool.runtime.process import WORDS
+from thermaltool.status import WORDS
 
 if TYPE_CHECKING:
     from thermaltool.runtime.process import Reply

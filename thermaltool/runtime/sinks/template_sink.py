@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from thermaltool.errors import UnitError
 from thermaltool.runtime.clocks import Stamp
 from thermaltool.runtime.pipe import PIPE_BUF
-from thermaltool.runtime.process import WORDS
+from thermaltool.status import EXTRAPOLATES, WORDS
 from thermaltool.units import converted, parse_channel
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 TIMES = ("time", "time_s")
 # Every field of a pattern has to take these: what a set point may be, and words of a status.
 TRIAL_NUMBERS = (0.0, -1234.56789, 1e-9, -1e9, 1 / 3)
-TRIAL_WORD = "extrapolates"
+TRIAL_WORD = EXTRAPOLATES
 
 
 class _Field(NamedTuple):

@@ -1,0 +1,119 @@
+"""A machine that loses more heat than its model, and a sensor that shows less: found, and named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.linalg import expm
+
+import thermaltool as tt
+from thermaltool.estimation.changed_machine import Change, likeliest_change
+from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
+from thermaltool.estimation.smoother import smooth
+from thermaltool.responses.modes import Modes
+
+DT, ROWS, LEVEL, NOISE = 2.0, 900, 100.0, 0.02
+# Four lumps in a row [J/K, W/K], of which the first is heated and the first, third and last read.
+CAPACITY, COUPLING, LOSS = 60.0, 2.0, 0.3
+READ = (0, 2, 3)
+SENSORS = "dT_a_K", "dT_b_K", "dT_c_K"
+
+
+def matrix(loss):
+    A = np.diag([-(loss + COUPLING), *[-(loss + 2 * COUPLING)] * 2, -(loss + COUPLING)])
+    return (A + COUPLING * (np.eye(4, k=1) + np.eye(4, k=-1))) / CAPACITY
+
+
+def estimator():
+    rates, vectors = np.linalg.eigh(matrix(LOSS))
+    terms = tuple(
+        (k, 0, Modes(rates + 0j, vectors[place] * vectors[0] / CAPACITY + 0j))
+        for k, place in enumerate(READ)
+    )
+    noise = (SensorNoise(NOISE, 0.01, 900.0),) * 3
+    return KalmanEstimator(SENSORS, ("Q_W",), (), terms, (), (5.0,), noise)
+
+
+def record(generator, loss=LOSS, gains=(1.0, 1.0, 1.0)):
+    """Readings of a duty that steps, and its heat."""
+    heat = LEVEL * np.repeat(generator.uniform(size=ROWS // 100), 100)
+    A = matrix(loss)
+    F = expm(DT * A)
+    g = np.linalg.solve(A, (F - np.eye(4))[:, 0] / CAPACITY)
+    x, out = np.zeros(4), np.empty((ROWS, 3))
+    for k, q in enumerate(heat):
+        out[k] = np.array(gains) * x[list(READ)]
+        x = F @ x + g * q
+    return out + NOISE * generator.normal(size=out.shape), heat
+
+
+def found(readings):
+    time = DT * np.arange(ROWS)
+    return likeliest_change(
+        estimator(), [0.02] * 3, [0.004] * 3, time, readings, "rest", [LEVEL]
+    )  # fmt: skip
+
+
+def test_a_loss_that_has_grown_is_found_and_the_heat_is_right_with_it():
+    readings, heat = record(np.random.default_rng(81), loss=1.5 * LOSS)
+    change = found(readings)
+    assert change is not None
+    assert (change.sensor, change.explains) == ("", True)
+    assert change.size == pytest.approx(0.5 * LOSS / CAPACITY, rel=0.1)
+    time = DT * np.arange(ROWS)
+    errors = [
+        np.sqrt(np.mean((smooth(each, time, readings, [LEVEL]).estimates[:, 0] - heat) ** 2))
+        for each in (estimator(), change.estimator)
+    ]
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_a_sensor_that_shows_less_is_named():
+    readings, _ = record(np.random.default_rng(82), gains=(1.0, 0.9, 1.0))
+    change = found(readings)
+    assert change is not None
+    assert (change.sensor, change.explains) == ("dT_b_K", True)
+    assert change.size == pytest.approx(0.9, abs=0.01)
+    assert change.document()["of"] == "dT_b_K"
+
+
+def test_a_machine_as_it_was_calibrated_has_not_changed():
+    generator = np.random.default_rng(83)
+    changes = [found(record(generator)[0]) for _ in range(3)]
+    assert not any(each is not None and each.explains for each in changes)
+
+
+def test_what_is_no_clear_change_is_none():
+    change = Change("", 1e-4, 30.0, 1.0, estimator(), estimator(), (100.0, 90.0))
+    assert not change.explains
+    assert replace(change, ahead=9.0).explains
+    assert not replace(change, ahead=9.0, likelier=9.0).explains
+
+
+@pytest.mark.slow
+def test_estimates_are_those_of_the_changed_machine_and_say_so():
+    generator = np.random.default_rng(84)
+
+    def log(loss):
+        readings, heat = record(generator, loss)
+        columns = {"time_s": DT * np.arange(ROWS), "Q_W": heat}
+        return pd.DataFrame(columns | {name: readings[:, k] for k, name in enumerate(SENSORS)})
+
+    fit = tt.calibrate(log(LOSS), ["Q_W"], sensors=list(SENSORS), warn=str)
+    idle = log(LOSS)
+    idle[list(SENSORS)] = NOISE * generator.normal(size=(ROWS, 3))
+    design = tt.regularize(fit, tt.noise(idle, warn=str), form="kalman", warn=str)
+    lossy, said = log(1.5 * LOSS), []
+    run = tt.estimate(design, lossy, smooth=True, bands=True, warn=said.append)
+    assert any("loses more heat than when it was calibrated" in each for each in said)
+    assert run.document()["change"]["taken"]
+    error = run.columns["Q_W"] - lossy["Q_W"].to_numpy()
+    assert np.sqrt(np.mean(error**2)) < 0.05 * LEVEL
+    assert np.mean(np.abs(error) < 1.96 * run.columns["sigma_Q_W"]) > 0.9
+    # What a filter of the model gives is wrong by the gain; its standard errors hold it.
+    plain = tt.estimate(design, lossy, bands=True, warn=str)
+    error = plain.columns["Q_W"] - lossy["Q_W"].to_numpy()
+    assert np.mean(np.abs(error) < 1.96 * plain.columns["sigma_Q_W"]) > 0.9
