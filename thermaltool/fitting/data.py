@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.even_clock import even_records
+from thermaltool.fitting.excitation import check_excitation
 from thermaltool.record import Record
 from thermaltool.units import Hold, hold_of
 
@@ -23,12 +24,6 @@ Array = NDArray[np.float64]
 # them, as a model document has it; or one that is estimated from the run.
 Zero = Literal["fitted", "mean", "free"]
 
-# Inputs whose normalized Gram matrix has an eigenvalue below this are the same to rounding.
-MIN_INDEPENDENCE = 1e-9
-# Weight in such a combination above which an input is named.
-MIN_NAMED_WEIGHT = 1e-3
-# An input whose deviations are below this share of its size never moves.
-MIN_MOVEMENT = 1e-12
 # An excerpt excites enough with this share of the power that the best one has.
 MIN_EXCITATION = 0.1
 
@@ -50,6 +45,8 @@ class TrainingData:
         Of each input between its samples; held where none is given.
     logs : tuple of int
         Which of the logs each experiment is: one without a piece is none.
+    lagging : tuple of str
+        Inputs that reach no output of the same row but by what they do before it.
     """
 
     records: tuple[Record, ...]
@@ -58,6 +55,7 @@ class TrainingData:
     period: float
     holds: tuple[Hold, ...] = ()
     logs: tuple[int, ...] = ()
+    lagging: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.holds:
@@ -97,6 +95,11 @@ class TrainingData:
     def least_delays(self) -> tuple[int, ...]:
         """Samples before which each input cannot act: one where it is held between samples."""
         return tuple(int(hold == "zero") for hold in self.holds)
+
+    @property
+    def may_act_at_once(self) -> bool:
+        """Whether any input may reach an output of the same row directly."""
+        return not set(self.inputs) <= set(self.lagging)
 
     @cached_property
     def levels(self) -> Array:
@@ -147,6 +150,17 @@ class TrainingData:
             return self
         holds = dict(zip(self.inputs, self.holds, strict=True))
         return replace(self, inputs=tuple(names), holds=tuple(holds[name] for name in names))
+
+    def along_lines(self, names: Sequence[str], lagging: Sequence[str] = ()) -> TrainingData:
+        """The data with these inputs running straight from row to row.
+
+        Parameters
+        ----------
+        names, lagging : sequence of str
+        """
+        holds = zip(self.inputs, self.holds, strict=True)
+        lines: tuple[Hold, ...] = tuple("first" if n in names else hold for n, hold in holds)
+        return replace(self, holds=lines, lagging=tuple(lagging))
 
     def measured(self, k: int) -> TrainingData:
         """Output k alone, on the rows where it was measured.
@@ -258,29 +272,7 @@ class TrainingData:
             are combinations of each other (named).
         """
         for k in range(len(self.outputs)):
-            self._check(k)
-
-    def _check(self, k: int) -> None:
-        there = [np.isfinite(y[k]) for y in self.y]
-        output = np.concatenate([y[k][rows] for y, rows in zip(self.y, there, strict=True)])
-        if not len(output):
-            raise FitError(f"{self.outputs[k]} has no reading in any log")
-        if not np.ptp(output) > 0:
-            raise FitError(f"{self.outputs[k]} is constant: there is nothing to identify")
-        parts = [u if rows.all() else u[:, rows] for u, rows in zip(self.u, there, strict=True)]
-        moved = np.hstack([u - u.mean(1, keepdims=True) for u in parts if u.size])
-        power = np.sqrt(np.sum(moved**2, axis=1))
-        size = np.sqrt(np.sum(np.hstack(parts) ** 2, axis=1))
-        for name, deviation, whole in zip(self.inputs, power, size, strict=True):
-            if not deviation > MIN_MOVEMENT * whole:
-                raise FitError(f"{name} does not excite: it never moves within the record")
-        unit = moved / power[:, None]
-        values, vectors = np.linalg.eigh(unit @ unit.T)
-        if len(values) > 1 and values[0] < MIN_INDEPENDENCE:
-            weights = np.abs(vectors[:, 0])
-            named = [name for name, weight in zip(self.inputs, weights, strict=True)
-                     if weight > MIN_NAMED_WEIGHT]  # fmt: skip
-            raise FitError(f"collinear inputs: {', '.join(named)} are combinations of each other")
+            check_excitation(self.inputs, self.outputs[k], self.u, [y[k] for y in self.y])
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from functools import cached_property, partial
 from typing import Any, ClassVar
 
 from thermaltool.errors import FitError, ModelError
+from thermaltool.fitting.between_rows import BetweenRows, find_between_rows
 from thermaltool.fitting.data import Split, TrainingData, even_training_data, training_data
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.fit import ChosenOver, Fit
@@ -37,6 +38,8 @@ class Plan(ABC):
     ----------
     joint : bool
         One fit for all outputs, or one for each.
+    tells_instants : bool
+        Whether it counts what inputs do that switch between the rows.
     initial : {"auto", "rest", "free"}
         State at the first row.
     split : float or None
@@ -48,6 +51,7 @@ class Plan(ABC):
     """
 
     joint: ClassVar[bool] = False
+    tells_instants: ClassVar[bool] = True
 
     initial: Initial = "auto"
     split: float | None = None
@@ -130,12 +134,13 @@ def identify(
     FitError
         Data that the plan's form does not fit, or that are too few to validate.
     """
-    best = first = _planned(logs, inputs, outputs, plan, fresh, reference)
+    between = _between_rows(logs, inputs, outputs, plan)
+    best = first = _planned(logs, inputs, outputs, plan, fresh, reference, between)
     for rival in plan.beyond(first.fits, reference):
         if plan.budget.is_over:
             break
         try:
-            other = _planned(logs, inputs, outputs, rival, fresh, reference)
+            other = _planned(logs, inputs, outputs, rival, fresh, reference, between)
             if other.held.beats(best.held):
                 best = other
         except FitError:
@@ -209,6 +214,21 @@ class _Planned:
         return HeldFit(level, tuple(value for own in each for value in own.fit_percent))
 
 
+def _between_rows(
+    logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str], plan: Plan
+) -> BetweenRows:
+    """Inputs that switch between the rows that are fitted."""
+    if not plan.tells_instants:
+        return BetweenRows()
+    try:
+        parts = [log.between(*plan.span) for log in logs]
+        data = even_training_data(parts, inputs, outputs, parted=True)
+        data = data if plan.split is None else data.split(plan.split).fitted
+    except FitError:
+        return BetweenRows()
+    return find_between_rows(data)
+
+
 def _planned(
     logs: Sequence[Record],
     inputs: Sequence[str],
@@ -216,11 +236,17 @@ def _planned(
     plan: Plan,
     fresh: Sequence[Record],
     reference: Reference | None,
+    between: BetweenRows,
 ) -> _Planned:
     """Fits of one plan."""
-    parts, others = ([log.between(*plan.span) for log in each] for each in (logs, fresh))
-    sets = plan.data_sets(parts, inputs, outputs)
-    held = plan.data_sets(others, inputs, outputs) if fresh else [None] * len(sets)
+
+    def data_sets(each: Sequence[Record]) -> list[TrainingData]:
+        parts = [log.between(*plan.span) for log in each]
+        found = plan.data_sets(parts, inputs, outputs)
+        return [data.along_lines(between.lines, between.lagging) for data in found]
+
+    sets = data_sets(logs)
+    held = data_sets(fresh) if fresh else [None] * len(sets)
     fits: list[Fit] = []
     fitted = []
     for k, (data, own) in enumerate(zip(sets, held, strict=True)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -27,6 +27,8 @@ class ComponentPlan(Plan):
     ----------
     reduction : Reduction
     """
+
+    tells_instants: ClassVar[bool] = False
 
     reduction: Reduction = field(default_factory=Reduction)
 

@@ -54,7 +54,7 @@ def choose_order(
     def candidates() -> Iterator[Subspace]:
         problem: FitError | None = None
         any_fits = False
-        for direct in (False, True):
+        for direct in (False, True) if data.may_act_at_once else (False,):
             best, since = np.inf, 0
             beside: list[tuple[PoleSection, ...]] = []
             for order in orders:
