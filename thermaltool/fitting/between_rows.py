@@ -30,6 +30,7 @@ from thermaltool.fitting.subspace.identify import identify_subspace
 from thermaltool.fitting.subspace.model import SubspaceOutput
 from thermaltool.fitting.subspace.problem import SubspaceProblem
 from thermaltool.fitting.subspace.sections import PoleSection, all_poles
+from thermaltool.record import Record
 from thermaltool.responses.switching import switches
 
 # Rows that are looked at, and poles of the models that are compared, at most.
@@ -104,11 +105,15 @@ class _Compared:
         evidence = sum(
             _instants(output, self.data.only(k)) for k, output in enumerate(self.direct.outputs)
         )
+        if evidence > DECISIVE or evidence <= 0:
+            return evidence > 0
         # A feedthrough that explains no more than lines do has a number too many.
+        try:
+            slow = _best(self.data.along_lines(self.names), False, MIN_LAG)
+        except FitError:
+            return False
         size = len(self.names) * len(self.data.outputs)
-        spared = 0.5 * size * np.log(self.data.rows)
-        alike = self.lines.level >= self.direct.level - spared and self.lines.fastest >= MIN_LAG
-        return evidence > DECISIVE or (alike and evidence > -DECISIVE)
+        return slow.level >= self.direct.level - 0.5 * size * np.log(self.data.rows)
 
     def holds(self, name: str) -> bool:
         """Whether one of the inputs is better held from row to row."""
@@ -128,9 +133,8 @@ class _Compared:
             slow = _best(data, False, MIN_LAG / 2)
         except FitError:
             return True
-        least = MIN_DIRECT_EVIDENCE * len(data.inputs) * np.log(data.rows)
         return any(
-            _direct_evidence(output, data.only(k)) > least for k, output in enumerate(slow.outputs)
+            _acts_at_once(output, data.only(k), lines) for k, output in enumerate(slow.outputs)
         )
 
 
@@ -177,10 +181,12 @@ def _errors(output: SubspaceOutput, data: TrainingData) -> Array:
     return np.concatenate([r.column(output.target) - output.simulate(r) for r in data.records])
 
 
-def _direct_evidence(output: SubspaceOutput, data: TrainingData) -> float:
-    """Twice the logarithm of the likelihood ratio of feedthrough, instants integrated out.
+def _acts_at_once(output: SubspaceOutput, data: TrainingData, lines: Sequence[str]) -> bool:
+    """Whether feedthrough of one of these inputs is more than what its instants can explain.
 
-    Everything else is fitted anew beside it: weights, offsets, starts, and poles by their slopes.
+    By the likelihood ratio with the instants integrated out, everything else fitted anew beside it
+    (weights, offsets, starts, and poles by their slopes); and larger than what half a row changes,
+    for no switch lies beyond its rows.
     """
     problem = SubspaceProblem(data, direct=True)
     moved = [PoleSection(tuple(value + POLE_STEP for value in s.theta)) for s in output.sections]
@@ -191,23 +197,34 @@ def _direct_evidence(output: SubspaceOutput, data: TrainingData) -> float:
         of_input = partial(input_response, output, record)
         own = list(pulses(u, of_input, ["zero"] * len(u), len(data.records)))
         late.append(np.array(own).reshape(len(own), len(record)))
-    rows, edge = np.hstack(shared), -data.experiments
-    direct, at = rows[edge - len(data.inputs) : edge], edge - len(data.inputs)
-    other = np.vstack([rows[:at], rows[edge:], block_diag(*free)])
+    rows, edge, places = np.hstack(shared), -data.experiments, map(data.inputs.index, lines)
+    at = edge - len(data.inputs)
+    other, direct = np.vstack([rows[:at], rows[edge:], block_diag(*free)]), rows[at:edge]
+    direct = direct[list(places)]
     error, instants = _errors(output, data), block_diag(*late)
-    basis = orthonormal_rows(np.vstack([other, direct]), MIN_DIRECTION)
-    left = [own - (own @ basis.T) @ basis for own in (instants, error)]
-    noise = replace(Instants.of(left[0].T, left[1]), columns=instants.T)
-    e, other, direct = (noise.whitened(own.T).T for own in (error, other, direct))
-    losses = []
-    for columns in (other, np.vstack([other, direct])):
-        basis = orthonormal_rows(columns, MIN_DIRECTION)
-        losses.append(float(np.sum((e - (e @ basis.T) @ basis) ** 2)))
-    return float(len(e) * np.log(losses[0] / max(losses[1], 1e-300)))
+    left = _beside(np.vstack([other, direct]), np.vstack([instants, error]))
+    noise = replace(Instants.of(left[:-1].T, left[-1]), columns=instants.T)
+    error, other, direct = (noise.whitened(own.T).T for own in (error, other, direct))
+    left = _beside(other, np.vstack([direct, error]))
+    gains, *_ = np.linalg.lstsq(left[:-1].T, left[-1])
+    losses = [float(np.sum(own**2)) for own in (left[-1], left[-1] - gains @ left[:-1])]
+    evidence = len(error) * np.log(losses[0] / max(losses[1], 1e-300))
+    if evidence < MIN_DIRECT_EVIDENCE * len(lines) * np.log(data.rows):
+        return False
+    step = np.append(0.0, np.ones(2))
+    clock = Record(data.period * np.arange(3.0), {})
+    half_row = [input_response(output, clock, data.inputs.index(n), step)[1] for n in lines]
+    return bool(np.any(np.abs(gains) > np.abs(half_row)))
+
+
+def _beside(columns: Array, rows: Array) -> Array:
+    """What columns, shape (p, n), leave of rows, shape (q, n)."""
+    basis = orthonormal_rows(columns, MIN_DIRECTION)
+    return np.asarray(rows - (rows @ basis.T) @ basis)
 
 
 def _instants(output: SubspaceOutput, data: TrainingData) -> float:
     """Evidence for instants in what an output leaves, beside all that a linear plant may do."""
     found = error_regression(output, data)
-    own = None if found is None else instants_of(found)
+    own = found and instants_of(replace(found, other=found.other[:0], names=()))
     return 0.0 if own is None else own[1].evidence
