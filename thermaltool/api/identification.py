@@ -234,6 +234,7 @@ def identify(
     >>> round(found.model.terms[0].response.dc_gain(), 3)
     0.2
     """
+    from thermaltool.fitting.excitation import constant_channels
     from thermaltool.fitting.identification import identify_first
     from thermaltool.fitting.search_budget import SearchBudget
 
@@ -257,9 +258,16 @@ def identify(
         logs.append(log)
         parts.append(part)
     fresh = [] if validate is None else [logs.pop()]
+    own = parts[: len(logs)]
+    if constant := constant_channels(own, outputs, split, 0.0):
+        outputs = tuple(name for name in outputs if name not in constant)
+        warn("; ".join(f"{name} is constant: it is left out" for name in constant))
+    named = inputs
+    still: tuple[LeftOut, ...] = ()
+    if structure != COMPONENTS and reduce is None:
+        inputs, orders, still = _moving(own, inputs, orders, split)
     left_out: tuple[LeftOut, ...] = ()
     if structure is None:
-        own = parts[: len(logs)]
         if plain and reduce is None:
             inputs, left_out = _screened(own, inputs, outputs, split)
         many = plain and reduce is None and _say_the_same(own, inputs, outputs, split, warn)
@@ -278,7 +286,25 @@ def identify(
     progress("done\n")
     if search.ended:
         warn(f"the choice was ended: the best of {search.tried} candidates")
-    return Identification(fits, tuple(logs), reference, options_of(reading), left_out)
+    unused = sorted((*still, *left_out), key=lambda each: named.index(each.name))
+    return Identification(fits, tuple(logs), reference, options_of(reading), tuple(unused))
+
+
+def _moving(
+    logs: Sequence[Record],
+    inputs: tuple[str, ...],
+    orders: Sequence[Orders | None],
+    split: float | None,
+) -> tuple[tuple[str, ...], Sequence[Orders | None], tuple[LeftOut, ...]]:
+    """Inputs that move over the training rows, with their orders; and the others."""
+    from thermaltool.fitting.excitation import MIN_MOVEMENT, constant_channels
+    from thermaltool.fitting.screening import LeftOut
+
+    still = constant_channels(logs, inputs, split, MIN_MOVEMENT)
+    kept = [k for k, name in enumerate(inputs) if name not in still]
+    if len(orders) == len(inputs):
+        orders = [orders[k] for k in kept]
+    return tuple(inputs[k] for k in kept), orders, tuple(map(LeftOut, still))
 
 
 def _screened(

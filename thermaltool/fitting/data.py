@@ -350,7 +350,9 @@ def even_training_data(
     if not records:
         columns = {n: np.hstack([log.column(n) for log in logs]) for n in (*inputs, *outputs)}
         if silent := [n for n, values in columns.items() if not np.isfinite(values).any()]:
-            raise FitError(f"{', '.join(silent)}: no reading at all")
+            # Rows without all inputs may have been left out before.
+            where = "" if set(silent) & set(inputs) else " in the rows that have all inputs"
+            raise FitError(f"{', '.join(silent)}: no reading at all{where}")
         raise FitError(f"{', '.join(columns)}: no row has a reading of all inputs and of an output")
     holds = tuple(map(hold_of, inputs))
     return TrainingData(records, tuple(inputs), tuple(outputs), period, holds, used)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
+from thermaltool.record import Record
 
 Array = NDArray[np.float64]
 
@@ -59,3 +60,28 @@ def check_excitation(
         named = [name for name, weight in zip(inputs, weights, strict=True)
                  if weight > MIN_NAMED_WEIGHT]  # fmt: skip
         raise FitError(f"collinear inputs: {', '.join(named)} are combinations of each other")
+
+
+def constant_channels(
+    logs: Sequence[Record], names: Sequence[str], split: float | None, least: float
+) -> tuple[str, ...]:
+    """Channels that stand still over the training rows of every log; none where all of them do.
+
+    Parameters
+    ----------
+    logs : sequence of Record
+    names : sequence of str
+    split : float or None
+        Share of the rows of each log that are fitted.
+    least : float
+        Range above which a channel moves, as a share of its size.
+    """
+
+    def moves(log: Record, name: str) -> bool:
+        values = log.column(name)[: round((split or 1.0) * len(log))]
+        values = values[np.isfinite(values)]
+        # What has no reading at all is named elsewhere.
+        return not len(values) or float(np.ptp(values)) > least * float(np.max(np.abs(values)))
+
+    found = tuple(name for name in names if not any(moves(log, name) for log in logs))
+    return found if len(found) < len(names) else ()
