@@ -130,10 +130,10 @@ def test_what_stands_in_for_a_structure_that_does_not_fit_is_said(thermaltool, t
     done = thermaltool("identify", log, *CALL)
     assert done.code == 0, done.err
     first = done.err.splitlines()[0]
-    assert "rows do not carry orders" in first
+    assert "do not carry orders" in first
     assert first.endswith("subspace stands in for oe with real poles")
     # A structure that is asked for is not replaced.
-    assert "rows do not carry orders" in one_line(
+    assert "do not carry orders" in one_line(
         thermaltool("identify", log, *CALL, "--structure", "oe")
     )
 

@@ -16,9 +16,9 @@ from thermaltool.api.identification_arguments import (
     check_arguments,
 )
 from thermaltool.api.identification_plans import (
-    HOLES,
     check_clock,
     plans_of,
+    structure_name,
     warn_holes,
     without_bursts,
 )
@@ -272,18 +272,17 @@ def identify(
             inputs, left_out = _screened(own, inputs, outputs, split)
         many = plain and reduce is None and _say_the_same(own, inputs, outputs, split, warn)
         structure = COMPONENTS if many or reduce is not None else USUAL
-    if structure in HOLES:
-        for part in parts:
-            warn_holes(part, inputs, outputs, structure, warn)
     search = SearchBudget(math.inf if budget is None else budget, progress)
     plans = plans_of(
         parts, inputs, outputs, structure=structure, usual=usual, reduce=reduce, modes=modes,
         delay=delay, orders=orders, noise_orders=noise_orders, continuous=continuous,
-        real_poles=real_poles, reference=reference, rough=bool(left_out), warn=warn,
+        real_poles=real_poles, reference=reference, rough=bool(left_out),
         initial=initial, split=split, span=(start, stop), budget=search,
     )  # fmt: skip
     fits = identify_first(logs, inputs, outputs, plans, fresh, reference, warn)
     progress("done\n")
+    for part in parts:
+        warn_holes(part, inputs, outputs, structure_name(fits[0].model), warn)
     if search.ended:
         warn(f"the choice was ended: the best of {search.tried} candidates")
     unused = sorted((*still, *left_out), key=lambda each: named.index(each.name))

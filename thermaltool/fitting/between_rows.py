@@ -167,7 +167,7 @@ def _best(data: TrainingData, direct: bool, least: float = 0.0) -> _Candidate:
             problem = problem or error
             continue
         errors = [_errors(output, data) for output in model.outputs]
-        level = sum(-0.5 * len(e) * np.log(max(np.mean(e**2), 1e-300)) for e in errors)
+        level = sum(-0.5 * len(e) * np.log(max(float(np.mean(e**2)), 1e-300)) for e in errors)
         fastest = float(np.min(-1 / all_poles(model.outputs[0].sections).real))
         if fastest >= least:
             cost = 0.5 * model.criteria.parameters * np.log(data.rows)
@@ -226,5 +226,7 @@ def _beside(columns: Array, rows: Array) -> Array:
 def _instants(output: SubspaceOutput, data: TrainingData) -> float:
     """Evidence for instants in what an output leaves, beside all that a linear plant may do."""
     found = error_regression(output, data)
-    own = found and instants_of(replace(found, other=found.other[:0], names=()))
+    if found is None:
+        return 0.0
+    own = instants_of(replace(found, other=found.other[:0], names=()))
     return 0.0 if own is None else own[1].evidence

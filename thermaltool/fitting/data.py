@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.errors import FitError
+from thermaltool.errors import DataError
 from thermaltool.fitting.even_clock import even_records
 from thermaltool.fitting.excitation import check_excitation
 from thermaltool.record import Record
@@ -167,14 +167,15 @@ class TrainingData:
 
         Raises
         ------
-        FitError
+        DataError
             There is none.
         """
         there = [np.isfinite(y[k]) for y in self.y]
         parts = [replace(r.where(rows), at_rest=r.at_rest)
                  for r, rows in zip(self.records, there, strict=True) if rows.any()]  # fmt: skip
         if not parts:
-            raise FitError(f"{self.outputs[k]} has no reading in any log")
+            output = self.outputs[k]
+            raise DataError(f"{output} has no reading in any log", output)
         return replace(self.only(k), records=tuple(parts))
 
     def from_rest(self, experiments: Container[int] | None = None) -> TrainingData:
@@ -191,7 +192,7 @@ class TrainingData:
 
         Raises
         ------
-        FitError
+        DataError
             Nothing on one side.
         """
         rows = Counter[int]()
@@ -199,7 +200,7 @@ class TrainingData:
             rows[record.origin] += len(record)
         wanted = {origin: round(share * count) for origin, count in rows.items()}
         if any(not 0 < n < rows[origin] for origin, n in wanted.items()):
-            raise FitError("the split leaves nothing on one side")
+            raise DataError("the split leaves nothing on one side")
         starts = []
         for record in self.records:
             starts.append(min(max(wanted[record.origin], 0), len(record)))
@@ -213,7 +214,7 @@ class TrainingData:
 
         Raises
         ------
-        FitError
+        DataError
             Fewer rows than blocks.
         """
         borders = [self.split(k / blocks).starts for k in range(1, blocks)]
@@ -267,7 +268,7 @@ class TrainingData:
 
         Raises
         ------
-        FitError
+        DataError
             An input that never moves, an output that never moves or is never measured, inputs that
             are combinations of each other (named).
         """
@@ -342,7 +343,7 @@ def even_training_data(
 
     Raises
     ------
-    FitError
+    DataError
         No row has them all.
     """
     period = logs[0].period
@@ -352,8 +353,9 @@ def even_training_data(
         if silent := [n for n, values in columns.items() if not np.isfinite(values).any()]:
             # Rows without all inputs may have been left out before.
             where = "" if set(silent) & set(inputs) else " in the rows that have all inputs"
-            raise FitError(f"{', '.join(silent)}: no reading at all{where}")
-        raise FitError(f"{', '.join(columns)}: no row has a reading of all inputs and of an output")
+            raise DataError(f"{', '.join(silent)}: no reading at all{where}")
+        named = ", ".join(columns)
+        raise DataError(f"{named}: no row has a reading of all inputs and of an output")
     holds = tuple(map(hold_of, inputs))
     return TrainingData(records, tuple(inputs), tuple(outputs), period, holds, used)
 
@@ -370,12 +372,12 @@ def training_data(
 
     Raises
     ------
-    FitError
+    DataError
         An input is never there.
     """
     records, used = _numbered(log.pieces(inputs) for log in logs)
     if not records:
-        raise FitError(f"{', '.join(inputs)}: no two rows in a row have a reading")
+        raise DataError(f"{', '.join(inputs)}: no two rows in a row have a reading")
     holds = tuple(map(hold_of, inputs))
     return TrainingData(records, tuple(inputs), tuple(outputs), logs[0].period, holds, used)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.errors import FitError
+from thermaltool.errors import DataError
 from thermaltool.record import Record
 
 Array = NDArray[np.float64]
@@ -36,30 +36,30 @@ def check_excitation(
 
     Raises
     ------
-    FitError
+    DataError
         An input that never moves, an output that never moves or is never measured, inputs that
         are combinations of each other (named).
     """
     there = [np.isfinite(own) for own in y]
     whole = np.concatenate([own[rows] for own, rows in zip(y, there, strict=True)])
     if not len(whole):
-        raise FitError(f"{output} has no reading in any log")
+        raise DataError(f"{output} has no reading in any log", output)
     if not np.ptp(whole) > 0:
-        raise FitError(f"{output} is constant: there is nothing to identify")
+        raise DataError(f"{output} is constant: there is nothing to identify", output)
     parts = [own if rows.all() else own[:, rows] for own, rows in zip(u, there, strict=True)]
     moved = np.hstack([own - own.mean(1, keepdims=True) for own in parts if own.size])
     power = np.sqrt(np.sum(moved**2, axis=1))
     size = np.sqrt(np.sum(np.hstack(parts) ** 2, axis=1))
     for name, deviation, own in zip(inputs, power, size, strict=True):
         if not deviation > MIN_MOVEMENT * own:
-            raise FitError(f"{name} does not excite: it never moves within the record")
+            raise DataError(f"{name} does not excite: it never moves within the record")
     unit = moved / power[:, None]
     values, vectors = np.linalg.eigh(unit @ unit.T)
     if len(values) > 1 and values[0] < MIN_INDEPENDENCE:
         weights = np.abs(vectors[:, 0])
         named = [name for name, weight in zip(inputs, weights, strict=True)
                  if weight > MIN_NAMED_WEIGHT]  # fmt: skip
-        raise FitError(f"collinear inputs: {', '.join(named)} are combinations of each other")
+        raise DataError(f"collinear inputs: {', '.join(named)} are combinations of each other")
 
 
 def constant_channels(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
 
-from thermaltool.errors import FitError, ModelError
+from thermaltool.errors import DataError, FitError, ModelError
 from thermaltool.fitting.between_rows import BetweenRows, find_between_rows
 from thermaltool.fitting.data import Split, TrainingData, even_training_data, training_data
 from thermaltool.fitting.document import model_document
@@ -172,6 +172,8 @@ def identify_first(
 ) -> tuple[Fit, ...]:
     """Models by the first of the plans that fits these data.
 
+    Where the data are at fault, no other is tried.
+
     Parameters
     ----------
     logs, inputs, outputs, fresh, reference
@@ -189,6 +191,8 @@ def identify_first(
     for plan in plans:
         try:
             fits = identify(logs, inputs, outputs, plan, fresh, reference)
+        except DataError:
+            raise
         except FitError as error:
             problem = problem or error
             continue
@@ -277,9 +281,10 @@ def _judged(
             data = split.fitted
         models, candidates = plan.fit(data)
     except FitError as error:
-        if plan.joint or str(error).startswith(data.outputs[0]):
+        if plan.joint or error.channel:
             raise
-        raise FitError(f"{data.outputs[0]}: {error}") from error
+        (output,) = data.outputs
+        raise type(error)(f"{output}: {error}", output) from error
     fits = []
     for k, model in enumerate(models):
         # A plan may leave out inputs that never move.

@@ -79,7 +79,7 @@ def choose_order(
             if model.order in orders:
                 any_fits = True
                 yield model
-            if since >= PATIENCE:
+            if since >= PATIENCE and model.order >= min(orders):
                 break
         if not any_fits and problem is not None:
             raise problem
