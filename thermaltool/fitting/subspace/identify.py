@@ -129,7 +129,7 @@ def _model(problem: SubspaceProblem, found: SubspaceSearchResult, judged: bool) 
     return Subspace(outputs, Criteria(2 * point.criterion, parameters, data.rows))
 
 
-class _Point(Protocol):
+class _SearchEnd(Protocol):
     """What a search of either kind ends with."""
 
     @property
@@ -140,7 +140,7 @@ class _Point(Protocol):
     def losses(self) -> Array: ...
 
 
-def output_of(problem: SubspaceProblem, point: _Point, k: int, **own: Any) -> SubspaceOutput:
+def output_of(problem: SubspaceProblem, point: _SearchEnd, k: int, **own: Any) -> SubspaceOutput:
     """The model of output k.
 
     Parameters
