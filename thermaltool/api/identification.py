@@ -244,12 +244,14 @@ def identify(
                     real_poles=real_poles, initial=initial, validate=validate)  # fmt: skip
     plain = not (orders or noise_orders or continuous or real_poles)
     usual = structure is None and plain
+    as_read: list[Log] = []
     logs: list[Log] = []
     parts: list[Log] = []
     for each in [*all_of(data), *([] if validate is None else [validate])]:
         log = read_for_fit(each, inputs, "transfer function", (start, stop), outputs=outputs,
                            whole=True, pauses="the record is parted there", warn=warn,
                            **reading)  # fmt: skip
+        as_read.append(log)
         if structure != NETWORK:
             log = without_bursts(log, warn)
         part = log.between(start, stop)
@@ -279,7 +281,7 @@ def identify(
         real_poles=real_poles, reference=reference, rough=bool(left_out),
         initial=initial, split=split, span=(start, stop), budget=search,
     )  # fmt: skip
-    fits = identify_first(logs, inputs, outputs, plans, fresh, reference, warn)
+    fits = identify_first(logs, inputs, outputs, plans, fresh, reference, as_read, warn)
     progress("done\n")
     for part in parts:
         warn_holes(part, inputs, outputs, structure_name(fits[0].model), warn)

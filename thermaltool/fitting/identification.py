@@ -114,6 +114,7 @@ def identify(
     plan: Plan,
     fresh: Sequence[Record] = (),
     reference: Reference | None = None,
+    as_read: Sequence[Record] = (),
 ) -> tuple[Fit, ...]:
     """A fitted and judged model for each output.
 
@@ -128,6 +129,9 @@ def identify(
         Validation data; without them those of the plan's split, if any.
     reference : "first", float or None
         What counts as no input in the model document, as which the models are validated.
+    as_read : sequence of Record, optional
+        The logs, and those of `fresh` behind them, with every reading, as ``simulate`` runs them.
+        Default: as they are fitted.
 
     Raises
     ------
@@ -135,12 +139,13 @@ def identify(
         Data that the plan's form does not fit, or that are too few to validate.
     """
     between = _between_rows(logs, inputs, outputs, plan)
-    best = first = _planned(logs, inputs, outputs, plan, fresh, reference, between)
+    as_read = as_read or (*logs, *fresh)
+    best = first = _planned(logs, inputs, outputs, plan, fresh, reference, as_read, between)
     for rival in plan.beyond(first.fits, reference):
         if plan.budget.is_over:
             break
         try:
-            other = _planned(logs, inputs, outputs, rival, fresh, reference, between)
+            other = _planned(logs, inputs, outputs, rival, fresh, reference, as_read, between)
             if other.held.beats(best.held):
                 best = other
         except FitError:
@@ -168,6 +173,7 @@ def identify_first(
     plans: Sequence[Plan],
     fresh: Sequence[Record] = (),
     reference: Reference | None = None,
+    as_read: Sequence[Record] = (),
     warn: Callable[[str], None] = lambda message: None,
 ) -> tuple[Fit, ...]:
     """Models by the first of the plans that fits these data.
@@ -176,7 +182,7 @@ def identify_first(
 
     Parameters
     ----------
-    logs, inputs, outputs, fresh, reference
+    logs, inputs, outputs, fresh, reference, as_read
         As `identify`.
     plans : sequence of Plan
     warn : callable
@@ -190,7 +196,7 @@ def identify_first(
     problem: FitError | None = None
     for plan in plans:
         try:
-            fits = identify(logs, inputs, outputs, plan, fresh, reference)
+            fits = identify(logs, inputs, outputs, plan, fresh, reference, as_read)
         except DataError:
             raise
         except FitError as error:
@@ -240,6 +246,7 @@ def _planned(
     plan: Plan,
     fresh: Sequence[Record],
     reference: Reference | None,
+    as_read: Sequence[Record],
     between: BetweenRows,
 ) -> _Planned:
     """Fits of one plan."""
@@ -255,7 +262,9 @@ def _planned(
     fitted = []
     for k, (data, own) in enumerate(zip(sets, held, strict=True)):
         plan.budget.begin(len(sets) - k)
-        used, found = _judged(data, plan, own, reference, logs, fresh)
+        used, found = _judged(
+            data, plan, own, reference, as_read[: len(logs)], as_read[len(logs) :]
+        )
         fits += found
         fitted.append((used, tuple(fit.model for fit in found)))
     return _Planned(plan, tuple(fits), tuple(fitted))
