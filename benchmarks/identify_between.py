@@ -59,8 +59,9 @@ def main() -> None:
                           abs(response.slowest() / tau - 1)))  # fmt: skip
         lines, direct_share, off = np.array(found, float).T
         where = "between rows" if between else "at rows"
-        print(f"| {where} | {direct:g} | {100 * noise:g} | {100 * lines.mean():.0f} | "
-              f"{100 * direct_share.mean():.0f} | {100 * np.median(off):.1f} |", flush=True)  # fmt: skip
+        shares = f"{100 * lines.mean():.0f} | {100 * direct_share.mean():.0f}"
+        print(f"| {where} | {direct:g} | {100 * noise:g} | {shares} | "
+              f"{100 * np.median(off):.1f} |", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -63,6 +63,12 @@ def test_a_model_of_commands_between_rows_has_no_feedthrough():
     assert [note for note in found.notes if "straight lines" in note]
 
 
+def test_orders_that_are_given_count_from_a_held_input():
+    found = tt.identify(log(7, between=True), "Q_a_W", "T_a_degC", orders=[(1, 1, 1)])
+    assert [drive.hold for drive in found.model.drives] == ["zero"]
+    assert found.model.terms[0].response.delay == 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("structure", [None, "network"])
 def test_no_structure_takes_the_instants_for_feedthrough(structure):

@@ -38,8 +38,6 @@ class Plan(ABC):
     ----------
     joint : bool
         One fit for all outputs, or one for each.
-    tells_instants : bool
-        Whether it counts what inputs do that switch between the rows.
     initial : {"auto", "rest", "free"}
         State at the first row.
     split : float or None
@@ -51,7 +49,6 @@ class Plan(ABC):
     """
 
     joint: ClassVar[bool] = False
-    tells_instants: ClassVar[bool] = True
 
     initial: Initial = "auto"
     split: float | None = None
@@ -62,6 +59,11 @@ class Plan(ABC):
     def label(self) -> str:
         """What its structure is called beside others."""
         return ""
+
+    @property
+    def tells_instants(self) -> bool:
+        """Whether feedthrough is chosen, which inputs look like that switch between the rows."""
+        return True
 
     @abstractmethod
     def start(self, data: TrainingData) -> TrainingData:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -28,9 +28,11 @@ class ComponentPlan(Plan):
     reduction : Reduction
     """
 
-    tells_instants: ClassVar[bool] = False
-
     reduction: Reduction = field(default_factory=Reduction)
+
+    @property
+    def tells_instants(self) -> bool:
+        return False
 
     def data_sets(
         self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
