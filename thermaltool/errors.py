@@ -42,7 +42,22 @@ class ModelError(ThermalToolError, ValueError):
 
 
 class FitError(ThermalToolError, ArithmeticError):
-    """A calibration or a design that has no usable answer on these data."""
+    """A calibration or a design that has no usable answer on these data.
+
+    Parameters
+    ----------
+    message : str
+    channel : str
+        The output that the message names; empty where it names none.
+    """
+
+    def __init__(self, message: str, channel: str = "") -> None:
+        super().__init__(message)
+        self.channel = channel
+
+
+class DataError(FitError):
+    """Data of which no structure has a fit."""
 
 
 class OutputError(ThermalToolError, OSError):

@@ -344,7 +344,7 @@ def test_a_network_finds_its_delay(thermaltool, log):
 
 @pytest.mark.parametrize(("changes", "extra", "message"), [
     ({"Q_main_W": lambda c: np.ones(2400)}, (), "Q_main_W does not excite"),
-    ({"dT_pair_K": lambda c: np.ones(2400)}, (), "dT_pair_K is constant"),
+    ({name: lambda c: np.ones(2400) for name in ("d_z_um", "dT_pair_K")}, (), "is constant"),
     ({}, ("--modes", "5"), "the data carry fewer"),
     ({}, ("--stop", "90", "--modes", "6", "--initial", "rest"), "do not carry 6 modes"),
     ({}, ("--delay", "40000"), "longer than the record"),

@@ -43,20 +43,53 @@ def one_line(done):
     return done.err
 
 
-@pytest.mark.parametrize("call", [CALL, THREE])
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("call", "changed", "said"),
     [
-        ({"Q_a_W": np.full(ROWS, 50.0)}, "Q_a_W does not excite: it never moves"),
-        ({"Q_a_W": np.full(ROWS, 1e15)}, "Q_a_W does not excite: it never moves"),
-        ({"d_z_um": np.full(ROWS, np.nan)}, "d_z_um: no reading at all"),
-        ({"d_z_um": np.full(ROWS, 3.0)}, "d_z_um is constant: there is nothing to identify"),
-        ({"d_z_um": np.full(ROWS, 1e200)}, "d_z_um: too large"),
+        (CALL[2:], {"Q_b_W": np.full(ROWS, 50.0)}, "Q_b_W does not excite: it never moves"),
+        (CALL[2:], {"Q_b_W": np.full(ROWS, 1e15)}, "Q_b_W does not excite: it never moves"),
+        (CALL, {"d_z_um": np.full(ROWS, 3.0)}, "d_z_um is constant: there is nothing to identify"),
+        (CALL, {"d_z_um": np.full(ROWS, np.nan)}, "d_z_um: no reading at all"),
+        (THREE, {"d_z_um": np.full(ROWS, np.nan)}, "d_z_um: no reading at all"),
+        (CALL, {"d_z_um": np.full(ROWS, 1e200)}, "d_z_um: too large"),
+        (THREE, {"d_z_um": np.full(ROWS, 1e200)}, "d_z_um: too large"),
     ],
 )
 def test_a_channel_that_says_nothing_is_named(thermaltool, tmp_path, columns, call, changed, said):
     log = written(tmp_path / "run.csv", {**columns, **changed})
     assert said in one_line(thermaltool("identify", log, *call))
+
+
+@pytest.mark.parametrize(
+    ("changed", "options", "said"),
+    [
+        ({"Q_a_W": np.full(ROWS, 50.0)}, ("--structure", "subspace", "--modes", "1"),
+         "Q_a_W never moves within the record: it is left out"),
+        ({"Q_a_W": np.full(ROWS, 1e15)}, ("--orders", "1,1,1", "--orders", "2,2,1"),
+         "Q_a_W never moves within the record: it is left out"),
+        ({"dT_x_K": np.full(ROWS, 3.0)}, ("--structure", "subspace", "--modes", "1"),
+         "dT_x_K is constant: it is left out"),
+    ],
+)  # fmt: skip
+def test_what_never_moves_is_left_out(thermaltool, tmp_path, columns, changed, options, said):
+    log = written(tmp_path / "run.csv", {**columns, **changed})
+    done = thermaltool("identify", log, *THREE, *options, "--json")
+    assert done.code == 0, done.err
+    assert done.err.count(said) == 1
+    (name,) = changed
+    assert len(done.json["models"]) == 3 - (name == "dT_x_K")
+    for model in done.json["models"]:
+        assert name not in [model["output"], *(term["input"] for term in model["terms"])]
+
+
+def test_readings_of_inputs_and_outputs_in_turn_have_no_row(thermaltool, tmp_path, columns):
+    even = np.arange(ROWS) % 2 == 0
+    changed = {name: np.where(even == (name[0] == "Q"), values, np.nan)
+               for name, values in columns.items() if name != "time_s"}  # fmt: skip
+    log = written(tmp_path / "run.csv", {**columns, **changed})
+    log.write_text(log.read_text().replace("nan", ""))
+    said = one_line(thermaltool("identify", log, *CALL, "--nan-policy", "omit"))
+    assert "d_z_um: no reading at all in the rows that have all inputs" in said
 
 
 @pytest.mark.parametrize("call", [CALL, THREE])
@@ -97,10 +130,10 @@ def test_what_stands_in_for_a_structure_that_does_not_fit_is_said(thermaltool, t
     done = thermaltool("identify", log, *CALL)
     assert done.code == 0, done.err
     first = done.err.splitlines()[0]
-    assert "rows do not carry orders" in first
+    assert "do not carry orders" in first
     assert first.endswith("subspace stands in for oe with real poles")
     # A structure that is asked for is not replaced.
-    assert "rows do not carry orders" in one_line(
+    assert "do not carry orders" in one_line(
         thermaltool("identify", log, *CALL, "--structure", "oe")
     )
 

@@ -324,7 +324,7 @@ def calibrated(plant, hours, seed):
     record = sampled(names, given.T, (ANGLE,), y, DT)
     data = TrainingData((record,), names, (ANGLE,), DT).from_rest()
     found = fitted(data, "oe", (3, 3), 3, (1, 1), real=True)
-    ways = [continuous_term(found, k, "zero") for k in range(2)]
+    ways = [continuous_term(found, k) for k in range(2)]
     linear = model_document([Fit(found, tuple(ways), found.fit(data), data)], None, {})
     log = Record(clock, {CAUSAL: given[:, 0], HEATER: given[:, 1], ANGLE: y})
     return correct(linear, [log], (CAUSAL, HEATER), Form("spline", 6), True).model

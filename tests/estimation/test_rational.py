@@ -39,7 +39,7 @@ def c_frame():
     record = sampled((HEATER,), given[:, 1:].T, (ANGLE,), angle, DT)
     data = TrainingData((record,), (HEATER,), (ANGLE,), DT).from_rest()
     found = fitted(data, "oe", (2,), 2, (1,), real=True)
-    fit = Fit(found, (continuous_term(found, 0, "zero"),), found.fit(data), data)
+    fit = Fit(found, (continuous_term(found, 0),), found.fit(data), data)
     return model_document([fit], None, {})
 
 

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
+from reference.training import fitted, training
+from scipy.signal import lfilter
 
+from thermaltool.fitting.error_regression import input_response
 from thermaltool.fitting.instants import Instants, pulses
 from thermaltool.fitting.projection import CalibrationProblem
+from thermaltool.fitting.subspace.identify import identify_subspace
 from thermaltool.model import Drive
 from thermaltool.record import Record
 
@@ -66,9 +72,29 @@ def test_a_pulse_is_what_a_step_half_a_row_earlier_changes():
     mean = np.diff(t + tau * np.exp(-t / tau))
     once = np.append(mean[0], np.diff(mean))
     levels = np.array([[0.0, 0, 0, 100, 100, 100, 100]])
-    (late,) = pulses(levels, lambda i, x: once, ["zero"], 1)
+    (late,) = pulses(levels, lambda i, x: np.append(0.0, once)[: len(x)], ["zero"], 1)
     assert late[:3] == pytest.approx(np.zeros(3))
     assert late[3:] == pytest.approx(100 / 12**0.5 * np.diff(step)[:4], rel=0.08)
     assert not list(pulses(levels, lambda i, x: once, ["first"], 1))
     assert not list(pulses(levels[:0], lambda i, x: once, [], 1))
     assert not list(pulses(levels[:, :1], lambda i, x: once, ["zero"], 1))
+
+
+@pytest.mark.parametrize("name", ["oe", "subspace"])
+def test_a_pulse_is_one_whatever_stood_before_the_record(name):
+    """Models differ in what they take an input for before its first row."""
+    rng = np.random.default_rng(20261126)
+    pole, u = np.exp(-1 / 6.0), np.repeat(rng.choice([0.0, 1.0], 30), 10)
+    u[:10] = 0.0
+    data = training((u, 3 * lfilter([0, 1 - pole], [1, -pole], u), 0, True))
+    if name == "oe":
+        model = fitted(data, "oe", (1,), 1, (1,))
+    else:
+        model = identify_subspace(data, 1).outputs[0]
+    of_input = partial(input_response, model, data.records[0])
+    late = next(iter(pulses(np.atleast_2d(u), of_input, ["zero"], 1)))
+    j = int(np.flatnonzero(np.diff(u))[0])
+    # Half a row earlier: what a row of the input changes, over one standard deviation of a row.
+    assert late[j + 3] == pytest.approx(
+        np.diff(u)[j] * 3 * (1 - pole) * pole**1.5 / 12**0.5, rel=0.02
+    )

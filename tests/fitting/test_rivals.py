@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 import thermaltool as tt
+from thermaltool.errors import DataError, FitError
 from thermaltool.fitting.data import even_training_data
+from thermaltool.fitting.identification import identify, identify_first
 from thermaltool.fitting.rivals import HeldFit, Separate, held_fit
 from thermaltool.fitting.subspace.model import SubspaceOutput
 from thermaltool.fitting.subspace.plan import SubspacePlan
@@ -111,3 +115,60 @@ def test_several_responses_share_their_poles_by_default():
     fits = tt.identify(other, ["Q_a_W", "Q_b_W"], ["dT_a_K", "dT_b_K"], nan_policy="omit",
                        warn=quiet).fits  # fmt: skip
     assert not any(isinstance(fit.model, SubspaceOutput) for fit in fits)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refusing(SubspacePlan):
+    """A plan that has one answer."""
+
+    error: Exception
+
+    def start(self, data):
+        raise self.error
+
+
+class Parted(Refusing):
+    """The same, for each output."""
+
+    joint = False
+
+
+@pytest.mark.parametrize(("error", "tried"), [(FitError("too few"), True),
+                                              (DataError("none moves"), False)])  # fmt: skip
+def test_another_plan_is_tried_where_the_structure_is_at_fault(error, tried):
+    u, _, y = swinging()
+    plans = Refusing(error=error), SubspacePlan(modes=2)
+    said = []
+    if tried:
+        identify_first([record_of(u, y)], ["Q_a_W"], ["dT_a_K"], plans, warn=said.append)
+        assert len(said) == 1
+    else:
+        with pytest.raises(DataError, match="none moves"):
+            identify_first([record_of(u, y)], ["Q_a_W"], ["dT_a_K"], plans, warn=said.append)
+
+
+@pytest.mark.parametrize(("error", "message"), [
+    (FitError("dT_a_K_2 is odd"), "dT_a_K: dT_a_K_2 is odd"),
+    (FitError("dT_a_K is odd", "dT_a_K"), "dT_a_K is odd"),
+])  # fmt: skip
+def test_an_error_has_the_output_once(error, message):
+    u, _, y = swinging()
+    with pytest.raises(FitError) as raised:
+        identify([record_of(u, y)], ["Q_a_W"], ["dT_a_K"], Parted(error=error))
+    assert str(raised.value) == message
+
+
+@pytest.mark.slow
+def test_holes_are_told_of_the_structure_that_was_taken(monkeypatch):
+    """Not of one that was replaced."""
+    u, _, y = swinging(400)
+    y[200] = np.nan
+    monkeypatch.setattr("thermaltool.api.identification_plans.MAX_SEPARATE", 0)
+    call = {"real_poles": False, "nan_policy": "omit"}
+    for refused in (False, True):
+        if refused:
+            monkeypatch.setattr(SubspacePlan, "start", Refusing(error=FitError("no")).start)
+        said = []
+        tt.identify(record_of(u, y), "Q_a_W", "dT_a_K", warn=said.append, **call)
+        assert any("they part the record" in message for message in said) is not refused
+        assert any("stands in" in message for message in said) is refused

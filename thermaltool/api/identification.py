@@ -16,9 +16,9 @@ from thermaltool.api.identification_arguments import (
     check_arguments,
 )
 from thermaltool.api.identification_plans import (
-    HOLES,
     check_clock,
     plans_of,
+    structure_name,
     warn_holes,
     without_bursts,
 )
@@ -234,6 +234,7 @@ def identify(
     >>> round(found.model.terms[0].response.dc_gain(), 3)
     0.2
     """
+    from thermaltool.fitting.excitation import constant_channels
     from thermaltool.fitting.identification import identify_first
     from thermaltool.fitting.search_budget import SearchBudget
 
@@ -243,12 +244,14 @@ def identify(
                     real_poles=real_poles, initial=initial, validate=validate)  # fmt: skip
     plain = not (orders or noise_orders or continuous or real_poles)
     usual = structure is None and plain
+    as_read: list[Log] = []
     logs: list[Log] = []
     parts: list[Log] = []
     for each in [*all_of(data), *([] if validate is None else [validate])]:
         log = read_for_fit(each, inputs, "transfer function", (start, stop), outputs=outputs,
                            whole=True, pauses="the record is parted there", warn=warn,
                            **reading)  # fmt: skip
+        as_read.append(log)
         if structure != NETWORK:
             log = without_bursts(log, warn)
         part = log.between(start, stop)
@@ -257,28 +260,52 @@ def identify(
         logs.append(log)
         parts.append(part)
     fresh = [] if validate is None else [logs.pop()]
+    own = parts[: len(logs)]
+    if constant := constant_channels(own, outputs, split, 0.0):
+        outputs = tuple(name for name in outputs if name not in constant)
+        warn("; ".join(f"{name} is constant: it is left out" for name in constant))
+    named = inputs
+    still: tuple[LeftOut, ...] = ()
+    if structure != COMPONENTS and reduce is None:
+        inputs, orders, still = _moving(own, inputs, orders, split)
     left_out: tuple[LeftOut, ...] = ()
     if structure is None:
-        own = parts[: len(logs)]
         if plain and reduce is None:
             inputs, left_out = _screened(own, inputs, outputs, split)
         many = plain and reduce is None and _say_the_same(own, inputs, outputs, split, warn)
         structure = COMPONENTS if many or reduce is not None else USUAL
-    if structure in HOLES:
-        for part in parts:
-            warn_holes(part, inputs, outputs, structure, warn)
     search = SearchBudget(math.inf if budget is None else budget, progress)
     plans = plans_of(
         parts, inputs, outputs, structure=structure, usual=usual, reduce=reduce, modes=modes,
         delay=delay, orders=orders, noise_orders=noise_orders, continuous=continuous,
-        real_poles=real_poles, reference=reference, rough=bool(left_out), warn=warn,
+        real_poles=real_poles, reference=reference, rough=bool(left_out),
         initial=initial, split=split, span=(start, stop), budget=search,
     )  # fmt: skip
-    fits = identify_first(logs, inputs, outputs, plans, fresh, reference, warn)
+    fits = identify_first(logs, inputs, outputs, plans, fresh, reference, as_read, warn)
     progress("done\n")
+    for part in parts:
+        warn_holes(part, inputs, outputs, structure_name(fits[0].model), warn)
     if search.ended:
         warn(f"the choice was ended: the best of {search.tried} candidates")
-    return Identification(fits, tuple(logs), reference, options_of(reading), left_out)
+    unused = sorted((*still, *left_out), key=lambda each: named.index(each.name))
+    return Identification(fits, tuple(logs), reference, options_of(reading), tuple(unused))
+
+
+def _moving(
+    logs: Sequence[Record],
+    inputs: tuple[str, ...],
+    orders: Sequence[Orders | None],
+    split: float | None,
+) -> tuple[tuple[str, ...], Sequence[Orders | None], tuple[LeftOut, ...]]:
+    """Inputs that move over the training rows, with their orders; and the others."""
+    from thermaltool.fitting.excitation import MIN_MOVEMENT, constant_channels
+    from thermaltool.fitting.screening import LeftOut
+
+    still = constant_channels(logs, inputs, split, MIN_MOVEMENT)
+    kept = [k for k, name in enumerate(inputs) if name not in still]
+    if len(orders) == len(inputs):
+        orders = [orders[k] for k in kept]
+    return tuple(inputs[k] for k in kept), orders, tuple(map(LeftOut, still))
 
 
 def _screened(

@@ -22,6 +22,7 @@ from thermaltool.units import is_overdamped
 
 if TYPE_CHECKING:
     from thermaltool.fitting.identification import Plan
+    from thermaltool.fitting.output_model import OutputModel
     from thermaltool.logs import Log
     from thermaltool.record import Record
     from thermaltool.units import Reference
@@ -52,7 +53,6 @@ def plans_of(
     real_poles: bool | None,
     reference: Reference | None,
     rough: bool,
-    warn: Notice,
     **common: Any,
 ) -> tuple[Plan, ...]:
     """Plans of a structure; where none was asked for, those that stand in where one does not fit.
@@ -97,8 +97,6 @@ def plans_of(
         return (separate,)
     shared = SubspacePlan(linear=False, real=bool(real_poles), **common)
     if len(inputs) * len(outputs) > MAX_SEPARATE and _few_holes(parts, outputs):
-        for part in parts:
-            warn_holes(part, inputs, outputs, SUBSPACE, warn)
         return shared, separate
     return separate, shared
 
@@ -107,6 +105,18 @@ def _few_holes(parts: Sequence[Log], outputs: Sequence[str]) -> bool:
     """Whether few runs of readings of outputs are missing: each parts a subspace model's record."""
     missing = (np.append(False, ~part.known(outputs)) for part in parts)
     return sum(int(np.sum(np.diff(each.astype(int)) > 0)) for each in missing) <= MAX_HOLES
+
+
+def structure_name(model: OutputModel) -> str:
+    """What the structure of a fitted model is called."""
+    from thermaltool.fitting.components.model import ComponentOutput
+    from thermaltool.fitting.subspace.model import SubspaceOutput
+    from thermaltool.fitting.transfer.model import TransferModel
+
+    if isinstance(model, TransferModel):
+        return model.structure.name
+    kinds = {SubspaceOutput: SUBSPACE, ComponentOutput: COMPONENTS}
+    return kinds.get(type(model), "")
 
 
 def without_bursts(log: Log, warn: Notice) -> Log:
@@ -124,6 +134,8 @@ def warn_holes(
     log: Log, inputs: Sequence[str], outputs: Sequence[str], structure: str, warn: Notice
 ) -> None:
     """Say what missing readings of an output cost where a structure does not simulate over them."""
+    if structure not in HOLES:
+        return
     known = log.known(inputs)
     for name in outputs:
         if missing := int((known & ~log.known([name])).sum()):

@@ -12,8 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.errors import FitError
+from thermaltool.errors import DataError
 from thermaltool.fitting.even_clock import even_records
+from thermaltool.fitting.excitation import check_excitation
 from thermaltool.record import Record
 from thermaltool.units import Hold, hold_of
 
@@ -23,12 +24,6 @@ Array = NDArray[np.float64]
 # them, as a model document has it; or one that is estimated from the run.
 Zero = Literal["fitted", "mean", "free"]
 
-# Inputs whose normalized Gram matrix has an eigenvalue below this are the same to rounding.
-MIN_INDEPENDENCE = 1e-9
-# Weight in such a combination above which an input is named.
-MIN_NAMED_WEIGHT = 1e-3
-# An input whose deviations are below this share of its size never moves.
-MIN_MOVEMENT = 1e-12
 # An excerpt excites enough with this share of the power that the best one has.
 MIN_EXCITATION = 0.1
 
@@ -50,6 +45,8 @@ class TrainingData:
         Of each input between its samples; held where none is given.
     logs : tuple of int
         Which of the logs each experiment is: one without a piece is none.
+    lagging : tuple of str
+        Inputs that reach no output of the same row but by what they do before it.
     """
 
     records: tuple[Record, ...]
@@ -58,6 +55,7 @@ class TrainingData:
     period: float
     holds: tuple[Hold, ...] = ()
     logs: tuple[int, ...] = ()
+    lagging: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.holds:
@@ -97,6 +95,11 @@ class TrainingData:
     def least_delays(self) -> tuple[int, ...]:
         """Samples before which each input cannot act: one where it is held between samples."""
         return tuple(int(hold == "zero") for hold in self.holds)
+
+    @property
+    def may_act_at_once(self) -> bool:
+        """Whether any input may reach an output of the same row directly."""
+        return not set(self.inputs) <= set(self.lagging)
 
     @cached_property
     def levels(self) -> Array:
@@ -148,19 +151,31 @@ class TrainingData:
         holds = dict(zip(self.inputs, self.holds, strict=True))
         return replace(self, inputs=tuple(names), holds=tuple(holds[name] for name in names))
 
+    def along_lines(self, names: Sequence[str], lagging: Sequence[str] = ()) -> TrainingData:
+        """The data with these inputs running straight from row to row.
+
+        Parameters
+        ----------
+        names, lagging : sequence of str
+        """
+        holds = zip(self.inputs, self.holds, strict=True)
+        lines: tuple[Hold, ...] = tuple("first" if n in names else hold for n, hold in holds)
+        return replace(self, holds=lines, lagging=tuple(lagging))
+
     def measured(self, k: int) -> TrainingData:
         """Output k alone, on the rows where it was measured.
 
         Raises
         ------
-        FitError
+        DataError
             There is none.
         """
         there = [np.isfinite(y[k]) for y in self.y]
         parts = [replace(r.where(rows), at_rest=r.at_rest)
                  for r, rows in zip(self.records, there, strict=True) if rows.any()]  # fmt: skip
         if not parts:
-            raise FitError(f"{self.outputs[k]} has no reading in any log")
+            output = self.outputs[k]
+            raise DataError(f"{output} has no reading in any log", output)
         return replace(self.only(k), records=tuple(parts))
 
     def from_rest(self, experiments: Container[int] | None = None) -> TrainingData:
@@ -177,7 +192,7 @@ class TrainingData:
 
         Raises
         ------
-        FitError
+        DataError
             Nothing on one side.
         """
         rows = Counter[int]()
@@ -185,7 +200,7 @@ class TrainingData:
             rows[record.origin] += len(record)
         wanted = {origin: round(share * count) for origin, count in rows.items()}
         if any(not 0 < n < rows[origin] for origin, n in wanted.items()):
-            raise FitError("the split leaves nothing on one side")
+            raise DataError("the split leaves nothing on one side")
         starts = []
         for record in self.records:
             starts.append(min(max(wanted[record.origin], 0), len(record)))
@@ -199,7 +214,7 @@ class TrainingData:
 
         Raises
         ------
-        FitError
+        DataError
             Fewer rows than blocks.
         """
         borders = [self.split(k / blocks).starts for k in range(1, blocks)]
@@ -253,34 +268,12 @@ class TrainingData:
 
         Raises
         ------
-        FitError
+        DataError
             An input that never moves, an output that never moves or is never measured, inputs that
             are combinations of each other (named).
         """
         for k in range(len(self.outputs)):
-            self._check(k)
-
-    def _check(self, k: int) -> None:
-        there = [np.isfinite(y[k]) for y in self.y]
-        output = np.concatenate([y[k][rows] for y, rows in zip(self.y, there, strict=True)])
-        if not len(output):
-            raise FitError(f"{self.outputs[k]} has no reading in any log")
-        if not np.ptp(output) > 0:
-            raise FitError(f"{self.outputs[k]} is constant: there is nothing to identify")
-        parts = [u if rows.all() else u[:, rows] for u, rows in zip(self.u, there, strict=True)]
-        moved = np.hstack([u - u.mean(1, keepdims=True) for u in parts if u.size])
-        power = np.sqrt(np.sum(moved**2, axis=1))
-        size = np.sqrt(np.sum(np.hstack(parts) ** 2, axis=1))
-        for name, deviation, whole in zip(self.inputs, power, size, strict=True):
-            if not deviation > MIN_MOVEMENT * whole:
-                raise FitError(f"{name} does not excite: it never moves within the record")
-        unit = moved / power[:, None]
-        values, vectors = np.linalg.eigh(unit @ unit.T)
-        if len(values) > 1 and values[0] < MIN_INDEPENDENCE:
-            weights = np.abs(vectors[:, 0])
-            named = [name for name, weight in zip(self.inputs, weights, strict=True)
-                     if weight > MIN_NAMED_WEIGHT]  # fmt: skip
-            raise FitError(f"collinear inputs: {', '.join(named)} are combinations of each other")
+            check_excitation(self.inputs, self.outputs[k], self.u, [y[k] for y in self.y])
 
 
 @dataclass(frozen=True)
@@ -350,7 +343,7 @@ def even_training_data(
 
     Raises
     ------
-    FitError
+    DataError
         No row has them all.
     """
     period = logs[0].period
@@ -358,8 +351,11 @@ def even_training_data(
     if not records:
         columns = {n: np.hstack([log.column(n) for log in logs]) for n in (*inputs, *outputs)}
         if silent := [n for n, values in columns.items() if not np.isfinite(values).any()]:
-            raise FitError(f"{', '.join(silent)}: no reading at all")
-        raise FitError(f"{', '.join(columns)}: no row has a reading of all inputs and of an output")
+            # Rows without all inputs may have been left out before.
+            where = "" if set(silent) & set(inputs) else " in the rows that have all inputs"
+            raise DataError(f"{', '.join(silent)}: no reading at all{where}")
+        named = ", ".join(columns)
+        raise DataError(f"{named}: no row has a reading of all inputs and of an output")
     holds = tuple(map(hold_of, inputs))
     return TrainingData(records, tuple(inputs), tuple(outputs), period, holds, used)
 
@@ -376,12 +372,12 @@ def training_data(
 
     Raises
     ------
-    FitError
+    DataError
         An input is never there.
     """
     records, used = _numbered(log.pieces(inputs) for log in logs)
     if not records:
-        raise FitError(f"{', '.join(inputs)}: no two rows in a row have a reading")
+        raise DataError(f"{', '.join(inputs)}: no two rows in a row have a reading")
     holds = tuple(map(hold_of, inputs))
     return TrainingData(records, tuple(inputs), tuple(outputs), logs[0].period, holds, used)
 

@@ -13,7 +13,7 @@ from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.fit import Fit
 from thermaltool.model import Drive, Model, Output, Role, Term, agreements, rest_level
 from thermaltool.signals.agreement import Agreement
-from thermaltool.units import Hold, Reference, drive_reference, hold_of, is_displacement
+from thermaltool.units import Hold, Reference, drive_reference, is_displacement
 
 
 def model_document(
@@ -36,9 +36,10 @@ def model_document(
     outputs, terms = [], []
     for fit in fits:
         model, data = fit.model, fit.data.measured(0)
+        holds = dict(zip(data.inputs, data.holds, strict=True))
         for k, name in enumerate(model.names):
             rest = drive_reference(name) if reference is None else reference
-            hold = hold_of(name)
+            hold = holds[name]
             extent = _extent(data, [u[k] for u in data.u], rest, hold)
             begins = _level(data, [u[k] for u in data.u], hold) if rest == "first" else None
             drives[name] = Drive(name, hold, rest, extent, begins)

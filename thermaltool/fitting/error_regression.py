@@ -123,7 +123,7 @@ def error_regression(model: TestedModel, data: TrainingData) -> ErrorRegression 
             decays[free.index(k)] = [_group_means(np.exp(-clock / tau), group) for tau in taus]
         whole = np.vstack([*first, offsets, *decays, *linear, *other.values()])
         edge, runs_there = len(whole) - len(other), known_runs(whole[0])
-        of_input = partial(_response_to, model, record)
+        of_input = partial(input_response, model, record)
         late = [_group_means(x, group) for x in pulses(data.u[k], of_input, data.holds, len(runs))]
         long = [run for run in runs_there if run.stop - run.start >= MIN_RUN]
         parts += [whole[:, run].copy() for run in long]
@@ -144,18 +144,33 @@ def error_regression(model: TestedModel, data: TrainingData) -> ErrorRegression 
     )
 
 
+def instants_of(found: ErrorRegression) -> tuple[ErrorRegression, Instants] | None:
+    """White rows, and the instants beside all terms of them; None where nothing switches.
+
+    Slow noise looks like the decay after a switch: its colour is taken off before.
+
+    Parameters
+    ----------
+    found : ErrorRegression
+    """
+    if not len(found.late):
+        return None
+    colour, _ = colour_of(found, _left(found, found.error))
+    white = filtered(found, colour)
+    return white, Instants.of(_left(white, white.late).T, _left(white, white.error))
+
+
 def beside_instants(found: ErrorRegression) -> ErrorRegression:
     """White rows without what the instants of switches may explain, where evidence asks for these.
 
-    Slow noise looks like the decay after a switch: its colour is taken off before.
+    Parameters
+    ----------
+    found : ErrorRegression
     """
-    if not len(found.late):
+    own = instants_of(found)
+    if own is None or own[1].evidence < DECISIVE:
         return found
-    colour, _ = colour_of(found, _left(found, found.error))
-    white = filtered(found, colour)
-    noise = Instants.of(_left(white, white.late).T, _left(white, white.error))
-    if noise.evidence < DECISIVE:
-        return found
+    white, noise = own
     of_noise = replace(noise, columns=white.late.T).whitened
     error, linear, other = (of_noise(rows.T).T for rows in (white.error, white.linear, white.other))
     return replace(white, error=error, linear=linear, other=other)
@@ -183,7 +198,7 @@ def _linear_terms(
     yield np.append(v[1:], v[-1:])
     for i, late in enumerate(_delayed(model, u)):
         yield late
-        yield _response_to(model, record, i, u[i])
+        yield input_response(model, record, i, u[i])
         for a in np.exp(-1 / taus):
             yield lfilter([1 - a], [1, -a], late)
 
@@ -198,13 +213,13 @@ def _other_terms(
     for i, (name, late) in enumerate(zip(model.names, _delayed(model, u), strict=True)):
         if few:
             yield f"{name} y at once", late * v
-        yield f"{name}^2", _response_to(model, record, i, u[i] ** 2)
-        yield f"{name} y", _response_to(model, record, i, u[i] * v)
+        yield f"{name}^2", input_response(model, record, i, u[i] ** 2)
+        yield f"{name} y", input_response(model, record, i, u[i] * v)
         if few:
-            yield f"{name}^3", _response_to(model, record, i, u[i] ** 3)
+            yield f"{name}^3", input_response(model, record, i, u[i] ** 3)
             for k, second in enumerate(model.names):
                 if k != i:
-                    yield f"{name} {second}", _response_to(model, record, i, u[i] * u[k])
+                    yield f"{name} {second}", input_response(model, record, i, u[i] * u[k])
 
 
 def _delayed(model: TestedModel, u: Array) -> Iterator[Array]:
@@ -213,8 +228,18 @@ def _delayed(model: TestedModel, u: Array) -> Iterator[Array]:
         yield np.concatenate([np.zeros(min(delay, len(own))), own])[: len(own)]
 
 
-def _response_to(model: TestedModel, record: Record, i: int, x: Array) -> Array:
-    """What the model gives of input i alone."""
+def input_response(model: TestedModel, record: Record, i: int, x: Array) -> Array:
+    """What the model gives of input i alone, shape (n,).
+
+    Parameters
+    ----------
+    model : TestedModel
+    record : Record
+        Its clock counts.
+    i : int
+    x : ndarray, shape (n,)
+        Course of the input.
+    """
     columns = {name: np.zeros(len(x)) for name in model.names}
     return model.response_to(Record(record.time, {**columns, model.names[i]: x}))
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
 
-from thermaltool.errors import FitError, ModelError
+from thermaltool.errors import DataError, FitError, ModelError
+from thermaltool.fitting.between_rows import BetweenRows, find_between_rows
 from thermaltool.fitting.data import Split, TrainingData, even_training_data, training_data
 from thermaltool.fitting.document import model_document
 from thermaltool.fitting.fit import ChosenOver, Fit
@@ -58,6 +59,11 @@ class Plan(ABC):
     def label(self) -> str:
         """What its structure is called beside others."""
         return ""
+
+    @property
+    def tells_instants(self) -> bool:
+        """Whether feedthrough is chosen, which inputs look like that switch between the rows."""
+        return True
 
     @abstractmethod
     def start(self, data: TrainingData) -> TrainingData:
@@ -110,6 +116,7 @@ def identify(
     plan: Plan,
     fresh: Sequence[Record] = (),
     reference: Reference | None = None,
+    as_read: Sequence[Record] = (),
 ) -> tuple[Fit, ...]:
     """A fitted and judged model for each output.
 
@@ -124,18 +131,23 @@ def identify(
         Validation data; without them those of the plan's split, if any.
     reference : "first", float or None
         What counts as no input in the model document, as which the models are validated.
+    as_read : sequence of Record, optional
+        The logs, and those of `fresh` behind them, with every reading, as ``simulate`` runs them.
+        Default: as they are fitted.
 
     Raises
     ------
     FitError
         Data that the plan's form does not fit, or that are too few to validate.
     """
-    best = first = _planned(logs, inputs, outputs, plan, fresh, reference)
+    between = _between_rows(logs, inputs, outputs, plan)
+    as_read = as_read or (*logs, *fresh)
+    best = first = _planned(logs, inputs, outputs, plan, fresh, reference, as_read, between)
     for rival in plan.beyond(first.fits, reference):
         if plan.budget.is_over:
             break
         try:
-            other = _planned(logs, inputs, outputs, rival, fresh, reference)
+            other = _planned(logs, inputs, outputs, rival, fresh, reference, as_read, between)
             if other.held.beats(best.held):
                 best = other
         except FitError:
@@ -163,13 +175,16 @@ def identify_first(
     plans: Sequence[Plan],
     fresh: Sequence[Record] = (),
     reference: Reference | None = None,
+    as_read: Sequence[Record] = (),
     warn: Callable[[str], None] = lambda message: None,
 ) -> tuple[Fit, ...]:
     """Models by the first of the plans that fits these data.
 
+    Where the data are at fault, no other is tried.
+
     Parameters
     ----------
-    logs, inputs, outputs, fresh, reference
+    logs, inputs, outputs, fresh, reference, as_read
         As `identify`.
     plans : sequence of Plan
     warn : callable
@@ -183,7 +198,9 @@ def identify_first(
     problem: FitError | None = None
     for plan in plans:
         try:
-            fits = identify(logs, inputs, outputs, plan, fresh, reference)
+            fits = identify(logs, inputs, outputs, plan, fresh, reference, as_read)
+        except DataError:
+            raise
         except FitError as error:
             problem = problem or error
             continue
@@ -209,6 +226,21 @@ class _Planned:
         return HeldFit(level, tuple(value for own in each for value in own.fit_percent))
 
 
+def _between_rows(
+    logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str], plan: Plan
+) -> BetweenRows:
+    """Inputs that switch between the rows that are fitted."""
+    if not plan.tells_instants:
+        return BetweenRows()
+    try:
+        parts = [log.between(*plan.span) for log in logs]
+        data = even_training_data(parts, inputs, outputs, parted=True)
+        data = data if plan.split is None else data.split(plan.split).fitted
+    except FitError:
+        return BetweenRows()
+    return find_between_rows(data)
+
+
 def _planned(
     logs: Sequence[Record],
     inputs: Sequence[str],
@@ -216,16 +248,25 @@ def _planned(
     plan: Plan,
     fresh: Sequence[Record],
     reference: Reference | None,
+    as_read: Sequence[Record],
+    between: BetweenRows,
 ) -> _Planned:
     """Fits of one plan."""
-    parts, others = ([log.between(*plan.span) for log in each] for each in (logs, fresh))
-    sets = plan.data_sets(parts, inputs, outputs)
-    held = plan.data_sets(others, inputs, outputs) if fresh else [None] * len(sets)
+
+    def data_sets(each: Sequence[Record]) -> list[TrainingData]:
+        parts = [log.between(*plan.span) for log in each]
+        found = plan.data_sets(parts, inputs, outputs)
+        return [data.along_lines(between.lines, between.lagging) for data in found]
+
+    sets = data_sets(logs)
+    held = data_sets(fresh) if fresh else [None] * len(sets)
     fits: list[Fit] = []
     fitted = []
     for k, (data, own) in enumerate(zip(sets, held, strict=True)):
         plan.budget.begin(len(sets) - k)
-        used, found = _judged(data, plan, own, reference, logs, fresh)
+        used, found = _judged(
+            data, plan, own, reference, as_read[: len(logs)], as_read[len(logs) :]
+        )
         fits += found
         fitted.append((used, tuple(fit.model for fit in found)))
     return _Planned(plan, tuple(fits), tuple(fitted))
@@ -251,9 +292,10 @@ def _judged(
             data = split.fitted
         models, candidates = plan.fit(data)
     except FitError as error:
-        if plan.joint or str(error).startswith(data.outputs[0]):
+        if plan.joint or error.channel:
             raise
-        raise FitError(f"{data.outputs[0]}: {error}") from error
+        (output,) = data.outputs
+        raise type(error)(f"{output}: {error}", output) from error
     fits = []
     for k, model in enumerate(models):
         # A plan may leave out inputs that never move.

@@ -174,8 +174,9 @@ def pulses(
         if not found:
             continue
         # Half a row after the switch: of a level held between the rows `response` is the mean over
-        # instants, of which the first row holds half.
-        once = response(i, np.eye(1, len(level))[0])
+        # instants, of which the first row holds half. An input may have stood at its first value
+        # before the record: the impulse is in the second row.
+        once = response(i, np.eye(1, len(level), 1)[0])[1:]
         own = (once + np.append(once[1:], 0.0)) / 2
         own[0] += once[0] / 2
         for j in found:

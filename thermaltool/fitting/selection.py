@@ -93,7 +93,8 @@ def rank(
     first, problem = _judged(candidates, fit, [split], budget)
     if not first:
         part = f"fitted to {split.fitted.rows} of {split.data.rows} rows, to choose by the others"
-        raise FitError(f"{problem or none} ({part})")
+        kind, channel = type(problem or FitError("")), problem.channel if problem else ""
+        raise kind(f"{problem or none} ({part})", channel)
     folds = [fold for fold in split.data.folds(BLOCKS) if excites(fold.fitted)]
     finalists = [each for each, _ in first[:FINALISTS]] if folds and not budget.is_over else []
     last = _judged(finalists, fit, folds, budget)[0] if finalists else []

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from thermaltool.documents import jsonable
-from thermaltool.errors import FitError, LogError, ModelError
+from thermaltool.errors import DataError, FitError, LogError, ModelError
 from thermaltool.fitting.data import Array, Split, TrainingData, Zero
 from thermaltool.fitting.output_model import OutputModel
 from thermaltool.model import Model, Start, started_outputs
@@ -238,7 +238,7 @@ def _judged(
     )
     carried = agreement(measured, computed)
     if not np.isfinite(carried.fit_percent):
-        raise FitError(
+        raise DataError(
             f"{model.target} is constant over the {carried.rows} validation rows: they say nothing "
             "of the model"
         )

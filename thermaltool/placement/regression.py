@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.data import MIN_MOVEMENT, Array, TrainingData
+from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.error_model import effective_share
+from thermaltool.fitting.excitation import MIN_MOVEMENT
 from thermaltool.fitting.network.problem import mode_responses
 from thermaltool.fitting.selection import BLOCKS
 from thermaltool.model import rest_level

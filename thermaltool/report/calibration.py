@@ -10,9 +10,9 @@ from thermaltool.fitting.discrepancy import MAX_OVER_NOISE, calibration_error
 from thermaltool.fitting.response_choice import LEFT_OUT
 from thermaltool.model import Model, Output, characteristics, to_document
 from thermaltool.report.presentation import duration, responses_table
-from thermaltool.report.text import aligned
+from thermaltool.report.text import aligned, switched_between_rows
 from thermaltool.signals.intervals import normal_estimate
-from thermaltool.units import ABSOLUTE_ZERO, hold_of, is_absolute, parse_channel, printed
+from thermaltool.units import ABSOLUTE_ZERO, is_absolute, parse_channel, printed
 
 
 def calibration_table(model: Model) -> str:
@@ -68,12 +68,7 @@ def calibration_warnings(model: Model) -> list[str]:
                 f"{output.channel}: without {drive}: these logs show no response to it. To see "
                 f"one, change {drive} alone, while the other drives rest"
             )
-    found += [
-        f"{each.channel}: switches between the rows of these logs: it is taken along straight "
-        "lines from row to row, over pauses too"
-        for each in model.drives
-        if (each.hold, hold_of(each.channel)) == ("first", "zero")
-    ]
+    found += switched_between_rows({each.channel: each.hold for each in model.drives})
     found += [_instants(o) for o in model.outputs if o.fit.get("instants")]
     if any(o.fit.get("free_start") for o in model.outputs):
         found.append(

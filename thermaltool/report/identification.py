@@ -26,6 +26,7 @@ from thermaltool.report.components import (
 from thermaltool.report.lpv import lpv_fields, lpv_table, lpv_warnings
 from thermaltool.report.network import network_fields, network_table, network_warnings
 from thermaltool.report.subspace import subspace_fields, subspace_table, subspace_warnings
+from thermaltool.report.text import switched_between_rows
 from thermaltool.report.transfer import (
     estimate_document,
     lost_from_rest,
@@ -156,7 +157,15 @@ def _commands(fits: Sequence[Fit], reading: Sequence[str]) -> list[str]:
 
 def identification_warnings(fits: Sequence[Fit], left_out: Sequence[LeftOut] = ()) -> list[str]:
     """What a user should know before using the models, each a sentence."""
-    return [*_left_out(left_out), *_form(fits).warnings(fits), *_nonlinear(fits), *_failed(fits)]
+    holds = {
+        name: hold
+        for fit in fits
+        for name, hold in zip(fit.data.inputs, fit.data.holds, strict=True)
+    }
+    return [
+        *_left_out(left_out), *switched_between_rows(holds), *_form(fits).warnings(fits),
+        *_nonlinear(fits), *_failed(fits),
+    ]  # fmt: skip
 
 
 def _left_out(inputs: Sequence[LeftOut]) -> list[str]:

@@ -107,7 +107,7 @@ def _term(output: NetworkOutput, i: int) -> dict[str, Any]:
 
 def _delay(output: NetworkOutput, i: int) -> float:
     """Dead time with what the sampling itself adds, as of the other structures [s]."""
-    own = 0 if output.has_direct else held_samples(output.names[i])
+    own = 0 if output.has_direct else held_samples(output.holds[i])
     return output.delays[i] + own * output.dt
 
 

@@ -6,7 +6,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from thermaltool.errors import counted
-from thermaltool.units import parse_channel, symbol
+from thermaltool.units import Hold, hold_of, parse_channel, symbol
 
 # A sample period that differs from that of the design by less than this is as good [1].
 OTHER_PERIOD = 1.5
@@ -193,3 +193,19 @@ def zero_message(channel: str, zero: Zero, log: Log, computed: str = "simulated"
     first = f"the first {zero.stop - log.time[0]:.4g} s ({counted(zero.rows, 'reading')})"
     over = "all rows" if zero.rows > 0.9 * len(log) else first
     return f"{channel}: counts from the median of measured minus {computed} over {over}"
+
+
+def switched_between_rows(holds: Mapping[str, Hold]) -> list[str]:
+    """Sentences on commands that are taken along straight lines.
+
+    Parameters
+    ----------
+    holds : mapping of channel to "zero" or "first"
+        How a model has each drive between the rows.
+    """
+    return [
+        f"{channel}: switches between the rows of these logs: it is taken along straight lines "
+        "from row to row, over pauses too"
+        for channel, hold in holds.items()
+        if (hold, hold_of(channel)) == ("first", "zero")
+    ]

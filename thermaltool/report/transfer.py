@@ -20,7 +20,7 @@ from thermaltool.report.orders import aligned
 from thermaltool.responses import parameter_names
 from thermaltool.signals.agreement import Agreement
 from thermaltool.signals.intervals import Estimate
-from thermaltool.units import hold_of, parse_channel, per, printed
+from thermaltool.units import Hold, parse_channel, per, printed
 
 # Residual tests speak against a model below this p-value.
 MIN_P_VALUE = 0.01
@@ -173,7 +173,7 @@ def continuous_document(term: ContinuousTerm) -> dict[str, Any]:
 
 def _dead_time(m: TransferModel, k: int) -> float:
     """Between an input and the first of its effect: a held one reaches the next sample [s]."""
-    return max(m.orders.nk[k] - held_samples(m.names[k]), 0) * m.dt
+    return max(m.orders.nk[k] - held_samples(m.holds[k]), 0) * m.dt
 
 
 def is_direct(term: ContinuousTerm) -> bool:
@@ -188,9 +188,9 @@ def _feedthrough(term: ContinuousTerm | str) -> str:
     return f", direct {feedthrough(term.response):.4g}"
 
 
-def held_samples(name: str) -> int:
+def held_samples(hold: Hold) -> int:
     """Samples of delay that are the sampling's own."""
-    return 1 if hold_of(name) == "zero" else 0
+    return 1 if hold == "zero" else 0
 
 
 def gain_unit(target: str, name: str) -> str:

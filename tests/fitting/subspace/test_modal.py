@@ -160,6 +160,13 @@ def test_of_a_wall_more_poles_with_fewer_weights_predict_better():
 
 
 @pytest.mark.slow
+def test_a_number_of_poles_that_is_given_is_reached():
+    """Poles are grown up to it, also where those before it do not pay."""
+    data = training([log(modes(), np.random.default_rng(20261126), rows=400, noise=0.3)[0]])
+    found = choose_order(data.from_rest(), [8])
+    assert [c for c in found if c.model.participations is not None]
+
+
 def test_identify_takes_them_and_writes_them():
     record, clean = log(wall(), np.random.default_rng(86), 1500, 0.02)
     fits = identify([record], ins(2), outs(5), SubspacePlan(real=True))

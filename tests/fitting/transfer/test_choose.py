@@ -113,8 +113,8 @@ def test_physical_time_constants_and_weights_come_back(hold, delay):
     response, time, u, y = thermal(hold, delay)
     nk = round(delay / 5.0) + (hold == "zero")
     orders = structure_of("oe").orders((2 + (hold == "first"),), 2, (nk,))
-    model = structure_of("oe").fit(data(u, y, 5.0).from_rest(), orders)
-    way = continuous_term(model, 0, hold)
+    model = structure_of("oe").fit(data(u, y, 5.0, holds=(hold,)).from_rest(), orders)
+    way = continuous_term(model, 0)
     assert way.response.kind == "rational2"
     assert way.response.delay == pytest.approx(delay)
     for name in ("tau1", "tau2", "K1", "K2"):
@@ -132,7 +132,7 @@ def test_a_pole_without_an_equivalent_is_named():
     model = fitted(data(u, y), "oe", (1,), 1, (1,))
     assert model.F[0][1] == pytest.approx(0.6, abs=1e-6)
     with pytest.raises(ModelError, match=r"z = -0\.6"):
-        continuous_term(model, 0, "zero")
+        continuous_term(model, 0)
 
 
 @pytest.mark.parametrize("turned", [0.0, 1e-9, -1e-9])
@@ -142,7 +142,7 @@ def test_a_pole_that_is_there_twice_becomes_two(turned):
     found = fitted(data(u, y, 5.0).from_rest(), "oe", (2,), 2, (1,))
     z = np.exp(-5.0 / 200.0)
     twice = replace(found, F=(np.array([1.0, -2 * z, z * z * (1 + turned)]),))
-    way = continuous_term(twice, 0, "zero")
+    way = continuous_term(twice, 0)
     assert way.response.kind == "rational2"
     assert way.mismatch < 1e-4
     assert way.response.tau1 == pytest.approx(200.0, rel=2e-2)
@@ -259,7 +259,7 @@ def test_continuous_time_gives_the_same_physics(hold, dt):
     model = ContinuousOeStructure().fit(record, structure_of("oe").orders((2,), 2, (nk,)))
     assert model.converged
     assert "continuous" in model.method
-    way = continuous_term(model, 0, hold)
+    way = continuous_term(model, 0)
     assert way.mismatch < 1e-5
     for name in ("tau1", "tau2", "K1", "K2"):
         assert getattr(way.response, name) == pytest.approx(getattr(response, name), rel=0.12)

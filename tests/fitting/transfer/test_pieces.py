@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from reference.training import fitted, training
+from reference.training import fitted, sampled, training
 from scipy.signal import lfilter
 
 from thermaltool.errors import FitError
@@ -185,3 +185,10 @@ def test_starts_of_pieces_are_projected_out_one_by_one():
     left = y - dense @ np.linalg.lstsq(dense, y, rcond=None)[0]
     assert projected.loss == pytest.approx(float(left @ left), rel=1e-6)
     assert problem.slopes((F,), projected).mixed.shape == (2 + 2 + 1,) * 2
+
+
+def test_readings_of_inputs_and_of_outputs_in_turn_have_no_row():
+    u, y = np.random.default_rng(20261126).standard_normal((2, 200))
+    u[::2] = y[1::2] = np.nan
+    with pytest.raises(FitError, match="no row has a reading of all inputs and of an output"):
+        even_training_data([sampled(("Q_a_W",), u, ("T_a_degC",), y, 1.0)], ["Q_a_W"], ["T_a_degC"])

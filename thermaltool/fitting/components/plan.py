@@ -30,6 +30,10 @@ class ComponentPlan(Plan):
 
     reduction: Reduction = field(default_factory=Reduction)
 
+    @property
+    def tells_instants(self) -> bool:
+        return False
+
     def data_sets(
         self, logs: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]
     ) -> list[TrainingData]:

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.errors import FitError
+from thermaltool.errors import DataError, FitError
 from thermaltool.fitting.components.reduction import Reduction
 from thermaltool.fitting.data import Array, Split, TrainingData
 from thermaltool.fitting.network.problem import mode_responses
@@ -116,7 +116,8 @@ class ComponentProblem:
         self.data, self.reduction = data, reduction
         output = data.output()
         if not np.ptp(output[np.isfinite(output)]) > 0:
-            raise FitError(f"{data.outputs[0]} is constant: there is nothing to identify")
+            (name,) = data.outputs
+            raise DataError(f"{name} is constant: there is nothing to identify", name)
         least, most = (data.rows // count for count in AVERAGES)
         self.rows = max(1, min(least, max(AVERAGED_ROWS, most)))
         shortest, longest = self.rows * data.period, data.duration / LONGEST_PART

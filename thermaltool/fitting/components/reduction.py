@@ -14,7 +14,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from thermaltool.errors import FitError
-from thermaltool.fitting.data import MIN_MOVEMENT, Array, TrainingData
+from thermaltool.fitting.data import Array, TrainingData
+from thermaltool.fitting.excitation import MIN_MOVEMENT
 
 Method = Literal["pca", "pls", "none"]
 

@@ -89,7 +89,8 @@ class LpvPlan(Plan):
         references = self._references(data)
         candidates = choose_form(
             data, references, self._delays(data), self.modes, self.level_counts,
-            any(0 in model.orders.nk for model in self.linear), self.budget,
+            data.may_act_at_once and any(0 in model.orders.nk for model in self.linear),
+            self.budget,
         )  # fmt: skip
         form = candidates[0].model.form
         if self.rival and not (form.channel or form.powers):

@@ -67,7 +67,7 @@ def choose_modes(
 
 def _acts_at_once(data: TrainingData, network: Network, delays: Delays) -> bool:
     """Whether feedthrough lowers the error of an output by more than its inputs do by chance."""
-    if np.any(delays):
+    if np.any(delays) or not data.may_act_at_once:
         return False
     stride = max(1, data.rows // MAX_START_ROWS)
     plain = NetworkProblem(data, delays, stride)

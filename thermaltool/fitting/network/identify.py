@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, counted
 from thermaltool.fitting.data import TrainingData
 from thermaltool.fitting.network.covariance import network_covariances
 from thermaltool.fitting.network.model import Network, NetworkOutput
@@ -59,8 +59,8 @@ def _refuse_overfit(problem: NetworkProblem, modes: int) -> None:
         rows = problem.rows(k)
         if rows < 2 * need:
             raise FitError(
-                f"{target}: {rows} rows do not carry {modes} modes with {need} parameters: take "
-                "fewer or more data"
+                f"{target}: {rows} rows do not carry {counted(modes, 'mode')} with {need} "
+                "parameters: take fewer or more data"
             )
 
 

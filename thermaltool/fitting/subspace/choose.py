@@ -54,7 +54,7 @@ def choose_order(
     def candidates() -> Iterator[Subspace]:
         problem: FitError | None = None
         any_fits = False
-        for direct in (False, True):
+        for direct in (False, True) if data.may_act_at_once else (False,):
             best, since = np.inf, 0
             beside: list[tuple[PoleSection, ...]] = []
             for order in orders:
@@ -79,7 +79,7 @@ def choose_order(
             if model.order in orders:
                 any_fits = True
                 yield model
-            if since >= PATIENCE:
+            if since >= PATIENCE and model.order >= min(orders):
                 break
         if not any_fits and problem is not None:
             raise problem

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -59,9 +60,6 @@ def identify_subspace(
     FitError
         Data that carry no transfer function (`TrainingData.check`), more poles than the data carry.
     """
-    data.check()
-    if not 1 <= order <= MAX_POLES:
-        raise FitError(f"{order} modes: it takes 1 to {MAX_POLES}")
     problem = problem_of(data, order, direct)
     known = realizations(data, order) if found is None else found
     tolerance = LIKELIHOOD_TOLERANCE if judged else ROUGH_TOLERANCE
@@ -69,14 +67,22 @@ def identify_subspace(
 
 
 def problem_of(data: TrainingData, order: int, direct: bool) -> SubspaceProblem:
-    """The problem of an order, of which too few rows are refused (FitError).
+    """The problem of an order.
 
     Parameters
     ----------
     data : TrainingData
     order : int
     direct : bool
+
+    Raises
+    ------
+    FitError
+        Data that carry no transfer function (`TrainingData.check`), more poles than the data carry.
     """
+    data.check()
+    if not 1 <= order <= MAX_POLES:
+        raise FitError(f"{order} modes: it takes 1 to {MAX_POLES}")
     problem = SubspaceProblem(data, direct)
     size = problem.linear_count(order)
     need = size + order + sum(not r.at_rest for r in data.records) * order
@@ -111,28 +117,48 @@ def _model(problem: SubspaceProblem, found: SubspaceSearchResult, judged: bool) 
     else:
         covariances = [np.zeros((order + kept, order + kept))] * len(data.outputs)
         variances = (point.losses / point.rows).tolist()
-    outputs = []
-    for k, linear in enumerate(point.linear):
-        zeros = linear[-data.experiments :] + problem.centres[k]
-        outputs.append(SubspaceOutput(
-            names=data.inputs,
-            target=data.outputs[k],
-            dt=data.period,
-            sections=point.sections,
-            weights=linear[:gains],
-            direct=linear[gains:kept],
-            holds=data.holds,
-            levels=data.levels,
-            zeros=tuple(zeros.tolist()),
-            sigma2=variances[k],
-            covariance=covariances[k],
-            method=METHOD,
-            converged=found.converged,
-            rows=point.rows,
-            loss=float(point.losses[k]),
-        ))  # fmt: skip
+    outputs = tuple(
+        output_of(
+            problem, point, k, sections=point.sections, weights=linear[:gains],
+            direct=linear[gains:kept], covariance=covariances[k], sigma2=variances[k],
+            method=METHOD, converged=found.converged,
+        )
+        for k, linear in enumerate(point.linear)
+    )  # fmt: skip
     parameters = order + sum(output.parameters - order for output in outputs)
-    return Subspace(tuple(outputs), Criteria(2 * point.criterion, parameters, data.rows))
+    return Subspace(outputs, Criteria(2 * point.criterion, parameters, data.rows))
+
+
+class _SearchEnd(Protocol):
+    """What a search of either kind ends with."""
+
+    @property
+    def rows(self) -> int: ...
+    @property
+    def linear(self) -> Array: ...
+    @property
+    def losses(self) -> Array: ...
+
+
+def output_of(problem: SubspaceProblem, point: _SearchEnd, k: int, **own: Any) -> SubspaceOutput:
+    """The model of output k.
+
+    Parameters
+    ----------
+    problem : SubspaceProblem
+    point : SubspacePoint or ModalPoint
+        Where its search has ended; the last of its linear parameters are the offsets.
+    k : int
+    **own
+        What the search alone knows.
+    """
+    data = problem.data
+    zeros = point.linear[k, -data.experiments :] + problem.centres[k]
+    return SubspaceOutput(
+        names=data.inputs, target=data.outputs[k], dt=data.period, holds=data.holds,
+        levels=data.levels, zeros=tuple(zeros.tolist()), rows=point.rows,
+        loss=float(point.losses[k]), **own,
+    )  # fmt: skip
 
 
 def subspace_covariances(

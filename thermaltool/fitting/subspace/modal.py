@@ -10,9 +10,9 @@ import numpy as np
 from thermaltool.errors import FitError
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.joint import joint_covariances
-from thermaltool.fitting.subspace.identify import identify_subspace, problem_of
+from thermaltool.fitting.subspace.identify import identify_subspace, output_of, problem_of
 from thermaltool.fitting.subspace.modal_problem import ModalPoint, ModalProblem, ModalStart
-from thermaltool.fitting.subspace.model import Subspace, SubspaceOutput
+from thermaltool.fitting.subspace.model import Subspace
 from thermaltool.fitting.subspace.search import (
     ADDED_POLES,
     FOLLOWED_STARTS,
@@ -70,7 +70,6 @@ def identify_modal(data: TrainingData, known: Subspace, judged: bool = True) -> 
     FitError
         Data that carry no transfer function (`TrainingData.check`), more poles than the data carry.
     """
-    data.check()
     assert known.participations is not None
     problem = ModalProblem(problem_of(data, known.order, False))
     own = known.participations * problem.scales
@@ -158,28 +157,16 @@ def _model(found: Minimum[ModalPoint], judged: bool) -> Subspace:
                 turn[place, n + k * (m - 1) : n + (k + 1) * (m - 1)] = linear[k] * tangents[k].T
                 turn[place, n * m + k] = turned[k]
             covariances.append(turn @ covariance @ turn.T)
-    outputs = [
-        SubspaceOutput(
-            names=data.inputs,
-            target=data.outputs[k],
-            dt=data.period,
-            sections=point.start.sections,
-            weights=(linear[:n, None] * turned).ravel(),
-            direct=np.zeros(0),
-            holds=data.holds,
-            levels=data.levels,
-            zeros=tuple((linear[n:] + point.problem.problem.centres[k]).tolist()),
-            sigma2=variances[k],
-            covariance=covariances[k],
-            method=METHOD,
-            converged=found.converged,
-            rows=point.rows,
-            loss=float(point.losses[k]),
-            participations=turned / sizes,
+    outputs = tuple(
+        output_of(
+            point.problem.problem, point, k, sections=point.start.sections,
+            weights=(linear[:n, None] * turned).ravel(), direct=np.zeros(0),
+            covariance=covariances[k], sigma2=variances[k], method=METHOD,
+            converged=found.converged, participations=turned / sizes,
         )
         for k, linear in enumerate(point.linear)
-    ]
+    )  # fmt: skip
     own = sum(len(linear) for linear in point.linear)
     # Candidates are compared as of all rows, also where some of them are fitted.
     whole = 2 * point.criterion * data.rows / point.rows
-    return Subspace(tuple(outputs), Criteria(whole, n * m + own, data.rows))
+    return Subspace(outputs, Criteria(whole, n * m + own, data.rows))

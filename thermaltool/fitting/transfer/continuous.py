@@ -25,7 +25,7 @@ from thermaltool.fitting.transfer.polynomials import from_real_roots, partial_fr
 from thermaltool.fitting.transfer.search import SearchResult
 from thermaltool.fitting.transfer.structure import Structure
 from thermaltool.signals.intervals import Estimate, normal_estimate, standard_error
-from thermaltool.units import Hold, hold_of
+from thermaltool.units import Hold
 
 # A constant coefficient of A(s) below this is that of a pole at zero, s in 1/samples.
 MIN_CONSTANT_COEFFICIENT = 1e-30
@@ -102,7 +102,7 @@ class ContinuousModel(TransferModel):
     def moved(self, j: int, by: float) -> TransferModel:
         theta = self.theta.copy()
         theta[j] += by
-        F, B = _discrete(theta, self.orders, [hold_of(name) for name in self.names])
+        F, B = _discrete(theta, self.orders, self.holds)
         return replace(self, theta=theta, F=F, B=B)
 
     @property

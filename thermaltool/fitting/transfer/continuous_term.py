@@ -12,7 +12,6 @@ from thermaltool.errors import ModelError
 from thermaltool.fitting.data import Array
 from thermaltool.fitting.output_model import ContinuousTerm
 from thermaltool.responses import Response
-from thermaltool.responses.modes import Hold
 from thermaltool.responses.rational import oscillation_names, rational_kind
 from thermaltool.signals.intervals import standard_error
 
@@ -31,17 +30,17 @@ MAX_MISMATCH = 0.01
 DOUBLE_POLE_GAP, MIN_IMAGINARY_SHARE = 1e-3, 1e-2
 
 
-def continuous_term(model: TransferModel, k: int, hold: Hold) -> ContinuousTerm:
+def continuous_term(model: TransferModel, k: int) -> ContinuousTerm:
     """The response of input k: poles z → ln z/dt, gains by least squares on the step.
+
+    A held input reaches the next sample first: of nk samples of delay one is the sampling's own;
+    none is direct feedthrough. An input that runs on reaches the same sample in part: feedthrough
+    of it is what that does not explain, where it may have any.
 
     Parameters
     ----------
     model : TransferModel
     k : int
-    hold : "zero" or "first"
-        Of the input between samples. A held input reaches the next sample first: of nk samples
-        of delay one is the sampling's own; none is direct feedthrough. An input that runs on
-        reaches the same sample in part: feedthrough of it is what that does not explain.
 
     Raises
     ------
@@ -54,16 +53,17 @@ def continuous_term(model: TransferModel, k: int, hold: Hold) -> ContinuousTerm:
     searched = named_poles(s)
     real, pairs = s[s.imag == 0], s[s.imag > 0]
     time, u = unit_step(model, s)
-    nk = model.orders.nk[k]
+    nk, hold = model.orders.nk[k], model.holds[k]
     plain = nk > 0 or hold == "first"
-    direct = nk == 0 and _kind(len(real), len(pairs), True, place)
+    may_be_direct = nk == 0 and model.names[k] not in model.lagging
+    direct = may_be_direct and _kind(len(real), len(pairs), True, place)
     if plain:
         cls = _kind(len(real), len(pairs), False, place)
         known = searched | {"delay": max(nk - (hold == "zero"), 0) * model.dt}
-        found, _ = response_of_step(cls, known, time, u, hold, model, k)
+        found, _ = response_of_step(cls, known, time, u, model, k)
         if not direct or found.mismatch <= MAX_MISMATCH:
             return found
-    exact, weights = response_of_step(direct, searched, time, u, hold, model, k)
+    exact, weights = response_of_step(direct, searched, time, u, model, k)
     least = MIN_DIRECT_ERRORS * _error(model, k, weights, u)
     return found if plain and abs(feedthrough(exact.response)) < least else exact
 
@@ -148,7 +148,6 @@ def response_of_step(
     known: dict[str, float],
     time: Array,
     u: Array,
-    hold: Hold,
     model: TransferModel,
     k: int,
 ) -> tuple[ContinuousTerm, Array]:
@@ -163,7 +162,6 @@ def response_of_step(
         Its poles, and the delay.
     time, u : ndarray, shape (n,)
         As `unit_step` gives them.
-    hold : "zero" or "first"
     model : TransferModel
     k : int
     """
@@ -171,7 +169,7 @@ def response_of_step(
     shapes = []
     for name in cls.gains:
         gains = {other: float(other == name) for other in cls.gains}
-        shapes.append(cls(**known, **gains).modes(model.dt).run(time, u, hold))
+        shapes.append(cls(**known, **gains).modes(model.dt).run(time, u, model.holds[k]))
     rows = np.array(shapes)
     inverse = np.linalg.pinv(rows.T, rcond=1e-12)
     gains_found = inverse @ wanted

@@ -84,6 +84,8 @@ class ArxStructure(Structure):
             target=data.outputs[0],
             dt=data.period,
             orders=orders,
+            holds=data.holds,
+            lagging=data.lagging,
             B=found.numerators,
             F=(found.F,),
             C=found.C,

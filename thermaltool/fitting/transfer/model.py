@@ -27,7 +27,7 @@ from thermaltool.signals.intervals import (
     normal_estimate,
     standard_error,
 )
-from thermaltool.units import hold_of
+from thermaltool.units import Hold
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +39,10 @@ class TransferModel(OutputModel):
     structure : Structure
         Where the noise enters.
     orders : Orders
+    holds : tuple of "zero" or "first"
+        Of each input between its samples.
+    lagging : tuple of str
+        Inputs of which none is feedthrough.
     B : tuple of ndarray
         Numerator of each input, from its first coefficient after the delay on.
     F : tuple of ndarray
@@ -54,6 +58,8 @@ class TransferModel(OutputModel):
 
     structure: Structure
     orders: Orders
+    holds: tuple[Hold, ...]
+    lagging: tuple[str, ...] = ()
     B: tuple[Array, ...]
     F: tuple[Array, ...]
     C: Array = field(default_factory=lambda: np.ones(1))
@@ -147,11 +153,10 @@ class TransferModel(OutputModel):
                 yield error[run], inputs[:, : count + run.stop]
 
     def term(self, k: int) -> ContinuousTerm:
-        return continuous_term(self, k, hold_of(self.names[k]))
+        return continuous_term(self, k)
 
     def sure_term(self, k: int) -> ContinuousTerm:
-        hold = hold_of(self.names[k])
-        return with_covariance(self, k, hold, continuous_term(self, k, hold))
+        return with_covariance(self, k, continuous_term(self, k))
 
     def acting_on(self, k: int) -> list[int]:
         """Which parameters of the `covariance` the response to input k depends on."""

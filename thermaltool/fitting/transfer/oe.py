@@ -71,6 +71,8 @@ def search_fields(
         "target": data.outputs[0],
         "dt": data.period,
         "orders": problem.orders,
+        "holds": data.holds,
+        "lagging": data.lagging,
         "levels": data.levels,
         "zeros": tuple(found.projection.linear[edge : edge + data.experiments].tolist()),
         "sigma2": sigma2,

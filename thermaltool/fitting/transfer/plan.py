@@ -51,6 +51,11 @@ class TransferPlan(Plan):
     def label(self) -> str:
         return f"oe with {'real' if self.structure.real_poles else 'any'} poles"
 
+    @property
+    def tells_instants(self) -> bool:
+        # Samples of delay that are given count from a held input.
+        return not self.orders or None in self.orders
+
     def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Sequence[Plan]:
         if self.linear:
             return ()

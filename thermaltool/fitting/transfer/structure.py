@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from scipy.signal import lfilter
 
-from thermaltool.errors import FitError
+from thermaltool.errors import FitError, counted
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.start_state import Initial, StartErrors, with_start
 from thermaltool.fitting.transfer.orders import Orders
@@ -201,10 +201,12 @@ def check_orders(data: TrainingData, orders: Orders) -> None:
             )
     problem = Problem(data.about_levels(orders.first), orders)
     if {data.records[k].origin for k in problem.used} != set(range(data.experiments)):
+        (output,) = data.outputs
         raise FitError(
-            f"{data.outputs[0]}: a log has no run of inputs with more than "
+            f"{output}: a log has no run of inputs with more than "
             f"{orders.shortest - orders.first} readings behind the delays, which these orders "
-            "need: take lower ones"
+            "need: take lower ones",
+            output,
         )
     need = problem.linear_count + sum(orders.nf)
     # What is known from before the record is no row of it.
@@ -212,7 +214,8 @@ def check_orders(data: TrainingData, orders: Orders) -> None:
     rows = problem.rows - before
     if rows < 2 * need:
         raise FitError(
-            f"{rows} rows do not carry orders of {need} parameters: take lower orders or more data"
+            f"{counted(rows, 'equation')} with all delayed values do not carry orders of "
+            f"{counted(need, 'parameter')}: take lower orders or more data"
         )
 
 

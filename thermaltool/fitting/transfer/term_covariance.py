@@ -20,7 +20,7 @@ from thermaltool.fitting.transfer.continuous_term import (
     response_of_step,
     unit_step,
 )
-from thermaltool.responses.modes import Complex, Hold
+from thermaltool.responses.modes import Complex
 
 if TYPE_CHECKING:
     from thermaltool.fitting.transfer.model import TransferModel
@@ -29,9 +29,7 @@ if TYPE_CHECKING:
 STEP = 1e-3
 
 
-def with_covariance(
-    model: TransferModel, k: int, hold: Hold, term: ContinuousTerm
-) -> ContinuousTerm:
+def with_covariance(model: TransferModel, k: int, term: ContinuousTerm) -> ContinuousTerm:
     """A term with the covariance of its time constants and gains; unchanged where it has none.
 
     Parameters
@@ -39,8 +37,6 @@ def with_covariance(
     model : TransferModel
     k : int
         The input whose term it is.
-    hold : "zero" or "first"
-        Of the input between samples.
     term : ContinuousTerm
     """
     response: Any = term.response
@@ -52,7 +48,7 @@ def with_covariance(
         for j in own:
             step = STEP * float(np.sqrt(variances[j]))
             ahead, behind = (
-                _parameters(model.moved(j, by), k, hold, response, rates(model, k))
+                _parameters(model.moved(j, by), k, response, rates(model, k))
                 for by in (step, -step)
             )
             slopes.append((ahead - behind) / (2 * step))
@@ -65,7 +61,7 @@ def with_covariance(
     return replace(term, covariance=(covariance + covariance.T) / 2, names=names)
 
 
-def _parameters(model: TransferModel, k: int, hold: Hold, response: Any, before: Complex) -> Array:
+def _parameters(model: TransferModel, k: int, response: Any, before: Complex) -> Array:
     """Time constants and gains of a model whose poles have moved a little, in their order."""
     left, moved = rates(model, k), []
     for pole in before:
@@ -80,6 +76,6 @@ def _parameters(model: TransferModel, k: int, hold: Hold, response: Any, before:
     if "delay" in response.fixed:
         known["delay"] = response.delay
     time, u = unit_step(model, before)
-    found_response, _ = response_of_step(type(response), known, time, u, hold, model, k)
+    found_response, _ = response_of_step(type(response), known, time, u, model, k)
     after: Any = found_response.response
     return np.array([getattr(after, name) for name in (*after.searched, *after.gains)])
