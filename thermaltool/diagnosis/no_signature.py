@@ -303,7 +303,11 @@ def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause
     helped = [
         o
         for o, g in gain.items()
-        if o in short and g.claimed and g.rms_after < MAX_RMS_LEFT * g.rms_before
+        if o in short
+        and g.claimed
+        and g.rms_after < MAX_RMS_LEFT * g.rms_before
+        # The state in which a warm machine was found explains as much: no model has to change.
+        and g.rms_after < _left_by_start(before, o)
     ]
     worse = [o for o, g in gain.items() if g.spoiled]
     if not helped or worse:
@@ -313,3 +317,12 @@ def too_short(calibrated: Model, before: Hypothesis, after: Hypothesis) -> Cause
     output = max(helped, key=lambda o: moved[o])
     effect = effect_class("record_too_short")(output, {"covered": short[output]})
     return Cause(effect, float(2 * sum(moved.values())), {}, gain, 0.0)
+
+
+def _left_by_start(hypothesis: Hypothesis, output: str) -> float:
+    """RMS of an output's residual as `simulate` counts, with its start; infinite from rest."""
+    simulation = hypothesis.simulation
+    if not simulation.warm_logs:
+        return np.inf
+    left = np.concatenate([y - computed for y, computed in simulation.as_simulated(output)])
+    return float(np.sqrt(np.nanmean(left**2)))
