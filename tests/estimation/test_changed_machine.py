@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import expm
 
 import thermaltool as tt
-from thermaltool.estimation.changed_machine import Change, likeliest_change
+from thermaltool.estimation.changed_machine import likeliest_change
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.smoother import smooth
 from thermaltool.responses.modes import Modes
@@ -86,11 +86,34 @@ def test_a_machine_as_it_was_calibrated_has_not_changed():
     assert not any(each is not None and each.explains for each in changes)
 
 
-def test_what_is_no_clear_change_is_none():
-    change = Change("", 1e-4, 30.0, 1.0, estimator(), estimator(), (100.0, 90.0))
+@pytest.mark.parametrize("loss", [0.5, 0.15])
+def test_a_loss_that_has_fallen_is_no_sensor(loss):
+    """Beyond the smallest loss that is tried it may be another one: nothing is explained then."""
+    readings, _ = record(np.random.default_rng(85), loss=loss * LOSS)
+    change = found(readings)
+    assert change is not None
+    assert not change.sensor
+    assert change.size == pytest.approx((loss - 1) * LOSS / CAPACITY, rel=0.1)
+    assert change.explains
+
+
+def test_a_sensor_beyond_all_that_is_tried_explains_nothing():
+    readings, _ = record(np.random.default_rng(86), gains=(1.0, 0.1, 1.0))
+    change = found(readings)
+    assert change is not None
     assert not change.explains
-    assert replace(change, ahead=9.0).explains
-    assert not replace(change, ahead=9.0, likelier=9.0).explains
+
+
+def test_a_deflection_slower_than_the_sensors_stays_stable():
+    """No loss is tried with which it would run away."""
+    slow = Modes(np.array([-1 / 5000.0 + 0j]), np.array([1e-4 + 0j]))
+    machine = replace(estimator(), outputs=("d_z_um",), followed=((0, 0, slow),))
+    readings, _ = record(np.random.default_rng(87), loss=0.6 * LOSS)
+    time = DT * np.arange(ROWS)
+    change = likeliest_change(machine, [0.02] * 3, [0.004] * 3, time, readings, "rest", [LEVEL])
+    assert change is not None
+    for each in (change.estimator, change.edge):
+        assert all(np.all(modes.poles.real < 0) for _, _, modes in each.followed)
 
 
 @pytest.mark.slow
@@ -115,5 +138,6 @@ def test_estimates_are_those_of_the_changed_machine_and_say_so():
     assert np.mean(np.abs(error) < 1.96 * run.columns["sigma_Q_W"]) > 0.9
     # What a filter of the model gives is wrong by the gain; its standard errors hold it.
     plain = tt.estimate(design, lossy, bands=True, warn=str)
+    assert plain.document()["change"]["taken"] is False
     error = plain.columns["Q_W"] - lossy["Q_W"].to_numpy()
     assert np.mean(np.abs(error) < 1.96 * plain.columns["sigma_Q_W"]) > 0.9

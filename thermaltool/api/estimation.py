@@ -380,8 +380,8 @@ def estimate(
     if found.alarm is not None:
         for sentence in alarm_messages(log, found.alarm):
             warn(sentence)
-    if found.change is not None and found.change.taken:
-        warn(change_message(log, found.change, found.change.taken and smooth))
+    if found.change is not None and found.change.is_enough:
+        warn(change_message(log, found.change))
     for sentence in found.deconvolved.notes if found.deconvolved else ():
         warn(sentence)
     for sentence in (*stuck_messages(log, need), *period_messages(log, model)):

@@ -263,7 +263,8 @@ def identify(
     own = parts[: len(logs)]
     if constant := constant_channels(own, outputs, split, 0.0):
         outputs = tuple(name for name in outputs if name not in constant)
-        warn("; ".join(f"{name} is constant: it is left out" for name in constant))
+        where = "" if split is None else " over the training rows"
+        warn("; ".join(f"{name} is constant{where}: it is left out" for name in constant))
     named = inputs
     still: tuple[LeftOut, ...] = ()
     if structure != COMPONENTS and reduce is None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thermaltool.effects.channels import MAX_TEMPERATURE_GAIN, is_air
 from thermaltool.effects.dynamics import from_rest, lagged, time_constants
@@ -19,9 +20,10 @@ from thermaltool.effects.effect import (
     Parameter,
     Scene,
     Side,
+    needed,
 )
 from thermaltool.record import Record
-from thermaltool.units import hold_of, is_temperature, parse_channel
+from thermaltool.units import hold_of, is_absolute, is_temperature
 
 # A loss at one place is told from another gain where its state is there, and is not, for this share
 # of the rows at least.
@@ -99,9 +101,12 @@ class HeatLoss(Effect, ABC):
     def _felt(self, record: Record, memory: dict[str, Any]) -> Float:
         """What is lost at the place behind either lag, shape (2, n)."""
         assert self.partner is not None
-        excess = self._above(record, self.partner, memory)
+        excess, known = self._above(record, self.partner, memory)
         if self.air is not None:
-            excess = excess - self._above(record, self.air, memory)
+            air, told = self._above(record, self.air, memory)
+            excess, known = excess - air, known & told
+        # Until both are read nothing is known to leave.
+        excess = np.where(known, excess, 0.0)
         lost, hold = self.state(record, memory) * excess, hold_of(self.channel)
         return np.array(
             [
@@ -134,17 +139,26 @@ class HeatLoss(Effect, ABC):
                 residual[self.partner][thin],
             )
             rows = np.isfinite(left)
+            if not rows.any():
+                continue
             felt, left = felt[:, rows], left[rows]
             pairs.append((felt - felt.mean(axis=1, keepdims=True), left - left.mean()))
+        if not pairs:
+            return 0.0
         x, y = (np.concatenate(each, axis=-1) for each in zip(*pairs, strict=True))
         gains = np.linalg.lstsq(x.T, y, rcond=None)[0]
         return float(gains @ (x @ y)) if gains.sum() < 0 else 0.0
 
-    def _above(self, record: Record, channel: str, memory: dict[str, Any]) -> Float:
-        """A temperature that is read: as such beside one of the air, else from its first value."""
+    def _above(
+        self, record: Record, channel: str, memory: dict[str, Any]
+    ) -> tuple[Float, NDArray[np.bool_]]:
+        """A temperature as read beside one of the air, else from its first value; and from when."""
         kept = memory.setdefault(channel, {})
+        before = "reading" in kept
         rise = from_rest(record, channel, kept)
-        return rise if self.air is None else rise + kept.get("reading", [0.0])[0]
+        values = rise if self.air is None else rise + kept.get("reading", [0.0])[0]
+        there = np.isfinite(needed(record, channel))
+        return values, np.logical_or.accumulate(there) | before
 
     def plausible(self, scene: Scene) -> bool:
         if not super().plausible(scene):
@@ -184,13 +198,12 @@ def places(scene: Scene, trials: int) -> Iterator[tuple[str, str | None, dict[st
         No air for a place that reads a difference of temperatures.
     """
     logged = set.intersection(*(set(log.columns) for log in scene.logs))
-    air = next((c for c in sorted(logged) if is_air(c)), None)
+    air = next((c for c in sorted(logged) if is_air(c) and is_absolute(c)), None)
     gains = {f"{base}[{o}]": 1.0 for base in ("fast", "slow") for o in scene.outputs}
     for place in scene.sensors():
         if place not in logged or not is_temperature(place):
             continue
-        absolute = parse_channel(place).dimension == "temperature"
         slowest = float(scene.slowest[place])
         for tau in time_constants(10 * scene.period, slowest, trials):
             given = {"time_constant": tau, "slowest": slowest}
-            yield place, air if absolute else None, {**gains, **given}
+            yield place, air if is_absolute(place) else None, {**gains, **given}

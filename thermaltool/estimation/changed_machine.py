@@ -20,16 +20,36 @@ import numpy as np
 
 from thermaltool.errors import FitError, LogError
 from thermaltool.estimation.estimator import KalmanEstimator
-from thermaltool.estimation.innovation_test import test_filter
+from thermaltool.estimation.innovation_test import checking_filter
 from thermaltool.estimation.likelihood import log_likelihood
 from thermaltool.estimation.start import Initial
 from thermaltool.responses.modes import Float, Modes
 
 # Rates of the loss that are tried first, over the slowest rate of a response [1] ...
-LOSSES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6)
+LOSSES = (
+    -0.9,
+    -0.7,
+    -0.55,
+    -0.4,
+    -0.2,
+    -0.1,
+    -0.05,
+    0.05,
+    0.1,
+    0.2,
+    0.4,
+    0.8,
+    1.6,
+    3.2,
+    6.4,
+    12.8,
+    25.6,
+)
 # ... and gains of a sensor over the model's [1].
-GAINS = (0.5, 0.7, 0.85, 0.93, 0.97, 0.99, 1.01, 1.03, 1.07, 1.15, 1.3, 1.5)
+GAINS = (0.2, 0.35, 0.5, 0.7, 0.85, 0.93, 0.97, 0.99, 1.01, 1.03, 1.07, 1.15, 1.3, 1.5)
 MAX_EVALUATIONS = 20
+# No loss falls by more of the slowest rate, the deflections' too: without any nothing would settle.
+MAX_LESS = 0.95
 # So much likelier than no change [nats]. Right models gain half a nat on the mean by a number that
 # is searched for; what calibrations miss made it up to 12 on the frame, a loss of 150 % above 56.
 MIN_LIKELIER = 20.0
@@ -59,6 +79,10 @@ class Change:
         Of the changed machine, and of one that has changed by a standard error more.
     slowest : tuple of float
         Slowest time constant of the sensors' responses before and after [s].
+    inside : bool
+        Whether it lies between the sizes that are tried: at their ends another may be likelier.
+    is_enough : bool
+        Whether the readings contradict the changed machine no more.
     taken : bool
         Whether estimates are those of the changed machine.
     """
@@ -70,12 +94,14 @@ class Change:
     estimator: KalmanEstimator
     edge: KalmanEstimator
     slowest: tuple[float, float]
+    inside: bool = True
+    is_enough: bool = False
     taken: bool = False
 
     @property
     def explains(self) -> bool:
         """Whether the readings say clearly that it is this change, if any."""
-        return self.likelier > MIN_LIKELIER and self.ahead > MIN_AHEAD
+        return self.inside and self.likelier > MIN_LIKELIER and self.ahead > MIN_AHEAD
 
     def document(self) -> dict[str, Any]:
         """As JSON."""
@@ -117,37 +143,40 @@ def likeliest_change(
     """
 
     def likelihood(changed: KalmanEstimator) -> float:
-        tested = test_filter(changed, model_error)
+        tested = checking_filter(changed, model_error)
         try:
             return log_likelihood(tested, time, readings, initial, level)
         except (FitError, LogError, np.linalg.LinAlgError):
             return -np.inf
 
-    alone, slowest = likelihood(kalman), _slowest(kalman)
+    alone, slowest = likelihood(kalman), _slowest(kalman.sensed)
     if not np.isfinite(alone):
         return None
     found = []
     for sensor, tried, changed in _hypotheses(kalman, slowest):
         size, step, value = _likeliest(likelihood, changed, tried)
-        found.append((value - alone, sensor, size, step, changed))
+        inside = tried[0] < size < tried[-1]
+        found.append((value - alone, sensor, size, step, changed, inside))
     found.sort(key=lambda each: -each[0])
-    likelier, sensor, size, step, changed = found[0]
+    likelier, sensor, size, step, changed, inside = found[0]
     if not likelier > MAY_BE:
         return None
     other = changed(size)
-    times = 1 / slowest, 1 / _slowest(other)
+    times = 1 / slowest, 1 / _slowest(other.sensed)
     ahead = likelier - max(found[1][0], 0.0)
     error = _standard_error(likelihood, changed, size, step, gain_error)
     edge = size + math.copysign(error, size - (1.0 if sensor else 0.0))
-    return Change(sensor, size, likelier, ahead, other, changed(edge), times)
+    return Change(sensor, size, likelier, ahead, other, changed(edge), times, inside)
 
 
 def _hypotheses(
     kalman: KalmanEstimator, slowest: float
 ) -> Iterator[tuple[str, Sequence[float], Callable[[float], KalmanEstimator]]]:
     """Whose gain (or the loss), sizes that are tried first, and the machine with a size."""
-    lasts = any(np.any(modes.poles.real >= 0) for _, _, modes in kalman.sensed)
-    tried = [slowest * share for share in LOSSES if share > 0 or not lasts]
+    both = (*kalman.sensed, *kalman.followed)
+    lasts = any(np.any(modes.poles.real >= 0) for _, _, modes in both)
+    less = [_slowest(both) * share for share in LOSSES if share < 0 and not lasts]
+    tried = [*less, *(slowest * share for share in LOSSES if share > 0)]
     yield "", tried, partial(_with_loss, kalman)
     for k, sensor in enumerate(kalman.sensors):
         yield sensor, GAINS, partial(_with_gain, kalman, k)
@@ -200,14 +229,15 @@ def _standard_error(
     return math.hypot(error, *moved)
 
 
-def _slowest(kalman: KalmanEstimator) -> float:
-    """The slowest rate of the sensors' responses [1/s]; of those that decay."""
-    rates = np.concatenate([-modes.poles.real for _, _, modes in kalman.sensed])
+def _slowest(terms: Sequence[tuple[int, int, Modes]]) -> float:
+    """The slowest rate of responses [1/s]; of those that decay."""
+    rates = np.concatenate([-modes.poles.real for _, _, modes in terms])
     decaying = rates[rates > 0]
     return float(np.min(decaying)) if len(decaying) else 1.0
 
 
 def _with_loss(kalman: KalmanEstimator, rate: float) -> KalmanEstimator:
+    rate = max(rate, -MAX_LESS * _slowest((*kalman.sensed, *kalman.followed)))
     sensed, followed = (
         tuple((to, drive, replace(modes, poles=modes.poles - rate)) for to, drive, modes in terms)
         for terms in (kalman.sensed, kalman.followed)

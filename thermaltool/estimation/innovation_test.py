@@ -113,7 +113,7 @@ class InnovationTest:
         model_error: Sequence[float],
         gain_error: Sequence[float] = (),
     ) -> None:
-        self._filter = test_filter(estimator, model_error)
+        self._filter = checking_filter(estimator, model_error)
         noise = self._filter.noise
         self._period = max(round(period / CLOCK_STEP), 1)
         self._sample = lru_cache(MAX_CACHED_LENGTHS)(self._of_ticks)
@@ -259,7 +259,7 @@ class InnovationTest:
         self._x, self.nis, self.drift, self._blind = state, float(nis), float(drift), int(blind)
 
 
-def test_filter(estimator: KalmanEstimator, model_error: Sequence[float]) -> KalmanEstimator:
+def checking_filter(estimator: KalmanEstimator, model_error: Sequence[float]) -> KalmanEstimator:
     """The filter of the test: a heat that changes fast, sensors with what the model leaves of them.
 
     Parameters

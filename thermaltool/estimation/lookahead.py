@@ -201,9 +201,11 @@ def look(
     alarm, change = None, None
     if len(time) > 1 and (how.bands or how.smooth):
         alarm = _alarm(model, designed, time, readings, initial)
-        if how.walk != "design":
+        # From a start that is not the machine's own a change would only explain the start.
+        if how.walk != "design" and begins == initial:
             change = _change(model, designed, time, readings, initial, alarm)
-    if change is not None and how.smooth and change.taken:
+    if change is not None and how.smooth and change.is_enough:
+        change = replace(change, taken=True)
         kalman = change.estimator
     if isinstance(how.sizes, float):
         kalman = replace(kalman, walk=tuple(how.sizes * each for each in level))
@@ -287,7 +289,7 @@ def _change(
     initial: Initial,
     alarm: Alarm,
 ) -> Change | None:
-    """What the record says of a change of the machine; taken where it explains all of it."""
+    """What the record says of a change of the machine, and whether it explains all of it."""
     long = len(time) > MAX_ROWS_WITHOUT_ALARM and alarm.word != PARTED
     if alarm.word == NOT_POSSIBLE or long:
         return None
@@ -298,7 +300,7 @@ def _change(
     if found is None or not found.explains or (found.sensor and alarm.word != PARTED):
         return found
     after = _alarm(model, designed, time, readings, initial, found.estimator)
-    return replace(found, taken=after.word == QUIET)
+    return replace(found, is_enough=after.word == QUIET)
 
 
 def _with_parameters(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -66,7 +66,12 @@ class RunningError:
         level: Sequence[float],
         true: KalmanEstimator | None = None,
     ) -> None:
-        self._estimator, self._true = estimator, true or estimator
+        # Sizes alone: an error that drifts at another pace than the filter thinks has other states.
+        noise = tuple(
+            replace(own, drift_time=design.drift_time)
+            for own, design in zip((true or estimator).noise, estimator.noise, strict=True)
+        )
+        self._estimator, self._true = estimator, replace(true or estimator, noise=noise)
         self._period, self._level = period, level
         self._near = round(np.log(period) / GAIN_GRID)
         self._sample = lru_cache(MAX_CACHED)(self._of_length)

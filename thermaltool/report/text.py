@@ -151,7 +151,7 @@ def alarm_messages(log: Log, alarm: Alarm) -> Iterator[str]:
         yield f"{log.name}: {alarm.reason}"
 
 
-def change_message(log: Log, found: Change, taken: bool) -> str:
+def change_message(log: Log, found: Change) -> str:
     """By what change of the machine the readings of a log are explained, and what that does."""
     before, after = (f"{each:.3g} s" for each in found.slowest)
     what = (
@@ -162,7 +162,7 @@ def change_message(log: Log, found: Change, taken: bool) -> str:
     )
     then = (
         "the estimates are those of such a machine"
-        if taken
+        if found.taken
         else "the estimates are those of the model, standard errors hold the difference"
     )
     return f"{log.name}: {what}: {found.likelier:.3g} nats likelier than no change; {then}"
