@@ -37,14 +37,17 @@ def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) ->
         estimate, after a step; ``model_error``: what the calibration left of each sensor beside
         noise; ``gain_error``: that over the sensor's signal.
     """
-    relative, recursion = np.zeros(len(kalman.estimates)), kalman.recursion(problem.dt)
+    # Over all trials together: each moves one drive, and says nothing of estimates that rest in it.
+    squares, total = np.zeros((2, len(kalman.estimates)))
+    recursion = kalman.recursion(problem.dt)
     for readings, _ in problem.trials:
         estimates = recursion.run(readings)[0]
         variance = parameter_variance(
             model, kalman, problem.clock, estimates, readings, lambda u: recursion.run(u)[0]
         )
-        size = np.maximum(np.mean(estimates**2, axis=0), 1e-300)
-        relative = np.maximum(relative, np.sqrt(np.mean(variance, axis=0) / size))
+        squares += np.mean(estimates**2, axis=0)
+        total += np.mean(variance, axis=0)
+    relative = np.sqrt(total / np.maximum(squares, 1e-300))
     return {
         "relative": np.minimum(relative, 1.0).tolist(),
         "model_error": model_errors(model, kalman),
