@@ -117,6 +117,17 @@ def test_unseen_logs_are_named():
     )
 
 
+def test_a_cause_of_one_log_is_worth_nothing_on_another():
+    found = document(validated=["in/evening.csv"])
+    digest = found["logs"][0]["sha256"]
+    found["causes"][0]["log"] = digest
+    rest = {"log": "in/evening.csv", "rmse": 9.0, "rmse_zero_free": 5.0}
+    found["written"] += [{**row, **rest} for row in found["written"]]
+    assert "On evening.csv it changes nothing: it belongs to run.csv alone." in summary(found)
+    rows = next(s.rows for s in sections(found) if s.title.startswith("What knowing"))
+    assert rows[1][0].endswith(" in run.csv alone")
+
+
 def test_several_causes():
     found = document()
     second = json.loads(json.dumps(found["causes"][0]))

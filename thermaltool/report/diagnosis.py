@@ -218,6 +218,9 @@ def _worth(document: Document) -> Iterator[str]:
     chains = _chains_without(named) if outliers else written_chains(document)
     chains = {o: steps for o, steps in chains.items() if steps[-1] != steps[0] and steps[0].spread}
     if not chains:
+        if document["validated_on"] and any(cause["log"] for cause in named):
+            where = names_of(document["logs"])
+            yield f"On {judged_on(document)} it changes nothing: it belongs to {where} alone."
         return
     best = min(chains, key=lambda output: chains[output][-1].spread / chains[output][0].spread)
     unit, steps = channel_unit(best), chains[best]

@@ -143,7 +143,9 @@ def _severity(document: Document) -> Section:
 def _gains(document: Document) -> Section:
     rows = [["cause", "output", "unit", "RMS before", "after", "gain (95 %)", "largest before",
              "after", "fit % before", "after"]]  # fmt: skip
+    files = {log["sha256"]: Path(log["name"]).name for log in document["logs"]}
     for cause in document["causes"]:
+        own = cause["log"] in files and document["validated_on"]
         for channel, gain in cause["gain"].items():
             if abs(gain["rms_before"] - gain["rms_after"]) <= ROUNDING * gain["rms_before"]:
                 continue  # it does not reach this output
@@ -151,7 +153,7 @@ def _gains(document: Document) -> Section:
             rows.append(
                 [
                     called(cause["name"], cause["channel"])
-                    + (" in its log" if cause["log"] and document["validated_on"] else ""),
+                    + (f" in {files[cause['log']]} alone" if own else ""),
                     channel,
                     channel_unit(channel),
                     number(gain["rms_before"]),
