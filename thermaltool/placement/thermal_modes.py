@@ -27,6 +27,8 @@ DEFAULT_MODES = 20
 TOLERANCE = 1e-8
 # A point is near a node of a mode below this part of the mode's largest value.
 NEAR_NODE = 0.1
+# Extremes of a shape that differ by less of the largest are one to rounding.
+EQUAL_EXTREMES = 1e-6
 
 
 @dataclass(frozen=True)
@@ -66,8 +68,14 @@ class ThermalEigenmodes:
 
     @property
     def unit_shapes(self) -> Array:
-        """Shapes with a largest value of 1, shape (n, N)."""
-        return np.asarray(self.shapes / np.max(np.abs(self.shapes), axis=0))
+        """Shapes with a largest value of 1, shape (n, N).
+
+        Where several nodes go equally far, to rounding, the first of them is at 1.
+        """
+        size = np.abs(self.shapes)
+        first = np.argmax(size > (1 - EQUAL_EXTREMES) * np.max(size, axis=0), axis=0)
+        largest = np.take_along_axis(self.shapes, first[None], axis=0)
+        return np.asarray(self.shapes / largest)
 
     @property
     def at_points(self) -> Array:
