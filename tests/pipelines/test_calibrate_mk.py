@@ -113,7 +113,7 @@ def test_summary_is_what_the_models_say(logs: Path, made: Path) -> None:
     assert [row["judged_on"] for row in rows] == ["", "two", "", "one"]
     found = tt.estimate(str(made / "two.kalman.json"), str(logs / "logs/one.csv"))
     assert float(rows[3]["kalman_judged_band"]) == pytest.approx(
-        found.document()["d_y_um"]["band"], rel=1e-2
+        found.document()["agreement"]["d_y_um"]["band"], rel=1e-2
     )
 
 
