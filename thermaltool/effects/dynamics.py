@@ -220,15 +220,3 @@ def jump_times(scene: Scene, k: int, outputs: Sequence[str]) -> list[float]:
                 times.append(float(log.time[there[at + side]]))
                 contrast[max(at - side, 0) : at + side + 1] = 0.0
     return list(dict.fromkeys(times))
-
-
-def left_over(scene: Scene, output: str) -> float:
-    """Standard deviation of an output's residual, in those of its noise.
-
-    Parameters
-    ----------
-    scene : Scene
-    output : str
-    """
-    values = np.concatenate([each[output] for each in scene.residual])
-    return float(np.nanstd(values)) / scene.noise[output]

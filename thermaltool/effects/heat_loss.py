@@ -103,8 +103,8 @@ class HeatLoss(Effect, ABC):
         assert self.partner is not None
         excess, known = self._above(record, self.partner, memory)
         if self.air is not None:
-            air, told = self._above(record, self.air, memory)
-            excess, known = excess - air, known & told
+            air, air_known = self._above(record, self.air, memory)
+            excess, known = excess - air, known & air_known
         # Until both are read nothing is known to leave.
         excess = np.where(known, excess, 0.0)
         lost, hold = self.state(record, memory) * excess, hold_of(self.channel)

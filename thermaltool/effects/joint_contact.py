@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thermaltool.effects.dynamics import from_rest, lagged, left_over, time_constants
+from thermaltool.effects.dynamics import from_rest, lagged, time_constants
 from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
@@ -169,7 +169,7 @@ class JointContact(Effect):
             forces = {f"forces[{o}]": 1.0 for o in moved}
             heat = {f"heat[{o}]": 1.0 for o in others}
             near = [o for o in others if is_temperature(o)]
-            contact = max(near, key=lambda o: left_over(scene, o), default=None)
+            contact = max(near, key=lambda o: _left(scene, o), default=None)
             for tau in time_constants(10 * scene.period, 3 * scene.duration, LAG_TRIALS):
                 own = {"time_constant": tau, "level": level}
                 felt = {f"heat[{o}]": 1.0 for o in moved}
@@ -177,3 +177,9 @@ class JointContact(Effect):
                 if contact is not None:
                     felt = {f"deviation[{o}]": 1.0 for o in moved}
                     yield cls(channel, {**forces, **heat, **felt, **own}, partner=contact)
+
+
+def _left(scene: Scene, output: str) -> float:
+    """What is left of an output beside its noise."""
+    values = np.concatenate([each[output] for each in scene.residual])
+    return float(np.nanstd(values)) / scene.noise[output]

@@ -25,27 +25,10 @@ from thermaltool.estimation.likelihood import log_likelihood
 from thermaltool.estimation.start import Initial
 from thermaltool.responses.modes import Float, Modes
 
-# Rates of the loss that are tried first, over the slowest rate of a response [1] ...
-LOSSES = (
-    -0.9,
-    -0.7,
-    -0.55,
-    -0.4,
-    -0.2,
-    -0.1,
-    -0.05,
-    0.05,
-    0.1,
-    0.2,
-    0.4,
-    0.8,
-    1.6,
-    3.2,
-    6.4,
-    12.8,
-    25.6,
-)
-# ... and gains of a sensor over the model's [1].
+# Rates of the loss that are tried first, over the slowest rate of a response [1]: of less, of more,
+LESS = (-0.9, -0.7, -0.55, -0.4, -0.2, -0.1, -0.05)
+MORE = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6)
+# and gains of a sensor over the model's [1].
 GAINS = (0.2, 0.35, 0.5, 0.7, 0.85, 0.93, 0.97, 0.99, 1.01, 1.03, 1.07, 1.15, 1.3, 1.5)
 MAX_EVALUATIONS = 20
 # No loss falls by more of the slowest rate, the deflections' too: without any nothing would settle.
@@ -175,8 +158,8 @@ def _hypotheses(
     """Whose gain (or the loss), sizes that are tried first, and the machine with a size."""
     both = (*kalman.sensed, *kalman.followed)
     lasts = any(np.any(modes.poles.real >= 0) for _, _, modes in both)
-    less = [_slowest(both) * share for share in LOSSES if share < 0 and not lasts]
-    tried = [*less, *(slowest * share for share in LOSSES if share > 0)]
+    less = [] if lasts else [_slowest(both) * share for share in LESS]
+    tried = [*less, *(slowest * share for share in MORE)]
     yield "", tried, partial(_with_loss, kalman)
     for k, sensor in enumerate(kalman.sensors):
         yield sensor, GAINS, partial(_with_gain, kalman, k)
