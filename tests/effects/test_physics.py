@@ -30,6 +30,7 @@ from scipy.integrate import solve_ivp
 from thermaltool.effects import effect_class
 from thermaltool.effects.channels import is_air, is_part
 from thermaltool.effects.dynamics import play
+from thermaltool.effects.effect import STILL
 from thermaltool.errors import ModelError
 from thermaltool.record import Record
 
@@ -295,8 +296,32 @@ def test_no_solid_changes_so_much():
     level = effect.parameters["level"]
     assert effect.changed({"rise": 0.004 * level}).plausible(place)
     assert not effect.changed({"rise": 0.006 * level}).plausible(place)
+    bent = next(effect_class("conductivity").probes(place))
+    name = f"curvature[{COLUMN}]"
+    assert bent.channel == COLUMN
+    assert bent.changed({name: 0.0024}).plausible(place)
+    assert not bent.changed({name: 0.0026}).plausible(place)
     cold = make("radiation", COLUMN, rate=1e-3, rest=-554.0)
     assert not cold.plausible(place)
+
+
+def test_a_material_that_conducts_better_when_it_is_hot():
+    """Cells between a heated face and one that is held: the steady flux is that of the whole."""
+    cells, beta = 400, 5e-4
+    edges = np.zeros(cells + 1)
+    for k in range(cells, 0, -1):  # from the held face on, k (T) taken between two cells
+        flux = 40.0 / cells
+        step = flux
+        for _ in range(50):
+            step = flux / (1 + beta * (edges[k] + step / 2))
+        edges[k - 1] = edges[k] + step
+    linear = 40.0 * (1 - np.arange(cells + 1) / cells)
+    for depth in (0, cells // 4, cells // 2):
+        share = linear[depth] / 40.0
+        effect = make("conductivity", COLUMN, **{f"curvature[{COLUMN}]": -beta / 2})
+        bent = effect.output(COLUMN, {COLUMN: np.array([linear[depth]])}, STILL)
+        assert edges[depth] == pytest.approx(bent[0], abs=beta**2 * linear[depth] ** 3)
+        assert abs(linear[depth] - edges[depth]) > 0.2 * share**2
 
 
 # ---------------------------------------------------------------- sources

@@ -490,6 +490,7 @@ REFUSED = [
         effect("joint_contact", X, forces__d_y_um=1.0, time_constant=9.0, level=1.0),
         "joint_contact of d_x_um: supported only where a temperature",
     ),
+    (effect("conductivity", NEAR, curvature__dT_near_K=0.1), "conductivity of dT_near_K: "),
     (effect("sensors_swapped", NEAR, partner=X), "not two sensors of the model"),
     (effect("sensors_swapped", NEAR), "not two sensors of the model"),
     (

@@ -38,6 +38,7 @@ CATALOGUE: dict[str, str] = {
     "switching_loss": "SwitchingLoss",
     "radiation": "Radiation",
     "heat_capacity": "HeatCapacity",
+    "conductivity": "Conductivity",
     "latent_heat": "LatentHeat",
     "joint_contact": "JointContact",
     "stick_slip": "StickSlip",

@@ -1,0 +1,75 @@
+"""Accidents of one log beside what acts in every one, where unseen logs show something wrong, too.
+
+What every log shows is no accident. A jump or a step bends to many a misfit of the log in which it
+is; in another log it is none, or another one, and what acts in both explains both at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from thermaltool.diagnosis.evidence import Assumptions
+from thermaltool.diagnosis.fit import CauseCandidate, products_of, score
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.select import fit_candidate
+from thermaltool.effects.effect import Effect
+from thermaltool.model import Model
+from thermaltool.record import Record
+
+
+def borne_out(
+    hypothesis: Hypothesis,
+    candidates: Sequence[CauseCandidate],
+    unseen: Sequence[Record],
+    calibrated: Model,
+) -> list[CauseCandidate]:
+    """Candidates without the accidents that have less evidence in all logs than a lasting cause.
+
+    An accident may have happened again, as large, or may last since then: it counts what it gains
+    in every log, each time at an instant of its own.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        Under which the candidates were fitted, or which they set free.
+    candidates : sequence of CauseCandidate
+        The strongest first.
+    unseen : sequence of Record
+        Logs that no fit has seen.
+    calibrated : Model
+        As the calibration left it.
+    """
+    accidents = [c for c in candidates if c.effect.log is not None]
+    if not (accidents and unseen) or len(accidents) == len(candidates):
+        return list(candidates)
+
+    def on(logs: Sequence[Record], candidate: CauseCandidate) -> Hypothesis:
+        return hypothesis.under(candidate.assumptions, calibrated).with_logs(logs)
+
+    every = (*hypothesis.logs, *unseen)
+    lasting = max(
+        fit_candidate(on(every, c), c).evidence for c in candidates if c.effect.log is None
+    )
+    denied = [c for c in accidents if c.evidence + _again(on(unseen, c), c) < lasting]
+    return [c for c in candidates if not any(c is each for each in denied)]
+
+
+def _again(unseen: Hypothesis, candidate: CauseCandidate) -> float:
+    """Evidence of the same accident, as large, at another instant of other logs; none below 0."""
+    effect, found = candidate.effect, 0.0
+    size = {name: effect.parameters[name] for name in effect.linear()}
+    for log in unseen.logs:
+        one = unseen.with_logs([log])
+        probes = [each for each in type(effect).probes(one.scene) if each.channel == effect.channel]
+        same = [each.changed(size) for each in probes if size.keys() == {*each.linear()}]
+        found += max([_as_it_stands(one, each, candidate.assumptions) for each in same] + [0.0])
+    return found
+
+
+def _as_it_stands(hypothesis: Hypothesis, effect: Effect, assumptions: Assumptions) -> float:
+    """Evidence of an effect of which no amplitude is fitted."""
+    displacement = {"": hypothesis.simulation.displacement(effect)}
+    products = products_of(hypothesis, displacement, assumptions)
+    if not products:
+        return 0.0
+    return score(hypothesis, effect, [""], products, assumptions, fixed=True).evidence
