@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.diagnosis.slopes import Slopes
+from thermaltool.diagnosis.slopes import ModelSlopes
 from thermaltool.effects.effect import Effect, Float, Scene, reference_of
 from thermaltool.errors import ModelError
 from thermaltool.model import (
@@ -209,9 +209,9 @@ class SimulatedLogs:
         return not same or before != after
 
     @cached_property
-    def slopes(self) -> Slopes:
+    def slopes(self) -> ModelSlopes:
         """What small moves of the model change."""
-        return Slopes(self)
+        return ModelSlopes(self)
 
     def change(self, changed: Sequence[Mapping[str, Float]]) -> dict[str, Series]:
         """What changed outputs differ by from those of the model; unchanged ones are left out.

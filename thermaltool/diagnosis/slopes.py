@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 LINEAR_MOVE, SEARCHED_MOVE, MIN_MOVE = 1e-3, 1e-2, 1e-6
 
 
-class Slopes:
+class ModelSlopes:
     """Slopes of the outputs of a model on its logs.
 
     Parameters
