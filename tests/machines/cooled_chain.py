@@ -65,6 +65,8 @@ class CooledChain:
         place: int = 0,
         factor: float = 1.0,
         thermostat: tuple[float, float] | None = None,
+        jitter: float = 0.0,
+        heated_bed: bool = False,
     ) -> dict[str, Array]:
         """Columns of a log: steps of the heat, a room that swings, readings with noise.
 
@@ -78,16 +80,27 @@ class CooledChain:
             What its film is multiplied by while the fan is on.
         thermostat : (float, float), optional [degC]
             On above the first, off below the second; without one the fan has spells of its own.
+        jitter : float [s]
+            By which rows come earlier or later, at most; without it the clock is even.
+        heated_bed : bool
+            A heater in the bed is switched, too, and logged; so is how the bed itself bends.
         """
         rng = np.random.default_rng(seed)
         heat = self.power * _spells(rng, rows, 40, 240, (0.0, 0.3, 0.6, 1.0))
         heat[:30] = 0.0
         spells = _spells(rng, rows, 120, 360, (0.0, 1.0))
         time: Array = period * np.arange(rows, dtype=float)
+        warmth = np.zeros(rows)
+        if jitter or heated_bed:
+            own = np.random.default_rng([seed, 1])
+            time[1:] += own.uniform(-jitter, jitter, rows - 1)
+            warmth += heated_bed * self.power * _spells(own, rows, 60, 300, (0.0, 0.5, 1.0))
+        steps = np.append(np.diff(time), period) / STEPS
         room = 20 + 0.8 * np.sin(2 * np.pi * (time / 9000 + rng.uniform()))
         T, on, readings, fan = np.full(3, room[0]), 0.0, np.empty((rows, 3)), np.zeros(rows)
         for k in range(rows):
             readings[k] = T
+            dt = steps[k] if jitter else period / STEPS
             for _ in range(STEPS):
                 if thermostat is None:
                     on = spells[k] if factor != 1.0 else 0.0
@@ -100,7 +113,8 @@ class CooledChain:
                 flow = self.conductance * (T[1:] - T[:-1])
                 gained = np.append(flow, 0.0) - np.append(0.0, flow) - film * (T - room[k])
                 gained[0] += heat[k]
-                T = T + period / STEPS * gained / self.capacity
+                gained[2] += warmth[k]
+                T = T + dt * gained / self.capacity
             fan[k] = on
         columns: dict[str, Array] = {"time_s": time, "P_motor_W": heat}
         columns["T_room_degC"] = room + NOISE["T"] * rng.normal(size=rows)
@@ -110,6 +124,10 @@ class CooledChain:
             columns[f"T_{name}_degC"] = values + NOISE["T"] * rng.normal(size=rows)
         noise = NOISE["d"] * rng.normal(size=rows)
         columns["d_tool_um"] = np.asarray((readings - 20.0) @ self.expansion + noise)
+        if heated_bed:
+            columns["P_bed_W"] = warmth
+            bent = 2.0 * (readings[:, 2] - readings[:, 1])
+            columns["d_bed_um"] = bent + NOISE["d"] * rng.normal(size=rows)
         return columns
 
 

@@ -6,17 +6,12 @@ move by the standard errors that it gives.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 
-# Moves from which slopes are taken: of what is linear in an effect and what is not, both relative,
-# and the smallest.
-LINEAR_MOVE, SEARCHED_MOVE, MIN_MOVE = 1e-3, 1e-2, 1e-6
 # Variance of a scaled direction below which it does not move.
 MIN_VARIANCE = 1e-9
 
@@ -42,7 +37,7 @@ def accepted_effects(
         if not _roots(calibrated, effect)
         # The instant of an accident is found by scanning: it has no slope.
         for name in (*effect.linear(), *(() if effect.event else effect.searched()))
-        if (change := _sensitivity(simulation, at, name, output)) is not None
+        if (change := simulation.slopes.of_effect(at, name).get(output)) is not None
     }
 
 
@@ -61,7 +56,7 @@ def calibrated_effects(simulation: SimulatedLogs, calibrated: Model, output: str
             moves = [
                 [move * each for each in change]
                 for name, move in root.items()
-                if (change := _sensitivity(simulation, at, name, output)) is not None
+                if (change := simulation.slopes.of_effect(at, name).get(output)) is not None
             ]
             if moves:
                 found.append([np.sum(each, axis=0) for each in zip(*moves, strict=True)])
@@ -85,19 +80,3 @@ def _roots(calibrated: Model, effect: Effect) -> list[dict[str, float]]:
                 for column in columns
             ]
     return []
-
-
-def _sensitivity(simulation: SimulatedLogs, at: int, name: str, output: str) -> Series | None:
-    """Change of an output per unit of a parameter of an effect; None where there is none."""
-    effects = list(simulation.model.effects)
-    step = _step(effects[at], name)
-    effects[at] = effects[at].changed({name: effects[at].parameters[name] + step})
-    changed = simulation.with_effects(model=replace(simulation.model, effects=tuple(effects)))
-    change = simulation.change(changed).get(output)
-    return None if change is None else [c / step for c in change]
-
-
-def _step(effect: Effect, name: str) -> float:
-    """Move of an effect's parameter from which its slope is taken."""
-    relative = LINEAR_MOVE if effect.parameter(name).linear else SEARCHED_MOVE
-    return max(relative * abs(effect.parameters[name]), MIN_MOVE)

@@ -313,6 +313,10 @@ class Hypothesis:
         evidence fits it, under a noise that is estimated anew after each of them: no sum of squares
         stays the same, so that this is not `signals.gauss_newton`.
         """
+        return self._fitted
+
+    @cached_property
+    def _fitted(self) -> Hypothesis:
         if "released" not in self.assumptions:
             return self
         best = self

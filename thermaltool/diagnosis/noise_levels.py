@@ -50,7 +50,7 @@ def weigh(
         many rows as there are). Without it both are free.
     near : OutputEvidence, optional
         Of much the same residual: the fine levels are around the best of its levels, or its own
-        where white noise alone is best.
+        where white noise alone is best. Other nuisance than that of the assumptions is left out.
     """
     start = OutputEvidence(
         groups,
@@ -70,7 +70,7 @@ def weigh(
         best = near.levels[near.null(assumptions).level]
         same = [(level.ratio, level.tau) for level in near.levels if level.ratio]
         around = _fine(best.ratio, best.tau) if best.ratio else same
-        return replace(start, white=near.white).at(around)
+        return replace(start, white=near.white).only(assumptions).at(around)
     noise = groups.noise
     longest = max(noise.span / 2, 6 * noise.period)
     taus = np.geomspace(3 * noise.period, longest, COARSE_TAUS).tolist()

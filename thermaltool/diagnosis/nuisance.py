@@ -191,32 +191,22 @@ class OutputNuisance:
             terms[each.term] = replace(term, response=replace(term.response, **{each.name: value}))  # type: ignore[type-var]
         return replace(model, terms=tuple(terms))
 
-    @cached_property
+    @property
     def sensitivities(self) -> list[Series]:
         """Change of the output per unit of each of its own parameters."""
-        simulation, result = self.simulation, []
-        # Where no effect joins outputs, the others need not be simulated.
-        alone = not any(e.joins for e in simulation.model.effects)
-        outputs = simulation.model.outputs
-        if alone:
-            outputs = tuple(o for o in outputs if o.channel == self.output)
-        for k, each in enumerate(self.own):
-            steps = np.zeros(len(self.own))
-            steps[k] = OWN_MOVE * (1.0 if each.log else self._gain_scale(each))
-            try:
-                model = self.moved(steps)
-            except ValueError:  # at the end of its range: the other way
-                steps[k] = -steps[k]
-                model = self.moved(steps)
-            terms = tuple(t for t in model.terms if not alone or t.output == self.output)
-            changed = simulation.with_effects(model=replace(model, terms=terms, outputs=outputs))
-            result.append(
-                [
-                    (new[self.output] - old[self.output]) / steps[k]
-                    for new, old in zip(changed, simulation.outputs, strict=True)
-                ]
-            )
-        return result
+        return [self._slope(k, own) for k, own in enumerate(self.own)]
+
+    def _slope(self, k: int, own: OwnParameter) -> Series:
+        """Change of the output per unit of its parameter `k`."""
+        steps = np.zeros(len(self.own))
+        steps[k] = OWN_MOVE * (1.0 if own.log else self._gain_scale(own))
+        try:
+            model = self.moved(steps)
+        except ValueError:  # at the end of its range: the other way
+            steps[k] = -steps[k]
+            model = self.moved(steps)
+        moved = model.terms[own.term].response
+        return self.simulation.slopes.of_term(own.term, own.name, moved, float(steps[k]))
 
     def _gain_scale(self, own: OwnParameter) -> float:
         response = self.simulation.model.terms[own.term].response

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from thermaltool.diagnosis.slopes import ModelSlopes
 from thermaltool.effects.effect import Effect, Float, Scene, reference_of
 from thermaltool.errors import ModelError
 from thermaltool.model import (
@@ -81,7 +82,7 @@ class SimulatedLogs:
         return [dead_times(self.model, acting_effects(self.model, log.digest)) for log in self.logs]
 
     @cached_property
-    def _responses(self) -> list[dict[str, Float]]:
+    def responses(self) -> list[dict[str, Float]]:
         """Sums of the terms in each log, before what reads them."""
         model = self.model
         return [sum_terms(model, acting_effects(model, log.digest), log) for log in self.logs]
@@ -95,7 +96,7 @@ class SimulatedLogs:
         """What the effects of a model make of the responses that are there."""
         return [
             read_outputs(acting_effects(model, log.digest), response, log)
-            for log, response in zip(self.logs, self._responses, strict=True)
+            for log, response in zip(self.logs, self.responses, strict=True)
         ]
 
     @cached_property
@@ -188,14 +189,29 @@ class SimulatedLogs:
         """
         own = model or self.model
         changed = replace(own, effects=(*own.effects, *more))
-        if model is not None or any(e.side in ("drive", "state") for e in more):
+        if self._responds_otherwise(changed):
             runs = []
-            for log, near in zip(self.logs, self._responses, strict=True):
+            for log, near in zip(self.logs, self.responses, strict=True):
                 effects = acting_effects(changed, log.digest)
                 sums = sum_terms(changed, effects, log, near)
                 runs.append(read_outputs(effects, sums, log))
             return runs
         return self._read(changed)
+
+    def _responds_otherwise(self, model: Model) -> bool:
+        """Whether another model has other sums of its terms."""
+        own = self.model
+        same = model.drives is own.drives and model.outputs is own.outputs
+        same &= [id(term) for term in model.terms] == [id(term) for term in own.terms]
+        before, after = (
+            [e for e in each.effects if e.side in ("drive", "state")] for each in (own, model)
+        )
+        return not same or before != after
+
+    @cached_property
+    def slopes(self) -> ModelSlopes:
+        """What small moves of the model change."""
+        return ModelSlopes(self)
 
     def change(self, changed: Sequence[Mapping[str, Float]]) -> dict[str, Series]:
         """What changed outputs differ by from those of the model; unchanged ones are left out.

@@ -14,7 +14,6 @@ import numpy as np
 
 from thermaltool.documents import finite
 from thermaltool.effects.effect import Effect
-from thermaltool.effects.heat_loss import HeatLoss
 from thermaltool.errors import ModelError
 
 # name -> class in thermaltool.effects.<name>; imported on use.
@@ -119,7 +118,7 @@ def load_effect(document: Mapping[str, Any]) -> Effect:
         if known is None or (known.low > 0 and not value > 0):
             raise ModelError(f"{cls.name}: no parameter {name} = {value:g}")
     covariance = document.get("covariance")
-    further = {"air": document["air"]} if "air" in document and issubclass(cls, HeatLoss) else {}
+    further = {name: document[name] for name in cls.further if name in document}
     return cls(
         document["channel"],
         parameters,

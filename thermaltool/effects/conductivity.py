@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar
 
-from thermaltool.effects.effect import Effect, Float, Memory, Outputs, Parameter, Scene, Side, reference_of
+from thermaltool.effects.effect import (
+    Effect,
+    Float,
+    Memory,
+    Outputs,
+    Parameter,
+    Scene,
+    Side,
+    reference_of,
+)
 from thermaltool.record import Record
 from thermaltool.units import is_temperature
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from thermaltool.effects.effect import Float, Memory, Scene, needed
 from thermaltool.record import Record
+from thermaltool.responses.propagation import recursion_of
 from thermaltool.responses.sample_clock import clock_step
 from thermaltool.units import Hold, hold_of
 
@@ -65,6 +66,11 @@ def lagged(
 
         first = [decay[0] * start + before[0] * u[0]]
         y[1:] = lfilter([now[0], before[0]], [1.0, -decay[0]], u[1:], zi=first)[0]
+        return y
+    if len(steps) >= FILTERED_SAMPLES:
+        added = before * u[:-1] + now * u[1:]
+        added[0] += decay[0] * start
+        y[1:] = recursion_of(decay[None], added[None])[0, 1:]
         return y
     level, terms = start, (each.tolist() for each in (decay, before * u[:-1], now * u[1:]))
     for k, (kept, from_before, from_now) in enumerate(zip(*terms, strict=True)):

@@ -196,10 +196,9 @@ class Effect:
     signature: ClassVar[str]
     source: ClassVar[str]
     known: ClassVar[Mapping[str, Parameter]]
-    # Whether it belongs to the log in which it was seen and says nothing of the next one.
-    event: ClassVar[bool] = False
-    # Whether it is over soon after the first row: no later rows can say how large it was.
-    at_start: ClassVar[bool] = False
+    further: ClassVar[tuple[str, ...]] = ()  # Names of fields of a class that a file holds, too.
+    event: ClassVar[bool] = False  # Whether it belongs to the log in which it was seen alone.
+    at_start: ClassVar[bool] = False  # Whether it is over soon after the first row.
     bends: ClassVar[bool] = False  # Whether outputs are no longer in proportion to drives.
     defect: ClassVar[bool] = False  # Whether it is none of how such a machine works.
     memoryless: ClassVar[bool] = False  # Whether it looks at the value of the moment alone.
@@ -223,15 +222,11 @@ class Effect:
     def loss(self, record: Record, outputs: Outputs, memory: Memory = None) -> Float | None:
         """By how much every rate of decay rises at each sample [1/s]; None for not at all.
 
-        `record` and `memory` as for `drive`.
-
         Parameters
         ----------
-        record : Record
+        record, memory : as for `drive`
         outputs : mapping of channel to ndarray, shape (n,)
             Relative to rest.
-        memory : dict, optional
-            As in `drive`.
         """
         return None
 
@@ -247,33 +242,36 @@ class Effect:
     def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         """What is read in place of ``outputs[name]``, relative to rest: `reading` at `channel`.
 
-        `record` and `memory` as for `drive`; every output has a memory of its own.
-
         Parameters
         ----------
         name : str
         outputs : mapping of channel to ndarray, shape (n,)
-        record : Record
-        memory : dict, optional
-            As in `drive`.
+        record, memory : as for `drive`
+            Every output has a memory of its own.
         """
         y = outputs[name]
         return self.reading(y, record, memory) if name == self.channel else y
 
+    def read(self, outputs: Outputs, record: Record) -> Outputs:
+        """What is read in place of all outputs of a whole record.
+
+        Parameters
+        ----------
+        outputs, record : as for `output`
+        """
+        return {name: self.output(name, outputs, record) for name in outputs}
+
     def reading(self, y: Float, record: Record, memory: Memory = None) -> Float:
-        """What is read in place of the output `y` at `channel`; `record`, `memory` as for `drive`.
+        """What is read in place of the output `y` at `channel`.
 
         Parameters
         ----------
         y : ndarray, shape (n,)
-        record : Record
-        memory : dict, optional
-            As in `drive`.
+        record, memory : as for `drive`
         """
         return y
 
-    # What a stream asks for, in which readings come in and drives are unknown.
-
+    # What a stream asks for, in which readings come in and drives are unknown:
     def undone(self, values: Float) -> Float | None:
         """The drive behind what acts, or the truth behind a reading; NaN where there is none.
 
@@ -351,8 +349,8 @@ class Effect:
 
     def searched(self) -> tuple[str, ...]:
         """Names of those that do not, and are fitted."""
-        known = ((n, self.parameter(n)) for n in self.parameters)
-        return tuple(n for n, p in known if not p.linear and not p.fixed)
+        known = self.parameter
+        return tuple(n for n in self.parameters if not (known(n).linear or known(n).fixed))
 
     def unit(self, name: str) -> str:
         """Unit of a parameter."""
@@ -388,6 +386,7 @@ class Effect:
     def document(self) -> dict[str, Any]:
         """As JSON."""
         covariance = None if self.covariance is None else np.asarray(self.covariance).tolist()
+        further = {name: value for name in self.further if (value := getattr(self, name))}
         return {
             "name": self.name,
             "channel": self.channel,
@@ -397,4 +396,5 @@ class Effect:
             "covariance_names": list(self.parameters),
             "log": self.log,
             **({} if self.partner is None else {"partner": self.partner}),
+            **further,
         }

@@ -57,6 +57,7 @@ class HeatLoss(Effect, ABC):
     air: str | None = None
 
     causal: ClassVar[bool] = True
+    further: ClassVar[tuple[str, ...]] = ("air",)
 
     @property
     def side(self) -> Side:  # type: ignore[override]
@@ -76,11 +77,6 @@ class HeatLoss(Effect, ABC):
         """As `Effect.without`; its state and its place stay what they are."""
         return replace(super().without(names), channel=self.channel)
 
-    def document(self) -> dict[str, Any]:
-        """As JSON."""
-        air = {} if self.air is None else {"air": self.air}
-        return {**super().document(), **air}
-
     @abstractmethod
     def state(self, record: Record, memory: Memory = None) -> Float:
         """Share of the rise that there is in each row, shape (n,).
@@ -93,10 +89,27 @@ class HeatLoss(Effect, ABC):
         """
 
     def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
-        gains = [self.parameters.get(f"{base}[{name}]", 0.0) for base in ("fast", "slow")]
-        if self.partner is None or not any(gains):
+        gains = self._gains(name)
+        if not any(gains):
             return outputs[name]
         return outputs[name] + np.dot(gains, self._felt(record, {} if memory is None else memory))
+
+    def read(self, outputs: Outputs, record: Record) -> Outputs:
+        # What is lost is the same for all of them.
+        gains = {name: own for name in outputs if any(own := self._gains(name))}
+        if not gains:
+            return outputs
+        felt = self._felt(record, {})
+        return {
+            **outputs,
+            **{name: outputs[name] + np.dot(own, felt) for name, own in gains.items()},
+        }
+
+    def _gains(self, name: str) -> list[float]:
+        """What an output is moved by behind either lag, for each degree of the place."""
+        if self.partner is None:
+            return [0.0, 0.0]
+        return [self.parameters.get(f"{base}[{name}]", 0.0) for base in ("fast", "slow")]
 
     def _felt(self, record: Record, memory: dict[str, Any]) -> Float:
         """What is lost at the place behind either lag, shape (2, n)."""
@@ -180,7 +193,7 @@ class HeatLoss(Effect, ABC):
         ----------
         output : str
         """
-        return sum(self.parameters.get(f"{base}[{output}]", 0.0) for base in ("fast", "slow"))
+        return sum(self._gains(output))
 
 
 def places(scene: Scene, trials: int) -> Iterator[tuple[str, str | None, dict[str, float]]]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thermaltool.effects.effect import SIDES, Effect, Memory, needed
+from thermaltool.effects.effect import SIDES, Effect, Memory, Outputs, needed
 from thermaltool.errors import ModelError
 from thermaltool.model.rest import drive_rests, relative, rest_shifts
 from thermaltool.record import Record
@@ -267,10 +267,10 @@ def read_outputs(
         Relative to rest.
     record : Record
     """
-    result = dict(outputs)
+    result: Outputs = dict(outputs)
     for effect in sorted(effects, key=lambda e: SIDES.index(e.side)):
-        result = {name: effect.output(name, result, record) for name in result}
-    return result
+        result = effect.read(result, record)
+    return dict(result)
 
 
 def simulate_response(
