@@ -136,3 +136,28 @@ def test_between_noise_and_misfit_there_is_no_cliff() -> None:
     found = [misfit_of(left_of_calibration(left), OUTPUT) for left in lefts]
     assert np.all(np.diff(found) >= 0)
     assert np.max(np.diff(found)) < 0.001
+
+
+def test_a_log_in_which_nothing_moves_cannot_judge():
+    time, noise = np.arange(0.0, 6000.0, 10.0), np.random.default_rng(5)
+
+    def log(heat):
+        rise = np.zeros(len(time))
+        for k, each in enumerate(heat[:-1]):
+            rise[k + 1] = rise[k] + (0.2 * each - rise[k]) * 10 / 400
+        read = 21 + rise + 0.03 * noise.standard_normal(len(time))
+        return pd.DataFrame(
+            {"time_s": time, "Q_motor_W": heat, "Q_bed_W": 50 + 0 * heat, "T_frame_degC": read}
+        )
+
+    def quiet(line):
+        pass
+
+    duty = np.where((time > 500) & (time < 3000), 100.0, 0.0)
+    model = tt.calibrate(log(duty), ["Q_motor_W"], sensors=["T_frame_degC"], warn=quiet)
+    idle, driven = (
+        tt.diagnose(model, log(duty * share), warn=quiet).document() for share in (1e-5, 0.02)
+    )
+    assert idle["verdict"] == "cannot judge"
+    assert "Q_motor_W" in idle["undecided"][0]
+    assert driven["verdict"] == "adequate"

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.alternatives import indistinguishable, suspected
 from thermaltool.diagnosis.gain import Gain
@@ -18,6 +20,7 @@ from thermaltool.diagnosis.severity import (
 )
 from thermaltool.diagnosis.state import DiagnosisTask, SearchState
 from thermaltool.diagnosis.verdict import (
+    nothing_moves,
     reading_noise,
     undecided,
     unknown_cause,
@@ -82,6 +85,8 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     causes = [told(*each) for each in zip(search.causes, written.gains, strict=True)]
     if unknown is not None:
         causes.append(unknown)
+    if not (causes or search.undecided):
+        search = replace(search, undecided=nothing_moves(first))
     verdict = verdict_of(budgets, causes, search.undecided is not None)
     # No misfit of the model, so that the verdict stays.
     causes += noisy_states(ended)
@@ -108,6 +113,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         *written.notes,
         *_averaged(task),
         *_between(first),
+        *_resting(task),
     ):
         search = search.noted(note)
     alternatives: list[Alternative] = []
@@ -162,6 +168,14 @@ def _between(first: Hypothesis) -> Iterator[str]:
             "the drives switch between the rows of these logs: when, within a row, is fitted "
             "beside each cause"
         )
+
+
+def _resting(task: DiagnosisTask) -> Iterator[str]:
+    """A sentence on each drive that acts in no log."""
+    logs = (*task.logs, *task.validate, *task.sound)
+    for name in (drive.channel for drive in task.model.drives):
+        if not any(np.ptp(log.columns[name]) > 0 for log in logs):
+            yield f"{name} never changes in these logs: they say nothing of what it does"
 
 
 def _changes(model: Model, effects: Sequence[Effect]) -> Iterator[str]:

@@ -284,6 +284,29 @@ def undecided(hypothesis: Hypothesis, budgets: Mapping[str, ResidualBudget]) -> 
     return tuple(found)
 
 
+def nothing_moves(hypothesis: Hypothesis) -> str | None:
+    """Why logs in which the machine rests cannot judge a model; None where it moves.
+
+    It rests where a model without any response would not be told from this one.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        Without any cause.
+    """
+    visible = 0.0
+    for output, groups in hypothesis.groups.items():
+        moved = groups.joined([y[output] for y in hypothesis.simulation.outputs])
+        visible += float(np.sum(np.square((moved - moved.mean()) / hypothesis.white(output))))
+    if visible > DECISIVE_EVIDENCE:
+        return None
+    drives = ", ".join(drive.channel for drive in hypothesis.model.drives)
+    return (
+        f"no output would move by what {drives} does in these logs: diagnose logs in which the "
+        "machine is driven"
+    )
+
+
 def _most_open(hypothesis: Hypothesis, output: str) -> str:
     """The parameter by whose move the calibration explains most of an output."""
     nuisance = hypothesis.nuisance[output]

@@ -102,6 +102,8 @@ def _verdict(document: Document) -> str:
     line = f"The model is {verdict} for {names_of(document['logs'])}"
     if verdict == "cannot judge":
         line = f"The model cannot be judged by {names_of(document['logs'])}"
+        if share >= 0.5:  # it is the logs that show nothing
+            return f"{line}."
     output = _output_told(document)
     if output is None or output not in document["residuals"]:
         return f"{line}."
