@@ -270,7 +270,7 @@ def test_the_heat_of_a_joint_is_told_by_the_contact_temperature_that_is_read():
     """Readings of the contact that depart from the linear model move the deflections alone."""
     joint = replace(
         effect("joint_contact", NEAR, forces__d_x_um=6.0, deviation__d_x_um=5.0,
-               deviation__d_y_um=-3.0, time_constant=400.0, level=10.0),
+               contact__d_y_um=2.0, deviation__d_y_um=-3.0, time_constant=400.0, level=10.0),
         partner=COLUMN,
     )  # fmt: skip
     plain = ranged(model(joint))
@@ -283,6 +283,8 @@ def test_the_heat_of_a_joint_is_told_by_the_contact_temperature_that_is_read():
     for measured in ((), (HEAT,)):
         machine = designed(document, measured=measured)
         got, streamed = batch(machine, time, table), stream(machine, time, table)
+        # What is read need not be estimated.
+        assert COLUMN not in got
         for deflection in (X, Y):
             np.testing.assert_allclose(
                 streamed[deflection], got[deflection], atol=1e-8 * np.ptp(got[deflection])
