@@ -47,7 +47,7 @@ Source = str
 
 
 @dataclass(frozen=True)
-class Part:
+class JointPart:
     """A source at once, through a lag, or both.
 
     Attributes
@@ -80,7 +80,7 @@ class Part:
 class _Fitted:
     """Parts fitted to every displacement: gains (columns, outputs), what is left of each."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[JointPart, ...]
     gains: Float
     left: Float
     rows: Float
@@ -161,13 +161,13 @@ class JointSearch:
             sources.remove(source)
         return self._as_effects(best)
 
-    def _parts(self, source: Source) -> Iterator[Part]:
+    def _parts(self, source: Source) -> Iterator[JointPart]:
         period = min(record.period for record in self.records)
         duration = max(record.duration for record in self.records)
         lags = time_constants(LAG_SAMPLES * period, duration, LAG_TRIALS)
-        yield Part(source, True, 0.0)
+        yield JointPart(source, True, 0.0)
         for now, lag in product((False, True), lags):
-            yield Part(source, now, lag)
+            yield JointPart(source, now, lag)
 
     def _driven(self, record: Record) -> Float:
         """What the drives make of a grid of rates, shape (n, drives · rates)."""
@@ -209,11 +209,11 @@ class JointSearch:
         share = self.linear[k][self.near] / self.level
         return np.asarray(share * np.abs(share))
 
-    def _columns(self, parts: Sequence[Part]) -> Float:
+    def _columns(self, parts: Sequence[JointPart]) -> Float:
         signals = [self._signal(*column) for part in parts for column in part.columns]
         return np.column_stack([*signals, self._offsets])
 
-    def _fit(self, parts: tuple[Part, ...]) -> _Fitted:
+    def _fit(self, parts: tuple[JointPart, ...]) -> _Fitted:
         columns = self._columns(parts)
         gains, left, rows = [], [], []
         for k, there in enumerate(self._there.T):
@@ -240,7 +240,7 @@ class JointSearch:
         place = np.concatenate([np.arange(len(r)) * BLOCKS // len(r) for r in self.records])
         return [place % FOLDS == k for k in range(FOLDS)]
 
-    def _held_out(self, parts: tuple[Part, ...]) -> float:
+    def _held_out(self, parts: tuple[JointPart, ...]) -> float:
         """Squared errors on rows that the gains have not seen, in units of the noise."""
         columns, total = self._columns(parts), 0.0
         signals = columns[:, : -len(self.records)]
