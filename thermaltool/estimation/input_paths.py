@@ -135,10 +135,11 @@ class InputPaths:
                     yield k, read, self._first_order(target, contact, 0.0)
                 if deviation and read is not None:
                     yield k, read, self._first_order(target, deviation, tau)
-                for drive, modes in self.redirected(target):
-                    for source, known in enumerate(self.known):
-                        if known.role == "drive" and known.channel == drive:
-                            yield k, source, modes
+        for k, target in enumerate(targets):
+            for drive, modes in self.redirected(target):
+                for source, known in enumerate(self.known):
+                    if known.role == "drive" and known.channel == drive:
+                        yield k, source, modes
 
     def to(self, targets: tuple[str, ...]) -> tuple[InputPath, ...]:
         """The paths that end in `targets` (the sensors, or the deflections).
