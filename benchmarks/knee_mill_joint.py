@@ -2,7 +2,7 @@
 
 ``python benchmarks/knee_mill_joint.py``: three machines (the plant; the plant with the cold
 pressure that Fraser prints; the plant with deflections by heat alone, as Fraser takes a joint to
-act), five calibrations of each, judged on inputs that none of them has seen but for Q 2. Sensors
+act), six calibrations of each, judged on inputs that none of them has seen but for Q 2. Sensors
 are noisy (0.02 K, 0.2 µm, white), the truth is without noise. An error is the largest of a run.
 Prints Markdown tables.
 """
@@ -49,6 +49,7 @@ def inputs(seed: int) -> dict[str, tuple[Array, float]]:
         "up and down": (np.repeat([2.0, 0.0], ROWS), 0.0),
         "random": (np.repeat(levels, 60), 0.0),
         "stairs": (np.repeat([1.0, 2.0, 0.5], 270), 0.0),
+        "Q 1, long": (np.ones(4 * ROWS), 0.0),
     }
 
 
@@ -79,7 +80,7 @@ def runs(plant: JointedPlant, seed: int) -> dict[str, tuple[pd.DataFrame, pd.Dat
 
 
 def calibrations(read: dict[str, pd.DataFrame]) -> dict[str, tt.Calibration]:
-    """The linear model of Q = 1, and four with a joint."""
+    """The linear model of Q = 1, and five with a joint."""
     three = [read["Q 0.5"], read["Q 1"], read["Q 2"]]
     return {
         "linear, Q 1": fitted(read["Q 1"], initial="rest", linear=True,
@@ -87,6 +88,9 @@ def calibrations(read: dict[str, pd.DataFrame]) -> dict[str, tt.Calibration]:
         "Q 0.5, 1, 2; T1": fitted(three, joint=CONTACTS[0]),
         "Q 0.5, 1, 2; T1 to T4": fitted(three, joint=CONTACTS),
         "Q 1, 2; T1 to T4": fitted(three[1:], joint=CONTACTS),
+        "Q 1 for 36 000 s, Q 0.5, 2; T1 to T4": fitted(
+            [read["Q 1, long"], read["Q 0.5"], read["Q 2"]], joint=CONTACTS
+        ),
         "one run of 1, 2, 0.5; T1 to T4": fitted(read["stairs"], joint=CONTACTS),
     }  # fmt: skip
 

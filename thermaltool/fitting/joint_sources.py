@@ -17,6 +17,7 @@ from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.calibrate import CalibrationPlan, as_simulated, calibrate, extent
 from thermaltool.fitting.joint_search import JointSearch
 from thermaltool.fitting.law_choice import SAME_LEVEL, has_levels
+from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.seen_changes import with_seen_changes
 from thermaltool.model import Drive, Model, Output, relative
 from thermaltool.model.rest import rest_level
@@ -24,9 +25,10 @@ from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.units import is_displacement, is_temperature
 
-# Of a displacement (Fraser 1997, 6.16): what a simpler kind leaves at the reference level grows
-# with the level, and would pass for a joint.
-USUAL_KIND = "deflection"
+# Kinds of a displacement (Fraser 1997, 6.16 and 7.19, and lags): what a simpler kind leaves at the
+# reference level grows with the level. The first is taken beside which no other has evidence, and
+# whose terms do not cancel.
+KINDS = ("deflection", "joint_deflection", "rational4")
 
 
 @dataclass(frozen=True)
@@ -73,9 +75,7 @@ def calibrate_joint(
         A contact temperature that a log does not have.
     """
     _check(plan, contacts)
-    usual = {channel: USUAL_KIND for channel in plan.deflections if is_displacement(channel)}
-    kinds = {**usual, **plan.kinds}
-    plan = replace(plan, kinds=kinds, initial="rest", linear=True, at_rows=True)
+    plan = replace(plan, initial="rest", linear=True, at_rows=True)
     reference = _reference(records, [plan.drive(channel) for channel in plan.drives])
     steady = [record for record, own in zip(records, reference, strict=True) if own]
 
@@ -110,9 +110,9 @@ def calibrate_joint(
         for record, own, of in zip(records, simulated, reference, strict=True)
         if of
     ]
-    straight = part(bent, displacements)
+    straight = [_displacement(bent, plan, o, progress) for o in displacements]
     left_out = tuple(c for c in contacts if c not in {effect.partner for effect in effects})
-    whole = _joined([*found, straight])
+    whole = _joined([*found, *straight])
     kept = [o for o in whole.outputs if o.channel not in left_out]
     order = [*plan.sensors, *plan.deflections, *contacts]
     model = replace(
@@ -124,6 +124,32 @@ def calibrate_joint(
     )
     model = with_seen_changes(_over_all(model, records), records)
     return JointFit(_with_errors(as_simulated(model, records), records), left_out)
+
+
+def _displacement(
+    records: Sequence[Record],
+    plan: CalibrationPlan,
+    channel: str,
+    progress: Callable[[str], None],
+) -> Model:
+    """A displacement alone, by the kind that it has been given or the simplest that will do."""
+    kinds = (plan.kinds[channel],) if channel in plan.kinds else KINDS
+    alone = replace(plan, sensors=(), deflections=(channel,))
+    fits = [calibrate(records, replace(alone, kinds={channel: k}), progress) for k in kinds]
+    cancelling = [any(map(_cancels, fit.outputs[0].fit["unidentified"])) for fit in fits]
+    sound = [fit for fit, gone in zip(fits, cancelling, strict=True) if not gone] or fits
+    least = min(map(_criterion, sound))
+    return next(fit for fit in sound if _criterion(fit) <= least + DECISIVE)
+
+
+def _criterion(fit: Model) -> float:
+    """The Bayesian information criterion of the one output of a model, to a constant."""
+    own, count = fit.outputs[0].fit, sum(len(term.covariance_names) for term in fit.terms)
+    return float(2 * own["rows"] * np.log(own["rmse_zero_free"]) + count * np.log(own["rows"]))
+
+
+def _cancels(sentence: str) -> bool:
+    return sentence.startswith("gains cancel")
 
 
 def _check(plan: CalibrationPlan, contacts: Sequence[str]) -> None:
