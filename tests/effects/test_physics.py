@@ -462,6 +462,11 @@ def test_a_joint_tells_its_heat_by_the_contact_temperature_that_is_read():
     late = log.time > 1000.0 + 2 * log.period
     np.testing.assert_allclose(moved[late], -6.0, atol=1e-6)
     np.testing.assert_allclose(moved[log.time < 1000.0], 0.0, atol=1e-6)
+    at_once = effect_class("joint_contact")(
+        NEAR, {f"contact[{Y}]": 2.0, "level": 10.0}, None, None, "T_column_degC"
+    )
+    moved = model(at_once).simulate(told)[Y] - linear[Y]
+    np.testing.assert_allclose(moved, -6.0 * (log.time > 1000.0), atol=1e-9)
 
 
 def test_displacements_jump_together_at_one_time():

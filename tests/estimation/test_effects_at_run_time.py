@@ -36,6 +36,7 @@ from thermaltool.estimation.regularization import design_kalman, design_kernel
 from thermaltool.estimation.variable_cooling import VariableCoolingEstimator
 from thermaltool.model import dumps, loads, only_sensors
 from thermaltool.record import Record
+from thermaltool.responses import response_class
 from thermaltool.responses.sample_clock import CLOCK_STEP
 from thermaltool.runtime.compensation import offsets
 from thermaltool.runtime.messages import Messages
@@ -268,12 +269,13 @@ def test_what_a_column_tells_is_left_out_of_sensors_and_added_to_deflections(nam
 
 def test_the_heat_of_a_joint_is_told_by_the_contact_temperature_that_is_read():
     """Readings of the contact that depart from the linear model move the deflections alone."""
+    bend = effect("joint_contact", NEAR, forces__d_x_um=6.0, level=10.0)
     joint = replace(
-        effect("joint_contact", NEAR, forces__d_x_um=6.0, deviation__d_x_um=5.0,
+        effect("joint_contact", NEAR, deviation__d_x_um=5.0, contact__d_y_um=2.0,
                deviation__d_y_um=-3.0, time_constant=400.0, level=10.0),
         partner=COLUMN,
     )  # fmt: skip
-    plain = ranged(model(joint))
+    plain = ranged(model(bend, joint))
     outputs = tuple(replace(o, role="deflection") if o.channel == COLUMN else o
                     for o in plain.outputs)  # fmt: skip
     document = replace(plain, outputs=outputs)
@@ -283,6 +285,8 @@ def test_the_heat_of_a_joint_is_told_by_the_contact_temperature_that_is_read():
     for measured in ((), (HEAT,)):
         machine = designed(document, measured=measured)
         got, streamed = batch(machine, time, table), stream(machine, time, table)
+        # What is read need not be estimated.
+        assert COLUMN not in got
         for deflection in (X, Y):
             np.testing.assert_allclose(
                 streamed[deflection], got[deflection], atol=1e-8 * np.ptp(got[deflection])
@@ -290,6 +294,24 @@ def test_the_heat_of_a_joint_is_told_by_the_contact_temperature_that_is_read():
             off = got[deflection] - expected[deflection]
             # Read, z is of the moment; estimated, the heat comes late.
             assert np.sqrt(np.mean(off**2)) < 0.02 * np.ptp(expected[deflection])
+
+
+def test_a_contact_that_answers_late_is_followed():
+    joint = replace(effect("joint_contact", NEAR, contact__d_x_um=5.0, level=10.0), partner=COLUMN)
+    plain = ranged(model(joint))
+    late = {"response": response_class("rational1")(K1=4.0, tau1=900.0, delay=60.0)}
+    document = replace(
+        plain,
+        outputs=tuple(
+            replace(o, role="deflection") if o.channel == COLUMN else o for o in plain.outputs
+        ),
+        terms=tuple(replace(t, **late) if t.output == COLUMN else t for t in plain.terms),
+    )
+    time, table, _ = log_of(replace(document, effects=()))
+    table[COLUMN] = table[COLUMN] + 1.0 * (time > 0.4 * time[-1])
+    got, expected = batch(designed(document), time, table), document.simulate(Record(time, table))
+    off = got[X] - expected[X]
+    assert np.sqrt(np.mean(off**2)) < 0.02 * np.ptp(expected[X])
 
 
 @pytest.mark.parametrize("name", ["nonlinear", "saturation", "delay"])

@@ -104,6 +104,7 @@ def calibrate(
     starts: int = USUAL_STARTS,
     linear: bool = False,
     reduce: str | None = None,
+    joint: str | Sequence[str] = (),
     warn: Notice = notice,
     progress: Notice = silent,
     **reading: Unpack[Reading],
@@ -147,6 +148,11 @@ def calibrate(
         Many drives that say much the same, directly and through lags: components of the scaled
         drives, with a ridge, as `identify` has them. The model takes the drives as they are
         measured.
+    joint : str or sequence of str
+        Contact temperatures of a joint. The logs have several levels: responses are fitted to
+        the middle one, the displacements of the others say what the joint does, told by how far
+        these temperatures depart from the linear model and by a bend with the first temperature
+        among `sensors`. Those that say nothing more are left out.
     warn, progress : callable
         Take a sentence where a log pauses, and a word now and then.
     **reading
@@ -182,6 +188,7 @@ def calibrate(
     from thermaltool.fitting.calibrate import calibrate as fit
 
     drives, sensors, deflections = names(drives), names(sensors), names(deflections)
+    contacts = names(joint)
     plan = CalibrationPlan(
         drives,
         sensors,
@@ -196,9 +203,9 @@ def calibrate(
         choose=True,
         linear=linear,
     )
-    outputs = (*sensors, *deflections)
+    outputs = (*sensors, *deflections, *contacts)
     reduction = check_reduce(reduce, len(drives), kinds=kinds, fixed=fixed, linear=linear,
-                             loss=loss, starts=starts)  # fmt: skip
+                             loss=loss, starts=starts, joint=contacts)  # fmt: skip
     logs = [
         read_for_fit(each, drives, "response", (start, stop), outputs=outputs, warn=warn, **reading)
         for each in all_of(data)
@@ -212,7 +219,15 @@ def calibrate(
         if rows > 1:
             count = f"{len(log):,}".replace(",", " ")
             warn(f"{log.name}: {count} rows: every {rows} are averaged for the fit")
-    model = fit(logs, plan, progress)
+    if contacts:
+        from thermaltool.fitting.joint_sources import calibrate_joint
+
+        found = calibrate_joint(logs, plan, contacts, progress)
+        model = found.model
+        for channel in found.left_out:
+            warn(f"{channel}: left out: it says nothing more of the joint")
+    else:
+        model = fit(logs, plan, progress)
     progress("done\n")
     return Calibration(model, tuple(logs))
 
@@ -244,6 +259,7 @@ def check_reduce(
     linear: bool = False,
     loss: str = USUAL_LOSS,
     starts: int = USUAL_STARTS,
+    joint: Sequence[str] = (),
 ) -> Reduction | None:
     """The reduction of so many drives, beside which nothing else is chosen; None for none.
 
@@ -257,7 +273,8 @@ def check_reduce(
     from thermaltool.api.identification_arguments import check_reduction
 
     given = {"--response": kinds, "--fix": fixed, "--linear": linear,
-             "--loss": loss != USUAL_LOSS, "--starts": starts != USUAL_STARTS}  # fmt: skip
+             "--loss": loss != USUAL_LOSS, "--starts": starts != USUAL_STARTS,
+             "--joint": joint}  # fmt: skip
     for name, value in given.items():
         if value:
             raise ValueError(f"{name} does not go with --reduce, which takes lags and a ridge")

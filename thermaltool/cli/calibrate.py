@@ -14,7 +14,7 @@ from thermaltool.documents import write_json
 
 # Options that choose and fit responses: the mesh of a body has its own.
 _OF_RESPONSES = ("drives", "sensors", "deflections", "responses", "fixed", "reference", "initial",
-                 "linear", "reduce", "loss", "starts")  # fmt: skip
+                 "linear", "reduce", "joint", "loss", "starts")  # fmt: skip
 
 
 @click.command(
@@ -51,6 +51,9 @@ _OF_RESPONSES = ("drives", "sensors", "deflections", "responses", "fixed", "refe
 @click.option("--reduce", metavar="pca[:k]|pls[:k]|none",
               help="For many drives that say much the same: components of them, directly and "
               "through lags with a ridge, as identify has them.")  # fmt: skip
+@click.option("--joint", multiple=True, metavar="CHANNEL",
+              help="Contact temperature of a joint, repeatable, with logs of several levels: it "
+              "tells how displacements depart from proportion.")  # fmt: skip
 @shared.span_options("Fit from", "Fit up to")
 @click.option("--loss", type=click.Choice(["huber", "linear"]), default="huber",
               help="huber counts outliers less.")  # fmt: skip
@@ -88,13 +91,12 @@ def command(
     elif not options["drives"]:
         raise click.UsageError("calibrate needs --drive, or --body with the model of a body")
     kinds = dict(shared.pair_of(item, "--response") for item in responses)
-    constants = {
-        n: shared.number_of(value, "--fix")
-        for n, value in (shared.pair_of(i, "--fix") for i in fixed)
-    }
+    named = dict(shared.pair_of(item, "--fix") for item in fixed)
+    constants = {name: shared.number_of(value, "--fix") for name, value in named.items()}
+    given = {name: options[name] for name in ("linear", "loss", "starts", "joint")}
+    given |= {"kinds": kinds, "fixed": constants}
     with shared.usage_errors():
-        check_reduce(options["reduce"], len(options["drives"]), kinds=kinds, fixed=constants,
-                     **{name: options[name] for name in ("linear", "loss", "starts")})  # fmt: skip
+        check_reduce(options["reduce"], len(options["drives"]), **given)
     progress = terminal_progress("calibrate")
     fit: Any
     if body is not None:

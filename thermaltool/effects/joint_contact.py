@@ -36,9 +36,11 @@ class JointContact(Effect):
 
     By the temperature z of the linear model at `channel`, with b = z|z|/level², an output gains
     ``forces``·b at once and, through a lag of `time_constant`, ``heat``·b. With a `partner`, a
-    contact temperature that is read, displacements gain ``deviation``·e through the same lag, e
-    what is read there minus what the linear model has: the heat that the joint redirects is then
-    not foretold but told by what it does (Fraser's source-sink pairs).
+    contact temperature that is read, displacements gain ``contact``·e at once and ``deviation``·e
+    through the same lag, e what is read there minus what the linear model has: the heat that the
+    joint redirects is then not foretold but told by what it does. It is Fraser's source-sink pair:
+    a heat q that warms the contact as 1/(1 + T s) and bends the machine as g/(1 + τ s) is in the
+    deflection as g (1 + T s)/(1 + τ s) of e.
     """
 
     name: ClassVar[str] = "joint_contact"
@@ -65,6 +67,7 @@ class JointContact(Effect):
         "asymmetry": Parameter("1", low=-0.95, high=0.95, linear=True),
         "forces": Parameter("{output}", linear=True),
         "heat": Parameter("{output}", linear=True),
+        "contact": Parameter("{output}/K", linear=True),
         "deviation": Parameter("{output}/K", linear=True),
         "time_constant": Parameter("s", low=0.0, high=1e6, log=True),
         "level": Parameter("{channel}", fixed=True),
@@ -107,32 +110,34 @@ class JointContact(Effect):
         share = z / self.parameters["level"]
         return np.asarray(share * np.abs(share))
 
-    def gains(self, output: str) -> tuple[float, float, float]:
-        """Its `forces`, `heat` and `deviation` in an output, 0 for none.
+    def gains(self, output: str) -> tuple[float, float, float, float]:
+        """Its `forces`, `heat`, `contact` and `deviation` in an output, 0 for none.
 
         Parameters
         ----------
         output : str
         """
         get = self.parameters.get
-        bases = ("forces", "heat", "deviation")
-        forces, heat, deviation = (get(f"{base}[{output}]", 0.0) for base in bases)
-        return forces, heat, deviation
+        bases = ("forces", "heat", "contact", "deviation")
+        forces, heat, contact, deviation = (get(f"{base}[{output}]", 0.0) for base in bases)
+        return forces, heat, contact, deviation
 
     def output(self, name: str, outputs: Outputs, record: Record, memory: Memory = None) -> Float:
         if not self.spreads:
             return super().output(name, outputs, record, memory)
-        forces, heat, deviation = self.gains(name)
-        if not (forces or heat or deviation):
+        forces, heat, contact, deviation = self.gains(name)
+        if not (forces or heat or contact or deviation):
             return outputs[name]
         b = self.bent(self._linear(outputs, self.channel))
-        late = heat * b
-        if deviation and self.partner is not None:
+        now, late = forces * b, heat * b
+        if self.partner is not None:
             read = from_rest(record, self.partner, memory)
-            late = late + deviation * (read - self._linear(outputs, self.partner))
-        tau = self.parameters["time_constant"]
-        late = lagged(record.time, late, tau, "first", memory=memory)
-        return np.asarray(outputs[name] + forces * b + late)
+            e = read - self._linear(outputs, self.partner)
+            now, late = now + contact * e, late + deviation * e
+        if heat or deviation:
+            tau = self.parameters["time_constant"]
+            now = now + lagged(record.time, late, tau, "first", memory=memory)
+        return np.asarray(outputs[name] + now)
 
     def _linear(self, outputs: Outputs, channel: str) -> Float:
         if channel not in outputs:

@@ -27,6 +27,7 @@ from thermaltool.estimation.permanent_effects import (
     drive_maps,
     noise_amplification,
     reading_columns,
+    spreading_joints,
 )
 from thermaltool.estimation.variable_cooling import check_cooling_supported, cooling_effects
 from thermaltool.model import Model, Term
@@ -181,7 +182,9 @@ class DesignModel:
         for name in measured:
             if name not in every:
                 raise ModelError(f"no drive {name} in the model; there are: {', '.join(every)}")
-        outputs = tuple(o.channel for o in model.deflections)
+        # What a contact temperature is need not be estimated: it is read.
+        told = {joint.partner for joint in spreading_joints(model)}
+        outputs = tuple(o.channel for o in model.deflections if o.channel not in told)
         if not outputs and not model.sensors:
             raise ModelError("the model has neither a deflection nor a sensor: nothing to estimate")
         given = tuple(every if not model.sensors else measured)
@@ -242,7 +245,11 @@ class DesignModel:
         def terms(targets: tuple[str, ...]) -> tuple[ModalTerm, ...]:
             own = [t for t in model.terms if t.output in targets and t.drive in drives]
             followed = [(t.output, t.drive, prompt(t)) for t in own]
-            followed += [(o, *each) for o in targets for each in paths.redirected(o)]
+            followed += [
+                (o, drive, with_lags(modes)[0] if isinstance(modes, DelayedModes) else modes)
+                for o in targets
+                for drive, modes in paths.redirected(o)
+            ]
             return tuple(
                 (targets.index(o), drives.index(drive), modes)
                 for o, drive, modes in followed

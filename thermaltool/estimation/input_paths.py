@@ -105,30 +105,41 @@ class InputPaths:
         target : str
         """
         for joint in self.joints:
-            gain = joint.parameters.get(f"deviation[{target}]", 0.0)
+            _, _, contact, deviation = joint.gains(target)
             for term in self.model.terms:
-                if gain and term.output == joint.partner:
-                    lags = joint.parameters["time_constant"], *self._sensor_lags(target)
-                    late = lagged_modes(term.response.modes(self.dt), *lags)
-                    weights, double = -gain * late.weights, -gain * late.double
-                    yield term.drive, replace(late, weights=weights, double=double)
+                if term.output != joint.partner:
+                    continue
+                late = (joint.parameters.get("time_constant", 0.0),)
+                for gain, lags in ((contact, ()), (deviation, late)):
+                    if gain:
+                        yield term.drive, self._times(-gain, term, target, lags)
+
+    def _times(self, gain: float, term: Term, target: str, lags: tuple[float, ...]) -> Modes:
+        """A term through lags, as `target` is read, times a gain."""
+        found = lagged_modes(term.response.modes(self.dt), *lags, *self._sensor_lags(target))
+        parts = {name: gain * getattr(found, name) for name in ("weights", "double", "direct")}
+        return replace(found, **parts)
 
     def _of_joints(self, targets: tuple[str, ...]) -> Iterator[InputPath]:
         for joint in self.joints:
-            tau, by = joint.parameters["time_constant"], self.known.index(_contact(joint))
+            tau = joint.parameters.get("time_constant", 0.0)
+            by = self.known.index(_contact(joint))
             for k, target in enumerate(targets):
-                forces, heat, deviation = joint.gains(target)
+                forces, heat, contact, deviation = joint.gains(target)
                 if forces:
                     yield k, by, self._first_order(target, forces, 0.0)
                 if heat:
                     yield k, by, self._first_order(target, heat, tau)
-                if deviation:
-                    read = self.known.index(_partner(joint))
+                read = None if joint.partner is None else self.known.index(_partner(joint))
+                if contact and read is not None:
+                    yield k, read, self._first_order(target, contact, 0.0)
+                if deviation and read is not None:
                     yield k, read, self._first_order(target, deviation, tau)
-                for drive, modes in self.redirected(target):
-                    for source, known in enumerate(self.known):
-                        if known.role == "drive" and known.channel == drive:
-                            yield k, source, modes
+        for k, target in enumerate(targets):
+            for drive, modes in self.redirected(target):
+                for source, known in enumerate(self.known):
+                    if known.role == "drive" and known.channel == drive:
+                        yield k, source, modes
 
     def to(self, targets: tuple[str, ...]) -> tuple[InputPath, ...]:
         """The paths that end in `targets` (the sensors, or the deflections).

@@ -79,6 +79,8 @@ class CalibrationPlan:
         samples, and laws of the drives and of the material.
     linear : bool
         No law is looked for.
+    at_rows : bool
+        What is held switches at the rows.
     """
 
     drives: tuple[str, ...]
@@ -93,6 +95,7 @@ class CalibrationPlan:
     initial: Initial = "rest"
     choose: bool = False
     linear: bool = False
+    at_rows: bool = False
 
     @property
     def free_start(self) -> bool:
@@ -174,7 +177,7 @@ def calibrate(
         records, drives = average(records, drives, (*plan.sensors, *plan.deflections))
     outputs, terms, kinds = _fitted(records, plan, drives, progress)
     between: list[str] = []
-    if plan.choose and plan.hold is None:
+    if plan.choose and plan.hold is None and not plan.at_rows:
         progress("trying whether drives switch between rows")
         between = switched_between_rows(records, drives, kinds, plan.fixed, plan.free_start)
         if between:
@@ -194,7 +197,7 @@ def calibrate(
         effects = found
         outputs, terms, kinds = with_laws
     ranges = (
-        _extent([relative(r.column(d.channel), d.reference, d.hold) for r in measured])
+        extent([relative(r.column(d.channel), d.reference, d.hold) for r in measured])
         for d in commanded
     )
     model = Model(
@@ -330,7 +333,7 @@ def _output(
         role,
         # A displacement has no zero of its own; any other reading at rest is one of the sensor.
         "first" if is_displacement(channel) else float(np.mean(fit.offsets)),
-        _extent(levels),
+        extent(levels),
         {
             "rmse": fit.rmse,
             "max_error": fit.max_error,
@@ -381,6 +384,12 @@ def _say(progress: Callable[[str], None], channel: str, message: str) -> None:
     progress(f"{channel}, {message}")
 
 
-def _extent(series: Sequence[Float]) -> tuple[float, float]:
+def extent(series: Sequence[Float]) -> tuple[float, float]:
+    """Least and largest value; NaN counts for nothing.
+
+    Parameters
+    ----------
+    series : sequence of ndarray
+    """
     joined = np.concatenate(series)
     return float(np.nanmin(joined)), float(np.nanmax(joined))

@@ -28,6 +28,7 @@ from thermaltool.fitting.response_choice import MIN_ROWS
 from thermaltool.fitting.response_search import KindSearch
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
+from thermaltool.responses.modes import Float
 from thermaltool.units import is_absolute, is_temperature
 
 # Levels beside rest and the largest that count as one [of the largest].
@@ -160,6 +161,16 @@ def _level(records: Sequence[Record], drive: Drive) -> float:
         return 0.0
     u = [relative(r.column(drive.channel), drive.reference, drive.hold) for r in records]
     size = np.abs(np.concatenate(u))
+    return float(np.max(size)) if has_levels(size) else 0.0
+
+
+def has_levels(size: Float) -> bool:
+    """Whether there are levels beside rest and the largest.
+
+    Parameters
+    ----------
+    size : ndarray, shape (n,)
+        0 or above.
+    """
     level = float(np.max(size))
-    between = (size > SAME_LEVEL * level) & (size < (1 - SAME_LEVEL) * level)
-    return level if between.any() else 0.0
+    return bool(np.any((size > SAME_LEVEL * level) & (size < (1 - SAME_LEVEL) * level)))

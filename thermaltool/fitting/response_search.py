@@ -118,13 +118,8 @@ class FittedKinds:
 
     @property
     def independent(self) -> float:
-        """Rows that count as independent, from sums of the residual over blocks."""
-        rows, residual = len(self.residual), self.residual
-        blocks = min(INDEPENDENT_BLOCKS, rows)
-        starts = np.arange(blocks) * rows // blocks
-        sums = np.add.reduceat(residual, starts)
-        own = float(np.sum(residual**2))
-        return rows / max(float(np.sum(sums**2)) / own, 1.0) if own else float(rows)
+        """Rows that count as independent."""
+        return independent_rows(self.residual)
 
     @cached_property
     def held_out(self) -> Float:
@@ -331,6 +326,21 @@ class KindSearch:
             if not is_possible_gain(drive.channel, self.output, gain):
                 return f"{drive.channel} would move it by {gain:.3g} °C for each °C"
         return ""
+
+
+def independent_rows(residual: Float) -> float:
+    """Rows that count as independent, from sums of the residual over blocks.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (rows,)
+    """
+    rows = len(residual)
+    blocks = min(INDEPENDENT_BLOCKS, rows)
+    starts = np.arange(blocks) * rows // blocks
+    sums = np.add.reduceat(residual, starts)
+    own = float(np.sum(residual**2))
+    return rows / max(float(np.sum(sums**2)) / own, 1.0) if own else float(rows)
 
 
 def _silent(message: str) -> None:

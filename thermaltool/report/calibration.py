@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from thermaltool.effects.effect import Effect
+from thermaltool.effects.effect import Effect, reference_of
+from thermaltool.effects.joint_contact import JointContact
 from thermaltool.fitting.discrepancy import MAX_OVER_NOISE, calibration_error
 from thermaltool.fitting.response_choice import LEFT_OUT
 from thermaltool.model import Model, Output, characteristics, to_document
@@ -75,8 +76,13 @@ def calibration_warnings(model: Model) -> list[str]:
             "the state at the first rows is fitted; simulate estimates it in other logs, too, "
             "where they are long enough (--initial rest takes them to begin at rest)"
         )
-    found += [_law(effect, model) for effect in model.effects]
-    found += [sentence for output in model.outputs if (sentence := _coarse(output))]
+    joints = [effect for effect in model.effects if isinstance(effect, JointContact)]
+    found += [_joint(effect) for effect in joints]
+    found += [_law(effect, model) for effect in model.effects if effect not in joints]
+    # What a contact temperature is beyond the linear model is read.
+    told = {effect.partner for effect in joints}
+    rest = (output for output in model.outputs if output.channel not in told)
+    found += [sentence for output in rest if (sentence := _coarse(output))]
     found += [sentence for output in model.outputs if (sentence := _below_zero(output))]
     # Drives that say much the same share what they do: the gain of one alone is no question.
     for term in model.terms if model.redundancy is None else ():
@@ -125,6 +131,26 @@ def _below_zero(output: Output) -> str:
         "do not hold down to there. Begin a log at rest, or state what the drives count from "
         "(--reference)"
     )
+
+
+def _joint(effect: JointContact) -> str:
+    """What a joint adds to displacements, and what tells of it."""
+    parts = []
+    for output in dict.fromkeys(o for name in effect.parameters if (o := reference_of(name)[1])):
+        forces, heat, contact, deviation = effect.gains(output)
+        now, late = (contact, deviation) if effect.partner else (forces, heat)
+        unit = effect.unit(f"{'contact' if effect.partner else 'forces'}[{output}]")
+        gains = [f"{now:.3g} at once"] if now else []
+        if late:
+            gains.append(f"{late:.3g} through {duration(effect.parameters['time_constant'])}")
+        parts.append(f"{output} {' and '.join(gains)} {printed(unit)}")
+    level = f"{effect.parameters['level']:.4g} {printed(parse_channel(effect.channel).unit)}"
+    by = (
+        f"a joint, told by what {effect.partner} reads beyond the linear model"
+        if effect.partner
+        else f"a joint, told by the square of {effect.channel} with its sign, 1 at {level}"
+    )
+    return f"{by}: {'; '.join(parts)}"
 
 
 def _law(effect: Effect, model: Model) -> str:

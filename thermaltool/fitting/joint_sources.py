@@ -1,0 +1,252 @@
+"""A joint beside linear responses, from logs of several levels.
+
+Responses are those of a reference level (Fraser 1997, 7.4.1: half of the largest), as the source
+has them; what displacements do beyond them at other levels is told by contact temperatures that
+depart from the linear model, and by a bend with the heat (`thermaltool.fitting.joint_search`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermaltool.effects.joint_contact import JointContact
+from thermaltool.errors import FitError, ModelError
+from thermaltool.fitting.calibrate import CalibrationPlan, as_simulated, calibrate, extent
+from thermaltool.fitting.joint_search import JointSearch
+from thermaltool.fitting.law_choice import SAME_LEVEL, has_levels
+from thermaltool.fitting.response_choice import DECISIVE
+from thermaltool.fitting.seen_changes import with_seen_changes
+from thermaltool.model import Drive, Model, Output, relative
+from thermaltool.model.rest import rest_level
+from thermaltool.record import Record
+from thermaltool.responses.modes import Float
+from thermaltool.units import is_displacement, is_temperature
+
+# Kinds of a displacement (Fraser 1997, 6.16 and 7.19, and lags): what a simpler kind leaves at the
+# reference level grows with the level. The first is taken beside which no other has evidence, and
+# whose terms do not cancel.
+KINDS = ("deflection", "joint_deflection", "rational4")
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """A model with its joint.
+
+    Attributes
+    ----------
+    model : Model
+    left_out : tuple of str
+        Contact temperatures that say nothing more beside the others.
+    """
+
+    model: Model
+    left_out: tuple[str, ...]
+
+
+def calibrate_joint(
+    records: Sequence[Record],
+    plan: CalibrationPlan,
+    contacts: Sequence[str],
+    progress: Callable[[str], None] = lambda message: None,
+) -> JointFit:
+    """Fit linear responses to the reference level, and the joint to what departs from them.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        From rest, of several levels: each log one, or all in one log.
+    plan : CalibrationPlan
+        Without the contact temperatures.
+    contacts : sequence of str
+        Temperatures that may depart from the linear model where the joint is.
+    progress : callable
+        Gets a word now and then.
+
+    Raises
+    ------
+    ModelError
+        What is no calibration of a joint.
+    FitError
+        Logs that show none, or one level alone.
+    LogError
+        A contact temperature that a log does not have.
+    """
+    _check(plan, contacts)
+    plan = replace(plan, initial="rest", linear=True, at_rows=True)
+    reference = _reference(records, [plan.drive(channel) for channel in plan.drives])
+    steady = [record for record, own in zip(records, reference, strict=True) if own]
+
+    def part(
+        which: Sequence[Record], deflections: Sequence[str], sensors: Sequence[str] = ()
+    ) -> Model:
+        own = {o: kind for o, kind in plan.kinds.items() if o in (*sensors, *deflections)}
+        of = replace(plan, kinds=own, sensors=tuple(sensors), deflections=tuple(deflections))
+        return calibrate(which, of, progress)
+
+    found = [part(steady, contacts)]
+    others = tuple(o for o in plan.deflections if not is_displacement(o))
+    if plan.sensors or others:
+        found.append(part(records, others, plan.sensors))
+    linear = _joined(found)
+    displacements = tuple(filter(is_displacement, plan.deflections))
+    progress("looking for a joint")
+    simulated = [linear.simulate(record) for record in records]
+    near = next((o for o in plan.sensors if is_temperature(o)), None)
+    search = JointSearch(
+        records, linear.drives, displacements, simulated, near, contacts, reference
+    )
+    effects = search.effects()
+    if not effects:
+        raise FitError(
+            f"no joint shows in these logs: {', '.join(displacements)} are in proportion to "
+            f"{', '.join(plan.drives)}, or depart from it otherwise; calibrate without --joint, "
+            "and let diagnose say how they depart"
+        )
+    bent = [
+        _without_joint(record, own, effects, displacements)
+        for record, own, of in zip(records, simulated, reference, strict=True)
+        if of
+    ]
+    straight = [_displacement(bent, plan, o, progress) for o in displacements]
+    left_out = tuple(c for c in contacts if c not in {effect.partner for effect in effects})
+    whole = _joined([*found, *straight])
+    kept = [o for o in whole.outputs if o.channel not in left_out]
+    order = [*plan.sensors, *plan.deflections, *contacts]
+    model = replace(
+        whole,
+        outputs=tuple(sorted(kept, key=lambda output: order.index(output.channel))),
+        terms=tuple(term for term in whole.terms if term.output not in left_out),
+        effects=effects,
+        provenance={"logs": [record.source for record in records if record.digest]},
+    )
+    model = with_seen_changes(_over_all(model, records), records)
+    return JointFit(_with_errors(as_simulated(model, records), records), left_out)
+
+
+def _displacement(
+    records: Sequence[Record],
+    plan: CalibrationPlan,
+    channel: str,
+    progress: Callable[[str], None],
+) -> Model:
+    """A displacement alone, by the kind that it has been given or the simplest that will do."""
+    kinds = (plan.kinds[channel],) if channel in plan.kinds else KINDS
+    alone = replace(plan, sensors=(), deflections=(channel,))
+    fits = [calibrate(records, replace(alone, kinds={channel: k}), progress) for k in kinds]
+    cancelling = [any(map(_cancels, fit.outputs[0].fit["unidentified"])) for fit in fits]
+    sound = [fit for fit, gone in zip(fits, cancelling, strict=True) if not gone] or fits
+    least = min(map(_criterion, sound))
+    return next(fit for fit in sound if _criterion(fit) <= least + DECISIVE)
+
+
+def _criterion(fit: Model) -> float:
+    """The Bayesian information criterion of the one output of a model, to a constant."""
+    own, count = fit.outputs[0].fit, sum(len(term.covariance_names) for term in fit.terms)
+    return float(2 * own["rows"] * np.log(own["rmse_zero_free"]) + count * np.log(own["rows"]))
+
+
+def _cancels(sentence: str) -> bool:
+    return sentence.startswith("gains cancel")
+
+
+def _check(plan: CalibrationPlan, contacts: Sequence[str]) -> None:
+    if plan.initial == "free":
+        raise ModelError("--joint needs logs from rest, so that --initial free does not go with it")
+    if not any(map(is_displacement, plan.deflections)):
+        raise ModelError("--joint needs a displacement among the deflections: it is what bends")
+    for contact in contacts:
+        if not is_temperature(contact):
+            raise ModelError(f"--joint {contact}: not a temperature, as that of a contact is")
+    replace(plan, deflections=(*plan.deflections, *contacts)).check()
+
+
+def _reference(records: Sequence[Record], drives: Sequence[Drive]) -> list[bool]:
+    """Which records are of the reference level: the lower one of the middle; else all.
+
+    Raises
+    ------
+    FitError
+        One level alone.
+    """
+    levels, single = [], []
+    heats = [d for d in drives if not is_temperature(d.channel)] or drives
+    for record in records:
+        acting = [relative(record.column(d.channel), d.reference, d.hold) for d in heats]
+        size = np.max(np.abs(acting), axis=0)
+        levels.append(float(np.max(size)))
+        single.append(not has_levels(size))
+    largest = max(levels)
+    alike = all(abs(level - largest) <= SAME_LEVEL * largest for level in levels)
+    if all(single) and alike:
+        raise FitError(
+            f"a joint shows in how several levels differ, and these logs have one "
+            f"({heats[0].channel} = {largest:.4g}): add a log of half or twice of it"
+        )
+    of_one = sorted({level for level, own in zip(levels, single, strict=True) if own})
+    if not of_one:
+        return [True] * len(records)
+    middle = of_one[(len(of_one) - 1) // 2]
+    return [
+        own and abs(level - middle) <= SAME_LEVEL * largest
+        for level, own in zip(levels, single, strict=True)
+    ]
+
+
+def _joined(models: Sequence[Model]) -> Model:
+    """One model of the outputs and terms of several with the same drives."""
+    return replace(
+        models[0],
+        outputs=tuple(output for model in models for output in model.outputs),
+        terms=tuple(term for model in models for term in model.terms),
+    )
+
+
+def _without_joint(
+    record: Record,
+    linear: Mapping[str, Float],
+    effects: Sequence[JointContact],
+    displacements: Sequence[str],
+) -> Record:
+    """A record whose displacements are what they would be without the joint."""
+    straight = {o: np.zeros(len(record)) for o in displacements}
+    changed = {}
+    for o in displacements:
+        added = [effect.output(o, {**linear, **straight}, record) for effect in effects]
+        changed[o] = record.column(o) - np.sum(added, axis=0)
+    return record.with_columns(changed)
+
+
+def _over_all(model: Model, records: Sequence[Record]) -> Model:
+    """The model with the ranges and counts of all records, whichever it was fitted to."""
+
+    def drive(own: Drive) -> Drive:
+        seen = [relative(r.column(own.channel), own.reference, own.hold) for r in records]
+        return replace(own, range=extent(seen))
+
+    def output(own: Output) -> Output:
+        measured = [record.column(own.channel) for record in records]
+        seen = [y - rest_level(y, "first", "first") for y in measured]
+        rows = sum(int(np.isfinite(y).sum()) for y in measured)
+        return replace(own, range=extent(seen), fit={**own.fit, "rows": rows})
+
+    return replace(
+        model,
+        drives=tuple(map(drive, model.drives)),
+        outputs=tuple(map(output, model.outputs)),
+    )
+
+
+def _with_errors(model: Model, records: Sequence[Record]) -> Model:
+    """The model with errors whose zero is free in every record."""
+    simulated = [model.simulate(record) for record in records]
+    outputs = []
+    for output in model.outputs:
+        left = [r.column(output.channel) - y[output.channel]
+                for r, y in zip(records, simulated, strict=True)]  # fmt: skip
+        free = np.concatenate([each - np.nanmean(each) for each in left])
+        error = float(np.sqrt(np.nanmean(free**2)))
+        outputs.append(replace(output, fit={**output.fit, "rmse_zero_free": error}))
+    return replace(model, outputs=tuple(outputs))
