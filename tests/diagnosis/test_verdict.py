@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import thermaltool as tt
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.verdict import ResidualBudget, misfit_of, verdict_of
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
@@ -141,20 +143,27 @@ def test_between_noise_and_misfit_there_is_no_cliff() -> None:
 def test_a_log_in_which_nothing_moves_cannot_judge():
     time, noise = np.arange(0.0, 6000.0, 10.0), np.random.default_rng(5)
 
-    def log(heat):
-        rise = np.zeros(len(time))
+    def log(heat, swing=0.0):
+        rise, room = np.zeros(len(time)), 20 + swing * np.sin(time / 900)
         for k, each in enumerate(heat[:-1]):
             rise[k + 1] = rise[k] + (0.2 * each - rise[k]) * 10 / 400
-        read = 21 + rise + 0.03 * noise.standard_normal(len(time))
+        read = 1 + room + rise + 0.03 * noise.standard_normal(len(time))
         return pd.DataFrame(
-            {"time_s": time, "Q_motor_W": heat, "Q_bed_W": 50 + 0 * heat, "T_frame_degC": read}
+            {"time_s": time, "Q_motor_W": heat, "T_room_degC": room, "T_frame_degC": read}
         )
 
     def quiet(line):
         pass
 
     duty = np.where((time > 500) & (time < 3000), 100.0, 0.0)
-    model = tt.calibrate(log(duty), ["Q_motor_W"], sensors=["T_frame_degC"], warn=quiet)
+    drives = ["Q_motor_W"]
+    both = tt.calibrate(
+        log(duty, 1.0), [*drives, "T_room_degC"], sensors=["T_frame_degC"], warn=quiet
+    )
+    still = tt.diagnose(both, log(0 * duty, 1.0), warn=quiet).document()
+    assert any("Q_motor_W never changes" in note for note in still["notes"])
+
+    model = tt.calibrate(log(duty), drives, sensors=["T_frame_degC"], warn=quiet)
     idle, driven = (
         tt.diagnose(model, log(duty * share), warn=quiet).document() for share in (1e-5, 0.02)
     )

@@ -70,7 +70,8 @@ def summary(document: Document) -> list[str]:
     """
     lines = [_verdict(document)]
     output = _output_told(document)
-    if output is not None and output in document["residuals"] and not document["adequate"]:
+    wrong = not document["adequate"] and not _shows_nothing(document)
+    if wrong and output is not None and output in document["residuals"]:
         lines += _where(document, output)
     causes = document["causes"]
     if [cause for cause in causes if cause["location"] is None]:
@@ -102,7 +103,7 @@ def _verdict(document: Document) -> str:
     line = f"The model is {verdict} for {names_of(document['logs'])}"
     if verdict == "cannot judge":
         line = f"The model cannot be judged by {names_of(document['logs'])}"
-        if share >= 0.5:  # it is the logs that show nothing
+        if _shows_nothing(document):
             return f"{line}."
     output = _output_told(document)
     if output is None or output not in document["residuals"]:
@@ -123,6 +124,11 @@ def _verdict(document: Document) -> str:
         f"{line}: {much} of the residual's power in {output} is sensor noise or what the "
         f"calibration itself left {sizes}."
     )
+
+
+def _shows_nothing(document: Document) -> bool:
+    """Whether nothing is wrong but the logs, in which nothing moves."""
+    return document["verdict"] == "cannot judge" and document["noise_share"] >= 0.5
 
 
 def _where(document: Document, output: str) -> Iterator[str]:
