@@ -18,10 +18,10 @@ SPINDLE := $(DATA)/cnc_spindle/spindle_first_28h.csv
 
 CASES := gantry gantry_before gantry_after gantry_header heating heating_half spindle_heat spindle_growth
 
-# MAP, LOGS and MORE are what diagnose gets, MODEL its model; TRAIN and PLAN make the model.
+# MAP, LOGS and MORE are what diagnose gets, MODEL its model; TRAIN and PLAN make the model, with the
+# kinds of response that `calibrate` chooses.
 gantry.MAP := gantry
 gantry.TRAIN := $(MORNING)
-# With the kind of response that `calibrate` chooses.
 gantry.PLAN := --drive T_frame_degC --deflection d_z_um
 gantry.LOGS := $(MORNING)
 gantry.MORE := --validate $(EVENING) -o $(OUT)/gantry.extended.json
@@ -43,23 +43,20 @@ gantry_header.LOGS := $(MORNING) $(OUT)/gantry_header.csv
 # The lamp has burnt for long at the first row, and gives nothing at 0 V.
 heating.MAP := heating_system
 heating.TRAIN := $(PLATE)
-heating.PLAN := --drive U_lamp_V --sensor T_plate_degC --response T_plate_degC=deflection \
-    --reference 0 --initial free
+heating.PLAN := --drive U_lamp_V --sensor T_plate_degC --reference 0 --initial free
 heating.LOGS := $(PLATE)
 heating_half.MAP := heating_system
 heating_half.TRAIN := $(OUT)/heating_half.csv
-heating_half.PLAN := --drive U_lamp_V --sensor T_plate_degC --response T_plate_degC=deflection
+heating_half.PLAN := --drive U_lamp_V --sensor T_plate_degC
 heating_half.LOGS := $(OUT)/heating_half.csv
 
 spindle_heat.MAP := cnc_spindle
 spindle_heat.TRAIN := $(SPINDLE)
-spindle_heat.PLAN := --drive n_spindle_rpm --sensor T_t5_degC --response T_t5_degC=deflection \
-    --initial free
+spindle_heat.PLAN := --drive n_spindle_rpm --sensor T_t5_degC --initial free
 spindle_heat.LOGS := $(SPINDLE)
 spindle_growth.MAP := cnc_spindle
 spindle_growth.TRAIN := $(SPINDLE)
-spindle_growth.PLAN := --drive T_t5_degC --deflection d_ch3_um --response d_ch3_um=deflection \
-    --initial free
+spindle_growth.PLAN := --drive T_t5_degC --deflection d_ch3_um --initial free
 spindle_growth.LOGS := $(SPINDLE)
 
 ifeq ($(wildcard $(DATA)/gantry $(DATA)/daisy),)
