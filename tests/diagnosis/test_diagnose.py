@@ -160,3 +160,10 @@ def test_the_gantry_names_its_bed() -> None:
     # By the model that came in and the one that is written, as a user runs them.
     gain = found.causes[0].gain["d_z_um"]
     assert gain.rms_after < 9.0 < 12.0 < gain.rms_before
+
+
+def test_a_drive_that_is_only_on_or_off(model: Model) -> None:
+    wrong = log((LEVELS > 0) * 1.0, 8)
+    (cause,) = diagnose(model, [wrong]).causes
+    assert (cause.effect.name, cause.effect.channel) == ("drive_nonlinearity", "Q_main_1")
+    assert cause.effect.parameters["exponent"] < 0.05

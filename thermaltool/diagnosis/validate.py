@@ -138,14 +138,8 @@ def _sure(effect: Effect, intervals: Mapping[str, tuple[float, float]]) -> bool:
     """Whether some amplitude is sure not to be what it is without the effect.
 
     What is not linear in an effect has an interval of small moves, which says little of the way
-    back to none. One that holds the end of what a machine may have is the end of a search, not what
-    was found.
+    back to none.
     """
-    for name, (low, high) in intervals.items():
-        known = effect.parameter(name)
-        ends = known.log and not known.place and known.low < known.neutral < known.high
-        if ends and not (known.low < low and high < known.high):
-            return False
     given = {n: ends for n, ends in intervals.items() if effect.parameter(n).linear}
     neutral = {n: effect.parameter(n).neutral for n in given}
     return not given or any(not low <= neutral[n] <= high for n, (low, high) in given.items())

@@ -38,7 +38,8 @@ class DriveNonlinearity(Effect):
     source: ClassVar[str] = "Mareš et al. (voltage regulator); DaISy heating system (lamp power)"
     memoryless: ClassVar[bool] = True
     known: ClassVar = {
-        "exponent": Parameter("1", neutral=1.0, low=0.2, high=5.0, log=True),
+        # Near 0 it matters only whether the drive is on.
+        "exponent": Parameter("1", neutral=1.0, low=0.01, high=5.0, log=True),
         "dead_band": Parameter("{channel}", low=0.0),
         # Below, more of the drive would be less of what acts.
         "curvature": Parameter("1", low=-0.45, high=5.0, linear=True),
