@@ -11,8 +11,9 @@ the first one chose and fitted, over many draws of the heat. `axis`: positions a
 by the source's (18) with noise. `design`: greedy against exhaustive search, placed sensors against
 the rule of the modes on random machines, and the time for many candidates. `spindle`: 2 to 6
 sensors of 16 against principal components and least squares on later rows of the first 60 % of
-the log, or with --held-out on the last 40 %. `blocks`: at most three sensors that each of 5, 7 or 10
-blocks has no part in choosing, beside least squares on all, over the first 60 % or the whole log.
+the log, or with --held-out on the last 40 %. `blocks`: 5, 7 or 10 blocks held
+out in turn, which have no part in choosing at most three sensors, beside least squares on all; over
+the first 60 % or the whole log.
 """
 
 from __future__ import annotations
@@ -22,7 +23,6 @@ import itertools
 import secrets
 import sys
 import time
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -184,11 +184,8 @@ def hour(seed, draws):
     """How often 5 % are held of the second hour by what the first one chose and fitted."""
     rows, rng = [], np.random.default_rng(seed)
     pairs = list(itertools.combinations(SENSORS, 2))
-    body = tomllib.loads((ROOT / "data_samples/bodies/rod.toml").read_text())
-    body["mesh"]["rod"]["elements"] = 80
     for _ in range(draws):
-        heat = random_heat(rng, int(2 * 3600 / DT), int(600 / DT))
-        log = rod_log(heat, DT, rng, NOISE)
+        log = rod_log(random_heat(rng, int(2 * 3600 / DT), int(600 / DT)), DT, rng, NOISE)
         train = log.between(None, 3600.0)
         found = {
             f"place --sensors {k}{' --static' * static}":
@@ -206,7 +203,6 @@ def hour(seed, draws):
             missed[f"best pair of the test, {name}"] = min(
                 _second_hour(log, train, pair, taus) for pair in pairs
             )
-        missed["mesh updated by the hour, heat known"] = _updated(body, log, heat)
         rows.append(missed)
     print(f"{draws} draws: RMS over the second hour, % of the range\n")
     out = [["sensors", "median", "nine of ten", "worst", "draws within 5 %"]]
@@ -219,15 +215,6 @@ def hour(seed, draws):
 
 def _second_hour(log, train, sensors, taus):
     return 100 * error(log, sensors, fitted(train, sensors, taus=taus)[1], taus, 3600.0)[0]
-
-
-def _updated(body, log, heat):
-    columns = {name: log.column(name) for name in log.columns}
-    whole = Record(log.time, {**columns, "Q_motor_W": heat}, digest="rod")
-    model = api.calibrate_body(body, whole.between(None, 3600.0)).model
-    left = api.simulate(model, whole, initial="rest").frame[OUTPUT].to_numpy()
-    left = (whole.column(OUTPUT) - left)[whole.time >= 3600.0]
-    return 100 * float(np.sqrt(np.mean(left**2)) / np.ptp(whole.column(OUTPUT)))
 
 
 def _black_boxes(train, log, start):
@@ -298,7 +285,7 @@ def design(seed):
             scale = 5 if criterion == "D" else 1
             worst[criterion] = min(worst[criterion], float(np.exp((found - best) / scale)))
     print(f"greedy with exchange over exhaustive search, C(16, 5), worst of 30: {worst}")
-    better = same = runs = 0
+    better = same = worse = runs = 0
     ratios = []
     while runs < 200:
         rates, shapes, weights, bends, distance = random_machine(rng)
@@ -318,10 +305,11 @@ def design(seed):
         pair = [deflection_errors(candidates, s)[0] for s in (own.sensors, rule)]
         better += pair[0] < pair[1] * (1 - 1e-9)
         same += set(own.sensors) == set(rule)
+        worse += pair[0] > pair[1] * (1 + 1e-9)
         ratios.append(pair[0] / pair[1])
         runs += 1
     print(f"random machines: better than the rule in {100 * better / runs:.0f} % of {runs}, "
-          f"the same set in {same}; median ratio of errors {np.median(ratios):.2f}")  # fmt: skip
+          f"the same set in {same}, worse in {worse}; median ratio of errors {np.median(ratios):.2f}")  # fmt: skip
     readings = rng.normal(size=(10_000, 30)) * np.geomspace(1, 0.01, 30)
     many = Candidates.of([DutyCycle(readings, rng.normal(size=(3, 30)))], 0.05)
     for criterion in CRITERIA:
