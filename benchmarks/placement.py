@@ -309,7 +309,8 @@ def design(seed):
         ratios.append(pair[0] / pair[1])
         runs += 1
     print(f"random machines: better than the rule in {100 * better / runs:.0f} % of {runs}, "
-          f"the same set in {same}, worse in {worse}; median ratio of errors {np.median(ratios):.2f}")  # fmt: skip
+          f"the same set in {same}, worse in {worse}; "
+          f"median ratio of errors {np.median(ratios):.2f}")  # fmt: skip
     readings = rng.normal(size=(10_000, 30)) * np.geomspace(1, 0.01, 30)
     many = Candidates.of([DutyCycle(readings, rng.normal(size=(3, 30)))], 0.05)
     for criterion in CRITERIA:
