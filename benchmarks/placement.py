@@ -1,15 +1,19 @@
 """Where sensors belong, and which regressions survive: a rod, an axis, machines, a spindle.
 
     python benchmarks/placement.py rod|axis|design [--seed N]
-    python benchmarks/placement.py spindle [--held-out]
+    python benchmarks/placement.py hour [--draws N] [--seed N]
+    python benchmarks/placement.py spindle|blocks [--held-out]
 
 `rod`: the source's rod (tests/machines/expanding_rod.py, finite volumes): weights of two sensors
 beside the source's formula, and errors in other conditions of placed sensors, of naive ones, of the
-best pair and of black boxes (scikit-learn, where it is installed). `axis`: positions along an axis
+best pair and of black boxes (scikit-learn, where it is installed). `hour`: the second hour by what
+the first one chose and fitted, over many draws of the heat. `axis`: positions along an axis
 by the source's (18) with noise. `design`: greedy against exhaustive search, placed sensors against
 the rule of the modes on random machines, and the time for many candidates. `spindle`: 2 to 6
 sensors of 16 against principal components and least squares on later rows of the first 60 % of
-the log, or with --held-out on the last 40 %.
+the log, or with --held-out on the last 40 %. `blocks`: 5, 7 or 10 blocks held
+out in turn, which have no part in choosing at most three sensors, beside least squares on all; over
+the first 60 % or the whole log.
 """
 
 from __future__ import annotations
@@ -42,15 +46,19 @@ from thermaltool.errors import FitError
 from thermaltool.fitting.data import training_data
 from thermaltool.logs import read_log
 from thermaltool.placement.candidates import Candidates, DutyCycle, deflection_errors
+from thermaltool.placement.estimators import blocks_of
 from thermaltool.placement.mode_rule import place_by_modes
 from thermaltool.placement.optimal_design import CRITERIA, criterion_value, place_sensors
 from thermaltool.placement.regression import Basis, RegressionProblem
+from thermaltool.placement.sensor_choice import HeldOutScores, choose_sensors, lag_forms
 from thermaltool.record import Record
 
 ROOT = Path(__file__).parents[1]
 DT, NOISE = 10.0, 0.02
 LOG = ROOT / "../shared/data/cnc_spindle/spindle_first_28h.csv"
 MAP = ROOT / "data_samples/maps/cnc_spindle.toml"
+DIRECTIONS = ("d_ch1_um", "d_ch3_um", "d_ch5_um")
+SPINDLE = tuple(f"T_t{k}_degC" for k in range(1, 17))
 
 
 def record_of(columns):
@@ -172,6 +180,43 @@ def _extrapolation(rng):
     table(rows)
 
 
+def hour(seed, draws):
+    """How often 5 % are held of the second hour by what the first one chose and fitted."""
+    rows, rng = [], np.random.default_rng(seed)
+    pairs = list(itertools.combinations(SENSORS, 2))
+    for _ in range(draws):
+        log = rod_log(random_heat(rng, int(2 * 3600 / DT), int(600 / DT)), DT, rng, NOISE)
+        train = log.between(None, 3600.0)
+        found = {
+            f"place --sensors {k}{' --static' * static}":
+            api.place(train, OUTPUT, sensors=k, time_constants=() if static else None).sets[-1]
+            for k, static in itertools.product((2, 3), (False, True))
+        }  # fmt: skip
+        found["place --criterion I --sensors 2"] = api.place(
+            train, OUTPUT, sensors=2, criterion="I"
+        ).sets[-1]
+        own = {name: (each.sensors, each.time_constants) for name, each in found.items()}
+        own["rule of the modes"] = ((SENSORS[0], SENSORS[4]), ())
+        own["the two nearest"] = (SENSORS[:2], ())
+        missed = {name: _second_hour(log, train, *each) for name, each in own.items()}
+        for name, taus in {"static": (), "one lag of 225 s": (225.0,)}.items():
+            missed[f"best pair of the test, {name}"] = min(
+                _second_hour(log, train, pair, taus) for pair in pairs
+            )
+        rows.append(missed)
+    print(f"{draws} draws: RMS over the second hour, % of the range\n")
+    out = [["sensors", "median", "nine of ten", "worst", "draws within 5 %"]]
+    for name in rows[0]:
+        each = np.array([r[name] for r in rows])
+        cells = [f"{x:.2g}" for x in np.quantile(each, [0.5, 0.9, 1.0])]
+        out.append([name, *cells, int(np.sum(each <= 5))])
+    table(out)
+
+
+def _second_hour(log, train, sensors, taus):
+    return 100 * error(log, sensors, fitted(train, sensors, taus=taus)[1], taus, 3600.0)[0]
+
+
 def _black_boxes(train, log, start):
     try:
         from sklearn.ensemble import GradientBoostingRegressor, RandomForestRegressor
@@ -240,7 +285,7 @@ def design(seed):
             scale = 5 if criterion == "D" else 1
             worst[criterion] = min(worst[criterion], float(np.exp((found - best) / scale)))
     print(f"greedy with exchange over exhaustive search, C(16, 5), worst of 30: {worst}")
-    better = same = runs = 0
+    better = same = worse = runs = 0
     ratios = []
     while runs < 200:
         rates, shapes, weights, bends, distance = random_machine(rng)
@@ -260,10 +305,12 @@ def design(seed):
         pair = [deflection_errors(candidates, s)[0] for s in (own.sensors, rule)]
         better += pair[0] < pair[1] * (1 - 1e-9)
         same += set(own.sensors) == set(rule)
+        worse += pair[0] > pair[1] * (1 + 1e-9)
         ratios.append(pair[0] / pair[1])
         runs += 1
     print(f"random machines: better than the rule in {100 * better / runs:.0f} % of {runs}, "
-          f"the same set in {same}; median ratio of errors {np.median(ratios):.2f}")  # fmt: skip
+          f"the same set in {same}, worse in {worse}; "
+          f"median ratio of errors {np.median(ratios):.2f}")  # fmt: skip
     readings = rng.normal(size=(10_000, 30)) * np.geomspace(1, 0.01, 30)
     many = Candidates.of([DutyCycle(readings, rng.normal(size=(3, 30)))], 0.05)
     for criterion in CRITERIA:
@@ -281,34 +328,84 @@ def _root(matrix):
 def spindle(held_out):
     log = read_log(str(LOG), columns=str(MAP))
     share = 0.6 * log.duration
-    outputs = ("d_ch1_um", "d_ch3_um", "d_ch5_um")
-    sensors = tuple(f"T_t{k}_degC" for k in range(1, 17))
     splits = [(share, None)] if held_out else [(h * 3600, share) for h in (8.1, 10.0, 12.1)]
-    rows = [["fitted to [h]", "output", "k", "sensors", "chosen", "static", "PCR", "all by LS"]]
+    rows = [["fitted to [h]", "output", "k", "sensors", "chosen", "static", "for all three", "PCR",
+             "all by LS"]]  # fmt: skip
     for end, stop in splits:
         whole = log if stop is None else log.between(None, stop)
-        for output in outputs:
+        fit = whole.time - whole.time[0] <= end
+        shared = api.place(whole.between(None, end), DIRECTIONS).sets
+        for each in shared[1:]:
+            print(f"fitted to {end / 3600:.1f} h, for all three: {named(each.sensors)}")
+        for output in DIRECTIONS:
             sets = api.place(whole.between(None, end), output).sets
-            every = problem_of(whole, sensors, output, ())
-            fit = whole.time - whole.time[0] <= end
+            every = problem_of(whole, SPINDLE, output, ())
             full = _missed(every, every.fit(fit, "least-squares"), ~fit)
-            for each in sets[1:]:
+            for each, common in zip(sets[1:], shared[1:], strict=True):
                 k = len(each.sensors)
                 errors = []
-                for taus in (each.time_constants, ()):
-                    own = problem_of(whole, each.sensors, output, taus)
+                for sensors, taus in (
+                    (each.sensors, each.time_constants),
+                    (each.sensors, ()),
+                    (common.sensors, common.time_constants),
+                ):
+                    own = problem_of(whole, sensors, output, taus)
                     errors.append(_missed(own, own.fit(fit, "ridge"), ~fit))
                 pcr = min(_pcr(every, fit, k, scaled) for scaled in (True, False))
-                named = " ".join(s.split("_")[1] for s in each.sensors)
                 cells = [f"{e:.2f}" for e in (*errors, pcr, full)]
-                rows.append([f"{end / 3600:.1f}", output, k, named, *cells])
+                rows.append([f"{end / 3600:.1f}", output, k, named(each.sensors), *cells])
     table(rows)
     print()
-    names = ("chosen", "static", "PCR", "all by LS")
-    table([["k", *names], *(
+    table([["k", *rows[0][4:]], *(
         [k, *(f"{np.exp(np.mean([np.log(float(r[4 + n])) for r in rows[1:] if r[2] == k])):.2f}"
-              for n in range(4))]
+              for n in range(5))]
         for k in range(2, 7))])  # fmt: skip
+
+
+def blocks(held_out):
+    """Blocks held out in turn; what is left chooses sensors and time constants anew each time."""
+    log = read_log(str(LOG), columns=str(MAP))
+    whole = log if held_out else log.between(None, 0.6 * log.duration)
+    rows = [["blocks", "output", "all by LS", "three, static", "three with states", "over all",
+             "for all directions", "over all"]]  # fmt: skip
+    for count in (5, 7, 10):
+        squares = np.zeros((len(DIRECTIONS), 4))
+        for held in blocks_of(np.arange(len(whole.time)), count, len(whole.time)):
+            kept = [_chosen(whole, held, (o,)) for o in DIRECTIONS]
+            common = _chosen(whole, held, DIRECTIONS)
+            for n, output in enumerate(DIRECTIONS):
+                sets = [
+                    (SPINDLE, (), "least-squares"),
+                    (*_chosen(whole, held, (output,), ((),)), "ridge"),
+                    (*kept[n], "ridge"),
+                    (*common, "ridge"),
+                ]
+                for m, (sensors, taus, method) in enumerate(sets):
+                    own = problem_of(whole, sensors, output, taus)
+                    squares[n, m] += _missed(own, own.fit(~held, method), held) ** 2 * held.sum()
+        for output, each in zip(DIRECTIONS, np.sqrt(squares / len(whole.time)), strict=True):
+            full, static, own, common = each
+            rows.append([count, output, f"{full:.2f}", f"{static:.2f}", f"{own:.2f}",
+                         f"{own / full:.2f}", f"{common:.2f}", f"{common / full:.2f}"])  # fmt: skip
+    table(rows)
+
+
+def _chosen(log, held, outputs, forms=None):
+    """The best of the sets of one to three sensors by rows that are not held, with its states."""
+    hidden = {o: np.where(held, np.nan, log.column(o)) for o in outputs}
+    known = Record(log.time, {n: hidden.get(n, log.column(n)) for n in (*SPINDLE, *outputs)})
+    data = training_data([known], SPINDLE, outputs)
+    sets = []
+    for taus in lag_forms(data) if forms is None else forms:
+        basis = Basis(SPINDLE, taus)
+        problems = [RegressionProblem(data.only(k), basis) for k in range(len(outputs))]
+        sets += choose_sensors(HeldOutScores(problems), 3)
+    best = min(sets, key=lambda each: each.score)
+    return best.sensors, best.time_constants
+
+
+def named(sensors):
+    return " ".join(s.split("_")[1] for s in sensors)
 
 
 def problem_of(log, sensors, output, taus):
@@ -333,15 +430,19 @@ def _pcr(problem, fit, k, scaled):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("what", choices=["rod", "axis", "design", "spindle"])
+    parser.add_argument("what", choices=["rod", "hour", "axis", "design", "spindle", "blocks"])
     parser.add_argument("--seed", type=int)
+    parser.add_argument("--draws", type=int, default=40)
     parser.add_argument("--held-out", action="store_true")
     given = parser.parse_args()
-    if given.what == "spindle":
-        spindle(given.held_out)
+    if given.what in ("spindle", "blocks"):
+        (spindle if given.what == "spindle" else blocks)(given.held_out)
         return
     seed = secrets.randbelow(2**31) if given.seed is None else given.seed
     print(f"seed {seed}\n")
+    if given.what == "hour":
+        hour(seed, given.draws)
+        return
     {"rod": rod, "axis": axis, "design": design}[given.what](seed)
 
 

@@ -142,6 +142,23 @@ def test_a_cell_that_nothing_needs_and_a_sensor_that_sticks_are_told(thermaltool
     assert f"{log}:41: T_1_degC: not a number: '2l.0'" in result.err
 
 
+def test_a_log_that_judges_itself_and_a_temperature_as_a_position_are_told(
+    thermaltool, log, tmp_path
+):
+    again = tmp_path / "copy.csv"
+    again.write_bytes(log.read_bytes())
+    own = ("--output", "d_tip_um", "--static")
+    result = thermaltool("place", log, again, *own, "--sensors", 1)
+    assert (result.code, result.err.count("the same log again")) == (0, 1)
+    one = (*own, "--sensor", "T_1_degC")
+    result = thermaltool("regress", log, *one, "--validate", again)
+    assert result.code == 0
+    assert "copy.csv: it was fitted: that it is held says nothing" in result.err
+    result = thermaltool("regress", log, *one, "--position", "T_2_degC")
+    assert (result.code, result.out) == (2, "")
+    assert "T_2_degC is a temperature: no position along an axis" in result.err
+
+
 def test_a_regression_simulates_and_streams(thermaltool, log, tmp_path):
     model, ready = tmp_path / "model.json", tmp_path / "ready.json"
     options = ("--output", "d_tip_um", "--sensor", "T_1_degC", "--sensor", "T_5_degC")

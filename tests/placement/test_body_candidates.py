@@ -81,12 +81,20 @@ def test_a_dear_boundary_is_left(block):
         ({}, {"reading_noise": 1e-7}, "the least that is computed with"),
         ({}, {"costs": {"left": 2.0}, "criterion": "modes"}, "knows no costs"),
         ({}, {"costs": {"left": -2.0}}, "above zero"),
+        ({}, {"candidates": ["T_5_degC"], "criterion": "modes"}, "no candidate is near Q_motor_W"),
         ({"deflections": {}}, {}, "no .deflections."),
     ],
 )
 def test_bad_input_is_one_clear_line(rod, changes, options, words):
     with pytest.raises((ModelError, FitError), match=words):
         tt.place_on_body(rod | changes, **options)
+
+
+def test_far_candidates_and_fewer_sensors_than_modes_are_told(rod):
+    far, few = tt.place_on_body(rod, candidates=["T_5_degC"]).notes[:2]
+    assert "the nearest, T_5_degC, is 0.5 m away" in far
+    assert few.startswith("1 sensor for 3 modes that carry 80 % of the weights")
+    assert not tt.place_on_body(rod, sensors=3).notes
 
 
 def test_a_criterion_of_logs_is_refused(rod):

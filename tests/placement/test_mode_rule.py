@@ -36,8 +36,6 @@ def test_forbidden_places_and_a_source_at_the_other_end():
 
 def test_bad_inputs_are_named():
     distance = np.array(PLACES)
-    with pytest.raises(FitError, match=r"no candidate within 0\.05 m.* 0\.1 m away"):
-        place_by_modes(SHAPES, WEIGHTS, distance, reach=0.05)
     with pytest.raises(FitError, match=r"1 sensors do not see 3 dominant modes: mode 3"):
         place_by_modes(SHAPES, WEIGHTS, distance, sensors=1)
     with pytest.raises(FitError, match="forbidden"):

@@ -11,7 +11,7 @@ import numpy as np
 from thermaltool.api.body_modes import thermal_modes
 from thermaltool.api.result import Result
 from thermaltool.api.sensor_placement import USUAL_MOST, refuse_twice
-from thermaltool.errors import FitError, ModelError
+from thermaltool.errors import FitError, ModelError, counted
 from thermaltool.record import hint
 from thermaltool.units import UNITS, names, parse_channel
 
@@ -36,9 +36,12 @@ class BodyPlacement(Result):
     Attributes
     ----------
     placed : BodySensors
+    doubts : tuple of str
+        What the candidates and their number leave to be desired.
     """
 
     placed: BodySensors
+    doubts: tuple[str, ...] = ()
 
     @property
     def sets(self) -> tuple[SensorSet, ...]:
@@ -56,7 +59,7 @@ class BodyPlacement(Result):
         """What to know before sensors are mounted, each a sentence."""
         from thermaltool.report.thermal_modes import body_notes
 
-        return tuple(body_notes(self.placed.modes, self.placed.body))
+        return (*self.doubts, *body_notes(self.placed.modes, self.placed.body))
 
     def document(self) -> dict[str, Any]:
         """As ``place BODY.toml --json`` writes it."""
@@ -132,7 +135,8 @@ def place_on_body(
     ModelError
         As `thermal_modes`; no deflection, or a point or boundary that the body does not have.
     FitError
-        More sensors than candidates; fewer than the dominant modes need.
+        More sensors than candidates; by "modes" fewer than the dominant modes need, or no candidate
+        near a heat.
     ValueError
         A criterion of logs, a name that is given twice.
 
@@ -146,11 +150,14 @@ def place_on_body(
     from thermaltool.placement.body_candidates import (
         BodySensors,
         costs_of,
+        dominant_weights,
         duty_cycles_of,
+        far_from_heat,
         largest_heats,
         sites_of,
     )
     from thermaltool.placement.candidates import Candidates
+    from thermaltool.placement.mode_rule import DOMINANT_PART, dominant_modes
     from thermaltool.placement.optimal_design import CRITERIA, placed_sets
     from thermaltool.placement.reduction import MICROMETRES
 
@@ -185,15 +192,26 @@ def place_on_body(
         costs_of(sites, declared, costs or {}),
         np.flatnonzero(closed).tolist(),
     )
+    doubts = far_from_heat(modes, declared, sites, every.allowed)
     sets: tuple[SensorSet, ...]
     if criterion == "modes":
+        if doubts:
+            raise FitError(doubts[0])
         sets = (_rule_set(source, sites, every, largest, sensors),)
     else:
         most = min(USUAL_MOST, int(every.allowed.sum())) if sensors is None else sensors
         sets = placed_sets(every, sites.names, most, criterion)
-    return BodyPlacement(BodySensors(
+        dominant = len(dominant_modes(dominant_weights(modes, largest)))
+        if most < dominant:
+            doubts.append(
+                f"{counted(most, 'sensor')} for {dominant} modes that carry "
+                f"{100 * DOMINANT_PART:.0f} % of the weights: readings of one moment do not tell "
+                "these apart"
+            )
+    placed = BodySensors(
         source.name, declared, modes, targets, criterion, sets, sites, reading_noise
-    ))  # fmt: skip
+    )
+    return BodyPlacement(placed, tuple(doubts))
 
 
 def _rule_set(

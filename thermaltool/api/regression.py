@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from thermaltool.api.inputs import Reading, all_of, reads
 from thermaltool.api.result import Notice, Result, notice
-from thermaltool.api.sensor_placement import read_logs, read_sensors
+from thermaltool.api.sensor_placement import is_among, read_logs, read_sensors
 from thermaltool.errors import FitError
-from thermaltool.units import names
+from thermaltool.units import is_temperature, names
 
 if TYPE_CHECKING:
     import pandas
@@ -176,12 +176,17 @@ def regress(
     logs, every, chosen = read_sensors(
         data, given, targets, beside, (), span, warn, reading, pauses, keep_empty=bool(given)
     )
+    if position is not None and is_temperature(position):
+        raise ValueError(f"{position} is a temperature: no position along an axis")
     absent = [f"{name} never has a reading: it is left out" for name in every if name not in chosen]
     moving = tuple(name for name in chosen if moves([log.column(name) for log in logs]))
     if moving and not given:
         absent += [f"{n} never moves: it is left out" for n in chosen if n not in moving]
         chosen = moving
     fresh = read_logs(all_of(validate), [*chosen, *beside], targets, span, warn, reading, pauses)
+    for log in fresh:
+        if is_among(log, logs):
+            warn(f"{log.name}: it was fitted: that it is held says nothing of another day")
     found = []
     for target in targets:
         channels = (*chosen, *([] if position is None else [position]))

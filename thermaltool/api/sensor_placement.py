@@ -285,7 +285,15 @@ def read_sensors(
             warn(message)
     own = {k: v for k, v in reading.items() if k not in ("columns", "from_format")}
     logs = read_logs(whole, [*chosen, *beside], outputs, span, warn, own, pauses)
+    for k, log in enumerate(logs):
+        if is_among(log, logs[:k]):
+            warn(f"{log.name}: the same log again: held out, it is judged by itself")
     return logs, every, chosen
+
+
+def is_among(log: Record, others: Sequence[Record]) -> bool:
+    """Whether one of other logs has the same content."""
+    return bool(log.digest) and any(log.digest == other.digest for other in others)
 
 
 def refuse_twice(sensors: Sequence[str], outputs: Sequence[str]) -> None:

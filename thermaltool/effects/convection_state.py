@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -106,9 +107,11 @@ class ConvectionState(HeatLoss):
             level = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
             if not level or np.ptp(values[np.isfinite(values)]) < 0.5 * level:
                 continue
-            if channel in scene.extra and parse_channel(channel).dimension not in NO_STATES:
-                for place, air, own in places(scene, LAG_TRIALS):
-                    yield cls(channel, {**own, "level": level}, partner=place, air=air)
-            for idle in (1.0, 0.0) if channel in scene.drives else (0.0,):
+            idles = (1.0, 0.0) if channel in scene.drives else (0.0,)
+            if parse_channel(channel).dimension not in NO_STATES:
+                for idle, (place, air, own) in product(idles, list(places(scene, LAG_TRIALS))):
+                    given = {**own, "level": level, "idle": idle}
+                    yield cls(channel, given, partner=place, air=air)
+            for idle in idles:
                 for rate in (-0.3 / slowest, 0.3 / slowest, 1.0 / slowest):
                     yield cls(channel, {"rate": rate, "level": level, "idle": idle})

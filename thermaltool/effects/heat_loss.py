@@ -28,12 +28,15 @@ from thermaltool.units import hold_of, is_absolute, is_temperature
 # A loss at one place is told from another gain where its state is there, and is not, for this share
 # of the rows at least.
 MIN_IN_STATE = 0.03
+# In the long run no place cools more than the one that loses the heat; errors may add this.
+MOST_ELSEWHERE = 1.1
 # Rows of a log that a quick look takes.
 LOOKED_AT = 2000
+# Gains behind each lag of a loss at one place.
+GAINS = ("fast", "middle", "slow")
 # Parameters of a loss at one place.
 LOCAL: Mapping[str, Parameter] = {
-    "fast": Parameter("{output}/K", linear=True),
-    "slow": Parameter("{output}/K", linear=True),
+    **{gain: Parameter("{output}/K", linear=True) for gain in GAINS},
     "time_constant": Parameter("s", low=0.0, high=1e6, log=True),
     "slowest": Parameter("s", fixed=True),
 }
@@ -45,8 +48,9 @@ class HeatLoss(Effect, ABC):
 
     A uniform rise raises the rate of every thermal mode alike: the subclass's `loss`. At one place,
     a temperature T that is read, it takes the heat Δh·A·s·(T − T_air) out of the machine, s the
-    state between 0 and 1. What that does to an output is the sum of ``fast`` and ``slow`` times
-    s·(T − T_air) behind lags of `time_constant` and of the slowest mode, `slowest`.
+    state between 0 and 1. What that does to an output is the sum of ``fast``, ``middle`` and
+    ``slow`` times s·(T − T_air) behind lags of `time_constant`, of the geometric mean of both, and
+    of the slowest mode, `slowest`: one lag for all outputs is the place's or a far one's.
 
     Attributes
     ----------
@@ -106,13 +110,13 @@ class HeatLoss(Effect, ABC):
         }
 
     def _gains(self, name: str) -> list[float]:
-        """What an output is moved by behind either lag, for each degree of the place."""
+        """What an output is moved by behind each lag, for each degree of the place."""
         if self.partner is None:
-            return [0.0, 0.0]
-        return [self.parameters.get(f"{base}[{name}]", 0.0) for base in ("fast", "slow")]
+            return [0.0] * len(GAINS)
+        return [self.parameters.get(f"{base}[{name}]", 0.0) for base in GAINS]
 
     def _felt(self, record: Record, memory: dict[str, Any]) -> Float:
-        """What is lost at the place behind either lag, shape (2, n)."""
+        """What is lost at the place behind each lag, shape (3, n)."""
         assert self.partner is not None
         excess, known = self._above(record, self.partner, memory)
         if self.air is not None:
@@ -121,12 +125,12 @@ class HeatLoss(Effect, ABC):
         # Until both are read nothing is known to leave.
         excess = np.where(known, excess, 0.0)
         lost, hold = self.state(record, memory) * excess, hold_of(self.channel)
+        short, long = self.parameters["time_constant"], self.parameters["slowest"]
+        lags = zip(GAINS, (short, float(np.sqrt(short * long)), long), strict=True)
         return np.array(
             [
-                lagged(
-                    record.time, lost, self.parameters[lag], hold, memory=memory.setdefault(lag, {})
-                )
-                for lag in ("time_constant", "slowest")
+                lagged(record.time, lost, tau, hold, memory=memory.setdefault(gain, {}))
+                for gain, tau in lags
             ]
         )
 
@@ -182,6 +186,7 @@ class HeatLoss(Effect, ABC):
         moved = [total for o in scene.outputs if is_temperature(o) and (total := self.total(o))]
         here = self.total(self.partner)
         same = here != 0 and all(total * here > 0 for total in moved)
+        same = same and max(map(abs, moved), default=0.0) <= MOST_ELSEWHERE * abs(here)
         states = np.concatenate([self.state(log) for log in scene.logs])
         both = MIN_IN_STATE < float(np.mean(states)) < 1 - MIN_IN_STATE
         return same and both and all(abs(total) <= MAX_TEMPERATURE_GAIN for total in moved)
@@ -212,7 +217,7 @@ def places(scene: Scene, trials: int) -> Iterator[tuple[str, str | None, dict[st
     """
     logged = set.intersection(*(set(log.columns) for log in scene.logs))
     air = next((c for c in sorted(logged) if is_air(c) and is_absolute(c)), None)
-    gains = {f"{base}[{o}]": 1.0 for base in ("fast", "slow") for o in scene.outputs}
+    gains = {f"{base}[{o}]": 1.0 for base in GAINS for o in scene.outputs}
     for place in scene.sensors():
         if place not in logged or not is_temperature(place):
             continue

@@ -27,6 +27,8 @@ from thermaltool.units import UNITS, parse_channel
 CORRELATION_TIMES = (1.0, 0.1, 0.01)
 # Nodes among which sensors are sought, at most; of a finer mesh evenly spread ones.
 MAX_NODES = 5000
+# A candidate is near a heat within this part of the body's largest extent.
+NEAR_HEAT = 0.25
 # Part of the largest variance below which a combination of modes is none.
 NEGLIGIBLE = 1e-12
 
@@ -157,6 +159,34 @@ def sites_of(modes: ThermalEigenmodes, body: SolidBody, points: Sequence[str] = 
         names = tuple(f"T_n{node}_degC" for node in nodes)
     distance = np.array([np.linalg.norm(heated - at, axis=1).min() for at in places])
     return BodySites(names, places, shapes, distance, nodes)
+
+
+def far_from_heat(
+    modes: ThermalEigenmodes, body: SolidBody, sites: BodySites, allowed: NDArray[np.bool_]
+) -> list[str]:
+    """A sentence for every heat that no candidate is near to.
+
+    Parameters
+    ----------
+    modes : ThermalEigenmodes
+    body : SolidBody
+    sites : BodySites
+    allowed : ndarray of bool, shape (N,)
+        Candidates that can be taken.
+    """
+    where = body.mesh.p.T
+    reach = NEAR_HEAT * float(np.ptp(where, axis=0).max())
+    found = []
+    for name, load in zip(body.largest, np.asarray(modes.equations.loads).T, strict=True):
+        heated = where[load != 0]
+        away = [float(np.linalg.norm(heated - at, axis=1).min()) for at in sites.places[allowed]]
+        if away and min(away) > reach:
+            nearest = np.array(sites.names)[allowed][int(np.argmin(away))]
+            found.append(
+                f"no candidate is near {name}, within {reach:.3g} m (a quarter of the body): the "
+                f"nearest, {nearest}, is {min(away):.3g} m away, and sees late what the heat does"
+            )
+    return found
 
 
 def largest_heats(body: SolidBody) -> Array:

@@ -63,7 +63,6 @@ def place_by_modes(
     distance: Array | None = None,
     *,
     sensors: int | None = None,
-    reach: float | None = None,
     part: float = DOMINANT_PART,
     forbidden: Sequence[int] = (),
 ) -> RulePlacement:
@@ -79,8 +78,6 @@ def place_by_modes(
         From each candidate to the nearest heat source. Default: all alike.
     sensors : int, optional
         How many. Default: as many as serve all dominant modes.
-    reach : float, optional [m]
-        Some candidate has to be as near as this to a source.
     part : float
         Part of all weights that the dominant modes carry.
     forbidden : sequence of int
@@ -89,8 +86,7 @@ def place_by_modes(
     Raises
     ------
     FitError
-        No candidate within reach of a source, no candidate, or fewer sensors than dominant modes
-        that need one each.
+        No candidate, or fewer sensors than dominant modes that need one each.
     """
     shapes = np.asarray(shapes, float)
     near = np.zeros(len(shapes)) if distance is None else np.asarray(distance, float)
@@ -98,11 +94,6 @@ def place_by_modes(
     free[list(forbidden)] = False
     if not free.any():
         raise FitError("no candidate is left: all are forbidden")
-    if reach is not None and not near[free].min() <= reach:
-        raise FitError(
-            f"no candidate within {reach:g} m of a heat source: the nearest is "
-            f"{near[free].min():g} m away"
-        )
     dominant = dominant_modes(weights, part)
     chosen: list[int] = []
     modes: list[int] = []
