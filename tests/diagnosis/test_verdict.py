@@ -161,7 +161,7 @@ def test_a_log_in_which_nothing_moves_cannot_judge():
         log(duty, 1.0), [*drives, "T_room_degC"], sensors=["T_frame_degC"], warn=quiet
     )
     still = tt.diagnose(both, log(0 * duty, 1.0), warn=quiet).document()
-    assert any("Q_motor_W never changes" in note for note in still["notes"])
+    assert any("Q_motor_W never acts" in note for note in still["notes"])
 
     model = tt.calibrate(log(duty), drives, sensors=["T_frame_degC"], warn=quiet)
     idle, driven = (
@@ -170,3 +170,25 @@ def test_a_log_in_which_nothing_moves_cannot_judge():
     assert idle["verdict"] == "cannot judge"
     assert "Q_motor_W" in idle["undecided"][0]
     assert driven["verdict"] == "adequate"
+
+
+def test_another_log_that_is_wrong_as_well_is_told():
+    time, noise = np.arange(0.0, 6000.0, 10.0), np.random.default_rng(6)
+    duty = np.where((time > 500) & (time < 4000), 100.0, 0.0)
+
+    def log(acting):
+        rise = np.zeros(len(time))
+        for k, each in enumerate(acting[:-1]):
+            rise[k + 1] = rise[k] + (0.2 * each - rise[k]) * 10 / 400
+        read = 21 + rise + 0.03 * noise.standard_normal(len(time))
+        return pd.DataFrame({"time_s": time, "Q_motor_W": duty, "T_frame_degC": read})
+
+    def quiet(line):
+        pass
+
+    model = tt.calibrate(log(duty), ["Q_motor_W"], sensors=["T_frame_degC"], warn=quiet)
+    step = np.where(time > 2000, 1.2 * duty, duty)
+    for later, wrong in ((duty, False), (1.2 * duty, True)):
+        found = tt.diagnose(model, log(step), validate=[log(later)], warn=quiet).document()
+        assert found["causes"][0]["name"] == "drive_gain_step"
+        assert any("is wrong as well" in note for note in found["notes"]) == wrong

@@ -27,9 +27,13 @@ from thermaltool.diagnosis.verdict import (
     verdict_of,
     weigh_residuals,
 )
-from thermaltool.diagnosis.written import account, explained
+from thermaltool.diagnosis.written import WrittenStep, account, explained
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
+from thermaltool.units import parse_channel, printed
+
+# An unseen log is wrong by this many times the power of noise and of the calibration's own error.
+MIN_TIMES_ALLOWED = 4.0
 
 
 def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagnosis:
@@ -85,8 +89,9 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     causes = [told(*each) for each in zip(search.causes, written.gains, strict=True)]
     if unknown is not None:
         causes.append(unknown)
-    if not (causes or search.undecided):
-        search = replace(search, undecided=nothing_moves(first))
+    rests = None if causes or search.undecided else nothing_moves(first)
+    if rests is not None:
+        search = replace(search, undecided=rests)
     verdict = verdict_of(budgets, causes, search.undecided is not None)
     # No misfit of the model, so that the verdict stays.
     causes += noisy_states(ended)
@@ -113,7 +118,8 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         *written.notes,
         *_averaged(task),
         *_between(first),
-        *_resting(task),
+        *_resting(first),
+        *_off_as_well(task, effects, written.steps, noise),
     ):
         search = search.noted(note)
     alternatives: list[Alternative] = []
@@ -142,6 +148,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         open_questions if verdict == "cannot judge" else (),
         curves_of(first, plain, last.with_model(fitted) if effects else None),
         tuple(log.digest for log in full.sound),
+        rests is not None,
     )
 
 
@@ -170,12 +177,39 @@ def _between(first: Hypothesis) -> Iterator[str]:
         )
 
 
-def _resting(task: DiagnosisTask) -> Iterator[str]:
+def _resting(first: Hypothesis) -> Iterator[str]:
     """A sentence on each drive that acts in no log."""
-    logs = (*task.logs, *task.validate, *task.sound)
-    for name in (drive.channel for drive in task.model.drives):
-        if not any(np.ptp(log.columns[name]) > 0 for log in logs):
-            yield f"{name} never changes in these logs: they say nothing of what it does"
+    for drive in first.model.drives:
+        if not any(np.any(acting[drive.channel]) for acting in first.simulation.inputs):
+            yield f"{drive.channel} never acts in these logs: they say nothing of what it does"
+
+
+def _off_as_well(
+    task: DiagnosisTask,
+    effects: Sequence[Effect],
+    steps: Sequence[WrittenStep],
+    noise: Mapping[str, float],
+) -> Iterator[str]:
+    """A sentence on each unseen log that accidents of another leave as wrong as it was."""
+    if not effects or any(effect.log is None for effect in effects):
+        return
+    for log in task.validate:
+        off = [
+            each
+            for each in steps
+            if each.log == log.digest
+            and each.step == 0
+            and each.agreement.rmse_zero_free**2
+            > MIN_TIMES_ALLOWED
+            * (noise[each.output] ** 2 + task.calibrated_misfit.get(each.output, 0.0) ** 2)
+        ]
+        if off:
+            worst = max(off, key=lambda each: each.agreement.rmse_zero_free / noise[each.output])
+            unit = printed(parse_channel(worst.output).unit)
+            yield (
+                f"{log.name or 'an unseen log'} is wrong as well, and stays so: {worst.output} is "
+                f"off by {worst.agreement.rmse_zero_free:.3g} {unit} RMS; diagnose it, too"
+            )
 
 
 def _changes(model: Model, effects: Sequence[Effect]) -> Iterator[str]:

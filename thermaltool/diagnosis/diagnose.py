@@ -113,11 +113,6 @@ def _check(model: Model, logs: Sequence[Record]) -> None:
         there = [log.columns[o] for log in logs if o in log.columns]
         if there and not any(np.isfinite(values).sum() >= MIN_ROWS for values in there):
             raise ModelError(f"{o} has fewer than {MIN_ROWS} values")
-    if not any(np.ptp(log.columns[d.channel]) > 0 for d in model.drives for log in logs):
-        names = ", ".join(d.channel for d in model.drives)
-        where = ", ".join(log.name for log in logs if log.name)
-        place = f"{where}: " if where else ""
-        raise FitError(f"{place}{names} never moves: nothing to compare a response with")
 
 
 def _with_outliers(search: SearchState) -> SearchState:

@@ -78,6 +78,8 @@ def nonlinearity(
                 parts.append(log.with_columns({SIMULATED: level}))
         data = even_training_data(parts, (*names, SIMULATED), (output,)).driven_by(names)
         moved = np.ptp(np.hstack(data.u), axis=1)
+        if not moved.any():
+            return None
         data = data.driven_by([n for n, span in zip(names, moved, strict=True) if span > 0])
         linear = replace(
             model,

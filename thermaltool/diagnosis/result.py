@@ -227,6 +227,8 @@ class Diagnosis:
         causes, ``extended`` by them, relative to rest.
     sound : tuple of str
         Digests of unseen logs that the model as it came fits: no cause acts there.
+    rests : bool
+        No output moves in the logs, so that they show nothing.
     """
 
     verdict: Verdict
@@ -243,6 +245,7 @@ class Diagnosis:
     undecided: tuple[str, ...] = ()
     curves: tuple[tuple[str, Record], ...] = field(default=(), compare=False)
     sound: tuple[str, ...] = ()
+    rests: bool = False
 
     @property
     def adequate(self) -> bool:
@@ -291,11 +294,13 @@ class Diagnosis:
             "ruled_out": [
                 asdict(each)
                 for each in ruled_out(self.tried, self.residuals, self._named(), tolerance)
+                if not self.rests
             ],
             "notes": self.notes,
             "written": [each.document() for each in self.written],
             "spoiled": self.spoiled,
             "undecided": self.undecided,
+            "rests": self.rests,
         }
         return DIAGNOSIS.wrap(jsonable(document))
 

@@ -296,8 +296,13 @@ def nothing_moves(hypothesis: Hypothesis) -> str | None:
     """
     visible = 0.0
     for output, groups in hypothesis.groups.items():
-        moved = groups.joined([y[output] for y in hypothesis.simulation.outputs])
-        visible += float(np.sum(np.square((moved - moved.mean()) / hypothesis.white(output))))
+        # The zero of each log is free.
+        moved = [
+            y[output] - np.mean(y[output][rows]) if len(rows) else y[output]
+            for y, rows in zip(hypothesis.simulation.outputs, groups.rows, strict=True)
+        ]
+        visible += float(np.sum(np.square(groups.joined(moved) / hypothesis.white(output))))
+    # As the fall of BIC by a response, without its price.
     if visible > DECISIVE_EVIDENCE:
         return None
     drives = ", ".join(drive.channel for drive in hypothesis.model.drives)

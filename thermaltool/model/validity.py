@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Excursion:
-    """Where a channel leaves the range that the calibration has seen."""
+    """Where a channel leaves the range that the calibration has seen, both as the log counts."""
 
     channel: str
     rows: int
@@ -62,7 +62,7 @@ def excursions(
     for drive in model.drives:
         if drive.channel in columns:
             values = relative(columns[drive.channel], drive.reference, drive.hold)
-            found += _excursion(drive.channel, values, drive.range)
+            found += _excursion(drive.channel, values, drive.range, columns[drive.channel])
     known = {d.channel: d for d in model.drives if d.channel in columns}
     shifts = rest_shifts(
         model, {c: rest_level(columns[c], d.reference, d.hold) for c, d in known.items()}
@@ -74,7 +74,7 @@ def excursions(
             else:
                 values = relative(columns[output.channel], output.offset)
                 values = values - shifts.get(output.channel, 0.0)
-            found += _excursion(output.channel, values, output.range)
+            found += _excursion(output.channel, values, output.range, columns[output.channel])
     return tuple(found)
 
 
@@ -93,11 +93,16 @@ def extrapolated(model: Model, estimates: Mapping[str, Float]) -> tuple[Excursio
     return tuple(found)
 
 
-def _excursion(channel: str, values: Float, seen: tuple[float, float]) -> list[Excursion]:
+def _excursion(
+    channel: str, values: Float, seen: tuple[float, float], logged: Float | None = None
+) -> list[Excursion]:
+    """How values relative to rest leave their range; told as they are logged, where they are."""
     low, high = seen
     slack = MARGIN * (high - low)
     outside = np.flatnonzero((values < low - slack) | (values > high + slack))
     if not len(outside):
         return []
     first = int(outside[0])
-    return [Excursion(channel, len(outside), first, float(values[first]), low, high)]
+    value = float(values[first])
+    rest = 0.0 if logged is None else float(logged[first]) - value
+    return [Excursion(channel, len(outside), first, value + rest, low + rest, high + rest)]

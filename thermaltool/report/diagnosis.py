@@ -70,7 +70,7 @@ def summary(document: Document) -> list[str]:
     """
     lines = [_verdict(document)]
     output = _output_told(document)
-    wrong = not document["adequate"] and not _shows_nothing(document)
+    wrong = not document["adequate"] and not document["rests"]
     if wrong and output is not None and output in document["residuals"]:
         lines += _where(document, output)
     causes = document["causes"]
@@ -103,7 +103,7 @@ def _verdict(document: Document) -> str:
     line = f"The model is {verdict} for {names_of(document['logs'])}"
     if verdict == "cannot judge":
         line = f"The model cannot be judged by {names_of(document['logs'])}"
-        if _shows_nothing(document):
+        if document["rests"]:
             return f"{line}."
     output = _output_told(document)
     if output is None or output not in document["residuals"]:
@@ -113,7 +113,12 @@ def _verdict(document: Document) -> str:
     sizes = (
         f"(residual {number(report['spread'])} {unit} RMS, noise "
         f"{number(report['noise']['white'])} {unit}"
-        + (f", calibration {number(report['floor'])} {unit})" if report["floor"] else ")")
+        # No less than noise is asked of a calibration.
+        + (
+            f", calibration {number(report['floor'])} {unit})"
+            if report["floor"] > 1.001 * report["noise"]["white"]
+            else ")"
+        )
     )
     if verdict == "not adequate" and share >= 0.5:
         return f"{line}: what is more than noise in {output} has a cause {sizes}."
@@ -124,11 +129,6 @@ def _verdict(document: Document) -> str:
         f"{line}: {much} of the residual's power in {output} is sensor noise or what the "
         f"calibration itself left {sizes}."
     )
-
-
-def _shows_nothing(document: Document) -> bool:
-    """Whether nothing is wrong but the logs, in which nothing moves."""
-    return document["verdict"] == "cannot judge" and document["noise_share"] >= 0.5
 
 
 def _where(document: Document, output: str) -> Iterator[str]:

@@ -141,19 +141,20 @@ def _severity(document: Document) -> Section:
 
 
 def _gains(document: Document) -> Section:
-    rows = [["cause", "output", "unit", "RMS before", "after", "gain (95 %)", "largest before",
-             "after", "fit % before", "after"]]  # fmt: skip
+    rows = [["cause", "on", "output", "unit", "RMS before", "after", "gain (95 %)",
+             "largest before", "after", "fit % before", "after"]]  # fmt: skip
     files = {log["sha256"]: Path(log["name"]).name for log in document["logs"]}
     for cause in document["causes"]:
-        own = cause["log"] in files and document["validated_on"]
+        # What happened in one log is worth something there alone.
+        judged = files.get(cause["log"]) or judged_on(document)
         for channel, gain in cause["gain"].items():
             if abs(gain["rms_before"] - gain["rms_after"]) <= ROUNDING * gain["rms_before"]:
                 continue  # it does not reach this output
             low, high = (number(end) for end in gain["interval"])
             rows.append(
                 [
-                    called(cause["name"], cause["channel"])
-                    + (f" in {files[cause['log']]} alone" if own else ""),
+                    called(cause["name"], cause["channel"]),
+                    judged,
                     channel,
                     channel_unit(channel),
                     number(gain["rms_before"]),
@@ -165,7 +166,7 @@ def _gains(document: Document) -> Section:
                     number(gain["fit_after"]),
                 ]
             )
-    return Section(f"What knowing them is worth, on {judged_on(document)}", rows)
+    return Section("What knowing them is worth", rows)
 
 
 def _written(document: Document) -> Section:
