@@ -99,6 +99,12 @@ def calibrate_joint(
         records, linear.drives, displacements, simulated, near, contacts, reference
     )
     effects = search.effects()
+    if not effects and search.beyond:
+        raise FitError(
+            f"{', '.join(displacements)} depart from proportion to {', '.join(plan.drives)} as "
+            f"{', '.join(search.beyond)} tell, but by more a kelvin than the whole warming bends: "
+            "take temperatures nearer to the joint, or logs of further levels"
+        )
     if not effects:
         raise FitError(
             f"no joint shows in these logs: {', '.join(displacements)} are in proportion to "
