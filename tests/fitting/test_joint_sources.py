@@ -115,6 +115,21 @@ def test_a_contact_that_hardly_departs_is_refused_as_that():
         )  # fmt: skip
 
 
+def test_a_contact_is_read_and_not_judged(three):
+    fit, _ = three
+    off_by = {output.channel: output.fit["rmse"] for output in fit.model.outputs}
+    assert off_by[CONTACT] > 0.5 > max(off_by[NEAR], off_by[BENT])
+    assert not fit.exceeds(0.5)
+    log = machine(np.repeat([0.0, 1.2, 0.6], [10, 130, 60]), 9)
+    simulated = tt.simulate(fit, log, warn=lambda message: None)
+    assert simulated.agreements[CONTACT].rmse > 0.5
+    assert not simulated.exceeds(0.5)
+    assert not tt.simulate(fit, log[["time_s", "Q_main_1", CONTACT]], warn=lambda m: None).judged
+    found = tt.diagnose(fit, log, warn=lambda message: None)
+    assert found.adequate
+    assert not found.diagnosis.causes
+
+
 @pytest.mark.slow
 def test_contacts_are_read_beside_the_sensors_and_are_no_setpoint(three):
     fit, _ = three

@@ -7,7 +7,7 @@ depart from the linear model, and by a bend with the heat (`thermaltool.fitting.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -129,7 +129,9 @@ def calibrate_joint(
         provenance={"logs": [record.source for record in records if record.digest]},
     )
     model = with_seen_changes(_over_all(model, records), records)
-    return JointFit(_with_errors(as_simulated(model, records), records), left_out)
+    model = _with_errors(as_simulated(model, records), records)
+    read = {effect.partner for effect in effects}
+    return JointFit(_with_contacts(model, read), left_out)
 
 
 def _displacement(
@@ -211,6 +213,15 @@ def _over_all(model: Model, records: Sequence[Record]) -> Model:
         drives=tuple(map(drive, model.drives)),
         outputs=tuple(map(output, model.outputs)),
     )
+
+
+def _with_contacts(model: Model, read: Collection[str | None]) -> Model:
+    """The model with outputs that are read to tell of the joint, and are not judged."""
+    outputs = [
+        replace(o, fit={**o.fit, "contact": True}) if o.channel in read else o
+        for o in model.outputs
+    ]
+    return replace(model, outputs=tuple(outputs))
 
 
 def _with_errors(model: Model, records: Sequence[Record]) -> Model:
