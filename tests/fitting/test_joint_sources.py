@@ -19,14 +19,14 @@ KINDS = {NEAR: "rational1", CONTACT: "rational1", FAR: "rational1", BENT: "ratio
 OPENS, GAIN, NOISE = 4.0, -6.0, 0.005
 
 
-def machine(heat, seed=1, opens=OPENS):
+def machine(heat, seed=1, opens=OPENS, gain=GAIN):
     """Lags by small steps; what the contact loses above `opens` bends the machine later."""
     rng = np.random.default_rng(seed)
     near = warm = late = bent = lost = behind = 0.0
     rows = []
     for level in heat:
         rows.append(
-            [near, 20 + warm + lost, 20 + 0.8 * warm, 30 * late + 20 * bent + GAIN * behind]
+            [near, 20 + warm + lost, 20 + 0.8 * warm, 30 * late + 20 * bent + gain * behind]
         )
         for _ in range(round(STEP / SHORT)):
             near += SHORT * (5 * level - near) / 150
@@ -79,14 +79,55 @@ def test_a_contact_temperature_tells_what_other_levels_do(three):
     assert any(f"told by what {CONTACT} reads" in note for note in fit.notes)
     # Between the levels, and a quarter above them.
     assert off(linear, 1.2) > 3.0
-    assert off(fit, 1.2) < 0.1 * off(linear, 1.2)
-    assert off(fit, 2.0) < 0.1 * off(linear, 2.0)
+    assert off(fit, 1.2) < 0.05 * off(linear, 1.2)
+    assert off(fit, 2.0) < 0.05 * off(linear, 2.0)
+    # No bend that the machine does not have, and what it has to a tenth.
+    (joint,) = fit.model.effects
+    _, _, contact, deviation = joint.gains(BENT)
+    assert contact + deviation == pytest.approx(GAIN, rel=0.1)
+    assert joint.parameters["time_constant"] == pytest.approx(700, rel=0.1)
 
 
 def test_one_log_of_several_levels_will_do():
     fit = fitted([machine(np.repeat([0.7, 1.6, 0.4], ROWS))], CONTACT)
     assert {effect.partner for effect in fit.model.effects} == {CONTACT}
     assert off(fit, 1.2) < 0.6
+
+
+def test_a_displacement_that_stays_takes_no_joint_from_another(three):
+    still, rng = "d_z_um", np.random.default_rng(5)
+    logs = [each.assign(**{still: 0.05 * rng.normal(size=ROWS)}) for each in steps(0.4, 0.7, 1.6)]
+    roles = {**ROLES, "deflections": [BENT, still]}
+    kinds = {c: k for c, k in KINDS.items() if c != FAR} | {still: "rational1"}
+    fit = tt.calibrate(logs, **roles, kinds=kinds, joint=CONTACT, starts=1, warn=lambda m: None)
+    (joint,) = fit.model.effects
+    assert joint.partner == CONTACT
+    assert joint.gains(BENT) == pytest.approx(three[0].model.effects[0].gains(BENT))
+    assert joint.gains(still) == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_a_contact_that_hardly_departs_is_refused_as_that():
+    kinds = {c: KINDS[c] for c in (BENT, CONTACT)}
+    with pytest.raises(FitError, match=f"as {CONTACT} tell, but by more a kelvin"):
+        tt.calibrate(
+            steps(0.4, 0.7, 1.6, gain=-60.0), "Q_main_1", deflections=BENT, kinds=kinds,
+            joint=CONTACT, starts=1, warn=lambda message: None,
+        )  # fmt: skip
+
+
+def test_a_contact_is_read_and_not_judged(three):
+    fit, _ = three
+    off_by = {output.channel: output.fit["rmse"] for output in fit.model.outputs}
+    assert off_by[CONTACT] > 0.5 > max(off_by[NEAR], off_by[BENT])
+    assert not fit.exceeds(0.5)
+    log = machine(np.repeat([0.0, 1.2, 0.6], [10, 130, 60]), 9)
+    simulated = tt.simulate(fit, log, warn=lambda message: None)
+    assert simulated.agreements[CONTACT].rmse > 0.5
+    assert not simulated.exceeds(0.5)
+    assert not tt.simulate(fit, log[["time_s", "Q_main_1", CONTACT]], warn=lambda m: None).judged
+    found = tt.diagnose(fit, log, warn=lambda message: None)
+    assert found.adequate
+    assert not found.diagnosis.causes
 
 
 @pytest.mark.slow

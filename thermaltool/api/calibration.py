@@ -71,8 +71,8 @@ class Calibration(Result):
         return calibration_document(self.model)
 
     def exceeds(self, rmse: float) -> bool:
-        """Whether an output's RMSE is above this [unit of the output]."""
-        return any(output.fit["rmse"] > rmse for output in self.model.outputs)
+        """Whether the RMSE of an output that is judged is above this [unit of the output]."""
+        return any(output.fit["rmse"] > rmse for output in self.model.outputs if output.judged)
 
     def table(self) -> str:
         """Each output with its fit and its responses."""

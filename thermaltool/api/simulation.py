@@ -86,12 +86,17 @@ class Simulation(Result):
 
     @property
     def judged(self) -> bool:
-        """Whether any output was measured over the rows that are judged."""
-        return any(a.rows for a in self.agreements.values())
+        """Whether any output that is judged was measured over the rows that are."""
+        return any(a.rows for a in self._of_judged())
 
     def exceeds(self, rmse: float) -> bool:
-        """Whether an output's RMSE is above this [unit of the output]."""
-        return any(a.rmse > rmse for a in self.agreements.values())
+        """Whether the RMSE of an output that is judged is above this [unit of the output]."""
+        return any(a.rmse > rmse for a in self._of_judged())
+
+    def _of_judged(self) -> list[Agreement]:
+        """Agreements without those of a contact by which a joint is told."""
+        of = self.agreements
+        return [of[o.channel] for o in self.model.outputs if o.judged and o.channel in of]
 
     def table(self) -> str:
         """RMSE and fit of every measured output."""

@@ -104,7 +104,7 @@ def _check(model: Model, logs: Sequence[Record]) -> None:
                 raise ModelError(f"the model's drive {drive.channel} is not in the log")
             if not np.isfinite(log.columns[drive.channel]).all():
                 raise ModelError(f"the model's drive {drive.channel} has missing values")
-    outputs = [o.channel for o in model.outputs]
+    outputs = [o.channel for o in model.outputs if o.judged]
     if not any(o in log.columns for o in outputs for log in logs):
         raise ModelError(f"no output of the model in the logs: {', '.join(outputs)}")
     if any(term.band is not None for term in model.terms):

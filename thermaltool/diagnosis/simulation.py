@@ -114,9 +114,11 @@ class SimulatedLogs:
 
     @cached_property
     def groups(self) -> dict[str, RowGroups]:
-        """Rows that count, of every output that has some."""
+        """Rows that count, of every output that is judged and has some."""
         found = {}
         for o in self.model.outputs:
+            if not o.judged:
+                continue
             groups = RowGroups.of(self.logs, [self._usable(log, o.channel) for log in self.logs])
             if groups is not None:
                 found[o.channel] = groups

@@ -36,9 +36,13 @@ LAG_SAMPLES, LAG_TRIALS = 10.0, 8
 # Each log is cut into so many blocks, every fourth of which is held out in turn.
 BLOCKS, FOLDS = 16, 4
 # A kelvin that a joint makes at a contact bends the machine by no more than this share of what one
-# of its whole warming does: more is a temperature that hardly departs, and would run away above the
-# levels of the logs.
-MAX_BEND = 0.5
+# of its whole warming does. The pair of source and sink at a joint is part of the heat that warms
+# the machine, and bends by as much a kelvin where all of it takes that way; more is a temperature
+# that hardly departs, and would run away above the levels of the logs.
+MAX_BEND = 1.0
+# A displacement that goes less far than so many times the noise of a reading shows no joint: noise
+# alone reaches 8 in ten thousand rows.
+MIN_REACH = 8.0
 # Least noise of a reading where logs have none [share of the departure].
 FLOOR = 1e-9
 
@@ -107,6 +111,8 @@ class JointSearch:
     contacts : sequence of str
     reference : sequence of bool
         Which records the linear response is fitted to.
+    beyond : tuple of str
+        After a search: contacts that tell of the departures by bending more than `MAX_BEND` alone.
     """
 
     records: Sequence[Record]
@@ -116,6 +122,7 @@ class JointSearch:
     near: str | None
     contacts: Sequence[str]
     reference: Sequence[bool]
+    beyond: tuple[str, ...] = field(default=(), init=False)
     _signals: dict[tuple[Source, float], Float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -123,8 +130,11 @@ class JointSearch:
         self._owner = np.repeat(np.arange(len(lengths)), lengths)
         self._bank = np.vstack([self._driven(record) for record in self.records])
         self._offsets = np.eye(len(lengths))[self._owner]
+        self._moved = [o for o in self.displacements if self._moves(o)]
+        if not self._moved:
+            return
         measured = np.column_stack(
-            [np.concatenate([r.column(o) for r in self.records]) for o in self.displacements]
+            [np.concatenate([r.column(o) for r in self.records]) for o in self._moved]
         )
         self._there = np.isfinite(measured)
         self._departure = np.column_stack(
@@ -133,8 +143,7 @@ class JointSearch:
         whole = np.where(self._there, measured, np.nan)
         self._reach = np.nanmax(whole, axis=0) - np.nanmin(whole, axis=0)
         self._floor = FLOOR * np.max(np.abs(self._departure), axis=0)
-        noise = [max(reading_sigma(r.column(o)) for r in self.records) for o in self.displacements]
-        self._noise = np.maximum(noise, self._floor)
+        self._noise = np.maximum([self._sigma(o) for o in self._moved], self._floor)
 
     @property
     def level(self) -> float:
@@ -144,10 +153,14 @@ class JointSearch:
 
     def effects(self) -> tuple[JointContact, ...]:
         """Sources that are taken, one after another; none where none has evidence."""
+        if not self._moved:
+            return ()
         best, sources = self._fit(()), [*([] if self.near is None else [""]), *self.contacts]
         while sources:
-            tried = (self._fit((*best.parts, part)) for s in sources for part in self._parts(s))
+            tried = [self._fit((*best.parts, part)) for s in sources for part in self._parts(s)]
             found = [each for each in tried if self._plausible(each)]
+            if not best.parts:
+                self.beyond = self._beyond_bound(tried, found, best)
             if not found:
                 break
             rows = min(found, key=lambda each: float(np.sum(np.log(each.left)))).rows
@@ -224,6 +237,27 @@ class JointSearch:
             rows.append(independent_rows(residual))
         return _Fitted(parts, np.array(gains).T, np.array(left), np.array(rows))
 
+    def _sigma(self, displacement: str) -> float:
+        """Noise of a reading."""
+        return max(reading_sigma(r.column(displacement)) for r in self.records)
+
+    def _moves(self, displacement: str) -> bool:
+        """Whether a displacement goes further than its noise."""
+        values = np.concatenate([r.column(displacement) for r in self.records])
+        return float(np.nanmax(values) - np.nanmin(values)) > MIN_REACH * self._sigma(displacement)
+
+    def _beyond_bound(
+        self, tried: Sequence[_Fitted], found: Sequence[_Fitted], none: _Fitted
+    ) -> tuple[str, ...]:
+        """Contacts with evidence, whose gains are above the bound."""
+        above = [each for each in tried if not any(each is other for other in found)]
+        least = {
+            each.parts[-1].source
+            for each in above
+            if each.criterion(each.rows) < none.criterion(each.rows) - DECISIVE
+        }
+        return tuple(c for c in self.contacts if c in least)
+
     def _plausible(self, fitted: _Fitted) -> bool:
         """Whether a kelvin at a contact bends less than one of its warming does; `MAX_BEND`."""
         sources = [source for part in fitted.parts for source, _ in part.columns]
@@ -263,7 +297,7 @@ class JointSearch:
             for _, lag in part.columns:
                 gains = fitted.gains[at]
                 base = names[lag > 0]
-                own |= {f"{base}[{o}]": float(gains[k]) for k, o in enumerate(self.displacements)}
+                own |= {f"{base}[{o}]": float(gains[k]) for k, o in enumerate(self._moved)}
                 at += 1
             late = {"time_constant": part.lag} if part.lag else {}
             near = part.source if self.near is None else self.near

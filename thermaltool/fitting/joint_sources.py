@@ -7,7 +7,7 @@ depart from the linear model, and by a bend with the heat (`thermaltool.fitting.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,8 +15,8 @@ import numpy as np
 from thermaltool.effects.joint_contact import JointContact
 from thermaltool.errors import FitError, ModelError
 from thermaltool.fitting.calibrate import CalibrationPlan, as_simulated, calibrate, extent
+from thermaltool.fitting.joint_levels import reference_logs
 from thermaltool.fitting.joint_search import JointSearch
-from thermaltool.fitting.law_choice import SAME_LEVEL, has_levels
 from thermaltool.fitting.response_choice import DECISIVE
 from thermaltool.fitting.seen_changes import with_seen_changes
 from thermaltool.model import Drive, Model, Output, relative
@@ -76,7 +76,7 @@ def calibrate_joint(
     """
     _check(plan, contacts)
     plan = replace(plan, initial="rest", linear=True, at_rows=True)
-    reference = _reference(records, [plan.drive(channel) for channel in plan.drives])
+    reference = reference_logs(records, [plan.drive(channel) for channel in plan.drives])
     steady = [record for record, own in zip(records, reference, strict=True) if own]
 
     def part(
@@ -99,6 +99,12 @@ def calibrate_joint(
         records, linear.drives, displacements, simulated, near, contacts, reference
     )
     effects = search.effects()
+    if not effects and search.beyond:
+        raise FitError(
+            f"{', '.join(displacements)} depart from proportion to {', '.join(plan.drives)} as "
+            f"{', '.join(search.beyond)} tell, but by more a kelvin than the whole warming bends: "
+            "take temperatures nearer to the joint, or logs of further levels"
+        )
     if not effects:
         raise FitError(
             f"no joint shows in these logs: {', '.join(displacements)} are in proportion to "
@@ -123,7 +129,9 @@ def calibrate_joint(
         provenance={"logs": [record.source for record in records if record.digest]},
     )
     model = with_seen_changes(_over_all(model, records), records)
-    return JointFit(_with_errors(as_simulated(model, records), records), left_out)
+    model = _with_errors(as_simulated(model, records), records)
+    read = {effect.partner for effect in effects}
+    return JointFit(_with_contacts(model, read), left_out)
 
 
 def _displacement(
@@ -161,38 +169,6 @@ def _check(plan: CalibrationPlan, contacts: Sequence[str]) -> None:
         if not is_temperature(contact):
             raise ModelError(f"--joint {contact}: not a temperature, as that of a contact is")
     replace(plan, deflections=(*plan.deflections, *contacts)).check()
-
-
-def _reference(records: Sequence[Record], drives: Sequence[Drive]) -> list[bool]:
-    """Which records are of the reference level: the lower one of the middle; else all.
-
-    Raises
-    ------
-    FitError
-        One level alone.
-    """
-    levels, single = [], []
-    heats = [d for d in drives if not is_temperature(d.channel)] or drives
-    for record in records:
-        acting = [relative(record.column(d.channel), d.reference, d.hold) for d in heats]
-        size = np.max(np.abs(acting), axis=0)
-        levels.append(float(np.max(size)))
-        single.append(not has_levels(size))
-    largest = max(levels)
-    alike = all(abs(level - largest) <= SAME_LEVEL * largest for level in levels)
-    if all(single) and alike:
-        raise FitError(
-            f"a joint shows in how several levels differ, and these logs have one "
-            f"({heats[0].channel} = {largest:.4g}): add a log of half or twice of it"
-        )
-    of_one = sorted({level for level, own in zip(levels, single, strict=True) if own})
-    if not of_one:
-        return [True] * len(records)
-    middle = of_one[(len(of_one) - 1) // 2]
-    return [
-        own and abs(level - middle) <= SAME_LEVEL * largest
-        for level, own in zip(levels, single, strict=True)
-    ]
 
 
 def _joined(models: Sequence[Model]) -> Model:
@@ -237,6 +213,15 @@ def _over_all(model: Model, records: Sequence[Record]) -> Model:
         drives=tuple(map(drive, model.drives)),
         outputs=tuple(map(output, model.outputs)),
     )
+
+
+def _with_contacts(model: Model, read: Collection[str | None]) -> Model:
+    """The model with outputs that are read to tell of the joint, and are not judged."""
+    outputs = [
+        replace(o, fit={**o.fit, "contact": True}) if o.channel in read else o
+        for o in model.outputs
+    ]
+    return replace(model, outputs=tuple(outputs))
 
 
 def _with_errors(model: Model, records: Sequence[Record]) -> Model:

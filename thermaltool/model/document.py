@@ -95,6 +95,15 @@ class Output:
     fit: Mapping[str, Any] = field(default_factory=dict)
     changes: tuple[float, ...] = ()
 
+    @property
+    def judged(self) -> bool:
+        """Whether the model is to come near its readings.
+
+        Not where they are the contact by which a calibrated joint is told: how far they depart from
+        the linear model is what is read there.
+        """
+        return not self.fit.get("contact")
+
 
 @dataclass(frozen=True)
 class Term:
