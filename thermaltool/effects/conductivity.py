@@ -15,11 +15,9 @@ from thermaltool.effects.effect import (
     Side,
     reference_of,
 )
+from thermaltool.effects.heat_capacity import MAX_PER_KELVIN
 from thermaltool.record import Record
 from thermaltool.units import is_temperature
-
-# No solid far from a transition changes by more of itself for each kelvin [1/K].
-MAX_PER_KELVIN = 0.005
 
 
 class Conductivity(Effect):
@@ -61,8 +59,8 @@ class Conductivity(Effect):
     def plausible(self, scene: Scene) -> bool:
         # Kirchhoff's curvature is half of what k changes by.
         most = MAX_PER_KELVIN / 2 * scene.reach(self.channel)
-        bends = {o: scene.reach(o) * abs(v) for n, v in self.parameters.items() if (o := _of(n))}
-        return all(bend <= most for bend in bends.values())
+        named = ((reference_of(name)[1], value) for name, value in self.parameters.items())
+        return all(abs(value) * scene.reach(o) <= most for o, value in named if o is not None)
 
     @classmethod
     def probes(cls, scene: Scene) -> Iterator[Effect]:
@@ -71,8 +69,3 @@ class Conductivity(Effect):
             return
         hottest = max(temperatures, key=scene.reach)
         yield cls(hottest, {f"curvature[{o}]": 1e-4 for o in scene.outputs})
-
-
-def _of(parameter: str) -> str | None:
-    """The output that a parameter bends."""
-    return reference_of(parameter)[1]
