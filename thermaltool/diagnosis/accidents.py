@@ -43,27 +43,28 @@ def borne_out(
     if not (accidents and unseen) or len(accidents) == len(candidates):
         return list(candidates)
 
-    def on(logs: Sequence[Record], candidate: CauseCandidate) -> Hypothesis:
-        return hypothesis.under(candidate.assumptions, calibrated).with_logs(logs)
-
-    every = (*hypothesis.logs, *unseen)
+    # Candidates of the same assumptions share what is weighed of the logs.
+    under = {a: hypothesis.under(a, calibrated) for a in {c.assumptions for c in candidates}}
+    every = {a: each.with_logs((*hypothesis.logs, *unseen)) for a, each in under.items()}
+    others = {a: [each.with_logs([log]) for log in unseen] for a, each in under.items()}
     lasting = max(
-        fit_candidate(on(every, c), c).evidence for c in candidates if c.effect.log is None
+        fit_candidate(every[c.assumptions], c).evidence for c in candidates if c.effect.log is None
     )
-    denied = [c for c in accidents if c.evidence + _again(on(unseen, c), c) < lasting]
+    denied = [
+        c
+        for c in accidents
+        if c.evidence + sum(_again(one, c) for one in others[c.assumptions]) < lasting
+    ]
     return [c for c in candidates if not any(c is each for each in denied)]
 
 
-def _again(unseen: Hypothesis, candidate: CauseCandidate) -> float:
-    """Evidence of the same accident, as large, at another instant of other logs; none below 0."""
-    effect, found = candidate.effect, 0.0
+def _again(one: Hypothesis, candidate: CauseCandidate) -> float:
+    """Evidence of the same accident, as large, at another instant of another log; none below 0."""
+    effect = candidate.effect
     size = {name: effect.parameters[name] for name in effect.linear()}
-    for log in unseen.logs:
-        one = unseen.with_logs([log])
-        probes = [each for each in type(effect).probes(one.scene) if each.channel == effect.channel]
-        same = [each.changed(size) for each in probes if size.keys() == {*each.linear()}]
-        found += max([_as_it_stands(one, each, candidate.assumptions) for each in same] + [0.0])
-    return found
+    probes = [each for each in type(effect).probes(one.scene) if each.channel == effect.channel]
+    same = [each.changed(size) for each in probes if size.keys() == {*each.linear()}]
+    return max([_as_it_stands(one, each, candidate.assumptions) for each in same] + [0.0])
 
 
 def _as_it_stands(hypothesis: Hypothesis, effect: Effect, assumptions: Assumptions) -> float:

@@ -80,9 +80,8 @@ def calibration_warnings(model: Model) -> list[str]:
     found += [_joint(effect) for effect in joints]
     found += [_law(effect, model) for effect in model.effects if effect not in joints]
     # What a contact temperature is beyond the linear model is read.
-    told = {effect.partner for effect in joints}
-    rest = (output for output in model.outputs if output.channel not in told)
-    found += [sentence for output in rest if (sentence := _coarse(output))]
+    judged = (output for output in model.outputs if output.judged)
+    found += [sentence for output in judged if (sentence := _coarse(output))]
     found += [sentence for output in model.outputs if (sentence := _below_zero(output))]
     # Drives that say much the same share what they do: the gain of one alone is no question.
     for term in model.terms if model.redundancy is None else ():
