@@ -164,3 +164,9 @@ def test_what_a_body_of_many_modes_brings_along_is_followed_in_a_log_shorter_tha
     # A model that was calibrated from rest does not take so slow a course for a start.
     known = replace(body, outputs=(MODEL.outputs[0],))
     assert begins(record, model=known)[1] == {"rest"}
+    # ... a machine that is never at rest does, where other responses to the heat would do as well.
+    heated = record.with_columns({HEAT: np.ones(len(TIME))})
+    rise = body.simulate(heated)[T]
+    heated = heated.with_columns({T: record.columns[T] + rise})
+    assert begins(heated, model=body)[1] == {"free"}
+    assert agreements(body, [heated])[T].rmse < 1.1 * SIGMA

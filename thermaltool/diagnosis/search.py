@@ -17,7 +17,7 @@ import numpy as np
 from thermaltool.diagnosis.accidents import borne_out
 from thermaltool.diagnosis.alternatives import tried_causes
 from thermaltool.diagnosis.correction import corrected
-from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, released
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, Assumptions, released
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import beyond_calibration, is_trend, too_short
@@ -123,40 +123,40 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
         told = [c for c in ranking.fitted if not is_trend(c.effect, task.model, task.logs)]
         ranking = replace(ranking, fitted=told)
         better = ranking.better_assumptions()
+        strong: list[CauseCandidate] = []
         if better is None:
-            break
-        # The model itself has more to say than any cause: it did not begin at rest, or has changed.
-        changed = hypothesis.under(better, task.model)
-        if _is_freed(hypothesis, changed):
-            changed = changed.fitted()
-            cause = too_short(task.model, hypothesis, changed)
-            if cause is not None:
-                return search.accepting(cause, changed)
-            if beyond := beyond_calibration(task.model, task.logs):
-                output, length = next(iter(beyond.items()))
-                why = (
-                    f"{output}: the calibration lasts {length:.0f} s, too short to see a steady "
-                    f"state, and this log {max(log.duration for log in task.logs):.0f} s: "
-                    "calibrate on a log as long"
-                )
-                return replace(search, ended=changed, undecided=why, exhausted=True)
-            search = search.noted(
-                "the model's own parameters have changed since the calibration, beyond its "
-                "uncertainty: calibrate again"
+            strong = ranking.strong(
+                0.0 if "white" in hypothesis.assumptions else DECISIVE_EVIDENCE
             )
-        else:
-            # What a short calibration has not seen may pass for a start: it comes first.
-            freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
-            cause = too_short(task.model, hypothesis, freed)
-            # Beside a longer calibration nothing is left of what only looked like a start.
-            started = freed.evidence_of(freed.assumptions | {"initial"}) > DECISIVE_EVIDENCE
-            if cause is not None and not started:
-                return search.accepting(cause, freed)
-            search = search.noted("a log does not begin at rest: its start decays are fitted apart")
+            task.progress("unseen logs")
+            strong = borne_out(hypothesis, strong, task.validate, task.model)
+            found = _confirmed(task, search, hypothesis, ranking, strong)
+            if found is not None:
+                return found
+            # A start explains more than causes that do not stand: it comes before any unknown.
+            better = ranking.own_start()
+        if better is None:
+            return replace(
+                search,
+                ended=hypothesis,
+                unconfirmed=strong[0] if strong else None,
+                suspects=tuple(ranking.strong(0.0)),
+                exhausted=True,
+            )
+        search, changed = _own_change(task, search, hypothesis, better)
+        if changed is None:
+            return search
         hypothesis = changed
-    strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else DECISIVE_EVIDENCE)
-    task.progress("unseen logs")
-    strong = borne_out(hypothesis, strong, task.validate, task.model)
+
+
+def _confirmed(
+    task: DiagnosisTask,
+    search: SearchState,
+    hypothesis: Hypothesis,
+    ranking: Ranking,
+    strong: Sequence[CauseCandidate],
+) -> SearchState | None:
+    """The search with the first of the strong candidates that stands; None where none does."""
     for candidate in _judged(ranking, strong):
         task.progress(f"held-out gain of {candidate.effect.name}")
         verdict = judge(
@@ -167,13 +167,45 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
             if _is_freed(hypothesis, verdict.after):
                 search = search.noted("the model's own parameters are free beside the cause")
             return search
-    return replace(
-        search,
-        ended=hypothesis,
-        unconfirmed=strong[0] if strong else None,
-        suspects=tuple(ranking.strong(0.0)),
-        exhausted=True,
-    )
+    return None
+
+
+def _own_change(
+    task: DiagnosisTask, search: SearchState, hypothesis: Hypothesis, better: Assumptions
+) -> tuple[SearchState, Hypothesis | None]:
+    """What the model itself has to say, more than any cause: it did not begin at rest, or changed.
+
+    The hypothesis is None where the search has its step: a calibration that was too short, or logs
+    that cannot judge.
+    """
+    changed = hypothesis.under(better, task.model)
+    if _is_freed(hypothesis, changed):
+        changed = changed.fitted()
+        cause = too_short(task.model, hypothesis, changed)
+        if cause is not None:
+            return search.accepting(cause, changed), None
+        if beyond := beyond_calibration(task.model, task.logs):
+            output, length = next(iter(beyond.items()))
+            why = (
+                f"{output}: the calibration lasts {length:.0f} s, too short to see a steady "
+                f"state, and this log {max(log.duration for log in task.logs):.0f} s: "
+                "calibrate on a log as long"
+            )
+            return replace(search, ended=changed, undecided=why, exhausted=True), None
+        return search.noted(
+            "the model's own parameters have changed since the calibration, beyond its "
+            "uncertainty: calibrate again"
+        ), changed
+    # What a short calibration has not seen may pass for a start: it comes first.
+    freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
+    cause = too_short(task.model, hypothesis, freed)
+    # Beside a longer calibration nothing is left of what only looked like a start.
+    started = freed.evidence_of(freed.assumptions | {"initial"}) > DECISIVE_EVIDENCE
+    if cause is not None and not started:
+        return search.accepting(cause, freed), None
+    return search.noted(
+        "a log does not begin at rest: its start decays are fitted apart"
+    ), changed
 
 
 def _judged(ranking: Ranking, strong: Sequence[CauseCandidate]) -> list[CauseCandidate]:

@@ -87,6 +87,11 @@ class Ranking:
         strongest = max((self.beyond(c) for c in self.fitted), default=-np.inf)
         return best if self.alone[best] > max(DECISIVE_EVIDENCE, strongest) else None
 
+    def own_start(self) -> Assumptions | None:
+        """Those of a log that does not begin at rest, where it asks for them decisively."""
+        started = [a for a in self.alone if "initial" in a and self.alone[a] > DECISIVE_EVIDENCE]
+        return max(started, key=lambda a: self.alone[a], default=None)
+
     def strong(self, least: float) -> list[CauseCandidate]:
         """Those with more evidence, the strongest first.
 

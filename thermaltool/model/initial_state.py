@@ -147,14 +147,17 @@ class _StateFit:
     state : _FreeState
     weights : ndarray, shape (k,) [unit of the output]
         Of the decays, and of the zero where it is free.
+    reaches : bool
+        Whether the decays and the zero are most of what the output is off by from rest.
     explains : bool
-        Whether the decays are most of what the output is off by from rest.
+        Whether the decays are most of what it is off by beside its zero.
     is_over : bool
         ... and most of that is over in the second half of the rows: a drift goes on.
     """
 
     state: _FreeState
     weights: Float
+    reaches: bool = False
     explains: bool = False
     is_over: bool = False
 
@@ -162,8 +165,8 @@ class _StateFit:
         """Whether the output says that the machine is not at rest, or is `expected` to be so."""
         if self.state.is_seen:
             return (self.explains and self.is_over) or expected
-        # A start that is expected needs no record that tells it from a drift.
-        return self.explains and expected and self.state.is_sampled
+        # A start that is expected needs no record that tells it from a drift or a gain.
+        return self.reaches and expected and self.state.is_sampled
 
     @property
     def is_determined(self) -> bool:
@@ -269,7 +272,8 @@ class _FreeState:
         if explains:
             other = float(np.std(self._without_drives(off, rows)))
             explains = float(np.std(left)) < MAX_LEFT_BESIDE_DRIVES * other
-        return _StateFit(self, found / size, explains, float(np.std(late)) < most)
+        reaches = float(np.std(left)) < MAX_LEFT_BY_STATE * float(np.sqrt(np.mean(off**2)))
+        return _StateFit(self, found / size, reaches, explains, float(np.std(late)) < most)
 
     def _without_drives(self, off: Float, rows: NDArray[np.intp]) -> Float:
         """What is left of the errors where the responses to the drives are others."""
@@ -277,8 +281,7 @@ class _FreeState:
         acting = acting_drives(model, acting_effects(model, record.digest), record)
         own = {t.drive for t in model.terms if t.output == self.output.channel}
         drives = [d for d in model.drives if d.channel in own]
-        # What is smooth, as a room is, may look like anything.
-        drives = [d for d in drives if d.hold == "zero"] or drives
+        drives = [d for d in drives if d.hold == "zero"] or drives  # a room may look like anything
         lags = [
             lagged(record.time, acting[d.channel], share * self.slowest, d.hold)[rows]
             for d in drives
