@@ -242,7 +242,8 @@ class _FreeState:
     def decays(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
         """How the output may come to rest, shape (k, n); by few modes where few rows say so."""
         elapsed, cooling = self.course.clock[rows], self.course.cooling[rows]
-        any_decay = self.is_seen or (self.is_sampled and self.has_many_modes)
+        expected = bool(self.output.fit.get("free_start")) or self.has_many_modes
+        any_decay = self.is_seen or (self.is_sampled and expected)
         if self.is_forecast or not any_decay:
             return free_decays(self.model, self.output.channel, elapsed, cooling)
         slowest = self.slowest
