@@ -119,8 +119,10 @@ class ResidualReport:
     ----------
     rows : int
         Rows that count.
-    rms, mean, spread : float [unit of the channel]
-        About zero, and about the mean of each record.
+    rms, mean : float or None [unit of the channel]
+        About zero. None where a start is fitted apart, whose slowest decays are told from no zero.
+    spread : float [unit of the channel]
+        RMS about the mean of each record.
     above_noise, above_floor : float
         Share of the power, about the mean of each record, that white noise does not account for,
         and that white noise with the calibration's own error does not.
@@ -140,8 +142,8 @@ class ResidualReport:
     """
 
     rows: int
-    rms: float
-    mean: float
+    rms: float | None
+    mean: float | None
     spread: float
     above_noise: float
     above_floor: float

@@ -327,7 +327,7 @@ def reports_of(
         start = plain.beginning(output)
         k = int(np.argmax([len(rows) for rows in groups.rows]))
         log = hypothesis.logs[k]
-        reports[output] = residual_report(
+        report = residual_report(
             log.time,
             plain.simulation.residual(output)[k] - start[k],
             hypothesis.simulation.measured[k][output],
@@ -337,6 +337,8 @@ def reports_of(
             floor[output],
             hidden_in(log, output),
         )
+        begun = bool(np.any(start[k]))
+        reports[output] = replace(report, rms=None, mean=None) if begun else report
     return reports
 
 
