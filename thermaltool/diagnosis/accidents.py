@@ -1,14 +1,16 @@
-"""Accidents of one log beside what acts in every one, where unseen logs show something wrong, too.
+"""What unseen logs say of a cause before it is held out: what lasts acts in them, too.
 
 What every log shows is no accident. A jump or a step bends to many a misfit of the log in which it
-is; in another log it is none, or another one, and what acts in both explains both at once.
+is; in another log it is none, or another one, and what acts in both explains both at once. What
+one log shows too faintly all logs together may show.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from thermaltool.diagnosis.evidence import Assumptions
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, Assumptions
 from thermaltool.diagnosis.fit import CauseCandidate, products_of, score
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.select import fit_candidate
@@ -56,6 +58,38 @@ def borne_out(
         if c.evidence + sum(_again(one, c) for one in others[c.assumptions]) < lasting
     ]
     return [c for c in candidates if not any(c is each for each in denied)]
+
+
+def seen_in_all(
+    hypothesis: Hypothesis,
+    suspects: Sequence[CauseCandidate],
+    unseen: Sequence[Record],
+    calibrated: Model,
+    correction: float,
+) -> list[CauseCandidate]:
+    """Lasting candidates that all logs together show decisively, the strongest there first.
+
+    Their evidence is that of all logs; they keep the parameters that the diagnosed logs give them,
+    which unseen logs judge.
+
+    Parameters
+    ----------
+    hypothesis, unseen, calibrated
+        As in `borne_out`.
+    suspects : sequence of CauseCandidate
+        With too little evidence in the diagnosed logs alone.
+    correction : float
+        Evidence that the number of places tried takes away.
+    """
+    found = []
+    for suspect in suspects if unseen else ():
+        if suspect.effect.log is not None or suspect.assumptions != hypothesis.assumptions:
+            continue
+        every = hypothesis.under(suspect.assumptions, calibrated)
+        there = fit_candidate(every.with_logs((*hypothesis.logs, *unseen)), suspect)
+        found.append(replace(suspect, evidence=there.evidence - correction))
+    decisive = [each for each in found if each.evidence > DECISIVE_EVIDENCE]
+    return sorted(decisive, key=lambda each: -each.evidence)
 
 
 def _again(one: Hypothesis, candidate: CauseCandidate) -> float:

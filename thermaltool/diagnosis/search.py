@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermaltool.diagnosis.accidents import borne_out
+from thermaltool.diagnosis.accidents import borne_out, seen_in_all
 from thermaltool.diagnosis.alternatives import tried_causes
 from thermaltool.diagnosis.correction import corrected
 from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, Assumptions, released
@@ -125,9 +125,7 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
         better = ranking.better_assumptions()
         strong: list[CauseCandidate] = []
         if better is None:
-            strong = ranking.strong(
-                0.0 if "white" in hypothesis.assumptions else DECISIVE_EVIDENCE
-            )
+            strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else DECISIVE_EVIDENCE)
             task.progress("unseen logs")
             strong = borne_out(hypothesis, strong, task.validate, task.model)
             found = _confirmed(task, search, hypothesis, ranking, strong)
@@ -135,6 +133,15 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 return found
             # A start explains more than causes that do not stand: it comes before any unknown.
             better = ranking.own_start()
+        if better is None and not search.causes:
+            suspects = [c for c in ranking.strong(0.0) if not any(c is each for each in strong)]
+            faint = seen_in_all(hypothesis, suspects, task.validate, task.model, ranking.correction)
+            found = _confirmed(task, search, hypothesis, ranking, faint, faint=True)
+            if found is not None:
+                return found.noted(
+                    f"{found.causes[0].effect.name} is told by the unseen logs: the diagnosed ones "
+                    "alone show too little of it"
+                )
         if better is None:
             return replace(
                 search,
@@ -154,13 +161,20 @@ def _confirmed(
     search: SearchState,
     hypothesis: Hypothesis,
     ranking: Ranking,
-    strong: Sequence[CauseCandidate],
+    candidates: Sequence[CauseCandidate],
+    faint: bool = False,
 ) -> SearchState | None:
-    """The search with the first of the strong candidates that stands; None where none does."""
-    for candidate in _judged(ranking, strong):
+    """The search with the first of the candidates that stands; None where none does."""
+    for candidate in _judged(ranking, candidates):
         task.progress(f"held-out gain of {candidate.effect.name}")
         verdict = judge(
-            hypothesis, candidate, ranking.fitted, task.model, task.validate, task.calibrated_misfit
+            hypothesis,
+            candidate,
+            ranking.fitted,
+            task.model,
+            task.validate,
+            task.calibrated_misfit,
+            faint,
         )
         if verdict is not None:
             search = search.accepting(verdict.cause, verdict.after, verdict)
@@ -203,9 +217,7 @@ def _own_change(
     started = freed.evidence_of(freed.assumptions | {"initial"}) > DECISIVE_EVIDENCE
     if cause is not None and not started:
         return search.accepting(cause, freed), None
-    return search.noted(
-        "a log does not begin at rest: its start decays are fitted apart"
-    ), changed
+    return search.noted("a log does not begin at rest: its start decays are fitted apart"), changed
 
 
 def _judged(ranking: Ranking, strong: Sequence[CauseCandidate]) -> list[CauseCandidate]:

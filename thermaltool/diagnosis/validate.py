@@ -69,6 +69,7 @@ def judge(
     calibrated: Model,
     unseen: Sequence[Record] = (),
     calibrated_misfit: Mapping[str, float] = MappingProxyType({}),
+    faint: bool = False,
 ) -> AcceptedCause | None:
     """Verdict on a candidate; None where it is worth nothing on unseen data.
 
@@ -90,13 +91,15 @@ def judge(
         Logs to validate on.
     calibrated_misfit : mapping of output to float [unit of the output]
         What the model left of its calibration beside noise.
+    faint : bool
+        The logs show too little of it for their parts to confirm it: unseen logs do, or nothing.
     """
     before = hypothesis.under(candidate.assumptions, calibrated)
     try:
         after, candidate = _fitted_jointly(before, candidate)
         alone = before.fitted()
-        gains = held_out_gains(alone, after)
-        if not is_practical(before, gains, calibrated_misfit):
+        gains = {} if faint else held_out_gains(alone, after)
+        if not (faint or is_practical(before, gains, calibrated_misfit)):
             return None
         new = after.written(calibrated)
         unseen = [log for log in unseen if cannot_run(new.model, log) is None]
@@ -110,6 +113,8 @@ def judge(
             if candidate.effect.log is None:
                 gains = there
                 if not holds(before, gains):
+                    return None
+                if faint and not is_practical(before, gains, calibrated_misfit):
                     return None
             elif any(gain.spoiled for gain in there.values()):
                 return None
