@@ -21,21 +21,20 @@ from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, Assumptions, relea
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.no_signature import beyond_calibration, is_trend, too_short
-from thermaltool.diagnosis.nonlinearity import stand_ins
+from thermaltool.diagnosis.pruning import pruned, rest_of
 from thermaltool.diagnosis.readings import hidden_noise
-from thermaltool.diagnosis.result import Cause
-from thermaltool.diagnosis.select import Ranking, fit_candidate, plain_forms_first, ranked
-from thermaltool.diagnosis.simulation import SimulatedLogs, without
+from thermaltool.diagnosis.select import Ranking, plain_forms_first, ranked
+from thermaltool.diagnosis.simulation import SimulatedLogs
 from thermaltool.diagnosis.state import WITHIN_CALIBRATION, DiagnosisTask, SearchState
 from thermaltool.diagnosis.validate import judge
-from thermaltool.diagnosis.verdict import reading_noise, unknown_cause, weigh_residuals
-from thermaltool.diagnosis.written import cannot_run, gains_of, spoiled_by
+from thermaltool.diagnosis.written import cannot_run, gains_of
 
 # Causes that are named at most, and that are held out at each step before the search is given up:
 # the strongest, and others by what they have beyond their assumptions.
 MAX_CAUSES, MAX_HELD_OUT, MAX_OTHERS = 6, 4, 2
-# Share of the misfit that a cause of the written model explains at least: told as 2 %.
-MIN_EXPLAINED = 0.02
+# Evidence of an accident beside another cause: that both fall into one log is a coincidence, and
+# what the other's form leaves looks like one.
+MIN_FURTHER_ACCIDENT = 40.0
 # What is left over, on the calibration's own log or in the end, is looked at again where its power
 # above noise is this many times that of the noise.
 MIN_MISFIT = 1.0
@@ -55,7 +54,7 @@ def searched(task: DiagnosisTask, start: SearchState) -> tuple[DiagnosisTask, Se
         Without any cause.
     """
     search = _found(task, start)
-    if task.own or _rest(task, start.hypothesis, search) is None:
+    if task.own or rest_of(task, start.hypothesis, search) is None:
         return task, search
     sound = _sound_logs(task)
     if not sound:
@@ -87,9 +86,7 @@ def _sound_logs(task: DiagnosisTask) -> list[int]:
 def _found(task: DiagnosisTask, search: SearchState) -> SearchState:
     """The search to its end, without the causes that do not stand."""
     first = search.hypothesis
-    search = _second_look(task, _forward(task, search))
-    search = _of_no_harm(task, _of_use(task, _backward(search)))
-    return _of_no_rest(task, first, _of_no_curve(task, search))
+    return pruned(task, first, _second_look(task, _forward(task, search)))
 
 
 def _left(task: DiagnosisTask, search: SearchState, noise: Callable[[str], float]) -> float:
@@ -126,6 +123,11 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
         strong: list[CauseCandidate] = []
         if better is None:
             strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else DECISIVE_EVIDENCE)
+            if search.causes:
+                strong = [
+                    c for c in strong
+                    if c.effect.log is None or ranking.beyond(c) > MIN_FURTHER_ACCIDENT
+                ]  # fmt: skip
             task.progress("unseen logs")
             strong = borne_out(hypothesis, strong, task.validate, task.model)
             found = _confirmed(task, search, hypothesis, ranking, strong)
@@ -289,107 +291,3 @@ def _misfit(hypothesis: Hypothesis) -> float:
         ),
         default=np.inf,
     )
-
-
-# ---------------------------------------------------------------- backward
-
-
-def _backward(search: SearchState) -> SearchState:
-    """The search without the causes that later ones made idle."""
-    for cause in search.causes:
-        model = search.hypothesis.model
-        rest = without(model, cause.effect)
-        if len(model.effects) < 2 or rest is model:
-            continue
-        bare = search.open().with_model(rest)
-        again = fit_candidate(bare, CauseCandidate.unfitted(cause.effect, bare.assumptions))
-        if again.evidence < (0.0 if "white" in bare.assumptions else DECISIVE_EVIDENCE):
-            kept = tuple(c for c in search.causes if c is not cause)
-            search = replace(search, causes=kept, hypothesis=bare)
-    return search
-
-
-def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """The search without causes that change nothing for the better in the written model.
-
-    Where a log does not begin at rest, what `simulate` leaves of one output says too little of a
-    cause; all of them together do not.
-    """
-    while (useless := _useless(task, search)) is not None:
-        search = _dropped(search, useless, "explains nothing in the written model")
-    return search
-
-
-def _dropped(search: SearchState, cause: Cause, why: str) -> SearchState:
-    """The search without one of its causes."""
-    last = search.hypothesis
-    return replace(
-        search.noted(f"{cause.effect.name} {why}"),
-        causes=tuple(c for c in search.causes if c is not cause),
-        hypothesis=last.with_model(without(last.model, cause.effect)).fitted(),
-    )
-
-
-def _of_no_curve(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """The search without causes that stand for a nonlinearity which is none of them."""
-    for cause, why in stand_ins(task, search):
-        search = _dropped(search, cause, f"stands for what it is not: {why}")
-    return search
-
-
-def _of_no_rest(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> SearchState:
-    """The search without courses of one log beside which more is left than they explain.
-
-    What any misfit looks like in part is not known by that part.
-    """
-    while courses := [c for c in search.causes if c.effect.log is not None and c.effect.course]:
-        rest = _rest(task, first, search)
-        weakest = min(courses, key=lambda c: c.evidence)
-        if rest is None or rest.evidence <= weakest.evidence:
-            break
-        why = f"is not told: beside it more is left (evidence {rest.evidence:.0f})"
-        search = _dropped(search, weakest, why)
-    return search
-
-
-def _rest(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Cause | None:
-    """What is left of a model that is not adequate; None where it is noise."""
-    last = search.hypothesis if search.causes else search.ended
-    noise = {output: reading_noise(last, output) for output in last.groups}
-    _, before = weigh_residuals(first, first, noise)
-    plain = last.with_model(search.written(task)) if search.causes else last
-    reports, left = weigh_residuals(last, plain, noise)
-    return unknown_cause(left, before, reports, last, named=bool(search.causes))
-
-
-def _of_no_harm(task: DiagnosisTask, search: SearchState) -> SearchState:
-    """The search without the one cause that keeps the others from being written."""
-    effects = search.hypothesis.model.effects
-    acting = [cause for cause in search.causes if cause.effect in effects]
-    if len(acting) < 2 or search.spoiled(task, search.written(task)) is None:
-        return search
-    # What was found last explains least.
-    for cause in reversed(acting):
-        rest = _dropped(search, cause, "is left out: with it a log would be worse")
-        if rest.spoiled(task, rest.written(task)) is None:
-            return rest
-    return search
-
-
-def _useless(task: DiagnosisTask, search: SearchState) -> Cause | None:
-    """The first cause without which the written model is as good."""
-    assumptions = search.open().assumptions
-    written = search.written(task)
-    logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
-    noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
-    masked = search.hypothesis.simulation.masked
-    for cause in search.causes:
-        rest = without(written, cause.effect)
-        if rest is written:
-            continue
-        if task.explained(written, cause.effect, masked, noise, assumptions) < MIN_EXPLAINED:
-            return cause
-        harmless = spoiled_by(written, rest, logs, masked, noise, surely=True) is None
-        if harmless and "initial" not in assumptions:
-            return cause
-    return None

@@ -242,9 +242,8 @@ class _FreeState:
     def decays(self, rows: NDArray[np.intp] | slice = slice(None)) -> Float:
         """How the output may come to rest, shape (k, n); by few modes where few rows say so."""
         elapsed, cooling = self.course.clock[rows], self.course.cooling[rows]
-        expected = bool(self.output.fit.get("free_start")) or self.has_many_modes
-        any_decay = self.is_seen or (self.is_sampled and expected)
-        if self.is_forecast or not any_decay:
+        expected = self.output.fit.get("free_start") or self.has_many_modes
+        if self.is_forecast or not (self.is_seen or (self.is_sampled and expected)):
             return free_decays(self.model, self.output.channel, elapsed, cooling)
         slowest = self.slowest
         if self.is_zero_free:

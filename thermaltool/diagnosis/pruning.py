@@ -1,0 +1,143 @@
+"""Causes that do not stand beside the others are taken out of a search again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
+from thermaltool.diagnosis.fit import CauseCandidate
+from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.nonlinearity import stand_ins
+from thermaltool.diagnosis.result import Cause
+from thermaltool.diagnosis.select import fit_candidate
+from thermaltool.diagnosis.simulation import without
+from thermaltool.diagnosis.state import DiagnosisTask, SearchState
+from thermaltool.diagnosis.verdict import reading_noise, unknown_cause, weigh_residuals
+from thermaltool.diagnosis.written import cannot_run, spoiled_by
+
+# Share of the misfit that a cause of the written model explains at least: told as 2 %.
+MIN_EXPLAINED = 0.02
+
+
+def pruned(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> SearchState:
+    """The search without the causes that later ones made idle, that help or hold nothing.
+
+    Parameters
+    ----------
+    task : DiagnosisTask
+    first : Hypothesis
+        Before any cause.
+    search : SearchState
+        At the end of the forward selection.
+    """
+    search = _of_no_harm(task, _of_use(task, _backward(search)))
+    return _of_no_rest(task, first, _of_no_curve(task, search))
+
+
+def _backward(search: SearchState) -> SearchState:
+    """The search without the causes that later ones made idle."""
+    for cause in search.causes[:-1]:
+        model = search.hypothesis.model
+        rest = without(model, cause.effect)
+        if len(model.effects) < 2 or rest is model:
+            continue
+        bare = search.open().with_model(rest)
+        again = fit_candidate(bare, CauseCandidate.unfitted(cause.effect, bare.assumptions))
+        if again.evidence < (0.0 if "white" in bare.assumptions else DECISIVE_EVIDENCE):
+            kept = tuple(c for c in search.causes if c is not cause)
+            search = replace(search, causes=kept, hypothesis=bare)
+    return search
+
+
+def _of_use(task: DiagnosisTask, search: SearchState) -> SearchState:
+    """The search without causes that change nothing for the better in the written model.
+
+    Where a log does not begin at rest, what `simulate` leaves of one output says too little of a
+    cause; all of them together do not.
+    """
+    while (useless := _useless(task, search)) is not None:
+        search = _dropped(search, useless, "explains nothing in the written model")
+    return search
+
+
+def _dropped(search: SearchState, cause: Cause, why: str) -> SearchState:
+    """The search without one of its causes."""
+    last = search.hypothesis
+    return replace(
+        search.noted(f"{cause.effect.name} {why}"),
+        causes=tuple(c for c in search.causes if c is not cause),
+        hypothesis=last.with_model(without(last.model, cause.effect)).fitted(),
+    )
+
+
+def _of_no_curve(task: DiagnosisTask, search: SearchState) -> SearchState:
+    """The search without causes that stand for a nonlinearity which is none of them."""
+    for cause, why in stand_ins(task, search):
+        search = _dropped(search, cause, f"stands for what it is not: {why}")
+    return search
+
+
+def _of_no_rest(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> SearchState:
+    """The search without courses of one log beside which more is left than they explain.
+
+    What any misfit looks like in part is not known by that part.
+    """
+    while courses := [c for c in search.causes if c.effect.log is not None and c.effect.course]:
+        rest = rest_of(task, first, search)
+        weakest = min(courses, key=lambda c: c.evidence)
+        if rest is None or rest.evidence <= weakest.evidence:
+            break
+        why = f"is not told: beside it more is left (evidence {rest.evidence:.0f})"
+        search = _dropped(search, weakest, why)
+    return search
+
+
+def rest_of(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Cause | None:
+    """What is left of a model that is not adequate; None where it is noise.
+
+    Parameters
+    ----------
+    task : DiagnosisTask
+    first : Hypothesis
+        Before any cause.
+    search : SearchState
+    """
+    last = search.hypothesis if search.causes else search.ended
+    noise = {output: reading_noise(last, output) for output in last.groups}
+    _, before = weigh_residuals(first, first, noise)
+    plain = last.with_model(search.written(task)) if search.causes else last
+    reports, left = weigh_residuals(last, plain, noise)
+    return unknown_cause(left, before, reports, last, named=bool(search.causes))
+
+
+def _of_no_harm(task: DiagnosisTask, search: SearchState) -> SearchState:
+    """The search without the one cause that keeps the others from being written."""
+    effects = search.hypothesis.model.effects
+    acting = [cause for cause in search.causes if cause.effect in effects]
+    if len(acting) < 2 or search.spoiled(task, search.written(task)) is None:
+        return search
+    # What was found last explains least.
+    for cause in reversed(acting):
+        rest = _dropped(search, cause, "is left out: with it a log would be worse")
+        if rest.spoiled(task, rest.written(task)) is None:
+            return rest
+    return search
+
+
+def _useless(task: DiagnosisTask, search: SearchState) -> Cause | None:
+    """The first cause without which the written model is as good."""
+    assumptions = search.open().assumptions
+    written = search.written(task)
+    logs = [log for log in (*task.logs, *task.validate) if cannot_run(written, log) is None]
+    noise = {o: search.hypothesis.white(o) for o in search.hypothesis.groups}
+    masked = search.hypothesis.simulation.masked
+    for cause in search.causes:
+        rest = without(written, cause.effect)
+        if rest is written:
+            continue
+        if task.explained(written, cause.effect, masked, noise, assumptions) < MIN_EXPLAINED:
+            return cause
+        harmless = spoiled_by(written, rest, logs, masked, noise, surely=True) is None
+        if harmless and "initial" not in assumptions:
+            return cause
+    return None
