@@ -10,13 +10,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, Assumptions
+from thermaltool.diagnosis.evidence import Assumptions
 from thermaltool.diagnosis.fit import CauseCandidate, products_of, score
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.select import fit_candidate
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 from thermaltool.record import Record
+
+# Evidence in all logs of what the diagnosed ones do not show decisively: what a model is off by on
+# every other day has some, too.
+MIN_IN_ALL = 40.0
 
 
 def borne_out(
@@ -88,8 +92,8 @@ def seen_in_all(
         every = hypothesis.under(suspect.assumptions, calibrated)
         there = fit_candidate(every.with_logs((*hypothesis.logs, *unseen)), suspect)
         found.append(replace(suspect, evidence=there.evidence - correction))
-    decisive = [each for each in found if each.evidence > DECISIVE_EVIDENCE]
-    return sorted(decisive, key=lambda each: -each.evidence)
+    told = [each for each in found if each.evidence > MIN_IN_ALL]
+    return sorted(told, key=lambda each: -each.evidence)
 
 
 def _again(one: Hypothesis, candidate: CauseCandidate) -> float:
