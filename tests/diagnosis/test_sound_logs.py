@@ -9,10 +9,13 @@ import thermaltool as tt
 PERIOD, ROWS = 30.0, 600
 
 
-def machine(seed, lag=0.0):
-    """A log of two outputs by exact steps of their lags; the thermometer answers late by `lag`."""
+def machine(seed, lag=0.0, gain=1.0, power=1.0):
+    """A log of two outputs by exact steps of their lags; the thermometer answers late by `lag`.
+
+    `gain` is the thermometer's, `power` the part of the heat that is used.
+    """
     rng = np.random.default_rng(seed)
-    heat = np.repeat(rng.choice([0.0, 60.0, 120.0, 200.0], ROWS // 20), 20)
+    heat = power * np.repeat(rng.choice([0.0, 60.0, 120.0, 200.0], ROWS // 20), 20)
 
     def late(series, tau):
         kept = np.exp(-PERIOD / tau)
@@ -23,7 +26,7 @@ def machine(seed, lag=0.0):
         return np.array(found)
 
     read = 0.05 * late(heat, 900.0)
-    read = late(read, lag) if lag else read
+    read = gain * (late(read, lag) if lag else read)
     return pd.DataFrame({
         "time_s": PERIOD * np.arange(ROWS),
         "Q_heater_W": heat,
@@ -59,3 +62,17 @@ def test_a_log_that_shows_the_same_stays_a_veto(model):
     assert [c.effect.name for c in found.diagnosis.causes] == ["sensor_lag"]
     assert found.diagnosis.spoiled is None
     assert found.document()["sound"] == []
+
+
+@pytest.mark.slow
+def test_what_one_log_shows_too_faintly_the_others_tell(model):
+    faint = machine(2, gain=1.04, power=0.1)
+    assert not tt.diagnose(model, faint).diagnosis.causes
+    found = tt.diagnose(model, faint, validate=[machine(3, gain=1.04)])
+    assert [c.effect.name for c in found.diagnosis.causes] == ["sensor_gain"]
+    assert any("told by the unseen logs" in note for note in found.diagnosis.notes)
+    (cause,) = found.diagnosis.causes
+    # The parameter is the faint log's; what it is worth is seen in the other.
+    assert abs(cause.effect.parameters["gain"] - 1.04) < 0.02
+    assert cause.gain["T_column_degC"].useful
+    assert not tt.diagnose(model, faint, validate=[machine(3)]).diagnosis.causes

@@ -81,7 +81,7 @@ def seen_in_all(
     hypothesis, unseen, calibrated
         As in `borne_out`.
     suspects : sequence of CauseCandidate
-        With too little evidence in the diagnosed logs alone.
+        That the diagnosed logs alone do not confirm.
     correction : float
         Evidence that the number of places tried takes away.
     """

@@ -135,17 +135,9 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                 return found
             # A start explains more than causes that do not stand: it comes before any unknown.
             better = ranking.own_start()
-        if better is None and not search.causes:
-            suspects = [c for c in ranking.strong(0.0) if not any(c is each for each in strong)]
-            faint = seen_in_all(hypothesis, suspects, task.validate, task.model, ranking.correction)
-            found = _confirmed(task, search, hypothesis, ranking, faint, faint=True)
-            if found is not None:
-                return found.noted(
-                    f"{found.causes[0].effect.name} is told by the unseen logs: the diagnosed ones "
-                    "alone show too little of it"
-                )
         if better is None:
-            return replace(
+            found = _told_by_unseen(task, search, hypothesis, ranking)
+            return found or replace(
                 search,
                 ended=hypothesis,
                 unconfirmed=strong[0] if strong else None,
@@ -184,6 +176,24 @@ def _confirmed(
                 search = search.noted("the model's own parameters are free beside the cause")
             return search
     return None
+
+
+def _told_by_unseen(
+    task: DiagnosisTask, search: SearchState, hypothesis: Hypothesis, ranking: Ranking
+) -> SearchState | None:
+    """The search with a first cause that unseen logs show where these are too faint; or None."""
+    if search.causes:
+        return None
+    faint = seen_in_all(
+        hypothesis, ranking.strong(0.0), task.validate, task.model, ranking.correction
+    )
+    found = _confirmed(task, search, hypothesis, ranking, faint, faint=True)
+    if found is None:
+        return None
+    return found.noted(
+        f"{found.causes[0].effect.name} is told by the unseen logs: the diagnosed ones alone show "
+        "too little of it"
+    )
 
 
 def _own_change(
