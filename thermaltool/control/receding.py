@@ -4,7 +4,7 @@ A heater cannot take heat away, and what it puts in bends the machine for as lon
 time constant. So the heats over a horizon are planned at every sample, and the first of them is
 given:
 
-    minimize  Σ w (y/tolerance)² + ω W² + ρ Σ (u/maximum)²
+    minimize  Σ w (y/tolerance)² + ω W² + ρ Σ (u/maximum)² + κ Σ (change of u/maximum)²
     over      0 ≤ u ≤ maximum,  |change of u| ≤ slew · time,  every y within a band of width W g,
 
 a quadratic program for PIQP, an interior-point solver that needs some 20 steps for a small dense
@@ -40,8 +40,10 @@ STRETCHES, MOMENTS = 20, 3
 # Weight of full power for all of the horizon, against a deflection of one tolerance.
 POWER_WEIGHT = 1e-4
 # Weight of a change by full power, from the setpoint as it stands and from stretch to stretch, in
-# weights of the band: it keeps noise out of the heats where many plans are as good.
-CHANGE_WEIGHT = 0.3
+# weights of the band and for each tolerance that the last plan left, but for one at least: it keeps
+# noise out of the heats. Weighed the same whatever is left, noise would move heaters over all of
+# their range where much is left, for what the heat of a minute matters there.
+CHANGE_WEIGHT, LEAST_LEFT = 0.3, 1.0
 # Weight of the band of the worst output against the mean square; where the time to work is known
 # the band is what counts.
 BAND_WEIGHT, BAND_WEIGHT_WITHIN = 1.0, 100.0
@@ -165,7 +167,7 @@ class Program:
         P[: self._heats, : self._heats] += np.diag(2 * POWER_WEIGHT * shares)
         # From stretch to stretch, and of the first from the setpoint.
         differ = np.eye(self._heats) - np.eye(self._heats, k=-self._drives)
-        P[: self._heats, : self._heats] += self._change_weight * differ.T @ differ
+        self._differ = differ.T @ differ
         P[-1, -1] += 2 * band_weight
         self._G, self._spans = self._rows(bounds, ends, starts, 1 / fades)
         self._solver: Any = piqp.DenseSolver()
@@ -193,7 +195,9 @@ class Program:
         spans = np.concatenate([np.zeros(outputs), *([reach.ravel()[binding]] * 2)])
         return np.asfortranarray(np.vstack(rows)), spans
 
-    def solve(self, z: Float, stands: Float, reach: Float, spent: tuple[Float, Float]) -> Float:
+    def solve(
+        self, z: Float, stands: Float, reach: Float, spent: tuple[Float, Float], left: float
+    ) -> Float:
         """Heats in parts of full power, shape (k, n).
 
         Parameters
@@ -203,6 +207,8 @@ class Program:
             Where the heats stand, and by how much they can be moved now, in parts of full power.
         spent : (ndarray, ndarray), each shape (number of outputs,) [tolerance]
             How far above and below zero the outputs have been.
+        left : float [tolerance]
+            The largest deflection that the last plan foretold.
 
         Raises
         ------
@@ -212,7 +218,10 @@ class Program:
         y, drives, heats = self.free @ z, self._drives, self._heats
         c = np.zeros(self._n)
         c[:heats] = self._weighted @ y
-        c[:drives] -= self._change_weight * stands
+        weight = self._change_weight * max(left, LEAST_LEFT)
+        c[:drives] -= weight * stands
+        P = self._P.copy()
+        P[:heats, :heats] += weight * self._differ
         lower, upper = np.zeros(self._n), np.full(self._n, np.inf)
         upper[:heats] = 1.0
         lower[:drives] = np.clip(stands - reach, 0.0, 1.0)
@@ -220,10 +229,10 @@ class Program:
         lower[heats:-1] = np.concatenate(spent)
         h = np.concatenate([-y, y, self._spans])
         if not self._ready:
-            self._solver.setup(self._P, c, None, None, self._G, None, h, lower, upper)
+            self._solver.setup(P, c, None, None, self._G, None, h, lower, upper)
             self._ready = True
         else:
-            self._solver.update(c=c, h_u=h, x_l=lower, x_u=upper)
+            self._solver.update(P=P, c=c, h_u=h, x_l=lower, x_u=upper)
         status = self._solver.solve()
         found = np.array(self._solver.result.x[:heats])
         if status != self._solved or not np.all(np.isfinite(found)):
@@ -265,7 +274,7 @@ class RecedingHorizonLaw(ControlLaw):
         self._C = prediction.readout / self._tolerance[:, None]
         self._above = self._below = np.zeros(len(self._tolerance))
         self._plan: HeatPlan | None = None
-        self._failures = 0
+        self._failures, self._left = 0, 0.0
         self._ends = stretch_ends(period, max(horizon, duration or 0.0))
         self._latest = self._program(0.0)[0]
 
@@ -281,12 +290,13 @@ class RecedingHorizonLaw(ControlLaw):
         maxima = self.bounds.maxima
         stands, reach = given / maxima, self.bounds.slews * dt / maxima
         try:
-            shares = program.solve(z, stands, reach, (self._above, self._below))
+            shares = program.solve(z, stands, reach, (self._above, self._below), self._left)
         except FitError as error:
             self.reason = str(error)
             return self.go_on(z, dt, given)
         self._failures, self._plan = 0, HeatPlan(program.ends, shares * maxima)
-        worst = np.abs(program.foretold(z, shares)).max(axis=0) * self._tolerance
+        left = np.abs(program.foretold(z, shares)).max(axis=0)
+        self._left, worst = float(left.max()), left * self._tolerance
         at_limit = np.any((shares < AT_LIMIT) | (shares > 1 - AT_LIMIT))
         status = SATURATED if at_limit and np.any(worst > self._tolerance) else OK
         return Decision(shares[0] * maxima, shares[0] * maxima, worst, status)
@@ -320,12 +330,15 @@ class RecedingHorizonLaw(ControlLaw):
         return self._programs[at, within], within
 
     def state(self) -> list[Any]:
-        """How far above and below zero the outputs have been, for `resume` [tolerance]."""
-        return [self._above.tolist(), self._below.tolist()]
+        """How far above and below zero the outputs have been, and what the last plan left.
+
+        For `resume` [tolerance].
+        """
+        return [self._above.tolist(), self._below.tolist(), self._left]
 
     def resume(self, values: Sequence[Any]) -> None:
         """Go on from `values`; ValueError where they are none of these outputs."""
-        above, below = (np.array(each, float) for each in values)
+        above, below = (np.array(each, float) for each in values[:2])
         if above.shape != self._above.shape or below.shape != above.shape:
             raise ValueError("not a state of this controller")
-        self._above, self._below = above, below
+        self._above, self._below, self._left = above, below, float(values[2])
