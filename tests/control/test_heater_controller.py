@@ -166,6 +166,14 @@ def test_the_loop_is_stable_where_the_machine_differs(model, gain, slower):
     assert np.ptp(powers[last], axis=0).max() < 0.2 * FULL
 
 
+def test_noise_moves_heaters_little_where_limits_bind(model):
+    _, powers, states, _, _ = closed_loop(controller(model), 90.0, 1500.0, noise=0.05)
+    last = powers[-75:]
+    assert states[-1] == "saturated"
+    # Within a minute; weighed the same whatever is left it is a quarter of full power.
+    assert max(np.ptp(last[k : k + 6], axis=0).max() for k in range(70)) < 0.2 * FULL
+
+
 def test_samples_of_any_length(model):
     steps = np.random.default_rng(2).uniform(5.0, 20.0, 100).round(3)
     for method in ("receding-horizon", "output-lqr"):
@@ -347,6 +355,12 @@ def test_what_cannot_be_is_refused_in_a_line(model):
     idle = {ends: lags for ends, lags in PATHS.items() if ends[0] != B or ends[1] == PROBE}
     idle[B, PROBE] = [(0.002, 700.0)]
     assert "Q_b_W acts on none" in refused(idle, ControlPlan(both))
+    # A calibration has a term for each, and a gain of next to nothing where nothing acts.
+    faint = {**no_x, (A, X): [(1e-4, 200.0)], (B, X): [(-1e-3, 200.0)]}
+    said = refused(faint, ControlPlan(both))
+    assert "d_x_um cannot be controlled: full power of Q_a_W, Q_b_W moves it by 0.1 " in said
+    faint = {**idle, (B, X): [(1e-4, 200.0)], (B, Y): [(1e-3, 200.0)]}
+    assert "Q_b_W acts on none of d_x_um, d_y_um: full" in refused(faint, ControlPlan(both))
     assert "power of Q_main_W is not measured" in refused(PATHS, ControlPlan([(MAIN, 9.0)]))
     one = design_controller(model, ControlPlan([(A, FULL)]))
     assert "together: not all of them can be held" in one.notes[0]

@@ -142,11 +142,13 @@ def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
     for name, length in (("horizon", horizon), ("lead", plan.lead), ("duration", plan.duration)):
         if length is not None and length < period:
             raise ModelError(f"a {name} of {length:g} s is below the sample period, {period:g} s")
+    tolerance = _tolerances(model, outputs, plan.tolerance)
+    _check_reach(prediction, drives, tolerance, plan.duration or horizon)
     controller = HeaterController(
         model,
         plan.method,
         drives,
-        _tolerances(model, outputs, plan.tolerance),
+        tolerance,
         period,
         horizon,
         plan.lead or LEAD_PERIODS * period,
@@ -218,6 +220,34 @@ def _check_acting(model: Model, channels: Sequence[str], outputs: Sequence[str])
             raise ModelError(
                 f"{output} cannot be controlled: none of {', '.join(channels)} acts on it "
                 "(--hold the others alone)"
+            )
+
+
+def _check_reach(
+    prediction: ControlPrediction,
+    drives: Sequence[ControlDrive],
+    tolerance: Mapping[str, float],
+    time: float,
+) -> None:
+    """Refuse drives and outputs between which a calibration has found next to nothing.
+
+    Full power is to move an output by its tolerance at some moment within `time` [s].
+    """
+    times = time * np.arange(1, TRIAL_SAMPLES + 1) / TRIAL_SAMPLES
+    moves = np.abs(prediction.steps(times)).max(axis=0) * [drive.maximum for drive in drives]
+    short = moves / np.array(list(tolerance.values()))[:, None]
+    for k, (output, size) in enumerate(tolerance.items()):
+        if short[k].max() < 1:
+            raise ModelError(
+                f"{output} cannot be controlled: full power of {', '.join(prediction.controls)} "
+                f"moves it by {moves[k].max():.2g} within {time:.3g} s, less than its tolerance, "
+                f"{size:.2g} (--hold the others alone)"
+            )
+    for k, drive in enumerate(drives):
+        if short[:, k].max() < 1:
+            raise ModelError(
+                f"{drive.channel} acts on none of {', '.join(tolerance)}: full power moves no "
+                f"output by its tolerance within {time:.3g} s"
             )
 
 
