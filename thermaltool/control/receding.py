@@ -7,9 +7,11 @@ given:
     minimize  Σ w (y/tolerance)² + ω W² + ρ Σ (u/maximum)² + κ Σ (change of u/maximum)²
     over      0 ≤ u ≤ maximum,  |change of u| ≤ slew · time,  every y within a band of width W g,
 
-a quadratic program for PIQP, an interior-point solver that needs some 20 steps for a small dense
-one, whatever is active, and so has a bounded time for each sample. Stretches of constant heat
-become longer by a constant ratio, so that a horizon of an hour has as few as one of a minute.
+where y is what NC axes leave of a deflection: each moves to where it is needed, within its range
+and at once, so that heat is planned for what an axis cannot reach. It is a quadratic program for
+PIQP, an interior-point solver that needs some 20 steps for a small dense one, whatever is active,
+and so has a bounded time for each sample. Stretches of constant heat become longer by a constant
+ratio, so that a horizon of an hour has as few as one of a minute.
 
 Where nothing is known of how long the machine works, what is foretold counts the less the further
 ahead it is: w falls by e in a third of the horizon, and the band grows so (g). The disturbance may
@@ -94,6 +96,17 @@ def shortened(ends: Float, horizon: float) -> Float:
     return np.append(kept, horizon)
 
 
+def beyond(y: Float, reach: Float) -> Float:
+    """What goes beyond a range around zero: y less its part within ±`reach`.
+
+    Parameters
+    ----------
+    y : ndarray, shape (..., n)
+    reach : ndarray, shape (n,)
+    """
+    return np.asarray(y - np.clip(y, -reach, reach))
+
+
 @dataclass
 class HeatPlan:
     """Heats over stretches, as of the sample at which they were planned.
@@ -129,6 +142,8 @@ class Program:
     band_weight : float
     fading : float [s]
         A deflection so far ahead counts less by e; infinite where all count alike.
+    axes : sequence of float [unit of the output]
+        What an NC axis corrects of each output, up and down; 0 where there is none.
     """
 
     def __init__(
@@ -138,7 +153,8 @@ class Program:
         tolerance: Sequence[float],
         ends: Float,
         band_weight: float,
-        fading: float = np.inf,
+        fading: float,
+        axes: Sequence[float],
     ) -> None:
         import piqp
 
@@ -158,11 +174,13 @@ class Program:
         counts = np.diff(times, prepend=0.0) * fades
         weights = np.repeat(counts / counts.sum(), self._outputs)
         self._change_weight = 2 * CHANGE_WEIGHT * band_weight
-        self._weighted = 2 * self.acting.T * weights
-        self._heats = len(ends) * self._drives
-        self._n = self._heats + 2 * self._outputs + 1
+        self._reach = np.array(axes) / scale
+        self._moving = np.hstack([self.acting, self._offsets()])
+        self._weighted = 2 * self._moving.T * weights
+        self._heats, self._moved = len(ends) * self._drives, self._moving.shape[1]
+        self._n = self._moved + 2 * self._outputs + 1
         P = REGULARIZATION * np.eye(self._n)
-        P[: self._heats, : self._heats] += self._weighted @ self.acting
+        P[: self._moved, : self._moved] += self._weighted @ self._moving
         shares = np.repeat((ends - starts) / ends[-1], self._drives)
         P[: self._heats, : self._heats] += np.diag(2 * POWER_WEIGHT * shares)
         # From stretch to stretch, and of the first from the setpoint.
@@ -173,17 +191,30 @@ class Program:
         self._solver: Any = piqp.DenseSolver()
         self._P, self._ready = np.asfortranarray(P), False
 
+    def _offsets(self) -> Float:
+        """What offsets of the axes do to the outputs, in parts of their range.
+
+        Each goes straight from the end of a stretch to the end of the next.
+        """
+        stretches = len(self.ends)
+        after = np.tile(np.arange(1, MOMENTS + 1) / MOMENTS, stretches)[:, None]
+        begun = np.repeat(np.eye(stretches, stretches + 1), MOMENTS, axis=0)
+        ended = np.repeat(np.eye(stretches, stretches + 1, k=1), MOMENTS, axis=0)
+        course = (1 - after) * begun + after * ended
+        axes = np.diag(self._reach)[:, self._reach > 0]
+        return np.asarray(np.kron(course, axes))
+
     def _rows(
         self, bounds: HeatLimits, ends: Float, starts: Float, grown: Float
     ) -> tuple[Float, Float]:
         """Rows of the inequalities, and the upper bounds of those that never change."""
-        outputs, heats = self._outputs, self._heats
+        outputs, moved = self._outputs, self._moved
         axes = np.kron(grown[:, None], np.eye(outputs))
         none, thin = np.zeros_like(axes), np.zeros((len(axes), 1))
         rows = [
-            np.hstack([self.acting, -axes, none, thin]),
-            np.hstack([-self.acting, none, -axes, thin]),
-            np.hstack([np.zeros((outputs, heats)), np.eye(outputs), np.eye(outputs),
+            np.hstack([self._moving, -axes, none, thin]),
+            np.hstack([-self._moving, none, -axes, thin]),
+            np.hstack([np.zeros((outputs, moved)), np.eye(outputs), np.eye(outputs),
                        -np.ones((outputs, 1))]),
         ]  # fmt: skip
         reach = (bounds.slews / bounds.maxima) * (ends - starts)[:-1, None]
@@ -215,18 +246,19 @@ class Program:
         FitError
             The solver has found none.
         """
-        y, drives, heats = self.free @ z, self._drives, self._heats
+        y, drives, heats, moved = self.free @ z, self._drives, self._heats, self._moved
         c = np.zeros(self._n)
-        c[:heats] = self._weighted @ y
+        c[:moved] = self._weighted @ y
         weight = self._change_weight * max(left, LEAST_LEFT)
         c[:drives] -= weight * stands
         P = self._P.copy()
         P[:heats, :heats] += weight * self._differ
         lower, upper = np.zeros(self._n), np.full(self._n, np.inf)
-        upper[:heats] = 1.0
+        upper[:moved] = 1.0
+        lower[heats:moved] = -1.0
         lower[:drives] = np.clip(stands - reach, 0.0, 1.0)
         upper[:drives] = np.clip(stands + reach, lower[:drives], 1.0)
-        lower[heats:-1] = np.concatenate(spent)
+        lower[moved:-1] = np.concatenate(spent)
         h = np.concatenate([-y, y, self._spans])
         if not self._ready:
             self._solver.setup(P, c, None, None, self._G, None, h, lower, upper)
@@ -240,8 +272,13 @@ class Program:
         return np.clip(found, 0.0, 1.0).reshape(-1, drives)
 
     def foretold(self, z: Float, shares: Float) -> Float:
-        """Outputs at the moments of the plan, shape (m, number of outputs) [tolerance]."""
-        return np.asarray((self.free @ z + self.acting @ shares.ravel()).reshape(-1, self._outputs))
+        """What axes leave at the moments of the plan, shape (m, number of outputs) [tolerance]."""
+        y = (self.free @ z + self.acting @ shares.ravel()).reshape(-1, self._outputs)
+        return self.beside_axes(y)
+
+    def beside_axes(self, y: Float) -> Float:
+        """What axes leave of outputs, shape (..., number of outputs) [tolerance]."""
+        return beyond(y, self._reach)
 
 
 class RecedingHorizonLaw(ControlLaw):
@@ -256,6 +293,8 @@ class RecedingHorizonLaw(ControlLaw):
     horizon : float [s]
     duration : float or None [s]
         The time that the machine works.
+    axes : sequence of float [unit of the output]
+        As of `Program`.
     """
 
     def __init__(
@@ -265,9 +304,10 @@ class RecedingHorizonLaw(ControlLaw):
         tolerance: Sequence[float],
         period: float,
         horizon: float,
-        duration: float | None = None,
+        duration: float | None,
+        axes: Sequence[float],
     ) -> None:
-        self.prediction, self.bounds = prediction, bounds
+        self.prediction, self.bounds, self._axes = prediction, bounds, axes
         self._tolerance, self._period = np.array(tolerance), period
         self._horizon, self._duration = horizon, duration
         self._programs: dict[tuple[int, bool], Program] = {}
@@ -281,7 +321,7 @@ class RecedingHorizonLaw(ControlLaw):
     def decide(self, z: Float, dt: float, elapsed: float, given: Float) -> Decision:
         program, within = self._program(elapsed)
         self._latest = program
-        now = self._C @ z
+        now = program.beside_axes(self._C @ z)
         if within:
             self._above = np.maximum(self._above, now)
             self._below = np.maximum(self._below, -now)
@@ -325,7 +365,7 @@ class RecedingHorizonLaw(ControlLaw):
             self._programs[at, within] = Program(
                 self.prediction, self.bounds, self._tolerance.tolist(),
                 shortened(self._ends, self._period * HORIZON_GRID**at), weight,
-                np.inf if within else horizon / FADING_PARTS,
+                np.inf if within else horizon / FADING_PARTS, self._axes,
             )  # fmt: skip
         return self._programs[at, within], within
 

@@ -41,7 +41,8 @@ def refused_setpoints(path: str, heater: str | None) -> list[str]:
     with contextlib.suppress(ValueError, RecursionError, TypeError, KeyError, AttributeError):
         document = json.loads(text)
         if CONTROLLER.matches(document):
-            return [drive["channel"] for drive in document["control"]]
+            heaters = [drive["channel"] for drive in document["control"]]
+            return [*heaters, *map(setpoint_name, document.get("axes", {}))]
         return [
             setpoint_name(o["channel"])
             for o in document["outputs"]
