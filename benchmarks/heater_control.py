@@ -44,15 +44,7 @@ def least_band(
     late : float [s]
         Heaters are off for so long: what a controller loses that learns of a step then.
     """
-    time_of = duration / HELD * np.arange(1, HELD + 1)
-    steps = frame.step_responses(time_of)[:, DEFLECTIONS, :]
-    pulses = np.diff(steps, axis=0, prepend=0.0)
-    acting = np.zeros((HELD, 2, HELD, 2))
-    for k in range(HELD):
-        acting[k, :, : k + 1, :] = pulses[k::-1, :, 1:].transpose(1, 0, 2)
-    effect = acting.reshape(2 * HELD, 2 * HELD)
-    course = np.broadcast_to(np.asarray(levels, float), (HELD,))
-    free = np.array([course[: k + 1] @ pulses[k::-1, :, 0] for k in range(HELD)]).ravel()
+    time_of, effect, free = _course(frame, levels, duration)
     # Unknown beside the heats: lower and upper edge of each axis, and the width W of the band.
     axes, nothing = np.tile(np.eye(2), (HELD, 1)), np.zeros((2 * HELD, 2))
     no_width, heats = np.zeros((2 * HELD, 1)), 2 * HELD
@@ -70,6 +62,63 @@ def least_band(
     )
     ends = np.vstack([np.zeros(2), free.reshape(HELD, 2)])
     return float(np.ptp(ends, axis=0).max()), float(found.fun)
+
+
+def least_share(frame: ControlledFrame, level: float, bands: dict[float, float]) -> float:
+    """The least part of given bands that one course of heats keeps, whenever the work ends.
+
+    Parameters
+    ----------
+    frame : ControlledFrame
+    level : float
+        A step at time 0, known beforehand [full scale].
+    bands : mapping of duration [s] to band [um]
+        From time 0 to each of these.
+    """
+    time_of, effect, free = _course(frame, level, max(bands))
+    heats = 2 * HELD
+    rows, bounds = [], []
+    for k, (duration, band) in enumerate(bands.items()):
+        # Unknown: the heats, lower and upper edge of each axis in each duration, and the share.
+        within = np.repeat(time_of <= duration * (1 + 1e-9), 2)
+        edges = np.zeros((2, heats, 4 * len(bands)))
+        edges[:, np.arange(heats), 4 * k + np.arange(heats) % 2] = [[1.0], [0.0]]
+        edges[1, np.arange(heats), 4 * k + 2 + np.arange(heats) % 2] = -1.0
+        none = np.zeros((heats, 1))
+        rows += [np.hstack([-effect, edges[0], none])[within],
+                 np.hstack([effect, edges[1], none])[within]]  # fmt: skip
+        bounds += [free[within], -free[within]]
+        width = np.zeros((2, heats + 4 * len(bands) + 1))
+        width[[0, 1], heats + 4 * k + np.arange(2)] = -1.0
+        width[[0, 1], heats + 4 * k + 2 + np.arange(2)] = 1.0
+        width[:, -1] = -band
+        rows.append(width)
+        bounds.append(np.zeros(2))
+    found = linprog(
+        np.append(np.zeros(heats + 4 * len(bands)), 1.0),
+        A_ub=np.vstack(rows),
+        b_ub=np.concatenate(bounds),
+        bounds=[(0.0, 1.0)] * heats + [*[(None, 0.0)] * 2, *[(0.0, None)] * 2] * len(bands)
+        + [(0.0, None)],
+        method="highs",
+    )  # fmt: skip
+    return float(found.fun)
+
+
+def _course(
+    frame: ControlledFrame, levels: float | Array, duration: float
+) -> tuple[Array, Array, Array]:
+    """Ends of the stretches, what heats in each do to x and y then, and both without control."""
+    time_of = duration / HELD * np.arange(1, HELD + 1)
+    steps = frame.step_responses(time_of)[:, DEFLECTIONS, :]
+    pulses = np.diff(steps, axis=0, prepend=0.0)
+    acting = np.zeros((HELD, 2, HELD, 2))
+    for k in range(HELD):
+        acting[k, :, : k + 1, :] = pulses[k::-1, :, 1:].transpose(1, 0, 2)
+    effect = acting.reshape(2 * HELD, 2 * HELD)
+    course = np.broadcast_to(np.asarray(levels, float), (HELD,))
+    free = np.array([course[: k + 1] @ pulses[k::-1, :, 0] for k in range(HELD)]).ravel()
+    return time_of, effect, free
 
 
 def main() -> None:

@@ -25,7 +25,7 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 from heater_bench import DT, QUICK, Held, calibration_log, closed_loop, controller, ready_model
-from heater_control import HELD, PUBLISHED, least_band
+from heater_control import HELD, PUBLISHED, least_band, least_share
 from numpy.typing import NDArray
 
 from thermaltool.plants.controlled_frame import ControlledFrame, controlled_frame
@@ -34,6 +34,8 @@ from thermaltool.plants.frame import OUTPUTS
 Array = NDArray[np.float64]
 FULL = (250.0, 500.0)  # [W]
 DURATIONS = (1200.0, 2400.0)  # [s]
+# When the work may end, where it is not known [s].
+ENDS = (1200.0, 1800.0, 2400.0)
 PLANNED = "receding-horizon"
 METHODS = ("state-lqr", "inversion", "output-lqr", PLANNED)
 FAR, MIDDLE, NEAR = "dT_pair1_K", "dT_pair2_K", "dT_pair3_K"
@@ -46,7 +48,8 @@ ARBITRARY = ((0, 0.6), (300, 0.6), (300, 1.3), (600, 1.3), (600, 0.2), (840, 0.2
 ARBITRARY_BAND = 13.0
 # Of each gain of a deflection, and of the time constants behind each heat.
 GAIN_ERROR, TIME_ERROR = 0.2, 0.3
-LONG = 3600.0  # of a trial of stability [s]
+# A trial of stability: a step, then nothing [s].
+STEP, REST, END = 1200.0, 2400.0, 600.0
 
 
 def varied(frame: ControlledFrame, rng: np.random.Generator, corner: bool) -> ControlledFrame:
@@ -131,11 +134,14 @@ def figures(held: Held, asked: float, regulated: float) -> tuple[object, ...]:
 
 def steps(bench: Bench) -> None:
     full = bench.frame.full
+    shares = {}
     print(f"\n## Steps, {full:g} W in each heater, far probes\n")
     head("step", "over s", "method", *COLUMNS, "published", "60 %", "least", "")
     for level, published in PUBLISHED.items():
         longest = np.full(round(DURATIONS[-1] / DT), level)
         held = {method: bench.run(method, longest) for method in METHODS}
+        bands = {d: held["output-lqr"][0].until(d).band for d in ENDS}
+        shares[level] = least_share(bench.frame, level, bands)
         for duration in DURATIONS:
             regulated = held["output-lqr"][0].until(duration).band
             least = least_band(bench.frame, level, duration)[1]
@@ -147,6 +153,10 @@ def steps(bench: Bench) -> None:
                 verdict = ("yes" if band <= 0.6 * published else "no") if PLANNED in method else ""
                 row(f"{level:g}", f"{duration:g}", method, *figures(run, asked, regulated),
                     published, 0.6 * published, least, verdict)  # fmt: skip
+    ends = ", ".join(f"{end:g}" for end in ENDS)
+    print(f"\nThe least part of the band of output-lqr that one course of heats keeps over {ends} "
+          "s alike, with the step known beforehand: "
+          + ", ".join(f"{share:.2f} at {level:g}" for level, share in shares.items()))  # fmt: skip
 
 
 def probes(bench: Bench) -> None:
@@ -201,28 +211,29 @@ def arbitrary(bench: Bench) -> None:
 def robust(bench: Bench, count: int, seed: int) -> None:
     print(
         f"\n## Gains off by up to {GAIN_ERROR:.0%}, time constants by up to {TIME_ERROR:.0%}: "
-        f"{count} plants, step of 0.5 over {LONG:g} s\n\n"
-        "Half of the plants have all errors at their largest. *Last third*: the largest part of "
-        "full power by which a power moves within 60 s.\n"
+        f"{count} plants, step of 0.5 over {STEP:g} s, then nothing for {REST:g} s\n\n"
+        "Half of the plants have all errors at their largest. *At the end*: the last "
+        f"{END:g} s. *Free*: what the step alone has left there, heaters off. *Moves*: the largest "
+        "part of full power by which a power moves within 60 s of the last third.\n"
     )
-    head("method", "band, median", "worst", "band over 1200 s, median", "worst",
-         "last third, median", "worst")  # fmt: skip
-    levels = np.full(round(LONG / DT), 0.5)
+    head("method", "band over the step, median", "worst", "at the end um, median", "worst",
+         "free um, worst", "at the end W, median", "worst", "moves, median", "worst")  # fmt: skip
+    levels = np.repeat([0.5, 0.0], [round(STEP / DT), round(REST / DT)])
     for method in ("output-lqr", PLANNED):
         rng, found = np.random.default_rng(seed), []
         for k in range(count):
             frame = varied(bench.frame, rng, corner=k % 2 == 0)
             run, _ = bench.run(method, levels, frame=frame)
-            last = run.powers[2 * len(run.powers) // 3 :]
+            last, end = run.powers[2 * len(run.powers) // 3 :], round(END / DT)
             minute = round(60 / DT)
             moved = max(np.ptp(last[i : i + minute], axis=0).max() for i in range(len(last)))
-            found.append((run.band, run.until(1200.0).band, moved / bench.frame.full))
-        cells = [
-            cell
-            for part in np.array(found).T
-            for cell in (float(np.median(part)), float(max(part)))
-        ]
-        row(method, *cells[:4], *(f"{cell:.2f}" for cell in cells[4:]))
+            steps = frame.step_responses(np.array([REST + STEP - END, REST - END]))
+            left = 0.5 * np.abs(steps[0, -2:, 0] - steps[1, -2:, 0]).max()
+            found.append((run.until(STEP).band, np.abs(run.deflections[-end:]).max(), left,
+                          run.powers[-end:].max(), moved / bench.frame.full))  # fmt: skip
+        middle, worst = np.median(found, axis=0), np.max(found, axis=0)
+        row(method, middle[0], worst[0], middle[1], worst[1], worst[2], middle[3], worst[3],
+            f"{middle[4]:.2f}", f"{worst[4]:.2f}")  # fmt: skip
 
 
 def main() -> None:

@@ -95,6 +95,10 @@ def test_errors_are_one_line_and_heaters_are_off(paths, thermaltool):
         (("--control", "Q_pda_W"), "is not a drive"),
         (("--control", f"{PAD}:-1"), "no power between"),
         (("--control", PAD, "--lead", "3"), "--lead is of --method inversion"),
+        (
+            ("--control", PAD, "--method", "inversion", "--axis", "d_z_um=5"),
+            "--axis is of --method receding-horizon",
+        ),
         (("--control", MAIN, "--control", PAD), "nothing to hold off"),
     ):
         result = thermaltool("design", paths / "model.json", *more)

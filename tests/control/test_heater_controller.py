@@ -22,6 +22,7 @@ from thermaltool.record import Record
 from thermaltool.responses.rational import Rational1, Rational2
 from thermaltool.runtime.compensation import controlled_heaters
 from thermaltool.runtime.messages import Messages
+from thermaltool.runtime.refusal import refused_setpoints
 from thermaltool.runtime.rows.row import Row
 from thermaltool.runtime.settings import Settings
 
@@ -164,6 +165,57 @@ def test_the_loop_is_stable_where_the_machine_differs(model, gain, slower):
     last = slice(-100, None)
     assert np.ptp(y[last], axis=0).max() < 3.0
     assert np.ptp(powers[last], axis=0).max() < 0.2 * FULL
+
+
+def test_noise_moves_heaters_little_where_limits_bind(model):
+    _, powers, states, _, _ = closed_loop(controller(model), 90.0, 1500.0, noise=0.05)
+    last = powers[-75:]
+    assert states[-1] == "saturated"
+    # Within a minute; weighed the same whatever is left it is a quarter of full power.
+    assert max(np.ptp(last[k : k + 6], axis=0).max() for k in range(70)) < 0.2 * FULL
+
+
+def test_where_axes_suffice_there_is_next_to_no_heat(model):
+    wide = controller(model, axes={X: 1000.0, Y: 1000.0})
+    y, powers, _, _, process = closed_loop(wide, 70.0, 250.0)
+    assert process.names[:4] == (A, B, "offset_x_um", "offset_y_um")
+    assert powers.mean() < 0.1 * FULL
+    np.testing.assert_allclose(process.values()[2:], -y[-1], atol=2.0)
+
+
+@pytest.mark.slow
+def test_heaters_hold_what_goes_beyond_the_range_of_an_axis(model):
+    y, powers, _, _, process = closed_loop(controller(model, axes={Y: 20.0}), 70.0, 1500.0)
+    alone, more, _, _, _ = closed_loop(controller(model), 70.0, 1500.0)
+    assert process.values()[2] == pytest.approx(-20.0, abs=0.5)
+    left = y[:, 1] - np.clip(y[:, 1], -20.0, 20.0)
+    assert np.abs(left).max() <= np.abs(alone[:, 1]).max()
+    assert np.abs(y[:, 0]).max() < np.abs(alone[:, 0]).max() + 1.0
+    assert powers[-50:, 1].mean() < 0.9 * more[-50:, 1].mean()
+
+
+def test_a_controller_with_an_axis_comes_back_and_names_its_offset(model, tmp_path):
+    made = controller(model, axes={X: 30.0})
+    text = json.dumps(made.document())
+    assert load_controller(json.loads(text), "file").axes == {X: 30.0}
+    (tmp_path / "c.json").write_text(text)
+    assert refused_setpoints(str(tmp_path / "c.json"), None) == [A, B, "offset_x_um"]
+    for more, said in (
+        ({"axes": {"d_q_um": 5.0}}, "an axis for d_q_um, which is not held"),
+        ({"axes": {X: 0.0}}, "an axis cannot correct d_x_um by 0"),
+        ({"axes": {X: 5.0}, "method": "output-lqr"}, "output-lqr leaves nothing to an axis"),
+    ):
+        with pytest.raises(ModelError, match=said):
+            controller(model, **more)
+
+
+def test_an_axis_holds_what_no_heater_moves():
+    no_x = {ends: lags for ends, lags in PATHS.items() if ends not in ((A, X), (B, X))}
+    made = design_controller(
+        designed(machine(no_x)), ControlPlan([(A, FULL), (B, FULL)], slew=100.0, axes={X: 500.0})
+    )
+    assert np.abs(made.trials[0].free[X]).max() > 50
+    assert np.abs(made.trials[0].held[X]).max() == 0
 
 
 def test_samples_of_any_length(model):
@@ -347,6 +399,12 @@ def test_what_cannot_be_is_refused_in_a_line(model):
     idle = {ends: lags for ends, lags in PATHS.items() if ends[0] != B or ends[1] == PROBE}
     idle[B, PROBE] = [(0.002, 700.0)]
     assert "Q_b_W acts on none" in refused(idle, ControlPlan(both))
+    # A calibration has a term for each, and a gain of next to nothing where nothing acts.
+    faint = {**no_x, (A, X): [(1e-4, 200.0)], (B, X): [(-1e-3, 200.0)]}
+    said = refused(faint, ControlPlan(both))
+    assert "d_x_um cannot be controlled: full power of Q_a_W, Q_b_W moves it by 0.1 " in said
+    faint = {**idle, (B, X): [(1e-4, 200.0)], (B, Y): [(1e-3, 200.0)]}
+    assert "Q_b_W acts on none of d_x_um, d_y_um: full" in refused(faint, ControlPlan(both))
     assert "power of Q_main_W is not measured" in refused(PATHS, ControlPlan([(MAIN, 9.0)]))
     one = design_controller(model, ControlPlan([(A, FULL)]))
     assert "together: not all of them can be held" in one.notes[0]

@@ -7,8 +7,11 @@ import pandas as pd
 import pytest
 
 import thermaltool as tt
+from thermaltool.control.design import ControlPlan, design_controller
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.plants import build
+from thermaltool.runtime.heaters import held_output
+from thermaltool.runtime.refusal import refused_setpoints
 
 STEP, ROWS, SHORT = 45.0, 160, 9.0  # [s], rows, [s]
 CONTACT, FAR, NEAR, BENT = "T_joint_degC", "T_far_degC", "dT_near_K", "d_y_um"
@@ -106,6 +109,35 @@ def test_a_displacement_that_stays_takes_no_joint_from_another(three):
     assert joint.gains(still) == (0.0, 0.0, 0.0, 0.0)
 
 
+def test_a_displacement_that_departs_otherwise_takes_no_contact_from_another(three):
+    """By a power of the heat, and by more than a kelvin at the contact may bend it."""
+    other, rng = "d_z_um", np.random.default_rng(5)
+    logs = []
+    for each in steps(0.4, 0.7, 1.6):
+        rises = 1 - np.exp(-STEP * np.arange(ROWS) / 900)
+        bends = 20 * each["Q_main_1"] ** 1.5 * rises + 10 * NOISE * rng.normal(size=ROWS)
+        logs.append(each.assign(**{other: bends}))
+    roles = {**ROLES, "deflections": [BENT, other]}
+    kinds = {c: k for c, k in KINDS.items() if c != FAR} | {other: "rational1"}
+    fit = tt.calibrate(logs, **roles, kinds=kinds, joint=CONTACT, starts=1, warn=lambda m: None)
+    (joint,) = fit.model.effects
+    assert joint.partner == CONTACT
+    assert joint.gains(BENT) == pytest.approx(three[0].model.effects[0].gains(BENT))
+    assert joint.gains(other) == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_what_one_kind_has_is_fixed_where_it_is():
+    kinds = {NEAR: "conduction", CONTACT: "rational1", BENT: "rational2"}
+    fit = tt.calibrate(
+        steps(0.7, 1.6), **ROLES, kinds=kinds, joint=CONTACT, starts=1, fixed={"r0": 0.12},
+        warn=lambda message: None,
+    )  # fmt: skip
+    (near,) = (term.response for term in fit.model.terms if term.output == NEAR)
+    assert near.r0 == 0.12
+    with pytest.raises(ModelError, match=r"cannot fix tau9: only .*r0.* can be fixed"):
+        tt.calibrate(steps(0.7, 1.6), **ROLES, kinds=kinds, joint=CONTACT, fixed={"tau9": 1.0})
+
+
 def test_a_contact_that_hardly_departs_is_refused_as_that():
     kinds = {c: KINDS[c] for c in (BENT, CONTACT)}
     with pytest.raises(FitError, match=f"as {CONTACT} tell, but by more a kelvin"):
@@ -128,6 +160,16 @@ def test_a_contact_is_read_and_not_judged(three):
     found = tt.diagnose(fit, log, warn=lambda message: None)
     assert found.adequate
     assert not found.diagnosis.causes
+
+
+def test_a_contact_is_not_compensated(three, tmp_path):
+    model = three[0].model
+    assert [output.channel for output in model.deflections] == [BENT]
+    assert held_output(model, None) == BENT
+    with pytest.raises(ModelError, match=rf"{CONTACT} is no deflection .* there are {BENT}$"):
+        design_controller(model, ControlPlan([("Q_main_1", 1.0)], outputs=[CONTACT]))
+    tt.write_model(model, str(tmp_path / "model.json"))
+    assert refused_setpoints(str(tmp_path / "model.json"), None) == ["offset_y_um"]
 
 
 @pytest.mark.slow

@@ -91,6 +91,7 @@ def design(
     horizon: float | None = None,
     duration: float | None = None,
     lead: float | None = None,
+    axes: Mapping[str, float] | None = None,
     warn: Notice = notice,
 ) -> ControlReport:
     """Design a controller of heaters.
@@ -117,6 +118,9 @@ def design(
         How long the machine works: the plan ends there.
     lead : float, optional [s]
         When the inversion is at zero. Default: two sample periods.
+    axes : mapping of output to float [unit of the output], optional
+        What an NC axis corrects of a deflection, up and down: heat is planned for what goes beyond
+        (receding horizon alone), and `compensate` writes the offset of the axis, too.
     warn : callable
         Takes a sentence about heat that no heater gives.
 
@@ -156,6 +160,7 @@ def design(
         horizon,
         lead,
         duration,
+        axes or {},
     )
     report = ControlReport(design_controller(as_model(model), plan))
     for sentence in report.notes:

@@ -32,6 +32,9 @@ from thermaltool.documents import write_json
               help="Deviation that counts as much as one of this size of another output, and for a "
               "regulator as full power [unit of the output].  [default: 1 % of the range of "
               "the calibration]")  # fmt: skip
+@click.option("--axis", "axes", type=Assignment(), metavar="OUTPUT=RANGE", multiple=True,
+              help="An NC axis corrects this deflection by up to RANGE, up and down: heat is "
+              "planned for what goes beyond [unit of the output].")  # fmt: skip
 @click.option("--slew", type=POSITIVE, metavar="RATE",
               help="Largest rate of the setpoints [unit of the drive per s].  [default: 10]"
 )  # fmt: skip
@@ -51,6 +54,7 @@ def command(
     model: str,
     controls: tuple[tuple[str, float | None], ...],
     tolerances: tuple[tuple[str, float], ...],
+    axes: tuple[tuple[str, float], ...],
     output: str,
     as_json: bool,
     quiet: int,
@@ -71,14 +75,18 @@ def command(
 
     shared.check_files(None, model)
     shared.check_files(output, as_json=as_json)
-    for method, needed in (("receding-horizon", ("horizon", "duration")), ("inversion", ("lead",))):
+    for method, needed in (
+        ("receding-horizon", ("horizon", "duration", "axes")),
+        ("inversion", ("lead",)),
+    ):
         if options["method"] != method:
             shared.refuse_given(needed, f"is of --method {method}")
     given = {name: value for name, value in options.items() if value is not None}
     progress = terminal_progress("design")
     with shared.usage_errors():
         result = api.design(model, dict_of(controls, "--control"),
-                            tolerance=dict_of(tolerances, "--tolerance"), **given,
+                            tolerance=dict_of(tolerances, "--tolerance"),
+                            axes=dict_of(axes, "--axis"), **given,
                             warn=silent if quiet else warn)  # fmt: skip
     progress("done\n")
     table = result.table()

@@ -6,7 +6,7 @@ One sealed JSON file, which a stream runs without anything beside it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from thermaltool.control.methods import METHODS, Method
@@ -55,6 +55,8 @@ class HeaterController:
         After which the inversion is at zero.
     duration : float or None [s]
         How long the machine works: the plan ends there; None for a horizon that recedes always.
+    axes : mapping of output to float [unit of the output]
+        What an NC axis corrects of it, up and down; heaters hold what goes beyond.
     """
 
     model: Model
@@ -65,6 +67,7 @@ class HeaterController:
     horizon: float
     lead: float
     duration: float | None = None
+    axes: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -90,6 +93,7 @@ class HeaterController:
                 "horizon_s": self.horizon,
                 "lead_s": self.lead,
                 **({} if self.duration is None else {"duration_s": self.duration}),
+                **({"axes": dict(self.axes)} if self.axes else {}),
             }
         )
 
@@ -126,6 +130,11 @@ def _load(whole: Part) -> HeaterController:
     )
     if not drives or not tolerances.names():
         raise ModelError("no drive that is set, or no output that is held")
+    axes = whole.part("axes") if "axes" in whole.names() else None
+    reaches = {} if axes is None else {n: axes.read(n, above_zero) for n in axes.names()}
+    for each in reaches:
+        if each not in tolerances.names():
+            raise ModelError(f"an axis for {each}, which is not held")
     return HeaterController(
         whole.read("model", from_document),
         whole.read("method", one_of(METHODS)),
@@ -135,4 +144,5 @@ def _load(whole: Part) -> HeaterController:
         whole.read("horizon_s", above_zero),
         whole.read("lead_s", above_zero),
         whole.read("duration_s", above_zero, None),
+        reaches,
     )

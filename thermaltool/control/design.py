@@ -15,6 +15,7 @@ from thermaltool.control.law_choice import disturbance_levels, law_of, linear_es
 from thermaltool.control.laws import AT_LIMIT
 from thermaltool.control.methods import Method
 from thermaltool.control.prediction import ControlPrediction
+from thermaltool.control.receding import beyond
 from thermaltool.documents import finite
 from thermaltool.errors import ModelError
 from thermaltool.model import Model
@@ -51,6 +52,8 @@ class ControlPlan:
     horizon, lead, duration : float or None [s]
         As for `HeaterController`; None for the slowest time constant of the control drives, for two
         sample periods, and for no end.
+    axes : mapping of output to float
+        As for `HeaterController`; of the receding horizon alone.
     """
 
     drives: Sequence[tuple[str, float | None]]
@@ -61,6 +64,7 @@ class ControlPlan:
     horizon: float | None = None
     lead: float | None = None
     duration: float | None = None
+    axes: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,7 @@ class ControlTrial:
     level : float [unit of the disturbance]
     time : ndarray, shape (n,) [s]
     free, held : mapping of output to ndarray, shape (n,)
-        Outputs without control, and with it.
+        Outputs without control, and with it, less what an axis corrects.
     heats : mapping of drive to ndarray, shape (n,)
         Held since the moment before.
     at_limit : float
@@ -133,7 +137,8 @@ def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
     for channel in channels:
         if channels.count(channel) > 1:
             raise ModelError(f"{channel} is given twice")
-    _check_acting(model, channels, outputs)
+    _check_axes(plan, outputs)
+    _check_acting(model, channels, outputs, plan.axes)
     prediction = ControlPrediction(linear_estimator(model)[1], tuple(channels), outputs)
     if not prediction.disturbances:
         raise ModelError(f"nothing but {', '.join(channels)} drives the model: nothing to hold off")
@@ -142,15 +147,18 @@ def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
     for name, length in (("horizon", horizon), ("lead", plan.lead), ("duration", plan.duration)):
         if length is not None and length < period:
             raise ModelError(f"a {name} of {length:g} s is below the sample period, {period:g} s")
+    tolerance = _tolerances(model, outputs, plan.tolerance)
+    _check_reach(prediction, drives, tolerance, plan)
     controller = HeaterController(
         model,
         plan.method,
         drives,
-        _tolerances(model, outputs, plan.tolerance),
+        tolerance,
         period,
         horizon,
         plan.lead or LEAD_PERIODS * period,
         plan.duration,
+        dict(plan.axes),
     )
     return tried(controller)
 
@@ -208,16 +216,57 @@ def _control_drive(model: Model, channel: str, top: float | None, slew: float) -
     return ControlDrive(channel, powers(model, channel, limits)[1], slew)
 
 
-def _check_acting(model: Model, channels: Sequence[str], outputs: Sequence[str]) -> None:
+def _check_axes(plan: ControlPlan, outputs: Sequence[str]) -> None:
+    for channel, reach in plan.axes.items():
+        if channel not in outputs:
+            raise ModelError(f"an axis for {channel}, which is not held")
+        if not 0 < reach < math.inf:
+            raise ModelError(f"an axis cannot correct {channel} by {reach:g}")
+    if plan.axes and plan.method != "receding-horizon":
+        raise ModelError(f"{plan.method} leaves nothing to an axis: take receding-horizon")
+
+
+def _check_acting(
+    model: Model, channels: Sequence[str], outputs: Sequence[str], axes: Mapping[str, float]
+) -> None:
     acts = {(term.drive, term.output) for term in model.terms}
     for channel in channels:
         if all((channel, output) not in acts for output in outputs):
             raise ModelError(f"{channel} acts on none of {', '.join(outputs)}: it holds nothing")
     for output in outputs:
-        if all((channel, output) not in acts for channel in channels):
+        if output not in axes and all((channel, output) not in acts for channel in channels):
             raise ModelError(
                 f"{output} cannot be controlled: none of {', '.join(channels)} acts on it "
                 "(--hold the others alone)"
+            )
+
+
+def _check_reach(
+    prediction: ControlPrediction,
+    drives: Sequence[ControlDrive],
+    tolerance: Mapping[str, float],
+    plan: ControlPlan,
+) -> None:
+    """Refuse drives and outputs between which a calibration has found next to nothing.
+
+    Full power is to move an output by its tolerance at some moment of the plan.
+    """
+    time = plan.duration or plan.horizon or prediction.slowest()
+    times = time * np.arange(1, TRIAL_SAMPLES + 1) / TRIAL_SAMPLES
+    moves = np.abs(prediction.steps(times)).max(axis=0) * [drive.maximum for drive in drives]
+    short = moves / np.array(list(tolerance.values()))[:, None]
+    for k, (output, size) in enumerate(tolerance.items()):
+        if output not in plan.axes and short[k].max() < 1:
+            raise ModelError(
+                f"{output} cannot be controlled: full power of {', '.join(prediction.controls)} "
+                f"moves it by {moves[k].max():.2g} within {time:.3g} s, less than its tolerance, "
+                f"{size:.2g} (--hold the others alone)"
+            )
+    for k, drive in enumerate(drives):
+        if short[:, k].max() < 1:
+            raise ModelError(
+                f"{drive.channel} acts on none of {', '.join(tolerance)}: full power moves no "
+                f"output by its tolerance within {time:.3g} s"
             )
 
 
@@ -265,6 +314,7 @@ def _trial(
     # Without limits the law shows what it would have of the heaters.
     asked = course(limited=False)[2]
     free = np.array([prediction.free(float(moment)) @ start for moment in time])
+    held = beyond(held, np.array([controller.axes.get(each, 0.0) for each in controller.tolerance]))
     least, worst = asked.min(axis=0), asked.argmin(axis=0)
     shares = least / [drive.maximum for drive in controller.drives]
     needs = ""

@@ -73,7 +73,7 @@ def law_of(
 
         return RecedingHorizonLaw(
             prediction, bounds, tolerance, controller.period, controller.horizon,
-            controller.duration,
+            controller.duration, [controller.axes.get(each, 0.0) for each in controller.tolerance],
         )  # fmt: skip
     of_states = controller.method == "state-lqr"
     levels = disturbance_levels(controller.model, prediction)

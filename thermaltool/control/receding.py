@@ -4,12 +4,14 @@ A heater cannot take heat away, and what it puts in bends the machine for as lon
 time constant. So the heats over a horizon are planned at every sample, and the first of them is
 given:
 
-    minimize  Σ w (y/tolerance)² + ω W² + ρ Σ (u/maximum)²
+    minimize  Σ w (y/tolerance)² + ω W² + ρ Σ (u/maximum)² + κ Σ (change of u/maximum)²
     over      0 ≤ u ≤ maximum,  |change of u| ≤ slew · time,  every y within a band of width W g,
 
-a quadratic program for PIQP, an interior-point solver that needs some 20 steps for a small dense
-one, whatever is active, and so has a bounded time for each sample. Stretches of constant heat
-become longer by a constant ratio, so that a horizon of an hour has as few as one of a minute.
+where y is what NC axes leave of a deflection: each moves to where it is needed, within its range
+and at once, so that heat is planned for what an axis cannot reach. It is a quadratic program for
+PIQP, an interior-point solver that needs some 20 steps for a small dense one, whatever is active,
+and so has a bounded time for each sample. Stretches of constant heat become longer by a constant
+ratio, so that a horizon of an hour has as few as one of a minute.
 
 Where nothing is known of how long the machine works, what is foretold counts the less the further
 ahead it is: w falls by e in a third of the horizon, and the band grows so (g). The disturbance may
@@ -40,8 +42,10 @@ STRETCHES, MOMENTS = 20, 3
 # Weight of full power for all of the horizon, against a deflection of one tolerance.
 POWER_WEIGHT = 1e-4
 # Weight of a change by full power, from the setpoint as it stands and from stretch to stretch, in
-# weights of the band: it keeps noise out of the heats where many plans are as good.
-CHANGE_WEIGHT = 0.3
+# weights of the band and for each tolerance that the last plan left, but for one at least: it keeps
+# noise out of the heats. Weighed the same whatever is left, noise would move heaters over all of
+# their range where much is left, for what the heat of a minute matters there.
+CHANGE_WEIGHT, LEAST_LEFT = 0.3, 1.0
 # Weight of the band of the worst output against the mean square; where the time to work is known
 # the band is what counts.
 BAND_WEIGHT, BAND_WEIGHT_WITHIN = 1.0, 100.0
@@ -92,6 +96,17 @@ def shortened(ends: Float, horizon: float) -> Float:
     return np.append(kept, horizon)
 
 
+def beyond(y: Float, reach: Float) -> Float:
+    """What goes beyond a range around zero: y less its part within ±`reach`.
+
+    Parameters
+    ----------
+    y : ndarray, shape (..., n)
+    reach : ndarray, shape (n,)
+    """
+    return np.asarray(y - np.clip(y, -reach, reach))
+
+
 @dataclass
 class HeatPlan:
     """Heats over stretches, as of the sample at which they were planned.
@@ -127,6 +142,8 @@ class Program:
     band_weight : float
     fading : float [s]
         A deflection so far ahead counts less by e; infinite where all count alike.
+    axes : sequence of float [unit of the output]
+        What an NC axis corrects of each output, up and down; 0 where there is none.
     """
 
     def __init__(
@@ -136,7 +153,8 @@ class Program:
         tolerance: Sequence[float],
         ends: Float,
         band_weight: float,
-        fading: float = np.inf,
+        fading: float,
+        axes: Sequence[float],
     ) -> None:
         import piqp
 
@@ -156,32 +174,47 @@ class Program:
         counts = np.diff(times, prepend=0.0) * fades
         weights = np.repeat(counts / counts.sum(), self._outputs)
         self._change_weight = 2 * CHANGE_WEIGHT * band_weight
-        self._weighted = 2 * self.acting.T * weights
-        self._heats = len(ends) * self._drives
-        self._n = self._heats + 2 * self._outputs + 1
+        self._reach = np.array(axes) / scale
+        self._moving = np.hstack([self.acting, self._offsets()])
+        self._weighted = 2 * self._moving.T * weights
+        self._heats, self._moved = len(ends) * self._drives, self._moving.shape[1]
+        self._n = self._moved + 2 * self._outputs + 1
         P = REGULARIZATION * np.eye(self._n)
-        P[: self._heats, : self._heats] += self._weighted @ self.acting
+        P[: self._moved, : self._moved] += self._weighted @ self._moving
         shares = np.repeat((ends - starts) / ends[-1], self._drives)
         P[: self._heats, : self._heats] += np.diag(2 * POWER_WEIGHT * shares)
         # From stretch to stretch, and of the first from the setpoint.
         differ = np.eye(self._heats) - np.eye(self._heats, k=-self._drives)
-        P[: self._heats, : self._heats] += self._change_weight * differ.T @ differ
+        self._differ = differ.T @ differ
         P[-1, -1] += 2 * band_weight
         self._G, self._spans = self._rows(bounds, ends, starts, 1 / fades)
         self._solver: Any = piqp.DenseSolver()
         self._P, self._ready = np.asfortranarray(P), False
 
+    def _offsets(self) -> Float:
+        """What offsets of the axes do to the outputs, in parts of their range.
+
+        Each goes straight from the end of a stretch to the end of the next.
+        """
+        stretches = len(self.ends)
+        after = np.tile(np.arange(1, MOMENTS + 1) / MOMENTS, stretches)[:, None]
+        begun = np.repeat(np.eye(stretches, stretches + 1), MOMENTS, axis=0)
+        ended = np.repeat(np.eye(stretches, stretches + 1, k=1), MOMENTS, axis=0)
+        course = (1 - after) * begun + after * ended
+        axes = np.diag(self._reach)[:, self._reach > 0]
+        return np.asarray(np.kron(course, axes))
+
     def _rows(
         self, bounds: HeatLimits, ends: Float, starts: Float, grown: Float
     ) -> tuple[Float, Float]:
         """Rows of the inequalities, and the upper bounds of those that never change."""
-        outputs, heats = self._outputs, self._heats
+        outputs, moved = self._outputs, self._moved
         axes = np.kron(grown[:, None], np.eye(outputs))
         none, thin = np.zeros_like(axes), np.zeros((len(axes), 1))
         rows = [
-            np.hstack([self.acting, -axes, none, thin]),
-            np.hstack([-self.acting, none, -axes, thin]),
-            np.hstack([np.zeros((outputs, heats)), np.eye(outputs), np.eye(outputs),
+            np.hstack([self._moving, -axes, none, thin]),
+            np.hstack([-self._moving, none, -axes, thin]),
+            np.hstack([np.zeros((outputs, moved)), np.eye(outputs), np.eye(outputs),
                        -np.ones((outputs, 1))]),
         ]  # fmt: skip
         reach = (bounds.slews / bounds.maxima) * (ends - starts)[:-1, None]
@@ -193,7 +226,9 @@ class Program:
         spans = np.concatenate([np.zeros(outputs), *([reach.ravel()[binding]] * 2)])
         return np.asfortranarray(np.vstack(rows)), spans
 
-    def solve(self, z: Float, stands: Float, reach: Float, spent: tuple[Float, Float]) -> Float:
+    def solve(
+        self, z: Float, stands: Float, reach: Float, spent: tuple[Float, Float], left: float
+    ) -> Float:
         """Heats in parts of full power, shape (k, n).
 
         Parameters
@@ -203,27 +238,33 @@ class Program:
             Where the heats stand, and by how much they can be moved now, in parts of full power.
         spent : (ndarray, ndarray), each shape (number of outputs,) [tolerance]
             How far above and below zero the outputs have been.
+        left : float [tolerance]
+            The largest deflection that the last plan foretold.
 
         Raises
         ------
         FitError
             The solver has found none.
         """
-        y, drives, heats = self.free @ z, self._drives, self._heats
+        y, drives, heats, moved = self.free @ z, self._drives, self._heats, self._moved
         c = np.zeros(self._n)
-        c[:heats] = self._weighted @ y
-        c[:drives] -= self._change_weight * stands
+        c[:moved] = self._weighted @ y
+        weight = self._change_weight * max(left, LEAST_LEFT)
+        c[:drives] -= weight * stands
+        P = self._P.copy()
+        P[:heats, :heats] += weight * self._differ
         lower, upper = np.zeros(self._n), np.full(self._n, np.inf)
-        upper[:heats] = 1.0
+        upper[:moved] = 1.0
+        lower[heats:moved] = -1.0
         lower[:drives] = np.clip(stands - reach, 0.0, 1.0)
         upper[:drives] = np.clip(stands + reach, lower[:drives], 1.0)
-        lower[heats:-1] = np.concatenate(spent)
+        lower[moved:-1] = np.concatenate(spent)
         h = np.concatenate([-y, y, self._spans])
         if not self._ready:
-            self._solver.setup(self._P, c, None, None, self._G, None, h, lower, upper)
+            self._solver.setup(P, c, None, None, self._G, None, h, lower, upper)
             self._ready = True
         else:
-            self._solver.update(c=c, h_u=h, x_l=lower, x_u=upper)
+            self._solver.update(P=P, c=c, h_u=h, x_l=lower, x_u=upper)
         status = self._solver.solve()
         found = np.array(self._solver.result.x[:heats])
         if status != self._solved or not np.all(np.isfinite(found)):
@@ -231,8 +272,13 @@ class Program:
         return np.clip(found, 0.0, 1.0).reshape(-1, drives)
 
     def foretold(self, z: Float, shares: Float) -> Float:
-        """Outputs at the moments of the plan, shape (m, number of outputs) [tolerance]."""
-        return np.asarray((self.free @ z + self.acting @ shares.ravel()).reshape(-1, self._outputs))
+        """What axes leave at the moments of the plan, shape (m, number of outputs) [tolerance]."""
+        y = (self.free @ z + self.acting @ shares.ravel()).reshape(-1, self._outputs)
+        return self.beside_axes(y)
+
+    def beside_axes(self, y: Float) -> Float:
+        """What axes leave of outputs, shape (..., number of outputs) [tolerance]."""
+        return beyond(y, self._reach)
 
 
 class RecedingHorizonLaw(ControlLaw):
@@ -247,6 +293,8 @@ class RecedingHorizonLaw(ControlLaw):
     horizon : float [s]
     duration : float or None [s]
         The time that the machine works.
+    axes : sequence of float [unit of the output]
+        As of `Program`.
     """
 
     def __init__(
@@ -256,23 +304,24 @@ class RecedingHorizonLaw(ControlLaw):
         tolerance: Sequence[float],
         period: float,
         horizon: float,
-        duration: float | None = None,
+        duration: float | None,
+        axes: Sequence[float],
     ) -> None:
-        self.prediction, self.bounds = prediction, bounds
+        self.prediction, self.bounds, self._axes = prediction, bounds, axes
         self._tolerance, self._period = np.array(tolerance), period
         self._horizon, self._duration = horizon, duration
         self._programs: dict[tuple[int, bool], Program] = {}
         self._C = prediction.readout / self._tolerance[:, None]
         self._above = self._below = np.zeros(len(self._tolerance))
         self._plan: HeatPlan | None = None
-        self._failures = 0
+        self._failures, self._left = 0, 0.0
         self._ends = stretch_ends(period, max(horizon, duration or 0.0))
         self._latest = self._program(0.0)[0]
 
     def decide(self, z: Float, dt: float, elapsed: float, given: Float) -> Decision:
         program, within = self._program(elapsed)
         self._latest = program
-        now = self._C @ z
+        now = program.beside_axes(self._C @ z)
         if within:
             self._above = np.maximum(self._above, now)
             self._below = np.maximum(self._below, -now)
@@ -281,12 +330,13 @@ class RecedingHorizonLaw(ControlLaw):
         maxima = self.bounds.maxima
         stands, reach = given / maxima, self.bounds.slews * dt / maxima
         try:
-            shares = program.solve(z, stands, reach, (self._above, self._below))
+            shares = program.solve(z, stands, reach, (self._above, self._below), self._left)
         except FitError as error:
             self.reason = str(error)
             return self.go_on(z, dt, given)
         self._failures, self._plan = 0, HeatPlan(program.ends, shares * maxima)
-        worst = np.abs(program.foretold(z, shares)).max(axis=0) * self._tolerance
+        left = np.abs(program.foretold(z, shares)).max(axis=0)
+        self._left, worst = float(left.max()), left * self._tolerance
         at_limit = np.any((shares < AT_LIMIT) | (shares > 1 - AT_LIMIT))
         status = SATURATED if at_limit and np.any(worst > self._tolerance) else OK
         return Decision(shares[0] * maxima, shares[0] * maxima, worst, status)
@@ -315,17 +365,20 @@ class RecedingHorizonLaw(ControlLaw):
             self._programs[at, within] = Program(
                 self.prediction, self.bounds, self._tolerance.tolist(),
                 shortened(self._ends, self._period * HORIZON_GRID**at), weight,
-                np.inf if within else horizon / FADING_PARTS,
+                np.inf if within else horizon / FADING_PARTS, self._axes,
             )  # fmt: skip
         return self._programs[at, within], within
 
     def state(self) -> list[Any]:
-        """How far above and below zero the outputs have been, for `resume` [tolerance]."""
-        return [self._above.tolist(), self._below.tolist()]
+        """How far above and below zero the outputs have been, and what the last plan left.
+
+        For `resume` [tolerance].
+        """
+        return [self._above.tolist(), self._below.tolist(), self._left]
 
     def resume(self, values: Sequence[Any]) -> None:
         """Go on from `values`; ValueError where they are none of these outputs."""
-        above, below = (np.array(each, float) for each in values)
+        above, below = (np.array(each, float) for each in values[:2])
         if above.shape != self._above.shape or below.shape != above.shape:
             raise ValueError("not a state of this controller")
-        self._above, self._below = above, below
+        self._above, self._below, self._left = above, below, float(values[2])

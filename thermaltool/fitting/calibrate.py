@@ -117,6 +117,14 @@ class CalibrationPlan:
         roles += [(c, "deflection", "deflection") for c in self.deflections]
         return [(channel, role, self.kinds.get(channel, kind)) for channel, role, kind in roles]
 
+    def constants(self) -> set[str]:
+        """Parameters that can be fixed: those that a kind of the outputs has."""
+        outputs = self.outputs()
+        kinds = {kind for channel, _, kind in outputs if not self.chosen(channel)}
+        if any(self.chosen(channel) for channel, _, _ in outputs):
+            kinds |= set(KINDS)
+        return {name for kind in kinds for name in response_class(kind).fixed}
+
     def check(self) -> None:
         """Refuse what is no calibration.
 
@@ -135,10 +143,7 @@ class CalibrationPlan:
         for channel in self.kinds:
             if channel not in names[len(self.drives) :]:
                 raise ModelError(f"a kind of response for {channel}, which is no output of the fit")
-        kinds = {kind for channel, _, kind in outputs if not self.chosen(channel)}
-        if any(self.chosen(channel) for channel, _, _ in outputs):
-            kinds |= set(KINDS)
-        constants = {name for kind in kinds for name in response_class(kind).fixed}
+        constants = self.constants()
         for name, value in self.fixed.items():
             if name not in constants:
                 known = f"only {', '.join(sorted(constants))}" if constants else "nothing here"

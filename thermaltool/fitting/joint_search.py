@@ -9,7 +9,7 @@ a list of trials; what is taken has evidence, and predicts logs (or rows) held o
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -62,11 +62,14 @@ class JointPart:
         Whether it acts at once.
     lag : float [s]
         Time constant through which it acts, too; 0 for none.
+    outputs : tuple of int
+        Displacements that it bends, among those that move.
     """
 
     source: Source
     now: bool
     lag: float
+    outputs: tuple[int, ...]
 
     @property
     def columns(self) -> tuple[tuple[Source, float], ...]:
@@ -91,7 +94,7 @@ class _Fitted:
 
     def criterion(self, rows: Float) -> float:
         """The Bayesian information criterion of so many independent rows of each output."""
-        count = self.gains.size + sum(part.parameters for part in self.parts)
+        count = sum(len(p.outputs) * len(p.columns) + p.parameters for p in self.parts)
         return float(rows @ np.log(self.left)) + count * float(np.log(np.sum(rows)))
 
 
@@ -158,9 +161,9 @@ class JointSearch:
         best, sources = self._fit(()), [*([] if self.near is None else [""]), *self.contacts]
         while sources:
             tried = [self._fit((*best.parts, part)) for s in sources for part in self._parts(s)]
-            found = [each for each in tried if self._plausible(each)]
+            found = [own for each in tried if (own := self._within_bound(each)) is not None]
             if not best.parts:
-                self.beyond = self._beyond_bound(tried, found, best)
+                self.beyond = self._beyond_bound(tried, best)
             if not found:
                 break
             rows = min(found, key=lambda each: float(np.sum(np.log(each.left)))).rows
@@ -178,9 +181,10 @@ class JointSearch:
         period = min(record.period for record in self.records)
         duration = max(record.duration for record in self.records)
         lags = time_constants(LAG_SAMPLES * period, duration, LAG_TRIALS)
-        yield JointPart(source, True, 0.0)
+        every = tuple(range(len(self._moved)))
+        yield JointPart(source, True, 0.0, every)
         for now, lag in product((False, True), lags):
-            yield JointPart(source, now, lag)
+            yield JointPart(source, now, lag, every)
 
     def _driven(self, record: Record) -> Float:
         """What the drives make of a grid of rates, shape (n, drives · rates)."""
@@ -226,12 +230,20 @@ class JointSearch:
         signals = [self._signal(*column) for part in parts for column in part.columns]
         return np.column_stack([*signals, self._offsets])
 
+    def _of(self, k: int, parts: Sequence[JointPart]) -> NDArray[np.bool_]:
+        """Which of the columns one displacement has."""
+        bends = [k in part.outputs for part in parts for _ in part.columns]
+        return np.array([*bends, *[True] * len(self.records)])
+
     def _fit(self, parts: tuple[JointPart, ...]) -> _Fitted:
-        columns = self._columns(parts)
+        every = self._columns(parts)
         gains, left, rows = [], [], []
         for k, there in enumerate(self._there.T):
-            own = linear_least_squares(columns[there], self._departure[there, k], MIN_DIRECTION)
-            residual = self._departure[there, k] - columns[there] @ own
+            kept = self._of(k, parts)
+            columns = every[np.ix_(there, kept)]
+            own = np.zeros(len(kept))
+            own[kept] = linear_least_squares(columns, self._departure[there, k], MIN_DIRECTION)
+            residual = self._departure[there, k] - columns @ own[kept]
             gains.append(own[: -len(self.records)])
             left.append(float(residual @ residual) + len(residual) * self._floor[k] ** 2)
             rows.append(independent_rows(residual))
@@ -246,11 +258,9 @@ class JointSearch:
         values = np.concatenate([r.column(displacement) for r in self.records])
         return float(np.nanmax(values) - np.nanmin(values)) > MIN_REACH * self._sigma(displacement)
 
-    def _beyond_bound(
-        self, tried: Sequence[_Fitted], found: Sequence[_Fitted], none: _Fitted
-    ) -> tuple[str, ...]:
+    def _beyond_bound(self, tried: Sequence[_Fitted], none: _Fitted) -> tuple[str, ...]:
         """Contacts with evidence, whose gains are above the bound."""
-        above = [each for each in tried if not any(each is other for other in found)]
+        above = [each for each in tried if self._too_far(each)]
         least = {
             each.parts[-1].source
             for each in above
@@ -258,16 +268,32 @@ class JointSearch:
         }
         return tuple(c for c in self.contacts if c in least)
 
-    def _plausible(self, fitted: _Fitted) -> bool:
-        """Whether a kelvin at a contact bends less than one of its warming does; `MAX_BEND`."""
+    def _too_far(self, fitted: _Fitted) -> set[int]:
+        """Displacements that a kelvin at a contact bends by more than one of its whole warming.
+
+        See `MAX_BEND`.
+        """
         sources = [source for part in fitted.parts for source, _ in part.columns]
+        found: set[int] = set()
         for contact in filter(None, set(sources)):
             own = [k for k, source in enumerate(sources) if source == contact]
             warming = max(float(np.max(np.abs(each[contact]))) for each in self.linear)
             total = np.sum(np.abs(fitted.gains[own]), axis=0)
-            if np.any(total > MAX_BEND * self._reach / warming):
-                return False
-        return True
+            found |= set(np.flatnonzero(total > MAX_BEND * self._reach / warming).tolist())
+        return found
+
+    def _within_bound(self, fitted: _Fitted) -> _Fitted | None:
+        """The same without its last part in displacements that it bends too far; None if in all.
+
+        One that departs for a reason of its own takes no contact from the others.
+        """
+        last, over = fitted.parts[-1], self._too_far(fitted)
+        kept = tuple(k for k in last.outputs if k not in over)
+        if not kept:
+            return None
+        if kept == last.outputs:
+            return fitted
+        return self._fit((*fitted.parts[:-1], replace(last, outputs=kept)))
 
     def _folds(self) -> list[NDArray[np.bool_]]:
         """Blocks of time that are held out in turn."""
@@ -276,11 +302,12 @@ class JointSearch:
 
     def _held_out(self, parts: tuple[JointPart, ...]) -> float:
         """Squared errors on rows that the gains have not seen, in units of the noise."""
-        columns, total = self._columns(parts), 0.0
-        signals = columns[:, : -len(self.records)]
+        every, total = self._columns(parts), 0.0
         for out in self._folds():
             for k, there in enumerate(self._there.T):
                 seen, unseen = there & ~out, there & out
+                columns = every[:, self._of(k, parts)]
+                signals = columns[:, : -len(self.records)]
                 own = linear_least_squares(columns[seen], self._departure[seen, k], MIN_DIRECTION)
                 error = self._departure[unseen, k] - signals[unseen] @ own[: signals.shape[1]]
                 # A displacement has no zero of its own.
@@ -293,11 +320,12 @@ class JointSearch:
         found, at = [], 0
         for part in fitted.parts:
             names = {True: ("contact", "deviation"), False: ("forces", "heat")}[bool(part.source)]
+            bent = [(k, self._moved[k]) for k in part.outputs]
             own: dict[str, float] = {}
             for _, lag in part.columns:
                 gains = fitted.gains[at]
                 base = names[lag > 0]
-                own |= {f"{base}[{o}]": float(gains[k]) for k, o in enumerate(self._moved)}
+                own |= {f"{base}[{o}]": float(gains[k]) for k, o in bent}
                 at += 1
             late = {"time_constant": part.lag} if part.lag else {}
             near = part.source if self.near is None else self.near

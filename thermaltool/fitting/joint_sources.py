@@ -82,9 +82,7 @@ def calibrate_joint(
     def part(
         which: Sequence[Record], deflections: Sequence[str], sensors: Sequence[str] = ()
     ) -> Model:
-        own = {o: kind for o, kind in plan.kinds.items() if o in (*sensors, *deflections)}
-        of = replace(plan, kinds=own, sensors=tuple(sensors), deflections=tuple(deflections))
-        return calibrate(which, of, progress)
+        return calibrate(which, _of_outputs(plan, sensors, deflections), progress)
 
     found = [part(steady, contacts)]
     others = tuple(o for o in plan.deflections if not is_displacement(o))
@@ -142,12 +140,21 @@ def _displacement(
 ) -> Model:
     """A displacement alone, by the kind that it has been given or the simplest that will do."""
     kinds = (plan.kinds[channel],) if channel in plan.kinds else KINDS
-    alone = replace(plan, sensors=(), deflections=(channel,))
-    fits = [calibrate(records, replace(alone, kinds={channel: k}), progress) for k in kinds]
+    plans = [_of_outputs(replace(plan, kinds={channel: k}), (), (channel,)) for k in kinds]
+    fits = [calibrate(records, each, progress) for each in plans]
     cancelling = [any(map(_cancels, fit.outputs[0].fit["unidentified"])) for fit in fits]
     sound = [fit for fit, gone in zip(fits, cancelling, strict=True) if not gone] or fits
     least = min(map(_criterion, sound))
     return next(fit for fit in sound if _criterion(fit) <= least + DECISIVE)
+
+
+def _of_outputs(
+    plan: CalibrationPlan, sensors: Sequence[str], deflections: Sequence[str]
+) -> CalibrationPlan:
+    """The plan of some outputs, with the kinds and the fixed parameters that these have."""
+    kinds = {o: kind for o, kind in plan.kinds.items() if o in (*sensors, *deflections)}
+    own = replace(plan, kinds=kinds, sensors=tuple(sensors), deflections=tuple(deflections))
+    return replace(own, fixed={n: v for n, v in plan.fixed.items() if n in own.constants()})
 
 
 def _criterion(fit: Model) -> float:

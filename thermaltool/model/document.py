@@ -179,8 +179,8 @@ class Model:
 
     @property
     def deflections(self) -> tuple[Output, ...]:
-        """Outputs that are to be compensated."""
-        return tuple(o for o in self.outputs if o.role == "deflection")
+        """Outputs that are to be compensated; not the contact by which a joint is told."""
+        return tuple(o for o in self.outputs if o.role == "deflection" and o.judged)
 
     def reference(self, channel: str) -> Reference:
         """What counts as zero of a channel that is read: that of a drive, else 0.

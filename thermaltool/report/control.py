@@ -58,7 +58,12 @@ def control_table(design: ControlDesign) -> str:
         for trial in design.trials
         for output in trial.held
     ]
-    what = ", ".join(filter(None, (controller.method, plans.get(controller.method, ""), limits)))
+    axes = ", ".join(
+        f"an axis corrects {channel} by up to ±{reach:g}"
+        for channel, reach in controller.axes.items()
+    )
+    parts = controller.method, plans.get(controller.method, ""), limits, axes
+    what = ", ".join(filter(None, parts))
     return f"{what}\n{aligned(rows, 1)}"
 
 

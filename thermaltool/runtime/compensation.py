@@ -261,7 +261,7 @@ def heater_power(
 def controlled_heaters(
     controller: HeaterController, settings: Settings, messages: Messages, settled: bool = False
 ) -> SetpointProcess:
-    """Powers of the heaters of a controller document.
+    """Powers of the heaters of a controller document, and offsets of its axes.
 
     Parameters
     ----------
@@ -292,17 +292,23 @@ def controlled_heaters(
     stepper = ControlStepper(
         controller, estimator, lambda: [setpoint.value for setpoint in setpoints], messages
     )
-    wanted = [f"wanted_{channel}" for channel in controller.channels]
+    ranges = {output.channel: output.range for output in controller.model.deflections}
+    axes = [
+        settings.setpoint((-reach, reach), channel=name, seen=ranges[name][1] - ranges[name][0])
+        for name, reach in controller.axes.items()
+    ]
+    names = [*controller.channels, *map(setpoint_name, controller.axes)]
+    wanted = [f"wanted_{channel}" for channel in names]
     left = [f"left_{channel.partition('_')[2]}" for channel in controller.tolerance]
     return ControlProcess(
         stepper,
         _sensors(columns, period, settings, messages, design, stands_in=True),
-        list(range(len(setpoints))),
-        setpoints,
+        list(range(len(names))),
+        [*setpoints, *axes],
         _policy(settings, period, 1.0, settled),
         _clock_check(settings, period, messages),
         messages,
-        names=controller.channels,
+        names=names,
         estimates=(*wanted, *estimator.estimates, *left) if settings.estimates else (),
         with_status=settings.status,
         patience=default_hold(period),

@@ -26,7 +26,9 @@ UNTRUSTED = "what the model foretells is not trusted any more"
 
 
 class ControlStepper(Steps):
-    """Estimator and law as one: estimates are powers wanted, heats and deflections, what is left.
+    """Estimator and law as one.
+
+    Estimates are powers and offsets of axes wanted, heats and deflections, what is left.
 
     Parameters
     ----------
@@ -55,6 +57,8 @@ class ControlStepper(Steps):
         self._given, self._report = given, report
         self._stepper = Stepper(estimator, controller.period)
         self.settling_time = self._stepper.settling_time
+        names = list(estimator.estimates)
+        self._corrected = [names.index(channel) for channel in controller.axes]
         self._places = [estimator.sensors.index(channel) for channel in controller.channels]
         maxima = np.array([drive.maximum for drive in controller.drives])
         self.actuation = Actuation(maxima, controller.period)
@@ -132,7 +136,8 @@ class ControlStepper(Steps):
     def rest(self) -> list[float]:
         """Estimates before anything is known."""
         heats, left = len(self._controller.drives), len(self._controller.tolerance)
-        return [0.0] * heats + self._stepper.rest() + [0.0] * left
+        wanted = heats + len(self._corrected)
+        return [0.0] * wanted + self._stepper.rest() + [0.0] * left
 
     def start(self, readings: list[float], settled: bool = False) -> list[float]:
         """Estimates at the first readings; see `Stepper.start`."""
@@ -214,13 +219,15 @@ class ControlStepper(Steps):
             self._saturated += 1
             self._worst = np.maximum(self._worst, np.abs(decision.left))
         given = self._given()
+        # Without a plan axes go on: they need none.
+        beside = [*(-estimates[k] for k in self._corrected), *estimates, *decision.left.tolist()]
         if self.gives_nothing:
-            return [*[0.0] * len(given), *estimates, *decision.left.tolist()]
+            return [*[0.0] * len(given), *beside]
         wanted = [
             self.actuation.setpoint(k, power, given[k], self._measured[k])
             for k, power in enumerate(decision.powers)
         ]
-        return [*wanted, *estimates, *decision.left.tolist()]
+        return [*wanted, *beside]
 
     @property
     def gives_nothing(self) -> bool:

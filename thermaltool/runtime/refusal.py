@@ -41,9 +41,14 @@ def refused_setpoints(path: str, heater: str | None) -> list[str]:
     with contextlib.suppress(ValueError, RecursionError, TypeError, KeyError, AttributeError):
         document = json.loads(text)
         if CONTROLLER.matches(document):
-            return [drive["channel"] for drive in document["control"]]
-        outputs = document["outputs"]
-        return [setpoint_name(o["channel"]) for o in outputs if o["role"] == "deflection"]
+            heaters = [drive["channel"] for drive in document["control"]]
+            return [*heaters, *map(setpoint_name, document.get("axes", {}))]
+        return [
+            setpoint_name(o["channel"])
+            for o in document["outputs"]
+            # The contact by which a joint is told has none.
+            if o["role"] == "deflection" and not o["fit"].get("contact")
+        ]
     if CONTROLLER.name in text:
         return list(dict.fromkeys(CONTROL.findall(text)))
     return [setpoint_name(name) for name in dict.fromkeys(DEFLECTION.findall(text))]
