@@ -309,7 +309,6 @@ def reports_of(
     hypothesis: Hypothesis,
     plain: Hypothesis,
     white: Mapping[str, float],
-    floor: Mapping[str, float],
 ) -> dict[str, ResidualReport]:
     """Every output's residual, in the log that has most of its rows.
 
@@ -319,8 +318,8 @@ def reports_of(
         What the model may say for itself: its start in each log.
     plain : Hypothesis
         The model as a user simulates it.
-    white, floor : mapping of output to float [unit of the output]
-        Noise of a reading, and the discrepancy of a clean log.
+    white : mapping of output to float [unit of the output]
+        Noise of a reading.
     """
     reports = {}
     for output, groups in hypothesis.groups.items():
@@ -334,7 +333,6 @@ def reports_of(
             {d.channel: log.columns[d.channel] for d in hypothesis.model.drives},
             {c: v for c, v in log.columns.items() if c in hypothesis.scene.extra},
             white[output],
-            floor[output],
             hidden_in(log, output),
         )
     return reports

@@ -12,9 +12,9 @@ from thermaltool.report.clock_axis import time_unit
 from thermaltool.report.diagnosis_advice import (
     ruled_out_sentence,
     severity_sentence,
-    worst_moved,
 )
 from thermaltool.report.diagnosis_tables import sections
+from thermaltool.report.diagnosis_verdict import output_of_verdict, verdict_sentence
 from thermaltool.report.diagnosis_words import (
     DECISIVE_EVIDENCE,
     ChainStep,
@@ -36,25 +36,11 @@ from thermaltool.report.diagnosis_words import (
 from thermaltool.report.style import channel_unit
 from thermaltool.report.text import aligned
 
-# A smaller share is told as hardly any.
-MIN_SHARE_TOLD = 0.01
 # A condition is told where it holds so much more of the misfit than of the time, a band where it
 # holds this share of the misfit.
 MIN_EXCESS, MIN_BAND_SHARE = 0.1, 0.5
 # Causes that are told one by one.
 MAX_CAUSES_TOLD = 3
-
-
-def main_output(document: Document) -> str | None:
-    """The output with most of its residual above noise and the calibration's own error.
-
-    Parameters
-    ----------
-    document : mapping
-        The diagnosis as JSON.
-    """
-    residuals = document["residuals"]
-    return max(residuals, key=lambda name: residuals[name]["above_floor"], default=None)
 
 
 # ---------------------------------------------------------------- the first lines
@@ -68,8 +54,8 @@ def summary(document: Document) -> list[str]:
     document : mapping
         The diagnosis as JSON.
     """
-    lines = [_verdict(document)]
-    output = _output_told(document)
+    lines = [verdict_sentence(document)]
+    output = output_of_verdict(document)
     wrong = not document["adequate"] and not document["rests"]
     if wrong and output is not None and output in document["residuals"]:
         lines += _where(document, output)
@@ -88,47 +74,6 @@ def summary(document: Document) -> list[str]:
         lines += _no_cause(document)
     lines += filter(None, [ruled_out_sentence(document)])
     return [*lines, *_unknown(document)]
-
-
-def _output_told(document: Document) -> str | None:
-    """The output that the first sentences are of: that of the cause, where the others are good."""
-    causes = document["causes"]
-    if document["verdict"] == "not adequate" and document["noise_share"] >= 0.5 and causes:
-        return worst_moved(document, causes[0]) or main_output(document)
-    return main_output(document)
-
-
-def _verdict(document: Document) -> str:
-    share, verdict = document["noise_share"], document["verdict"]
-    line = f"The model is {verdict} for {names_of(document['logs'])}"
-    if verdict == "cannot judge":
-        line = f"The model cannot be judged by {names_of(document['logs'])}"
-        if document["rests"]:
-            return f"{line}."
-    output = _output_told(document)
-    if output is None or output not in document["residuals"]:
-        return f"{line}."
-    report = document["residuals"][output]
-    unit = channel_unit(output)
-    sizes = (
-        f"(residual {number(report['spread'])} {unit} RMS, noise "
-        f"{number(report['noise']['white'])} {unit}"
-        # No less than noise is asked of a calibration.
-        + (
-            f", calibration {number(report['floor'])} {unit})"
-            if report["floor"] > 1.001 * report["noise"]["white"]
-            else ")"
-        )
-    )
-    if verdict == "not adequate" and share >= 0.5:
-        return f"{line}: what is more than noise in {output} has a cause {sizes}."
-    much = f"{'only ' if verdict != 'adequate' else ''}{percent(share)}"
-    if share < MIN_SHARE_TOLD:
-        much = "hardly any"
-    return (
-        f"{line}: {much} of the residual's power in {output} is sensor noise or what the "
-        f"calibration itself left {sizes}."
-    )
 
 
 def _where(document: Document, output: str) -> Iterator[str]:
