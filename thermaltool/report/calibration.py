@@ -49,8 +49,8 @@ def _zeros(model: Model) -> str:
     rows = [["zeros of the logs", "unit", "counts from", "least", "largest", "apart", "most by"]]
     logs = [Path(each["name"]).name for each in model.provenance.get("logs", ())]
     for output in model.outputs:
-        shown, weights = output.fit.get("zeros_shown"), output.fit.get("zero_weights")
-        if shown is None or output.offset == "first":
+        shown, weights = output.fit.get("zeros_shown", ()), output.fit.get("zero_weights", ())
+        if not shown or output.offset == "first":
             continue
         most = max(range(len(shown)), key=lambda k: weights[k])
         name = logs[most] if len(logs) == len(shown) else f"log {most + 1}"
