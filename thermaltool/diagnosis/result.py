@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.lasting import Recurrence
 from thermaltool.diagnosis.readings import hidden_in
 from thermaltool.diagnosis.residual import ResidualReport, residual_report
 from thermaltool.diagnosis.ruled_out import ruled_out
@@ -86,6 +87,8 @@ class Cause:
         How much it moves each output over the diagnosed logs.
     action : str
         What a technician can do about it.
+    elsewhere : tuple of Recurrence
+        Other logs that show it, of one that changed something in its log.
     """
 
     effect: Effect
@@ -98,6 +101,7 @@ class Cause:
     location: Location | None = None
     severity: Mapping[str, Severity] = field(default_factory=dict)
     action: str = ""
+    elsewhere: tuple[Recurrence, ...] = ()
 
     def document(self, tolerance: Mapping[str, float]) -> dict[str, Any]:
         """As JSON; an effect confined to one log says to which.
@@ -111,6 +115,7 @@ class Cause:
             "name": effect.name,
             "channel": effect.channel,
             "log": effect.log,
+            "elsewhere": [asdict(each) for each in self.elsewhere],
             "explanation": effect.explanation,
             "action": self.action,
             "severity": {

@@ -109,13 +109,38 @@ def _cause(document: Document, cause: Document, count: int) -> str:
         name = called(cause["name"], cause["channel"])
         return f"Cause{number_of}: {name}, {_place(document, cause)}."
     values = [_parameter(name, each) for name, each in cause["parameters"].items()]
-    where = f", in {_log_name(document, cause['log'])} alone" if cause["log"] else ""
+    where = _in_one_log(document, cause) if cause["log"] else ""
     parameters = f": {', '.join(values)}" if values else ""
     return (
         f"Cause{number_of}: {called(cause['name'], cause['channel'])}, "
         f"{cause['explanation'].partition(':')[0]}{where}{parameters}; "
         f"evidence {number(cause['evidence'])}{_weight(cause['evidence'])}."
     )
+
+
+def _in_one_log(document: Document, cause: Document) -> str:
+    """In which log it happened, and in which others it lasts or happens again."""
+    own, elsewhere = _log_name(document, cause["log"]), cause["elsewhere"]
+    if not elsewhere:
+        return f", in {own} alone"
+    where = [f", in {own}"]
+    if lasting := [each for each in elsewhere if each["time"] is None]:
+        where.append(f"and lasts: {_logs_named(document, lasting)} has it from the first row on")
+    where += [
+        f"and again in {_log_name(document, each['log'])}, about {_into(each['time'])} into it"
+        for each in elsewhere
+        if each["time"] is not None
+    ]
+    return " ".join(where)
+
+
+def _into(seconds: float) -> str:
+    unit, length = time_unit(seconds)
+    return f"{seconds / length:.3g} {unit}"
+
+
+def _logs_named(document: Document, logs: Sequence[Document]) -> str:
+    return " and ".join(_log_name(document, each["log"]) for each in logs)
 
 
 def _advice(document: Document, cause: Document) -> Iterator[str]:
@@ -146,8 +171,8 @@ def _weight(evidence: float) -> str:
 
 
 def _log_name(document: Document, digest: str) -> str:
-    return next((Path(log["name"]).name for log in document["logs"] if log["sha256"] == digest),
-                digest[:8])  # fmt: skip
+    logs = (log for role in ("logs", "validated_on", "sound") for log in document[role])
+    return next((Path(log["name"]).name for log in logs if log["sha256"] == digest), digest[:8])
 
 
 def _parameter(name: str, each: Document) -> str:
@@ -173,7 +198,13 @@ def _worth(document: Document) -> Iterator[str]:
     if not chains:
         if document["validated_on"] and any(cause["log"] for cause in named):
             where = names_of(document["logs"])
-            yield f"On {judged_on(document)} it changes nothing: it belongs to {where} alone."
+            lasting = any(cause["elsewhere"] for cause in named)
+            ends = (
+                f"what is written of it acts in {where} alone; calibrate anew, or diagnose both"
+                if lasting
+                else f"it belongs to {where} alone"
+            )
+            yield f"On {judged_on(document)} it changes nothing: {ends}."
         return
     best = min(chains, key=lambda output: chains[output][-1].spread / chains[output][0].spread)
     unit, steps = channel_unit(best), chains[best]
