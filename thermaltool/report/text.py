@@ -55,6 +55,16 @@ def excursion_message(log: Log, e: Excursion) -> str:
     )
 
 
+def spared_map_message(log: Log) -> str:
+    """That a column map is not applied to a log that has its names already.
+
+    Parameters
+    ----------
+    log : Log
+    """
+    return f"{log.name} has the names that {log.spared_map} gives already: read without it"
+
+
 def fault_message(log: Log, channels: Container[str] | None = None) -> str | None:
     """How many readings of which channels were left out as faults, and why; None for none.
 
