@@ -48,7 +48,8 @@ OUTCOMES = {"adequate": (0, "green"), "not adequate": (DID_NOT_PASS, "red"),
     default="",
     metavar="switch=TIME,run=TIME,fixed=CHANNEL,set=CHANNEL",
     help="What experiments may ask for: shortest time between switches, longest run (with units: "
-    "30s, 4h), channels that cannot be set, temperatures that can.  [default: a working day or the longest log]",
+    "30s, 4h), channels that cannot be set, temperatures that can.  "
+    "[default: a working day or the longest log]",
 )
 @click.option(
     "--fail-above",
