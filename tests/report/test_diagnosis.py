@@ -108,6 +108,57 @@ def test_severity_against_a_tolerance():
     assert rows[1] == ["second_source (T_bed_degC)", OUTPUT, "µm", "24", "15", "10", "2.4"]
 
 
+def values(**parameters):
+    return {
+        name.replace("__", "[", 1) + ("]" if "__" in name else ""): {
+            "value": value, "interval": None, "unit": unit
+        }
+        for name, (value, unit) in parameters.items()
+    }  # fmt: skip
+
+
+def test_a_loss_of_heat_is_told_by_what_it_does_in_the_long_run():
+    """Nine gains and more: what moves most comes first, the rest is in the table."""
+    found = document()
+    severity = found["causes"][0]["severity"][OUTPUT]
+    gains = {"T_a_degC": (-0.05, -0.2, 0.01), OUTPUT: (0.1, -0.5, -2.0), "d_b_um": (1.0, 0, 0),
+             "d_c_um": (0.1, 0.0, 0.0)}  # fmt: skip
+    given = {
+        f"{lag}__{output}": (gains[output][k], "µm/K")
+        for k, lag in enumerate(("fast", "middle", "slow"))
+        for output in reversed(gains)
+    }
+    moved = zip(gains, (90.0, 30.0, 9.0, 3.0), strict=True)
+    cause = {
+        **found["causes"][0],
+        "name": "switching_loss", "partner": "T_motor_degC",
+        "parameters": values(**given, on=(46.5, "degC"), time_constant=(60.0, "s"),
+                             slowest=(6000.0, "s")),
+        "severity": {o: {**severity, "largest": size} for o, size in moved},
+    }  # fmt: skip
+    line = summary({**found, "causes": [cause]})[2]
+    assert ": on 46.5 °C, each degree that T_motor_degC is warm moves in the long run " in line
+    assert (
+        "T_a_degC by -0.24 °C (mostly through a lag of 10 min), d_z_um by -2.4 µm (100 min), "
+        "d_b_um by 1 µm (60 s) and others (d_c_um) by what is below; evidence 552" in line
+    )
+
+
+def test_gains_of_many_outputs_are_told_of_those_that_move_most():
+    found = document()
+    severity = found["causes"][0]["severity"][OUTPUT]
+    outputs = ["d_a_um", "d_b_um", "d_c_um", OUTPUT]
+    cause = {
+        **found["causes"][0],
+        "parameters": values(**{f"gain__{o}": (k, "") for k, o in enumerate(outputs)},
+                             time_constant=(60.0, "s")),
+        "severity": {o: {**severity, "largest": 1.0 + k} for k, o in enumerate(outputs)},
+    }  # fmt: skip
+    line = summary({**found, "causes": [cause]})[2]
+    told = "gain[d_z_um] 3, gain[d_c_um] 2, gain[d_b_um] 1, time_constant 60 s, less of d_a_um"
+    assert f": {told} (below); evidence" in line
+
+
 def test_unseen_logs_are_named():
     found = document(validated=["in/evening.csv"])
     found["written"] += [{**row, "log": "in/evening.csv", "rmse": 9.0 - row["step"],

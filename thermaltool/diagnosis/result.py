@@ -28,6 +28,8 @@ Float = NDArray[np.float64]
 Interval = tuple[float, float]
 
 Verdict = Literal["adequate", "not adequate", "cannot judge"]
+# Values that a sentence on an unsure cause holds; more of them name no size.
+MAX_VALUES_TOLD = 4
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,7 @@ class Cause:
         return {
             "name": effect.name,
             "channel": effect.channel,
+            "partner": effect.partner,
             "log": effect.log,
             "elsewhere": [asdict(each) for each in self.elsewhere],
             "explanation": effect.explanation,
@@ -379,9 +382,10 @@ def unconfirmed(effect: Effect) -> str:
     ----------
     effect : Effect
     """
+    names = (*effect.linear(), *effect.searched())
     values = ", ".join(
         f"{name} {effect.parameters[name]:.3g} {printed(effect.unit(name))}".rstrip()
-        for name in (*effect.linear(), *effect.searched())
+        for name in (names if len(names) <= MAX_VALUES_TOLD else ())
     )
     said = ": ".join(part for part in (effect.channel, values) if part)
     return (

@@ -13,6 +13,7 @@ from thermaltool.report.diagnosis_advice import (
     ruled_out_sentence,
     severity_sentence,
 )
+from thermaltool.report.diagnosis_parameters import parameters_told
 from thermaltool.report.diagnosis_tables import sections
 from thermaltool.report.diagnosis_verdict import output_of_verdict, verdict_sentence
 from thermaltool.report.diagnosis_words import (
@@ -22,7 +23,6 @@ from thermaltool.report.diagnosis_words import (
     band_name,
     called,
     condition_name,
-    estimated,
     judged_on,
     kind_of,
     names_of,
@@ -30,7 +30,6 @@ from thermaltool.report.diagnosis_words import (
     percent,
     relevant_conditions,
     these_logs,
-    with_unit,
     written_chains,
 )
 from thermaltool.report.style import channel_unit
@@ -108,9 +107,9 @@ def _cause(document: Document, cause: Document, count: int) -> str:
     if cause["location"] is not None:
         name = called(cause["name"], cause["channel"])
         return f"Cause{number_of}: {name}, {_place(document, cause)}."
-    values = [_parameter(name, each) for name, each in cause["parameters"].items()]
     where = _in_one_log(document, cause) if cause["log"] else ""
-    parameters = f": {', '.join(values)}" if values else ""
+    values = parameters_told(document, cause)
+    parameters = f": {values}" if values else ""
     return (
         f"Cause{number_of}: {called(cause['name'], cause['channel'])}, "
         f"{cause['explanation'].partition(':')[0]}{where}{parameters}; "
@@ -173,12 +172,6 @@ def _weight(evidence: float) -> str:
 def _log_name(document: Document, digest: str) -> str:
     logs = (log for role in ("logs", "validated_on", "sound") for log in document[role])
     return next((Path(log["name"]).name for log in logs if log["sha256"] == digest), digest[:8])
-
-
-def _parameter(name: str, each: Document) -> str:
-    value, *ends = estimated(each["value"], each["interval"])
-    told = f"{value} ({' to '.join(ends)})" if ends else value
-    return f"{name} {with_unit(told, each['unit'])}"
 
 
 def _worth(document: Document) -> Iterator[str]:
