@@ -13,7 +13,7 @@ from thermaltool.report.diagnosis_advice import (
     ruled_out_sentence,
     severity_sentence,
 )
-from thermaltool.report.diagnosis_parameters import parameters_told
+from thermaltool.report.diagnosis_parameters import parameter_sentence
 from thermaltool.report.diagnosis_tables import sections
 from thermaltool.report.diagnosis_verdict import output_of_verdict, verdict_sentence
 from thermaltool.report.diagnosis_words import (
@@ -108,7 +108,7 @@ def _cause(document: Document, cause: Document, count: int) -> str:
         name = called(cause["name"], cause["channel"])
         return f"Cause{number_of}: {name}, {_place(document, cause)}."
     where = _in_one_log(document, cause) if cause["log"] else ""
-    values = parameters_told(document, cause)
+    values = parameter_sentence(document, cause)
     parameters = f": {values}" if values else ""
     return (
         f"Cause{number_of}: {called(cause['name'], cause['channel'])}, "

@@ -15,7 +15,7 @@ MAX_OUTPUTS = 3
 LAGS = ("fast", "middle", "slow")
 
 
-def parameters_told(document: Document, cause: Document) -> str:
+def parameter_sentence(document: Document, cause: Document) -> str:
     """``gain[d_z_um] 0.6 (0.59 to 0.63) µm/°C, time_constant 840 (800 to 880) s``
 
     Of a loss of heat at one place what it does to each output in the long run, and how soon.
@@ -44,7 +44,7 @@ def _loss(cause: Document, parameters: Mapping[str, Document], outputs: Sequence
     """What each output moves by in the long run, and the lag that most of it goes through."""
     short, long = (parameters[name]["value"] for name in ("time_constant", "slowest"))
     lags = dict(zip(LAGS, (short, (short * long) ** 0.5, long), strict=True))
-    said = []
+    said: list[str] = []
     for output in outputs[:MAX_OUTPUTS]:
         gains = {lag: parameters[f"{lag}[{output}]"]["value"] for lag in LAGS}
         most = max(gains, key=lambda lag: abs(gains[lag]))
