@@ -9,23 +9,18 @@ are recursions with constant matrices.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.start import Initial
 from thermaltool.estimation.state_space import StateSpace, propagated
-from thermaltool.responses.modes import Float, Recursion
-from thermaltool.responses.sample_clock import clock_step
-
-# Indices of sensors.
-Sensors = NDArray[np.intp]
+from thermaltool.estimation.stretches import Sensors, Stretch, even_rows
+from thermaltool.responses.modes import Float
 
 # A gain is held for as many rows as it, and the variances, change by no more than this share. What
 # that costs the estimates is of the order of its square; the standard errors, which grow within a
@@ -36,8 +31,6 @@ HELD_CHANGE = 1e-5
 MAX_GROWTH = 1.3
 # What is left of a sum of later readings counts as nothing below this share.
 REMAINDER = 1e-12
-# Stretches of fewer rows are walked through.
-SHORT_STRETCH = 200
 # Lengths of sample whose matrices are kept.
 MAX_LENGTHS = 512
 # Below it a variance is none.
@@ -68,43 +61,6 @@ class Smoothed:
     log_likelihood: float
 
 
-@dataclass(frozen=True)
-class _Stretch:
-    """Rows over which the filter has the same matrices.
-
-    A row's prediction a is corrected by the innovation v and carried on, a ← F a + K v; the
-    adjoint comes the other way, r ← Hᵀ S⁻¹ v + Lᵀ r with L = F − K H.
-    """
-
-    rows: slice
-    some: Sensors
-    C: Float
-    H: Float
-    S: Float
-    K: Float
-    L: Float
-    PC: Float
-
-    @property
-    def short(self) -> bool:
-        """Whether it is walked through."""
-        return self.rows.stop - self.rows.start < SHORT_STRETCH
-
-    @property
-    def weighed(self) -> Float:
-        """What an innovation adds to the sum that goes back, shape (sensors, states)."""
-        return np.asarray(np.linalg.solve(self.S, self.H), np.float64)
-
-    def ahead(self) -> Recursion:
-        """Of the prediction: readings of the sensors and estimates, before each reading."""
-        return Recursion(self.L, self.K, np.zeros_like(self.K), np.vstack([self.H, self.C]))
-
-    def back(self) -> Recursion:
-        """Of the sum of later readings: what it adds to each prediction."""
-        weighed = self.weighed
-        return Recursion(self.L.T, np.zeros(weighed.T.shape), weighed.T, self.PC.T)
-
-
 class _Filter:
     """The way forward: predictions and innovations of every row, and the stretches behind them."""
 
@@ -117,7 +73,7 @@ class _Filter:
         self.filtered_variance = np.empty((n, estimates))
         self.v = np.zeros((n, sensors))
         self.white = np.full((n, sensors), np.nan)
-        self.stretches: list[_Stretch] = []
+        self.stretches: list[Stretch] = []
         self.log_likelihood = 0.0
 
     def run(self, rows: slice, space: StateSpace, some: Sensors) -> None:
@@ -140,12 +96,12 @@ class _Filter:
             grown = 1 + int(MAX_GROWTH * length)
             held = int(min(HELD_CHANGE / max(rate, TINY), grown, rows.stop - k))
             before, length = now, max(held, 1)
-            self._take(_Stretch(slice(k, k + length), some, C, H, S, K, L, PC), C @ G)
+            self._take(Stretch(slice(k, k + length), some, C, H, S, K, L, PC), C @ G)
             # Of the filter as it is, whether its gain is held or not.
             self.P = propagated(L, K @ R @ K.T + space.Q, self.P, length)
             k += length
 
-    def _take(self, part: _Stretch, CG: Float) -> None:
+    def _take(self, part: Stretch, CG: Float) -> None:
         rows, some, C, K = part.rows, part.some, part.C, part.K
         y = self.readings[rows][:, some]
         if part.short:
@@ -240,7 +196,7 @@ class _Filter:
         return np.moveaxis(estimates, -1, 0)
 
 
-def _told_later(part: _Stretch, W: Float, N: Float, count: int) -> Float:
+def _told_later(part: Stretch, W: Float, N: Float, count: int) -> Float:
     """By how much readings from each row on lower the variance of its prediction.
 
     The diagonal of C P N P Cᵀ with N ← W + Lᵀ N L, from `N` behind the last row.
@@ -372,30 +328,10 @@ def _filtered(
     heats = np.arange(estimator.modal, estimator.modal + len(estimator.drives))
     space_of = lru_cache(MAX_LENGTHS)(estimator.state_space)
     with np.errstate(over="ignore", invalid="ignore"):
-        for rows, dt, some in _runs(time, readings, cuts):
+        for rows, dt, some in even_rows(time, readings, cuts):
             if rows.start == stop:
                 break
             if steps is not None:
                 forward.P[heats, heats] += steps[rows.start]
             forward.run(rows, space_of(dt), some)
     return forward
-
-
-def _runs(
-    time: Float, readings: Float, cuts: Sequence[int]
-) -> Iterator[tuple[slice, float, Sensors]]:
-    """Rows whose next sample has one length [s], with readings of the same sensors, cut at rows."""
-    n = len(time)
-    steps, step = np.diff(time), clock_step(time)
-    ticks = np.append(np.round(steps / step).astype(np.int64), 0)
-    if n > 1:
-        ticks[-1] = ticks[-2]
-    there = np.isfinite(readings)
-    changes = (np.diff(ticks) != 0) | np.any(there[1:] != there[:-1], axis=1)
-    lengths: dict[int, float] = {}
-    edges = np.unique([0, *(np.flatnonzero(changes) + 1).tolist(), *cuts, n]).tolist()
-    for start, stop in itertools.pairwise(edges):
-        dt = float(steps[min(start, n - 2)]) if n > 1 else 1.0
-        # One length to rounding is one.
-        dt = lengths.setdefault(int(ticks[start]), dt)
-        yield slice(start, stop), dt, np.flatnonzero(there[start])
