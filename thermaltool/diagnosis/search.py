@@ -155,7 +155,8 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
             search = search.noted("a log does not begin at rest: its start decays are fitted apart")
         hypothesis = changed
     strong = ranking.strong(0.0 if "white" in hypothesis.assumptions else DECISIVE_EVIDENCE)
-    task.progress("unseen logs")
+    if task.validate:
+        task.progress("unseen logs")
     strong = borne_out(hypothesis, strong, task.validate, task.model)
     for candidate in _judged(ranking, strong):
         task.progress(f"held-out gain of {candidate.effect.name}")
