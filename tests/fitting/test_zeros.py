@@ -19,13 +19,13 @@ TIME = 10.0 * np.arange(900)
 PLAN = CalibrationPlan((DRIVE,), (SENSOR,), kinds={SENSOR: "rational2"})
 
 
-def log(seed, skipped=0, room=20.0):
+def log(seed, skipped=0, room=20.0, machine=CHAIN):
     """Heat at random from 300 s on; rows before `skipped` are not logged: it begins warm."""
     rng = np.random.default_rng(seed)
     time = 10.0 * np.arange(900 + skipped)
     heat = np.where(time < 300, 0.0, 40.0 * (rng.random(len(time) // 60 + 1) < 0.5).repeat(60)[
         : len(time)])  # fmt: skip
-    readings = CHAIN.run(time, heat, np.full(len(time), room), rng)
+    readings = machine.run(time, heat, np.full(len(time), room), rng)
     table = {DRIVE: heat[skipped:], SENSOR: readings[skipped:]}
     name = f"{'warm' if skipped else 'cold'}{seed}.csv"
     return Record(TIME, table, name=name, digest=name)
@@ -67,3 +67,19 @@ def test_a_single_log_keeps_its_own():
     model = calibrate([log(5)], replace(PLAN, starts=2))
     assert "zeros_shown" not in model.outputs[0].fit
     assert model.outputs[0].offset == model.outputs[0].fit["offsets"][0]
+
+
+def test_logs_without_noise_share_their_zero():
+    still = Chain(CHAIN.capacity, CHAIN.conductance, diffusion=0.0, noise=0.0)
+    model = calibrate([log(6, machine=still), log(7, machine=still)], PLAN)
+    assert model.outputs[0].offset == pytest.approx(20.0, abs=1e-3)
+
+
+def test_a_log_without_the_sensor_has_no_say():
+    silent = log(8)
+    silent.columns[SENSOR][:] = np.nan
+    model = calibrate([log(9), silent], PLAN)
+    assert model.outputs[0].offset == pytest.approx(20.0, abs=0.05)
+    assert model.outputs[0].fit["zero_weights"] == [1.0, 0.0]
+    (line,) = (each for each in calibration_table(model).splitlines() if "cold9.csv" in each)
+    assert " 0 " in line  # the one zero that there is

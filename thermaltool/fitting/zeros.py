@@ -20,6 +20,9 @@ from thermaltool.signals.resolution import reading_sigma
 from thermaltool.signals.start_level import MEDIAN_LOSS, start_level
 from thermaltool.units import is_absolute
 
+# A zero is known to no less than this of itself, or of one unit.
+ROUNDING = 1e-9
+
 
 def with_zeros(model: Model, records: Sequence[Record]) -> Model:
     """The model with one zero for every sensor, and what its temperatures at rest go with.
@@ -95,12 +98,15 @@ def _shown(
     white = reading_sigma(readings)
     rows = int(np.isfinite(readings).sum())
     # No level is better known than the mean of all readings.
-    variance = max(error**2, white**2 / max(rows, 1), np.finfo(float).tiny)
+    if not rows:
+        return zero, np.inf, False
+    least = (ROUNDING * max(abs(zero), 1.0)) ** 2
+    variance = max(error**2, white**2 / rows, least)
     if not rests(record, drives, [channel]):
         return zero, variance, False
     level = start_level(readings)
     # A drift beyond the noise would show in rows that stand still: there it is misfit.
-    at_rest = (MEDIAN_LOSS * white) ** 2 / level.rows + min(drift, white) ** 2
+    at_rest = max((MEDIAN_LOSS * white) ** 2 / level.rows + min(drift, white) ** 2, least)
     known = 1 / variance + 1 / at_rest
     return (zero / variance + level.value / at_rest) / known, 1 / known, True
 

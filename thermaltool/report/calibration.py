@@ -53,13 +53,14 @@ def _zeros(model: Model) -> str:
         if not shown or output.offset == "first":
             continue
         most = max(range(len(shown)), key=lambda k: weights[k])
+        told = [zero for zero, weight in zip(shown, weights, strict=True) if weight]
         name = logs[most] if len(logs) == len(shown) else f"log {most + 1}"
         rows.append(
             [
                 output.channel,
                 printed(parse_channel(output.channel).unit),
-                *(f"{value:.4g}" for value in (output.offset, min(shown), max(shown))),
-                f"{max(shown) - min(shown):.3g}",
+                *(f"{value:.4g}" for value in (output.offset, min(told), max(told))),
+                f"{max(told) - min(told):.3g}",
                 f"{name} ({100 * weights[most]:.0f} %)",
             ]
         )
