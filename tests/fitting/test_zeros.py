@@ -9,7 +9,7 @@ import pytest
 from machines.lumped import Chain
 
 from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
-from thermaltool.model import agreements
+from thermaltool.model import agreements, dumps, loads
 from thermaltool.record import Record
 from thermaltool.report.calibration import calibration_table
 
@@ -83,3 +83,4 @@ def test_a_log_without_the_sensor_has_no_say():
     assert model.outputs[0].fit["zero_weights"] == [1.0, 0.0]
     (line,) = (each for each in calibration_table(model).splitlines() if "cold9.csv" in each)
     assert " 0 " in line  # the one zero that there is
+    assert loads(dumps(model)).outputs[0].offset == model.outputs[0].offset
