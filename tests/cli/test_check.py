@@ -114,3 +114,28 @@ def test_a_drafted_map_leaves_typos_to_be_found_and_names_what_it_leaves_out(the
     text = drafted.read_text()
     assert 'missing = ["n/a", "1.#QNAN"]' in text
     assert "# typos, for check to find: '2O.5' in bed temp, '21..5' in bed temp\n" in text
+
+
+def test_the_map_still_goes_with_the_log_that_it_wrote(thermaltool, check, tmp_path, capfd) -> None:
+    """The same options serve the log as it came and the one that -o wrote, in a stream, too."""
+    log, clean, plan = (tmp_path / name for name in ("log.csv", "clean.csv", "map.toml"))
+    log.write_text("Zeit;Fehler\n" + "".join(f"{k};{k * k * k % 11},5\n" for k in range(60)))
+    plan.write_text(
+        'separator = ";"\ndecimal = ","\n[time]\ncolumn = "Zeit"\n[columns]\n'
+        'Fehler = { name = "e_tool_um", scale = 2 }\n'
+    )
+    assert check(str(log), "--columns", str(plan), "-o", str(clean)).code == 0
+    again = check(str(clean), "--columns", str(plan))
+    assert again.code == 0
+    assert again.out.startswith(f"{clean} has the names that {plan} gives already: read without")
+    fitted = thermaltool("fit", clean, "--columns", plan, "-C", "e_tool_um", "--order", "1,0", "-o",
+                         tmp_path / "ar.json")  # fmt: skip
+    assert fitted.code == 0
+    answers = []
+    for each in (log, clean):
+        options = ("--stream", "--columns", plan)
+        assert thermaltool("forecast", tmp_path / "ar.json", each, *options).code == 0
+        # A stream writes past the buffers of Python.
+        answers.append(capfd.readouterr().out)
+    assert answers[0] == answers[1]
+    assert answers[0].count("\n") > 50

@@ -75,7 +75,9 @@ def test_json_verdict_and_exit_code(thermaltool, case, answer):
     assert result.code == 3
     assert result.json["causes"][0]["name"] == "second_source"
     assert result.json["logs"][0]["name"] == str(case.log)
-    assert result.err.startswith("The model is not adequate for run.csv: only 12 %")
+    assert result.err.startswith(
+        "The model is not adequate for run.csv: of the residual of d_z_um, "
+    )
     assert "\nCauses tried, each alone\n" in result.err
     assert thermaltool("diagnose", case.model, case.log, "--json").out == result.out
     quiet = thermaltool("diagnose", case.model, case.log, "-q")

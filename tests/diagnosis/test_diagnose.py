@@ -79,8 +79,12 @@ def test_heat_by_the_square_is_found_and_then_known(model: Model) -> None:
 def test_an_accident_acts_in_its_own_log_alone(model: Model) -> None:
     clean = log(LEVELS, 4)
     jumped = {**clean.columns, "d_y_um": clean.columns["d_y_um"] + 2.0 * (TIME > 1500)}
-    found = diagnose(model, [replace(clean, columns=jumped)])
+    words: list[str] = []
+    found = diagnose(model, [replace(clean, columns=jumped)], progress=words.append)
     assert found.causes[0].effect.name == "geometry_step"
+    # What there is none of is not worked at.
+    assert "held-out gain of geometry_step" in words
+    assert "unseen logs" not in words
     (effect,) = found.model.effects
     assert effect.log == clean.digest
     assert effect.parameters["time"] == pytest.approx(1500, abs=10)

@@ -115,7 +115,7 @@ def test_what_cannot_be_seen_does_not_depend_on_what_can_be_done() -> None:
 def test_limits_as_they_are_typed() -> None:
     channels = ["Q_main_1", ROOM, FAN]
     assert limits_of("", channels) == ExperimentLimits()
-    assert limits_of(f"switch=30, run=4h,fixed={FAN},set={ROOM},fixed=Q_main_1", channels) == (
+    assert limits_of(f"switch=30s, run=4h,fixed={FAN},set={ROOM},fixed=Q_main_1", channels) == (
         ExperimentLimits(30.0, 14400.0, frozenset({FAN, "Q_main_1"}), frozenset({ROOM}))
     )
 
@@ -126,6 +126,7 @@ def test_limits_as_they_are_typed() -> None:
         ("fast", "takes switch=TIME, run=TIME"),
         ("stop=3", "takes switch=TIME"),
         ("run=4K", "not a time above zero"),
+        ("run=4", "of which unit. run=4s, run=4min or run=4h .logs count in s"),
         ("run=0h", "not a time above zero"),
         ("run=long", "not a number"),
         ("fixed=T_rom_degC", "no channel 'T_rom_degC' .near: T_room_degC"),

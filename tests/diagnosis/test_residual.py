@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from thermaltool.diagnosis.residual import residual_report
+from thermaltool.diagnosis.residual_parts import ResidualParts
 from thermaltool.errors import FitError
 
 N, DT = 4000, 10.0
@@ -26,9 +27,9 @@ def drift(rng, sigma, tau, n=N):
     )[0]
 
 
-def report(residual, *, time=TIME, measured=OUTPUT, drives=None, others=None, white=0.5, floor=0.0):
+def report(residual, *, time=TIME, measured=OUTPUT, drives=None, others=None, white=0.5):
     drives = {"Q_main_1": DRIVE} if drives is None else drives
-    return residual_report(time, residual, measured, drives, others or {}, white, floor)
+    return residual_report(time, residual, measured, drives, others or {}, white)
 
 
 def test_noise_and_discrepancy_are_told_apart():
@@ -51,10 +52,16 @@ def test_noise_alone():
     assert found.effective_rows == N
 
 
-def test_the_floor_is_the_models_own():
+def test_the_parts_of_a_residual_add_up():
     rng = np.random.default_rng(3)
-    residual = 0.5 * rng.standard_normal(N) + drift(rng, 1.5, 600.0)
-    assert report(residual, floor=1.5).above_floor < 0.15 < report(residual).above_floor
+    found = report(0.5 * rng.standard_normal(N) + drift(rng, 1.5, 600.0))
+    white = report(0.5 * rng.standard_normal(N), white=2.0).parts
+    assert (white.noise, white.rest) == (white.rms, 0.0)
+    assert found.parts.calibration == 0.0
+    assert found.parts.rest**2 / found.parts.rms**2 == pytest.approx(found.above_noise)
+    shown = ResidualParts.of(found.parts.rms, 0.5, 0.7)
+    assert shown.rest**2 == pytest.approx(0.3 * shown.rms**2)
+    assert shown.calibration**2 == pytest.approx(0.7 * shown.rms**2 - 0.25)
 
 
 @pytest.mark.slow

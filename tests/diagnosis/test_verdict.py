@@ -172,7 +172,15 @@ def test_a_log_in_which_nothing_moves_cannot_judge():
     assert driven["verdict"] == "adequate"
 
 
-def test_another_log_that_is_wrong_as_well_is_told():
+@pytest.mark.parametrize(
+    ("share", "told"),
+    [
+        (1.2, "and lasts: <frame> has it from the first row on"),
+        pytest.param(0.6, "alone", marks=pytest.mark.slow),
+    ],
+)
+def test_another_log_that_is_wrong_as_well_is_told(share, told):
+    """What is as large there lasts, or has happened again; anything else is another trouble."""
     time, noise = np.arange(0.0, 6000.0, 10.0), np.random.default_rng(6)
     duty = np.where((time > 500) & (time < 4000), 100.0, 0.0)
 
@@ -188,7 +196,10 @@ def test_another_log_that_is_wrong_as_well_is_told():
 
     model = tt.calibrate(log(duty), ["Q_motor_W"], sensors=["T_frame_degC"], warn=quiet)
     step = np.where(time > 2000, 1.2 * duty, duty)
-    for later, wrong in ((duty, False), (1.2 * duty, True)):
-        found = tt.diagnose(model, log(step), validate=[log(later)], warn=quiet).document()
-        assert found["causes"][0]["name"] == "drive_gain_step"
-        assert any("is wrong as well" in note for note in found["notes"]) == wrong
+    found = tt.diagnose(model, log(step), validate=[log(share * duty)], warn=quiet)
+    document = found.document()
+    assert document["causes"][0]["name"] == "drive_gain_step"
+    notes = [note for note in document["notes"] if "is wrong as well" in note]
+    assert [", not by the same, and stays so" in each for each in notes] == [True] * (share < 1)
+    (line,) = (each for each in found.table().splitlines() if each.startswith("Cause:"))
+    assert f", in <frame> {told}: " in line

@@ -17,7 +17,7 @@ from thermaltool.estimation.bands import model_errors
 from thermaltool.estimation.estimator import KalmanEstimator, SensorNoise
 from thermaltool.estimation.fixed_lag import FixedLag, error_variance, fixed_lag
 from thermaltool.estimation.likelihood import fit_sizes
-from thermaltool.estimation.smoother import smooth
+from thermaltool.estimation.smoother import smooth, smoothed_estimates
 from thermaltool.responses.modes import Modes
 from thermaltool.responses.sample_clock import CLOCK_STEP
 
@@ -77,6 +77,27 @@ def dense(kalman, time, readings, initial):
     mean, variance = C @ gain @ y, np.diag(C @ (joint - gain @ H @ joint) @ C.T)
     shape = n, len(kalman.estimates)
     return mean.reshape(shape), variance.reshape(shape), multivariate_normal(cov=S).logpdf(y)
+
+
+@pytest.mark.parametrize("rows", [25, 700])
+@pytest.mark.parametrize("even", [True, False], ids=["even", "uneven"])
+def test_several_records_by_one_set_of_covariances(monkeypatch, rows, even):
+    """Each is smoothed as alone: in short stretches, in long ones, and beside holes and steps."""
+    kalman, time = estimator(), clock(rows, even)
+    readings = np.cumsum(np.random.default_rng(22).normal(size=(3, rows, 2)), axis=1)
+    readings[:, 8:12, 0] = np.nan
+    readings[:, 17] = np.nan
+    steps = np.zeros((rows, 2))
+    steps[20, 1] = 4.0
+    alone = [smooth(kalman, time, each, LEVEL, "settled", steps).estimates for each in readings]
+    lengths = []
+    plain = KalmanEstimator.state_space
+    monkeypatch.setattr(KalmanEstimator, "state_space",
+                        lambda self, dt: lengths.append(dt) or plain(self, dt))  # fmt: skip
+    together = smoothed_estimates(kalman, time, readings, LEVEL, "settled", steps)
+    assert together == pytest.approx(np.array(alone), rel=1e-9, abs=1e-9)
+    # Matrices are made once for a length of sample, beside those of the start.
+    assert len(lengths) <= len(set(lengths)) + 1
 
 
 @pytest.mark.parametrize("initial", ["rest", "settled", "free"])

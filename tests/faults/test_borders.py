@@ -381,7 +381,7 @@ def test_out_of_memory_says_what_to_do(thermaltool, files, monkeypatch) -> None:
     def exhausted(*_, **__):
         raise MemoryError
 
-    monkeypatch.setattr(reader, "open_source", exhausted)
+    monkeypatch.setattr(reader, "open_mapped", exhausted)
     result = thermaltool("check", files.log)
     assert result.code == 1
     assert result.err.startswith("thermaltool check: out of memory: take a shorter log")

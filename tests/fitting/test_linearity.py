@@ -8,7 +8,7 @@ from reference.training import fitted, training
 from scipy.signal import lfilter
 
 import thermaltool as tt
-from thermaltool.fitting.linearity import linearity_test
+from thermaltool.fitting.linearity import LinearityTest, linearity_test
 from thermaltool.record import Record
 
 
@@ -157,6 +157,27 @@ def test_the_report_says_what_linear_models_reach(structure, options):
     (model,) = found.document()["models"]
     assert model["linearity"]["nonlinear"]
     assert model["linearity"]["term"] == "Q_a_W^2"
+    size = model["linearity"]["rms"]
     reached = f"linear models reach {model['linearity']['linear_fit_percent']:.3g} %"
-    assert any(note.startswith("T_a_degC: nonlinear: " + reached) for note in found.notes)
-    assert "linearity of T_a_degC: nonlinear (p 0.01), " + reached in found.table()
+    (note,) = (each for each in found.notes if each.startswith("T_a_degC: nonlinear by "))
+    assert f"by {size:.2g} °C RMS, " in note
+    assert reached in note
+    assert "linearity of T_a_degC: nonlinear (p 0.01), by " in found.table()
+    # What the products and powers take off the error, in the unit of the output.
+    left = [1 - model["linearity"][f"{kind}_fit_percent"] / 100 for kind in ("linear", "nonlinear")]
+    assert size == pytest.approx(np.sqrt(left[0] ** 2 - left[1] ** 2) * np.std(y), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("linear", "whole", "matters"),
+    [
+        (99.55, 99.9, False),  # above what is left, but 0.4 % of what the output moves
+        (99.4, 99.9, True),  # far above what is left, and more than half a per cent
+        (97.6, 97.8, False),  # a per cent, below what is left
+        (90.0, 92.0, True),  # six per cent
+    ],
+)
+def test_what_is_not_linear_is_headlined_where_it_matters(linear, whole, matters):
+    test = LinearityTest(0.01, 0.5, linear, whole, "Q_a_W^2", 10.0)
+    assert test.nonlinear
+    assert test.matters == matters

@@ -10,7 +10,7 @@ import pytest
 from reference.measured import MAPS, published, whole_log
 
 from thermaltool.errors import LogError
-from thermaltool.logs import Log, read_log
+from thermaltool.logs import Log, read_log, write_table
 
 
 @pytest.fixture
@@ -34,6 +34,40 @@ def test_names_scales_and_columns_left_out(mapped) -> None:
     assert log.time.tolist() == [0, 30]
     assert log.column("d_z_um").tolist() == [11, 16]
     assert list(log.columns) == ["d_z_um", "T_a_degC", "Q_main_W"]
+
+
+FOREIGN = "Kopf\nZeit;Schritte;Lager\n0;4;20,5\n0,5;6;21,5\n"
+GERMAN = (
+    'separator = ";"\ndecimal = ","\nskip = 1\n[time]\ncolumn = "Zeit"\nunit = "min"\n[columns]\n'
+    'Lager = "T_a_degC"\nSchritte = { name = "d_z_um", scale = 2.5 }\n'
+)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "ndjson"])
+def test_a_log_that_is_mapped_already_is_read_as_it_stands(mapped, tmp_path, suffix) -> None:
+    """What was written under the names of a map, with scales applied, is not scaled again."""
+    log = mapped(FOREIGN, GERMAN)
+    assert log.spared_map is None
+    again = tmp_path / f"again.{suffix}"
+    write_table({"time_s": log.time, **log.columns}, str(again))
+    read = read_log(str(again), columns=str(tmp_path / "map.toml"))
+    assert read.spared_map == str(tmp_path / "map.toml")
+    assert read.time.tolist() == [0, 30]
+    assert read.column("d_z_um").tolist() == [10, 15]
+    assert read.column("T_a_degC").tolist() == [20.5, 21.5]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "time_s,d_z_um\n0,1\n1,2\n",  # a channel of the map is not there
+        "time_s,Lager,T_a_degC,d_z_um\n0,1,2,3\n1,1,2,3\n",  # one of each
+        "Zeit,T_a_degC,d_z_um\n0,2,3\n1,2,3\n",  # another clock
+    ],
+)
+def test_half_mapped_is_refused(mapped, data) -> None:
+    with pytest.raises(LogError, match="has no column"):
+        mapped(data, GERMAN.replace("skip = 1", "skip = 0").replace('";"', '","'))
 
 
 def test_rows_without_a_clock(mapped) -> None:

@@ -23,9 +23,11 @@ from thermaltool.model import (
     relative,
     to_document,
 )
+from thermaltool.model.validity import unit_suspects
 from thermaltool.record import Record
 from thermaltool.responses.conduction import Conduction
 from thermaltool.responses.deflection import Deflection
+from thermaltool.responses.rational import Rational1
 
 NEAR = Conduction(3.4, 0.9, 1 / 3000, 0.3)
 BEND = Deflection(10.0, 1 / 900, 5.0, 1 / 3, 0.1, 0.004)
@@ -105,6 +107,29 @@ def test_relative_to_the_first_value_that_is_there():
     np.testing.assert_array_equal(relative(values, "first"), [np.nan, 0, 2])
     np.testing.assert_array_equal(relative(values, 1.0), [np.nan, 2, 4])
     assert relative(np.empty(0), "first").shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("size", "moved", "unit"),
+    [
+        (1.2, 20.0, "kW"),  # a thousandth, and the machine warms up all the same
+        (1.2e6, 20.0, "mW"),
+        (1.2, 0.1, None),  # hardly any heat, and nothing moves
+        (100.0, 20.0, None),
+        (700.0, 20.0, None),
+    ],
+)
+def test_a_drive_in_another_unit_is_suspected(size, moved, unit):
+    heater = Model(
+        drives=(Drive("Q_a_W", "zero", 0.0, (0.0, 1500.0)),),
+        outputs=(Output("T_a_degC", "sensor", 20.0, (0.0, 40.0)),),
+        terms=(Term("Q_a_W", "T_a_degC", Rational1(0.03, 900.0)),),
+        sample_period=10.0,
+    )
+    rise = np.linspace(0.0, 1.0, 50)
+    found = unit_suspects(heater, {"Q_a_W": size * rise, "T_a_degC": 20.0 + moved * rise})
+    assert [each.unit for each in found] == ([unit] if unit else [])
+    assert [each.unit for each in unit_suspects(heater, {"Q_a_W": 1.2 * rise})] == ["kW"]
 
 
 def test_excursions():

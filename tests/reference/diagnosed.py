@@ -10,6 +10,7 @@ import numpy as np
 from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.residual import residual_report
+from thermaltool.diagnosis.residual_parts import ResidualParts
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, Tried, Verdict
 from thermaltool.diagnosis.severity import Severity
 from thermaltool.diagnosis.written import WrittenStep
@@ -20,7 +21,7 @@ from thermaltool.responses.deflection import Deflection
 from thermaltool.signals.agreement import Agreement
 
 OUTPUT, DRIVE, BED = "d_z_um", "Q_main_1", "T_bed_degC"
-WHITE, FLOOR = 0.5, 1.0
+WHITE = 0.5
 MODEL = Model(
     drives=(Drive(DRIVE, "zero", 0.0, (0.0, 1.0)),),
     outputs=(Output(OUTPUT, "deflection", "first", (0.0, 90.0), {"rmse": 1.1}),),
@@ -56,8 +57,10 @@ def diagnosed(
     extended = SOURCE.output(OUTPUT, plain, log)
     report = residual_report(
         log.time, y - plain[OUTPUT], y, {DRIVE: log.columns[DRIVE]}, {BED: log.columns[BED]},
-        WHITE, FLOOR,
+        WHITE,
     )  # fmt: skip
+    known = 0.9 if verdict == "adequate" else 0.12
+    report = replace(report, parts=ResidualParts.of(report.spread, WHITE, known))
     gain = Gain(16.4, 6.1, 40.0, 12.0, 71.0, 91.0, (9.1, 11.3))
     held_out = replace(gain, rms_before=18.0, rms_after=7.0)
     intervals = {f"gain[{OUTPUT}]": (0.59, 0.63), "time_constant": (800.0, 880.0)}
@@ -79,7 +82,7 @@ def diagnosed(
         curves["extended"] = extended
     found = Diagnosis(
         verdict=verdict,
-        noise_share=0.9 if verdict == "adequate" else 0.12,
+        noise_share=known,
         residuals={OUTPUT: report},
         causes=(cause,) * causes,
         alternatives=(other,) if causes else (),

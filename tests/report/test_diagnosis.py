@@ -12,10 +12,11 @@ from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.result import Cause, Location
 from thermaltool.diagnosis.severity import Severity
 from thermaltool.effects.unknown import Unknown
-from thermaltool.report.diagnosis import main_output, summary
+from thermaltool.report.diagnosis import summary
 from thermaltool.report.diagnosis_figures import draw_curves, draw_evidence, pictures
 from thermaltool.report.diagnosis_markdown import to_markdown
 from thermaltool.report.diagnosis_tables import sections
+from thermaltool.report.diagnosis_verdict import main_output, percents
 from thermaltool.report.diagnosis_words import duration, estimated, number, percent
 from thermaltool.units import printed
 
@@ -54,11 +55,12 @@ def test_contract_of_the_issue():
 
 def test_a_few_lines_for_a_new_user():
     verdict, where, cause, severe, action, worth, unknown = summary(document())
-    assert verdict.startswith(
-        "The model is not adequate for run.csv: only 12 % of the residual's power in d_z_um is "
-        "sensor noise or what the calibration itself left (residual "
+    # The squares add up: noise and what the calibration left have 12 % together.
+    assert verdict == (
+        "The model is not adequate for run.csv: of the residual of d_z_um, 11.4 µm RMS, noise is "
+        "0.5 µm (< 1 % of the power), what the calibration left 3.92 µm (12 %) and the rest "
+        "10.7 µm (88 %)."
     )
-    assert "noise 0.5 µm, calibration 1 µm" in verdict
     # The bed comes on when the lamp goes off, at 3 h, and stays.
     assert re.match(r"It is wrong mostly while Q_main_1 is at 0 \(.* of the misfit in 50 %", where)
     assert re.search(r"slower than .*; worst from 3\.\d+ to 6 h \(\d+(\.\d)? µm RMS\)\.$", where)
@@ -104,6 +106,57 @@ def test_severity_against_a_tolerance():
     assert told(30.0)[0].endswith(", within the tolerance of 30 µm.")
     rows = next(s.rows for s in sections(found) if s.title.startswith("How severe"))
     assert rows[1] == ["second_source (T_bed_degC)", OUTPUT, "µm", "24", "15", "10", "2.4"]
+
+
+def values(**parameters):
+    return {
+        name.replace("__", "[", 1) + ("]" if "__" in name else ""): {
+            "value": value, "interval": None, "unit": unit
+        }
+        for name, (value, unit) in parameters.items()
+    }  # fmt: skip
+
+
+def test_a_loss_of_heat_is_told_by_what_it_does_in_the_long_run():
+    """Nine gains and more: what moves most comes first, the rest is in the table."""
+    found = document()
+    severity = found["causes"][0]["severity"][OUTPUT]
+    gains = {"T_a_degC": (-0.05, -0.2, 0.01), OUTPUT: (0.1, -0.5, -2.0), "d_b_um": (1.0, 0, 0),
+             "d_c_um": (0.1, 0.0, 0.0)}  # fmt: skip
+    given = {
+        f"{lag}__{output}": (gains[output][k], "µm/K")
+        for k, lag in enumerate(("fast", "middle", "slow"))
+        for output in reversed(gains)
+    }
+    moved = zip(gains, (90.0, 30.0, 9.0, 3.0), strict=True)
+    cause = {
+        **found["causes"][0],
+        "name": "switching_loss", "partner": "T_motor_degC",
+        "parameters": values(**given, on=(46.5, "degC"), time_constant=(60.0, "s"),
+                             slowest=(6000.0, "s")),
+        "severity": {o: {**severity, "largest": size} for o, size in moved},
+    }  # fmt: skip
+    line = summary({**found, "causes": [cause]})[2]
+    assert ": on 46.5 °C, each degree that T_motor_degC is warm moves in the long run " in line
+    assert (
+        "T_a_degC by -0.24 °C (mostly through a lag of 10 min), d_z_um by -2.4 µm (100 min), "
+        "d_b_um by 1 µm (60 s) and others (d_c_um) by what is below; evidence 552" in line
+    )
+
+
+def test_gains_of_many_outputs_are_told_of_those_that_move_most():
+    found = document()
+    severity = found["causes"][0]["severity"][OUTPUT]
+    outputs = ["d_a_um", "d_b_um", "d_c_um", OUTPUT]
+    cause = {
+        **found["causes"][0],
+        "parameters": values(**{f"gain__{o}": (k, "") for k, o in enumerate(outputs)},
+                             time_constant=(60.0, "s")),
+        "severity": {o: {**severity, "largest": 1.0 + k} for k, o in enumerate(outputs)},
+    }  # fmt: skip
+    line = summary({**found, "causes": [cause]})[2]
+    told = "gain[d_z_um] 3, gain[d_c_um] 2, gain[d_b_um] 1, time_constant 60 s, less of d_a_um"
+    assert f": {told} (below); evidence" in line
 
 
 def test_unseen_logs_are_named():
@@ -195,7 +248,7 @@ def test_misfit_without_a_cause():
 def test_cannot_judge():
     """What would help is told, and no cause is missed."""
     verdict, where, why, *rest = summary(document(causes=0, verdict="cannot judge"))
-    assert verdict.startswith("The model cannot be judged by run.csv: only 12 %")
+    assert verdict.startswith("The model cannot be judged by run.csv: of the residual of")
     assert where.startswith("It is wrong mostly while")
     assert why == f"{UNDECIDED}."
     assert not any(line.startswith("Cause") for line in rest)
@@ -254,20 +307,33 @@ def test_a_cause_that_is_no_part_of_a_model_is_no_step_of_the_chain():
     assert any("of d_z_um from 16 to 6 µm RMS" in line for line in lines)
 
 
+def residual_of(noise, calibration, rest):
+    parts = {"rms": 1.0, "noise": noise**0.5, "calibration": calibration**0.5, "rest": rest**0.5}
+    return {OUTPUT: {**document()["residuals"][OUTPUT], "parts": parts}}
+
+
 def test_not_adequate_where_most_is_noise_is_no_contradiction():
-    verdict = summary(document(noise_share=0.7))[0]
-    assert verdict.startswith(
-        "The model is not adequate for run.csv: what is more than noise in d_z_um has a cause "
-        "(residual "
+    found = document(noise_share=0.7, residuals=residual_of(0.15, 0.55, 0.3))
+    assert summary(found)[0] == (
+        "The model is not adequate for run.csv: of the residual of d_z_um, 1 µm RMS, noise is "
+        "0.387 µm (15 % of the power), what the calibration left 0.742 µm (55 %) and the rest "
+        "0.548 µm (30 %), which has a cause."
     )
-    assert "70 %" not in verdict
 
 
-def test_hardly_any_is_no_number():
-    assert (
-        ": hardly any of the residual's power in d_z_um is"
-        in summary(document(causes=0, noise_share=0.0))[0]
+def test_parts_that_are_not_there_are_not_told():
+    found = document(causes=0, noise_share=0.0, residuals=residual_of(0.36, 0.0, 0.64))
+    assert summary(found)[0].endswith(
+        "noise is 0.6 µm (36 % of the power) and the rest 0.8 µm (64 %)."
     )
+    found = document(causes=0, verdict="adequate", residuals=residual_of(1.0, 0.0, 0.0))
+    assert summary(found)[0].endswith("1 µm RMS, noise is 1 µm (100 % of the power).")
+
+
+def test_percentages_add_up_as_printed():
+    assert percents([0.335, 0.335, 0.33]) == ["34 %", "33 %", "33 %"]
+    assert percents([0.004, 0.555, 0.441]) == ["< 1 %", "56 %", "44 %"]
+    assert percents([1.0, 0.0, 0.0]) == ["100 %", "0 %", "0 %"]
 
 
 def test_causes_that_differ_are_not_said_to_look_alike():
@@ -336,7 +402,8 @@ def test_what_is_ruled_out():
 
 def test_adequate():
     verdict, nothing, blind = summary(document(causes=0, verdict="adequate"))
-    assert verdict.startswith("The model is adequate for run.csv: 90 % of the residual's power")
+    assert verdict.startswith("The model is adequate for run.csv: of the residual of d_z_um")
+    assert "left 10.8 µm (90 %) and the rest 3.61 µm (10 %)." in verdict
     assert nothing == "No effect found: 3 causes were tried and none adds anything."
     assert blind == "Not known: this log cannot show transport_delay."
 
@@ -421,9 +488,9 @@ def test_pictures_are_few_and_named_apart():
 
 
 def test_the_worst_output_is_told_first():
-    found = document()
-    other = {**found["residuals"][OUTPUT], "above_floor": 0.1}
-    assert main_output({**found, "residuals": {"d_a_um": other, **found["residuals"]}}) == OUTPUT
+    """The one that `noise_share` is of: noise and calibration account for least of it."""
+    found = {"d_a_um": residual_of(0.5, 0.4, 0.1)[OUTPUT], **residual_of(0.6, 0.2, 0.2)}
+    assert main_output(document(residuals=found)) == OUTPUT
 
 
 @pytest.mark.parametrize(

@@ -246,8 +246,7 @@ def diagnose(
     from thermaltool.diagnosis.diagnose import diagnose as run
     from thermaltool.diagnosis.limits import limits_of
     from thermaltool.diagnosis.severity import tolerances_of
-    from thermaltool.model import excursions
-    from thermaltool.report.text import excursion_message
+    from thermaltool.report.text import range_messages
 
     found = as_model(model)
     allowed = tolerances_of(_typed(tolerance), [output.channel for output in found.outputs])
@@ -261,8 +260,8 @@ def diagnose(
             if output.channel not in log.columns:
                 near = hint(output.channel, log.columns)
                 warn(f"{log.name}: no column {output.channel}{near}: it is not judged there")
-        for excursion in excursions(found, log.columns):
-            warn(excursion_message(log, excursion))
+        for message in range_messages(log, found):
+            warn(message)
         warn_pauses(log, warn, drives_over_pauses(drive.hold for drive in found.drives))
         return log
 

@@ -123,12 +123,14 @@ def read(
         As `read_log`.
     """
     from thermaltool.logs import read_log
-    from thermaltool.report.text import fault_message
+    from thermaltool.report.text import fault_message, spared_map_message
 
     reading = {"faults": "omit", **reading}
     log = read_log(
         data, **reading, keep_spikes=keep_spikes, need=need, outputs=outputs, unread=unread
     )
+    if log.spared_map:
+        warn(spared_map_message(log))
     if told := fault_message(log, (*need, *outputs) if outputs else None):
         warn(told)
     return log if unread else refuse_unread([log], (), warn)[0]

@@ -167,9 +167,9 @@ def simulate(
     """
     import numpy as np
 
-    from thermaltool.model import excursions, started_outputs
+    from thermaltool.model import started_outputs
     from thermaltool.record import Record
-    from thermaltool.report.text import excursion_message
+    from thermaltool.report.text import range_messages
     from thermaltool.signals.agreement import agreement
 
     model = as_model(model)
@@ -192,8 +192,8 @@ def simulate(
         log.between(start, stop)  # says which rows there are
     started = started_outputs(model, log, simulated, initial, before)
     moved = {name: each.zero.value for name, each in started.items() if each.initial == "free"}
-    for excursion in excursions(model, log.columns, moved):
-        warn(excursion_message(log, excursion))
+    for message in range_messages(log, model, moved):
+        warn(message)
     for output in model.outputs:
         name, level = output.channel, simulated[output.channel]
         if name in started:

@@ -47,8 +47,9 @@ OUTCOMES = {"adequate": (0, "green"), "not adequate": (DID_NOT_PASS, "red"),
     "--limits",
     default="",
     metavar="switch=TIME,run=TIME,fixed=CHANNEL,set=CHANNEL",
-    help="What experiments may ask for: shortest time between switches, longest run, channels "
-    "that cannot be set, temperatures that can.  [default: a working day or the longest log]",
+    help="What experiments may ask for: shortest time between switches, longest run (with units: "
+    "30s, 4h), channels that cannot be set, temperatures that can.  "
+    "[default: a working day or the longest log]",
 )
 @click.option(
     "--fail-above",

@@ -11,6 +11,7 @@ from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.alternatives import indistinguishable, suspected
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.lasting import MIN_TIMES_ALLOWED, Recurrence, may_recur, recurrences
 from thermaltool.diagnosis.noisy_states import noisy_states
 from thermaltool.diagnosis.result import Alternative, Cause, Diagnosis, curves_of, unconfirmed
 from thermaltool.diagnosis.severity import (
@@ -31,9 +32,6 @@ from thermaltool.diagnosis.written import WrittenStep, account, explained
 from thermaltool.effects.effect import Effect
 from thermaltool.model import Model
 from thermaltool.units import parse_channel, printed
-
-# An unseen log is wrong by this many times the power of noise and of the calibration's own error.
-MIN_TIMES_ALLOWED = 4.0
 
 
 def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagnosis:
@@ -108,9 +106,12 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
 
     moved = [severity(cause) for cause in causes]
     causes = [
-        replace(c, severity=each, action=action_of(c.effect, each, noise, c.location))
+        replace(
+            c, severity=each, action=action_of(c.effect, each, noise, c.location),
+            elsewhere=_elsewhere(full, extended, c.effect, noise),
+        )
         for c, each in zip(causes, moved, strict=True)
-    ]
+    ]  # fmt: skip
     if search.unconfirmed is not None and (search.causes or not search.suspects):
         search = search.noted(unconfirmed(search.unconfirmed.effect))
     for note in (
@@ -119,7 +120,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         *_averaged(task),
         *_between(first),
         *_resting(first),
-        *_off_as_well(task, effects, written.steps, noise),
+        *_off_as_well(task, causes[: len(effects)], written.steps, noise),
     ):
         search = search.noted(note)
     alternatives: list[Alternative] = []
@@ -184,16 +185,29 @@ def _resting(first: Hypothesis) -> Iterator[str]:
             yield f"{drive.channel} never acts in these logs: they say nothing of what it does"
 
 
+def _elsewhere(
+    task: DiagnosisTask, model: Model, effect: Effect, noise: Mapping[str, float]
+) -> tuple[Recurrence, ...]:
+    """Other logs that show what happened in one."""
+    others = (*task.logs, *task.validate, *task.sound) if effect.log else ()
+    others = tuple(log for log in others if log.digest != effect.log)
+    return recurrences(model, effect, others, noise, task.calibrated_misfit)
+
+
 def _off_as_well(
     task: DiagnosisTask,
-    effects: Sequence[Effect],
+    causes: Sequence[Cause],
     steps: Sequence[WrittenStep],
     noise: Mapping[str, float],
 ) -> Iterator[str]:
-    """A sentence on each unseen log that accidents of another leave as wrong as it was."""
-    if not effects or any(effect.log is None for effect in effects):
+    """A sentence on each unseen log that other accidents than those found leave wrong."""
+    if not causes or any(cause.effect.log is None for cause in causes):
         return
+    other = ", not by the same" if all(may_recur(cause.effect) for cause in causes) else ""
+    same = {each.log for cause in causes for each in cause.elsewhere}
     for log in task.validate:
+        if log.digest in same:
+            continue
         off = [
             each
             for each in steps
@@ -207,8 +221,9 @@ def _off_as_well(
             worst = max(off, key=lambda each: each.agreement.rmse_zero_free / noise[each.output])
             unit = printed(parse_channel(worst.output).unit)
             yield (
-                f"{log.name or 'an unseen log'} is wrong as well, and stays so: {worst.output} is "
-                f"off by {worst.agreement.rmse_zero_free:.3g} {unit} RMS; diagnose it, too"
+                f"{log.name or 'an unseen log'} is wrong as well{other}, and stays so: "
+                f"{worst.output} is off by {worst.agreement.rmse_zero_free:.3g} {unit} RMS; "
+                "diagnose it, too"
             )
 
 

@@ -72,6 +72,8 @@ UNLIMITED = ExperimentLimits(run=MAX_DURATION, unlimited=True)
 def limits_of(text: str, channels: Iterable[str]) -> ExperimentLimits:
     """Limits as they are typed: ``switch=30s,run=4h,fixed=Q_fan_1,set=T_bed_degC``.
 
+    Times have their unit.
+
     Parameters
     ----------
     text : str
@@ -82,7 +84,7 @@ def limits_of(text: str, channels: Iterable[str]) -> ExperimentLimits:
     Raises
     ------
     UnitError
-        Another key, no time, a channel that no log has.
+        Another key, no time, or one without a unit, a channel that no log has.
     """
     known, times = set(channels), {"switch": 0.0, "run": 0.0}
     named: dict[str, set[str]] = {"fixed": set(), "set": set()}
@@ -108,9 +110,16 @@ def limits_of(text: str, channels: Iterable[str]) -> ExperimentLimits:
 
 
 def _seconds(part: str, value: str) -> float:
-    """A time above zero; seconds without a unit."""
+    """A time above zero, with its unit: what a log counts in is no user's first thought."""
     number, unit = parse_quantity(value)
-    seconds = converted(number, unit or "s", "s")
+    if unit is None:
+        key = part.partition("=")[0].strip()
+        several = [f"{key}={number:g}{each}" for each in ("s", "min", "h")]
+        raise UnitError(
+            f"limits {part}: of which unit? {', '.join(several[:-1])} or {several[-1]} "
+            "(logs count in s)"
+        )
+    seconds = converted(number, unit, "s")
     if seconds is None or not 0 < seconds < np.inf:
         raise UnitError(f"limits {part}: not a time above zero, like 30s, 10min or 4h")
     return seconds

@@ -13,6 +13,7 @@ from scipy.fft import dct
 from scipy.ndimage import uniform_filter1d
 
 from thermaltool.diagnosis.coloured import ColouredTests, Dependence
+from thermaltool.diagnosis.residual_parts import ResidualParts
 from thermaltool.effects.effect import Float
 from thermaltool.errors import FitError
 
@@ -123,12 +124,11 @@ class ResidualReport:
         About zero. None where a start is fitted apart, whose slowest decays are told from no zero.
     spread : float [unit of the channel]
         RMS about the mean of each record.
-    above_noise, above_floor : float
-        Share of the power, about the mean of each record, that white noise does not account for,
-        and that white noise with the calibration's own error does not.
+    above_noise : float
+        Share of the power, about the mean of each record, that white noise does not account for.
     noise : ResidualNoise
-    floor : float [unit of the channel]
-        Error of the model on its own calibration data.
+    parts : ResidualParts
+        Over all logs; without a calibration to judge by, noise and the rest of this one.
     effective_rows : float
         Independent rows that tell as much about a mean.
     white_p : float
@@ -146,9 +146,8 @@ class ResidualReport:
     mean: float | None
     spread: float
     above_noise: float
-    above_floor: float
     noise: ResidualNoise
-    floor: float
+    parts: ResidualParts
     effective_rows: float
     white_p: float
     worst: WorstInterval | None
@@ -168,7 +167,6 @@ def residual_report(
     drives: Mapping[str, Float],
     others: Mapping[str, Float],
     white_sigma: float,
-    floor: float,
     hidden: float = 0.0,
 ) -> ResidualReport:
     """Describe and test the residual of one output.
@@ -183,8 +181,6 @@ def residual_report(
         Inputs of the model, and further channels (a speed, a state); NaN counts as no change.
     white_sigma : float
         White noise of a reading.
-    floor : float
-        RMS error of the model on its own calibration data, noise taken away.
     hidden : float
         Noise of a reading that rows do not show, being averages; `rms`, `spread` and shares of the
         power are those of readings.
@@ -217,10 +213,9 @@ def residual_report(
         rms=float(np.sqrt(np.mean(residual**2) + hidden**2)),
         mean=float(np.mean(residual)),
         spread=float(np.sqrt(power)),
-        above_noise=_above(power, white_sigma**2),
-        above_floor=_above(power, white_sigma**2 + floor**2),
+        above_noise=max(0.0, 1.0 - white_sigma**2 / power) if power > 0 else 0.0,
         noise=ResidualNoise(white_sigma, tests.discrepancy, time_constant),
-        floor=floor,
+        parts=ResidualParts.of(float(np.sqrt(power)), white_sigma),
         effective_rows=tests.effective_rows(),
         white_p=tests.white_p(),
         worst=_worst(time, zeroed, records),
@@ -231,10 +226,6 @@ def residual_report(
         ),
         dependences=tuple(sorted((d for d in dependences if d), key=lambda d: d.p_value)),
     )
-
-
-def _above(power: float, accounted: float) -> float:
-    return max(0.0, 1.0 - accounted / power) if power > 0 else 0.0
 
 
 def _held(values: Float) -> Float:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
+from thermaltool.diagnosis.lasting import Recurrence
 from thermaltool.diagnosis.readings import hidden_in
 from thermaltool.diagnosis.residual import ResidualReport, residual_report
 from thermaltool.diagnosis.ruled_out import ruled_out
@@ -27,6 +28,8 @@ Float = NDArray[np.float64]
 Interval = tuple[float, float]
 
 Verdict = Literal["adequate", "not adequate", "cannot judge"]
+# Values that a sentence on an unsure cause holds; more of them name no size.
+MAX_VALUES_TOLD = 4
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,8 @@ class Cause:
         How much it moves each output over the diagnosed logs.
     action : str
         What a technician can do about it.
+    elsewhere : tuple of Recurrence
+        Other logs that show it, of one that changed something in its log.
     """
 
     effect: Effect
@@ -98,6 +103,7 @@ class Cause:
     location: Location | None = None
     severity: Mapping[str, Severity] = field(default_factory=dict)
     action: str = ""
+    elsewhere: tuple[Recurrence, ...] = ()
 
     def document(self, tolerance: Mapping[str, float]) -> dict[str, Any]:
         """As JSON; an effect confined to one log says to which.
@@ -110,7 +116,9 @@ class Cause:
         return {
             "name": effect.name,
             "channel": effect.channel,
+            "partner": effect.partner,
             "log": effect.log,
+            "elsewhere": [asdict(each) for each in self.elsewhere],
             "explanation": effect.explanation,
             "action": self.action,
             "severity": {
@@ -309,7 +317,6 @@ def reports_of(
     hypothesis: Hypothesis,
     plain: Hypothesis,
     white: Mapping[str, float],
-    floor: Mapping[str, float],
 ) -> dict[str, ResidualReport]:
     """Every output's residual, in the log that has most of its rows.
 
@@ -319,8 +326,8 @@ def reports_of(
         What the model may say for itself: its start in each log.
     plain : Hypothesis
         The model as a user simulates it.
-    white, floor : mapping of output to float [unit of the output]
-        Noise of a reading, and the discrepancy of a clean log.
+    white : mapping of output to float [unit of the output]
+        Noise of a reading.
     """
     reports = {}
     for output, groups in hypothesis.groups.items():
@@ -334,7 +341,6 @@ def reports_of(
             {d.channel: log.columns[d.channel] for d in hypothesis.model.drives},
             {c: v for c, v in log.columns.items() if c in hypothesis.scene.extra},
             white[output],
-            floor[output],
             hidden_in(log, output),
         )
         begun = bool(np.any(start[k]))
@@ -378,9 +384,10 @@ def unconfirmed(effect: Effect) -> str:
     ----------
     effect : Effect
     """
+    names = (*effect.linear(), *effect.searched())
     values = ", ".join(
         f"{name} {effect.parameters[name]:.3g} {printed(effect.unit(name))}".rstrip()
-        for name in (*effect.linear(), *effect.searched())
+        for name in (names if len(names) <= MAX_VALUES_TOLD else ())
     )
     said = ": ".join(part for part in (effect.channel, values) if part)
     return (

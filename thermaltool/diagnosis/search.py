@@ -128,7 +128,8 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
                     c for c in strong
                     if c.effect.log is None or ranking.beyond(c) > MIN_FURTHER_ACCIDENT
                 ]  # fmt: skip
-            task.progress("unseen logs")
+            if task.validate:
+                task.progress("unseen logs")
             strong = borne_out(hypothesis, strong, task.validate, task.model)
             found = _confirmed(task, search, hypothesis, ranking, strong)
             if found is not None:

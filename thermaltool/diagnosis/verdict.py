@@ -9,7 +9,7 @@ cause of its own: `unknown`, told by where, when and how large it is.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.readings import hidden_noise
 from thermaltool.diagnosis.residual import ResidualReport
+from thermaltool.diagnosis.residual_parts import ResidualParts
 from thermaltool.diagnosis.result import Cause, Location, Verdict, reports_of
 from thermaltool.effects.effect import Float
 from thermaltool.effects.unknown import Unknown
@@ -78,6 +79,11 @@ class ResidualBudget:
     def accounted(self) -> float:
         """Share of the power that noise and what the calibration has shown account for."""
         return 1.0 - self._above(self.shown)
+
+    @property
+    def parts(self) -> ResidualParts:
+        """What of it is noise, what the calibration left, and what is neither."""
+        return ResidualParts.of(self.total, self.white, self.accounted)
 
     @property
     def allowed(self) -> float:
@@ -222,12 +228,12 @@ def weigh_residuals(
     noise : mapping of output to float [unit of the output]
         Of a reading.
     """
-    floor = {output: floor_of(hypothesis, output) for output in hypothesis.groups}
-    reports = reports_of(hypothesis, plain, noise, floor)
-    return reports, {
+    reports = reports_of(hypothesis, plain, noise)
+    budgets = {
         output: budget_of(hypothesis, plain, output, noise[output], report.effective_rows)
         for output, report in reports.items()
     }
+    return {o: replace(r, parts=budgets[o].parts) for o, r in reports.items()}, budgets
 
 
 def verdict_of(

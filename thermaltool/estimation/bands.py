@@ -43,8 +43,9 @@ def design_bands(model: Model, problem: DesignModel, kalman: KalmanEstimator) ->
     for readings, _ in problem.trials:
         estimates = recursion.run(readings)[0]
         variance = parameter_variance(
-            model, kalman, problem.clock, estimates, readings, lambda u: recursion.run(u)[0]
-        )
+            model, kalman, problem.clock, estimates, readings,
+            lambda several: np.array([recursion.run(each)[0] for each in several]),
+        )  # fmt: skip
         squares += np.mean(estimates**2, axis=0)
         total += np.mean(variance, axis=0)
     relative = np.sqrt(total / np.maximum(squares, 1e-300))

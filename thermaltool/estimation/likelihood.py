@@ -29,6 +29,8 @@ DRIFT_PRIOR, DRIFT_TIME_PRIOR = 2.0, 1.0
 # A clock of more stretches than these has its steps rounded to whole periods: sizes do not depend
 # on what is lost, and every length costs a steady covariance at every trial.
 MAX_STRETCHES = 32
+# Spans of fewer rows are walked through.
+SHORT_SPAN = 32
 # Fewer readings tell no sizes.
 MIN_READINGS = 20
 
@@ -225,6 +227,7 @@ def _innovations(
     squares, logs, x = 0.0, 0.0, None
     # On an uneven clock stretches are many, lengths of a sample few.
     steady = cache(lambda ticks: _SteadyFilter.of(estimator.state_space(ticks * CLOCK_STEP)))
+    innovations: dict[int, tuple[_SteadyFilter, list[Float]]] = {}
     for rows, dt in uniform_spans(time):
         known = steady(max(round(dt / CLOCK_STEP), 1))
         space = known.space
@@ -237,12 +240,22 @@ def _innovations(
             a = predictor.run(readings[rows], state)[1]
             x = a + space.filter_gain(first.P) @ (readings[rows][-1] - space.H @ a)
             continue
-        G, S, predictor = known.G, known.S, known.predictor
+        G, predictor = known.G, known.predictor
         # The row that two spans share belongs to the earlier one: its sample ends there.
         y = readings[rows] if x is None else readings[rows][1:]
-        seen, a = predictor.run(y, None if x is None else space.F @ x)
-        v = y - seen
-        x = a + G @ (y[-1] - space.H @ a)
-        squares += float(np.sum(v * np.linalg.solve(S, v.T).T))
+        a = np.zeros(len(space.F)) if x is None else space.F @ x
+        if len(y) < SHORT_SPAN:
+            v = np.empty(y.shape)
+            for k, reading in enumerate(y):
+                a = a if not k else predictor.F @ a + predictor.G0 @ y[k - 1]
+                v[k] = reading - space.H @ a
+        else:
+            seen, a = predictor.run(y, a)
+            v = y - seen
+        x = a + G @ v[-1]
+        innovations.setdefault(id(known), (known, []))[1].append(v)
+    for known, several in innovations.values():
+        v = np.concatenate(several)
+        squares += float(np.sum(v * np.linalg.solve(known.S, v.T).T))
         logs += len(v) * known.log_determinant
     return squares, logs

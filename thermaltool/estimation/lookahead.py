@@ -38,7 +38,7 @@ from thermaltool.estimation.parameter_error import parameter_variance
 from thermaltool.estimation.pauses import with_pauses
 from thermaltool.estimation.permanent_effects import apply_maps, drive_maps
 from thermaltool.estimation.running_error import RunningError, running_errors
-from thermaltool.estimation.smoother import smooth
+from thermaltool.estimation.smoother import smooth, smoothed_estimates
 from thermaltool.estimation.start import Initial, drive_levels
 from thermaltool.estimation.stream_bands import stream_bands
 from thermaltool.model import Model
@@ -236,6 +236,12 @@ def look(
             return fixed_lag(like, time, readings, how.lag, settled)
         return like.run(time, readings, settled)
 
+    def of_several(readings: Float) -> Float:
+        if how.smooth and len(time) > 1:
+            rows = None if stepped is None else stepped.likeliest + stepped.pauses
+            return smoothed_estimates(kalman, time, readings, level, initial, rows)
+        return np.array([estimated(each) for each in readings])
+
     smoothed = None
     if how.smooth and (how.bands or stepped):
         smoothed = (smooth(kalman, time, readings, level, initial) if stepped is None
@@ -244,7 +250,7 @@ def look(
     sigma = None
     if how.bands and smoothed is not None:
         sigma = _with_parameters(
-            smoothed.sigma, model, kalman, time, estimates, readings, estimated
+            smoothed.sigma, model, kalman, time, estimates, readings, of_several
         )
     elif how.bands:
         told = kalman
@@ -256,7 +262,7 @@ def look(
             relative, _, _ = stream_bands(model.estimator_design(), len(kalman.estimates))
             sigma = np.hypot(sigma, np.array(relative) * estimates)
         else:
-            sigma = _with_parameters(sigma, model, kalman, time, estimates, readings, estimated)
+            sigma = _with_parameters(sigma, model, kalman, time, estimates, readings, of_several)
     if sigma is not None and change is not None:
         # What a change leaves open that is taken, and all that one does which is not.
         like = replace(kalman, sensed=change.edge.sensed, followed=change.edge.followed)

@@ -23,6 +23,8 @@ from thermaltool.responses.modes import Float, Modes
 TRIAL_SHARE = 0.05
 # Directions that move a response by less than this share of its steady state are left out.
 MIN_EFFECT = 1e-4
+# Readings that are smoothed at a time: a bound of memory.
+MAX_TOGETHER = 2_000_000
 
 
 def parameter_variance(
@@ -45,7 +47,7 @@ def parameter_variance(
     readings : ndarray, shape (n, n_sensors)
         NaN where there is none.
     estimated : callable
-        From readings to estimates.
+        From readings of several records, shape (k, n, n_sensors), to estimates.
 
     Returns
     -------
@@ -53,6 +55,17 @@ def parameter_variance(
     """
     variance, drives = np.zeros(estimates.shape), len(kalman.drives)
     missing = ~np.isfinite(readings)
+    together = max(1, MAX_TOGETHER // max(readings.size, 1))
+    several: list[Float] = []
+
+    def added() -> Float | float:
+        """Variance by the wrong readings that are gathered."""
+        if not several:
+            return 0.0
+        found = np.sum(np.square(estimated(np.array(several)) / TRIAL_SHARE), axis=0)
+        several.clear()
+        return np.asarray(found)
+
     for term in model.terms:
         if term.drive not in kalman.drives:
             continue
@@ -66,8 +79,10 @@ def parameter_variance(
                 wrong = np.zeros(readings.shape)
                 wrong[:, kalman.sensors.index(term.output)] = shift
                 wrong[missing] = np.nan
-                variance += (estimated(wrong) / TRIAL_SHARE) ** 2
-    return variance
+                several.append(wrong)
+                if len(several) == together:
+                    variance += added()
+    return variance + added()
 
 
 def _directions(model: Model, term: Term) -> Iterator[tuple[Modes, Modes]]:

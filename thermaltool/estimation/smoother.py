@@ -9,22 +9,18 @@ are recursions with constant matrices.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
 from thermaltool.estimation.estimator import KalmanEstimator
 from thermaltool.estimation.start import Initial
 from thermaltool.estimation.state_space import StateSpace, propagated
-from thermaltool.responses.modes import Float, Recursion
-from thermaltool.responses.sample_clock import clock_step
-
-# Indices of sensors.
-Sensors = NDArray[np.intp]
+from thermaltool.estimation.stretches import Sensors, Stretch, even_rows
+from thermaltool.responses.modes import Float
 
 # A gain is held for as many rows as it, and the variances, change by no more than this share. What
 # that costs the estimates is of the order of its square; the standard errors, which grow within a
@@ -35,8 +31,8 @@ HELD_CHANGE = 1e-5
 MAX_GROWTH = 1.3
 # What is left of a sum of later readings counts as nothing below this share.
 REMAINDER = 1e-12
-# Stretches of fewer rows are walked through.
-SHORT_STRETCH = 200
+# Lengths of sample whose matrices are kept.
+MAX_LENGTHS = 512
 # Below it a variance is none.
 TINY = 1e-300
 
@@ -65,22 +61,6 @@ class Smoothed:
     log_likelihood: float
 
 
-@dataclass(frozen=True)
-class _Stretch:
-    """Rows over which the filter has the same matrices.
-
-    A row's prediction a is corrected by the innovation v and carried on, a ← F a + K v; the
-    adjoint comes the other way, r ← Hᵀ S⁻¹ v + Lᵀ r with L = F − K H.
-    """
-
-    rows: slice
-    some: Sensors
-    H: Float
-    S: Float
-    L: Float
-    PC: Float
-
-
 class _Filter:
     """The way forward: predictions and innovations of every row, and the stretches behind them."""
 
@@ -93,7 +73,7 @@ class _Filter:
         self.filtered_variance = np.empty((n, estimates))
         self.v = np.zeros((n, sensors))
         self.white = np.full((n, sensors), np.nan)
-        self.stretches: list[_Stretch] = []
+        self.stretches: list[Stretch] = []
         self.log_likelihood = 0.0
 
     def run(self, rows: slice, space: StateSpace, some: Sensors) -> None:
@@ -116,22 +96,21 @@ class _Filter:
             grown = 1 + int(MAX_GROWTH * length)
             held = int(min(HELD_CHANGE / max(rate, TINY), grown, rows.stop - k))
             before, length = now, max(held, 1)
-            self._take(_Stretch(slice(k, k + length), some, H, S, L, PC), K, C @ G, C)
+            self._take(Stretch(slice(k, k + length), some, C, H, S, K, L, PC), C @ G)
             # Of the filter as it is, whether its gain is held or not.
             self.P = propagated(L, K @ R @ K.T + space.Q, self.P, length)
             k += length
 
-    def _take(self, part: _Stretch, K: Float, CG: Float, C: Float) -> None:
-        rows, some = part.rows, part.some
+    def _take(self, part: Stretch, CG: Float) -> None:
+        rows, some, C, K = part.rows, part.some, part.C, part.K
         y = self.readings[rows][:, some]
-        if len(y) < SHORT_STRETCH:
+        if part.short:
             v = np.empty(y.shape)
             for i, reading in enumerate(y):
                 self.predicted[rows.start + i], v[i] = C @ self.a, reading - part.H @ self.a
                 self.a = part.L @ self.a + K @ reading
         else:
-            recursion = Recursion(part.L, K, np.zeros_like(K), np.vstack([part.H, C]))
-            out, a = recursion.run(y, self.a)
+            out, a = part.ahead().run(y, self.a)
             self.a = part.L @ a + K @ y[-1]
             v, self.predicted[rows] = y - out[:, : len(some)], out[:, len(some) :]
         variance = np.einsum("ij,ji->i", C, part.PC)
@@ -154,15 +133,14 @@ class _Filter:
         r, N = np.zeros(n), np.zeros((n, n))
         for part in reversed(self.stretches):
             rows, some = part.rows, part.some
-            weighed = np.asarray(np.linalg.solve(part.S, part.H), np.float64)
+            weighed = part.weighed
             v = self.v[rows][:, some]
-            if len(v) < SHORT_STRETCH:
+            if part.short:
                 for i in range(len(v) - 1, -1, -1):
                     r = v[i] @ weighed + r @ part.L
                     estimates[rows.start + i] += r @ part.PC
             else:
-                back = Recursion(part.L.T, np.zeros(weighed.T.shape), weighed.T, part.PC.T)
-                added, r = back.run(np.vstack([np.zeros((1, len(some))), v[::-1]]), r)
+                added, r = part.back().run(np.vstack([np.zeros((1, len(some))), v[::-1]]), r)
                 estimates[rows] += added[:0:-1]
             W = part.H.T @ weighed
             variance[rows] -= _told_later(part, W, N, len(v))
@@ -176,8 +154,49 @@ class _Filter:
             self.log_likelihood,
         )
 
+    def estimates_of(self, readings: Float) -> Float:
+        """Estimates of other readings by the same matrices, shape (k, n, n_estimates).
 
-def _told_later(part: _Stretch, W: Float, N: Float, count: int) -> Float:
+        Parameters
+        ----------
+        readings : ndarray, shape (k, n, n_sensors)
+            Missing where those of the filter are.
+        """
+        y = np.ascontiguousarray(np.moveaxis(readings, 0, -1))
+        v, estimates = np.zeros(y.shape), np.empty((*self.predicted.shape, len(readings)))
+        a = np.zeros((len(self.a), len(readings)))
+        for part in self.stretches:
+            rows, some = part.rows, part.some
+            if part.short:
+                for row in range(rows.start, rows.stop):
+                    estimates[row], reading = part.C @ a, y[row, some]
+                    v[row, some] = reading - part.H @ a
+                    a = part.L @ a + part.K @ reading
+                continue
+            ahead, own = part.ahead(), y[rows][:, some]
+            for k, behind in enumerate(a.T.copy()):
+                out, behind = ahead.run(own[..., k], behind)
+                a[:, k] = part.L @ behind + part.K @ own[-1, :, k]
+                v[rows, some, k] = own[..., k] - out[:, : len(some)]
+                estimates[rows, :, k] = out[:, len(some) :]
+        r = np.zeros(a.shape)
+        for part in reversed(self.stretches):
+            rows, some = part.rows, part.some
+            if part.short:
+                weighed = part.weighed.T
+                for row in range(rows.stop - 1, rows.start - 1, -1):
+                    r = weighed @ v[row, some] + part.L.T @ r
+                    estimates[row] += part.PC.T @ r
+                continue
+            back, own = part.back(), v[rows][::-1, some]
+            for k, later in enumerate(r.T.copy()):
+                start = np.zeros((1, len(some)))
+                added, r[:, k] = back.run(np.vstack([start, own[..., k]]), later)
+                estimates[rows, :, k] += added[:0:-1]
+        return np.moveaxis(estimates, -1, 0)
+
+
+def _told_later(part: Stretch, W: Float, N: Float, count: int) -> Float:
     """By how much readings from each row on lower the variance of its prediction.
 
     The diagonal of C P N P Cᵀ with N ← W + Lᵀ N L, from `N` behind the last row.
@@ -237,6 +256,31 @@ def smooth(
     return _filtered(estimator, time, readings, np.zeros(len(P)), P, steps).back()
 
 
+def smoothed_estimates(
+    estimator: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    level: Sequence[float],
+    initial: Initial = "rest",
+    steps: Float | None = None,
+) -> Float:
+    """Estimates of several records on one clock, shape (k, n, n_estimates); see `smooth`.
+
+    The covariances are found once.
+
+    Parameters
+    ----------
+    estimator, time, level, initial, steps
+        As for `smooth`.
+    readings : ndarray, shape (k, n, n_sensors)
+        Missing in the same places.
+    """
+    dt = float(time[1] - time[0])
+    P = estimator.start_covariance(dt, level, initial)
+    forward = _filtered(estimator, time, readings[0], np.zeros(len(P)), P, steps)
+    return forward.estimates_of(readings)
+
+
 def predicted(
     estimator: KalmanEstimator,
     time: Float,
@@ -282,28 +326,12 @@ def _filtered(
         cuts += np.flatnonzero(steps.any(axis=1)).tolist()
     forward = _Filter(len(estimator.estimates), readings, state, covariance.copy())
     heats = np.arange(estimator.modal, estimator.modal + len(estimator.drives))
+    space_of = lru_cache(MAX_LENGTHS)(estimator.state_space)
     with np.errstate(over="ignore", invalid="ignore"):
-        for rows, dt, some in _runs(time, readings, cuts):
+        for rows, dt, some in even_rows(time, readings, cuts):
             if rows.start == stop:
                 break
             if steps is not None:
                 forward.P[heats, heats] += steps[rows.start]
-            forward.run(rows, estimator.state_space(dt), some)
+            forward.run(rows, space_of(dt), some)
     return forward
-
-
-def _runs(
-    time: Float, readings: Float, cuts: Sequence[int]
-) -> Iterator[tuple[slice, float, Sensors]]:
-    """Rows whose next sample has one length [s], with readings of the same sensors, cut at rows."""
-    n = len(time)
-    steps, step = np.diff(time), clock_step(time)
-    ticks = np.append(np.round(steps / step).astype(np.int64), 0)
-    if n > 1:
-        ticks[-1] = ticks[-2]
-    there = np.isfinite(readings)
-    changes = (np.diff(ticks) != 0) | np.any(there[1:] != there[:-1], axis=1)
-    edges = np.unique([0, *(np.flatnonzero(changes) + 1).tolist(), *cuts, n]).tolist()
-    for start, stop in itertools.pairwise(edges):
-        dt = float(steps[min(start, n - 2)]) if n > 1 else 1.0
-        yield slice(start, stop), dt, np.flatnonzero(there[start])

@@ -23,6 +23,7 @@ from thermaltool.fitting.response_choice import KINDS, LEFT_OUT, choose_response
 from thermaltool.fitting.seen_changes import with_seen_changes
 from thermaltool.fitting.start_choice import begins_away_from_rest, free_where_known, rests
 from thermaltool.fitting.start_state import Initial
+from thermaltool.fitting.zeros import with_zeros
 from thermaltool.model import (
     Drive,
     Model,
@@ -30,9 +31,7 @@ from thermaltool.model import (
     Role,
     Term,
     agreements,
-    drive_rests,
     relative,
-    rest_shifts,
     started_outputs,
 )
 from thermaltool.record import Record
@@ -44,7 +43,6 @@ from thermaltool.units import (
     Reference,
     drive_reference,
     hold_of,
-    is_absolute,
     is_displacement,
 )
 
@@ -214,7 +212,7 @@ def calibrate(
         provenance={"logs": [record.source for record in measured if record.digest]},
     )
     model = with_seen_changes(model, measured)
-    model = as_simulated(_with_rests(model, measured), measured)
+    model = as_simulated(with_zeros(model, measured), measured)
     if plan.choose and plan.initial == "auto":
         progress("trying whether the machine begins at rest")
         chosen = [each for each in kinds if plan.chosen(each.output)]
@@ -272,28 +270,6 @@ def _fitted(
     return outputs, terms, chosen
 
 
-def _with_rests(model: Model, records: Sequence[Record]) -> Model:
-    """The model with what its temperatures at rest go with, where these records do not deny it."""
-    levels = [drive_rests(model, record) for record in records]
-    drives = tuple(
-        replace(d, rest=float(np.mean([each[d.channel] for each in levels])))
-        if d.reference == "first" and is_absolute(d.channel)
-        else d
-        for d in model.drives
-    )
-    moved = replace(model, drives=drives)
-    shifts = [rest_shifts(moved, each) for each in levels]
-    plain, with_rests = 0.0, 0.0
-    for output in model.outputs:
-        if output.channel in shifts[0]:
-            zeros = np.array(output.fit["offsets"])
-            left = zeros - [each[output.channel] for each in shifts]
-            white = output.fit["noise"] or 1.0
-            plain += float(np.var(zeros)) / white**2
-            with_rests += float(np.var(left)) / white**2
-    return moved if with_rests <= plain else model
-
-
 def as_simulated(model: Model, records: Sequence[Record]) -> Model:
     """The model with fits as `simulate` gives them; the fit itself leaves every zero free.
 
@@ -336,7 +312,8 @@ def _output(
     return Output(
         channel,
         role,
-        # A displacement has no zero of its own; any other reading at rest is one of the sensor.
+        # A displacement has no zero of its own; any other reading at rest is one of the sensor. Of
+        # several logs it is found at last.
         "first" if is_displacement(channel) else float(np.mean(fit.offsets)),
         extent(levels),
         {
@@ -347,6 +324,7 @@ def _output(
             "rows": sum(int(np.isfinite(y).sum()) for y in measured),
             "noise": max(map(reading_sigma, measured)),
             "offsets": list(fit.offsets),
+            "offset_errors": np.sqrt(np.diag(fit.covariance)[-len(fit.offsets) :]).tolist(),
             "free_start": plan.free_start,
             "starts_rmse": list(fit.starts),
             "unidentified": list(fit.unidentified),

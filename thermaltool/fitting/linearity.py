@@ -46,6 +46,9 @@ SURE_P_VALUE, MAX_DRAWS, ENOUGH_LARGER, SETTLING_ROWS = 0.1, 99, 10, 500
 MIN_NEW_SHARE = 1e-3
 # "Nonlinear" needs a p-value of no more, and this share of the squared error explained.
 MAX_P_VALUE, MIN_EXPLAINED = 0.01, 0.1
+# It matters from this share of what the output moves on, or from the smaller one where it is as
+# large as what is left beside it.
+MIN_SIZE, MIN_SIZE_ABOVE_REST = 0.02, 0.005
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,8 @@ class LinearityTest:
         Fit of the free run with all linear terms of the regression, and with the others, too.
     term : str
         Which of them explains most.
+    deviation : float [unit of the output]
+        Standard deviation of the output.
     """
 
     p_value: float
@@ -69,11 +74,25 @@ class LinearityTest:
     linear_fit_percent: float
     nonlinear_fit_percent: float
     term: str = ""
+    deviation: float = float("nan")
 
     @property
     def nonlinear(self) -> bool:
         """Whether the plant is not linear, and by so much that it counts."""
         return self.p_value <= MAX_P_VALUE and self.explained >= MIN_EXPLAINED
+
+    @property
+    def size(self) -> float:
+        """RMS of what the terms explain, over the standard deviation of the output."""
+        linear, whole = (1 - p / 100 for p in (self.linear_fit_percent, self.nonlinear_fit_percent))
+        return float(np.sqrt(max(linear**2 - whole**2, 0.0)))
+
+    @property
+    def matters(self) -> bool:
+        """Whether what is not linear is of a size that counts against the output and the rest."""
+        rest = 1 - self.nonlinear_fit_percent / 100
+        least = MIN_SIZE_ABOVE_REST if self.size >= rest else MIN_SIZE
+        return self.nonlinear and self.size >= least
 
 
 def linearity_test(model: TestedModel, data: TrainingData) -> LinearityTest | None:
@@ -107,6 +126,7 @@ def linearity_test(model: TestedModel, data: TrainingData) -> LinearityTest | No
         float(100 * (1 - linear / deviation)),
         float(100 * (1 - whole / deviation)),
         found.names[kept[int(np.argmax(reduced.alone))]],
+        deviation,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -127,6 +127,21 @@ class ColumnMap:
     def rename(self, name: str) -> Rename | None:
         """What becomes of column `name`; None leaves it out."""
         return self.columns.get(name, Rename(name) if self.unmapped == "keep" else None)
+
+    def named_already(self, names: Iterable[str]) -> bool:
+        """Whether columns have the names that the map gives, and a clock, and not those it reads.
+
+        Parameters
+        ----------
+        names : iterable of str
+        """
+        names, renames = {*names}, {k: r.name for k, r in self.columns.items() if r}
+        clock = {*self.clock.columns} if self.clock else set()
+        if names >= {*self.columns} | clock:
+            return False
+        given = {*renames.values(), *(each.name for each in self.computed)}
+        read = {k for k, own in renames.items() if k != own} - given
+        return bool(given) and given <= names and clock_unit(names) is not None and not read & names
 
     def check(self, names: Sequence[str], log: str) -> None:
         """Raise LogError where the map names a column that the log `names` does not have."""

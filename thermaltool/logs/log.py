@@ -36,6 +36,8 @@ class Log(Record):
     unread : mapping
         The first cell of a channel that is no number where nothing needs the channel: such cells
         are missing values.
+    spared_map : str or None
+        A column map that is not applied, since the file has its names already.
     """
 
     epoch: str | None = None
@@ -43,6 +45,7 @@ class Log(Record):
     lines: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
     problems: tuple[LogError, ...] = ()
     unread: Mapping[str, LogError] = field(default_factory=dict)
+    spared_map: str | None = None
 
     def line(self, row: int) -> int | None:
         return int(self.lines[row])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, TypeAlias, cast
@@ -16,8 +15,8 @@ from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import Clock, ColumnMap, Columns, Rename, read_map
 from thermaltool.logs.duplicates import merged
 from thermaltool.logs.faults import FAULT_POLICIES, find_faults, without
-from thermaltool.logs.formats import load_reader
 from thermaltool.logs.log import Log
+from thermaltool.logs.opening import open_mapped
 from thermaltool.logs.table import (
     MAX_TIME,
     Cells,
@@ -25,7 +24,6 @@ from thermaltool.logs.table import (
     Table,
     beyond_range,
     first_faults,
-    read_source,
 )
 from thermaltool.logs.time_stamps import iso_clock, joined_stamps
 from thermaltool.logs.unread import spared_cells, with_cure
@@ -34,9 +32,8 @@ from thermaltool.status import WORDS
 from thermaltool.units import UNITS, clock_unit, names, parse_channel
 
 if TYPE_CHECKING:
-    import pandas
+    from thermaltool.logs.opening import TableSource
 
-    TableSource: TypeAlias = str | os.PathLike[str] | pandas.DataFrame
     Data: TypeAlias = TableSource | Record
 
 # What to do about a time stamp that repeats.
@@ -136,8 +133,8 @@ def read_log(
         log = _of_record(data, max_gap, duplicates, need, outputs, nan_policy)
         return _left_out(log, faults, keep_spikes, need, outputs, nan_policy)
     mapping = ColumnMap() if columns is None else read_map(columns)
-    name, digest, table = open_source(data, from_format, mapping)
-    mapping.check(table.names, name)
+    asked = mapping
+    name, digest, table, mapping = open_mapped(data, from_format, asked)
     plan = _plan(name, table, mapping)
     cells = table.cells(plan.kinds)
     names_of = {table.names[i]: rename.name for i, rename in plan.renames.items()}
@@ -159,6 +156,7 @@ def read_log(
         epoch=epoch,
         lines=cells.lines,
         unread={names_of[column]: each for column, each in spare.items()},
+        spared_map=asked.file if mapping is not asked else None,
     )
     log, beyond = _within_range(_with_computed(log, mapping), plan.clock.column)
     if strict and beyond:
@@ -207,21 +205,6 @@ def _samples_digest(record: Record) -> str:
     for name, values in record.columns.items():
         digest.update(name.encode() + b"\0" + values.tobytes())
     return digest.hexdigest()
-
-
-def open_source(
-    source: TableSource, from_format: str | None, mapping: ColumnMap
-) -> tuple[str, str, Table]:
-    """The name and digest of an input, and its table."""
-    if isinstance(source, str | os.PathLike):
-        source = os.fspath(source)
-        raw = read_source(source)
-        table: Table = load_reader(raw, from_format).open_table(raw, mapping)
-        return raw.name, raw.digest, table
-    from thermaltool.logs.frame_table import FrameTable
-
-    frame = FrameTable(source, mapping.dialect.missing)
-    return frame.file, frame.digest, frame
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from thermaltool.errors import LogError
 from thermaltool.logs.clock import segments
 from thermaltool.logs.columns import Clock, ColumnMap
-from thermaltool.logs.reader import open_source, read_log
+from thermaltool.logs.opening import open_source
+from thermaltool.logs.reader import read_log
 from thermaltool.logs.table import MAX_TIME, Kind, beyond_range
 from thermaltool.logs.time_stamps import iso_clock
 from thermaltool.record import Array, Record, hint

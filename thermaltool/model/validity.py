@@ -10,6 +10,7 @@ import numpy as np
 
 from thermaltool.model.rest import relative, rest_level, rest_shifts
 from thermaltool.responses.modes import Float
+from thermaltool.units import UNITS, parse_channel
 
 if TYPE_CHECKING:
     from thermaltool.model.document import Model
@@ -27,6 +28,26 @@ class Excursion:
     high: float
 
 
+@dataclass(frozen=True)
+class UnitSuspect:
+    """A drive that moves as in the calibration, were the log in another `unit` than its name says.
+
+    Attributes
+    ----------
+    channel, unit : str
+    logged, seen : float [unit of the name]
+        Largest size in the log and in the calibration, relative to rest.
+    """
+
+    channel: str
+    unit: str
+    logged: float
+    seen: float
+
+
+# A drive whose size becomes that of the calibration, to this factor, in another unit, a thousand
+# times as large or as small, while some output moves by this share of its range, has that unit.
+SAME_SIZE, UNIT_STEP, MIN_MOVED = 2.0, 1000.0, 0.1
 # Beyond the calibrated range by more than this part of its width, a model extrapolates.
 MARGIN = 0.1
 # A first reading further from rest than this share of what the calibration has seen is no rest.
@@ -75,6 +96,38 @@ def excursions(
                 values = relative(columns[output.channel], output.offset)
                 values = values - shifts.get(output.channel, 0.0)
             found += _excursion(output.channel, values, output.range, columns[output.channel])
+    return tuple(found)
+
+
+def unit_suspects(model: Model, columns: Mapping[str, Float]) -> tuple[UnitSuspect, ...]:
+    """Drives of a log that may be in another unit than their names say.
+
+    Parameters
+    ----------
+    columns : mapping of channel to ndarray, shape (n,); channels that are absent are passed over
+    """
+    outputs = [o for o in model.outputs if o.channel in columns]
+    moved = [np.nanmax(v) - np.nanmin(v) if np.isfinite(v).any() else 0.0
+             for v in (columns[o.channel] for o in outputs)]  # fmt: skip
+    moves = not outputs or any(
+        m > MIN_MOVED * (o.range[1] - o.range[0]) for m, o in zip(moved, outputs, strict=True)
+    )
+    found = []
+    for drive in model.drives if moves else ():
+        values = columns.get(drive.channel)
+        if values is None or not np.isfinite(values).any():
+            continue
+        logged = float(np.nanmax(np.abs(relative(values, drive.reference, drive.hold))))
+        seen = max(map(abs, drive.range))
+        own, factor = UNITS[parse_channel(drive.channel).unit]
+        for unit, (dimension, other) in UNITS.items() if logged and seen else ():
+            times = other / factor
+            if (
+                dimension == own
+                and times in (UNIT_STEP, 1 / UNIT_STEP)
+                and 1 / SAME_SIZE < times * logged / seen < SAME_SIZE
+            ):
+                found.append(UnitSuspect(drive.channel, unit, logged, seen))
     return tuple(found)
 
 

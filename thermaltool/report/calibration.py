@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from thermaltool.effects.effect import Effect, reference_of
@@ -34,11 +35,36 @@ def calibration_table(model: Model) -> str:
             ]
         )
     parts = [aligned(rows), responses_table([characteristics(term) for term in model.terms])]
+    if zeros := _zeros(model):
+        parts.append(zeros)
     for output in model.outputs:
         candidates = output.fit.get("candidates")
         if candidates:
             parts.append(_candidates(output.channel, candidates))
     return "\n\n".join(parts)
+
+
+def _zeros(model: Model) -> str:
+    """What the sensors count from, and how far the zeros of several logs differ; may be empty."""
+    rows = [["zeros of the logs", "unit", "counts from", "least", "largest", "apart", "most by"]]
+    logs = [Path(each["name"]).name for each in model.provenance.get("logs", ())]
+    for output in model.outputs:
+        shown, weights = output.fit.get("zeros_shown", ()), output.fit.get("zero_weights", ())
+        if not shown or output.offset == "first":
+            continue
+        most = max(range(len(shown)), key=lambda k: weights[k])
+        told = [zero for zero, weight in zip(shown, weights, strict=True) if weight]
+        name = logs[most] if len(logs) == len(shown) else f"log {most + 1}"
+        rows.append(
+            [
+                output.channel,
+                printed(parse_channel(output.channel).unit),
+                *(f"{value:.4g}" for value in (output.offset, min(told), max(told))),
+                f"{max(told) - min(told):.3g}",
+                f"{name} ({100 * weights[most]:.0f} %)",
+            ]
+        )
+    return aligned(rows) if rows[1:] else ""
 
 
 def _candidates(channel: str, candidates: Sequence[Mapping[str, Any]]) -> str:

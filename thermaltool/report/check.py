@@ -6,6 +6,7 @@ from thermaltool.errors import LogError, counted
 from thermaltool.logs import Log
 from thermaltool.logs.inspect import Inspection
 from thermaltool.record import channel_table
+from thermaltool.report.text import spared_map_message
 
 UNKNOWN_UNIT = "unknown unit"
 
@@ -18,6 +19,8 @@ def check_table(log: Log, inspection: Inspection) -> str:
         f"{log.name}: {counted(inspection.rows, 'row')}, {inspection.duration:g} s{since}, "
         f"{inspection.segments} segment{'' if inspection.segments == 1 else 's'}"
     ]
+    if log.spared_map:
+        lines.insert(0, spared_map_message(log))
     if inspection.rows > 1:
         lines.append(f"period {clock.period:.6g} s, jitter {clock.jitter:.3g} s")
     if clock.burst_rows:

@@ -12,9 +12,10 @@ from thermaltool.report.clock_axis import time_unit
 from thermaltool.report.diagnosis_advice import (
     ruled_out_sentence,
     severity_sentence,
-    worst_moved,
 )
+from thermaltool.report.diagnosis_parameters import parameter_sentence
 from thermaltool.report.diagnosis_tables import sections
+from thermaltool.report.diagnosis_verdict import output_of_verdict, verdict_sentence
 from thermaltool.report.diagnosis_words import (
     DECISIVE_EVIDENCE,
     ChainStep,
@@ -22,7 +23,6 @@ from thermaltool.report.diagnosis_words import (
     band_name,
     called,
     condition_name,
-    estimated,
     judged_on,
     kind_of,
     names_of,
@@ -30,31 +30,16 @@ from thermaltool.report.diagnosis_words import (
     percent,
     relevant_conditions,
     these_logs,
-    with_unit,
     written_chains,
 )
 from thermaltool.report.style import channel_unit
 from thermaltool.report.text import aligned
 
-# A smaller share is told as hardly any.
-MIN_SHARE_TOLD = 0.01
 # A condition is told where it holds so much more of the misfit than of the time, a band where it
 # holds this share of the misfit.
 MIN_EXCESS, MIN_BAND_SHARE = 0.1, 0.5
 # Causes that are told one by one.
 MAX_CAUSES_TOLD = 3
-
-
-def main_output(document: Document) -> str | None:
-    """The output with most of its residual above noise and the calibration's own error.
-
-    Parameters
-    ----------
-    document : mapping
-        The diagnosis as JSON.
-    """
-    residuals = document["residuals"]
-    return max(residuals, key=lambda name: residuals[name]["above_floor"], default=None)
 
 
 # ---------------------------------------------------------------- the first lines
@@ -68,8 +53,8 @@ def summary(document: Document) -> list[str]:
     document : mapping
         The diagnosis as JSON.
     """
-    lines = [_verdict(document)]
-    output = _output_told(document)
+    lines = [verdict_sentence(document)]
+    output = output_of_verdict(document)
     wrong = not document["adequate"] and not document["rests"]
     if wrong and output is not None and output in document["residuals"]:
         lines += _where(document, output)
@@ -88,47 +73,6 @@ def summary(document: Document) -> list[str]:
         lines += _no_cause(document)
     lines += filter(None, [ruled_out_sentence(document)])
     return [*lines, *_unknown(document)]
-
-
-def _output_told(document: Document) -> str | None:
-    """The output that the first sentences are of: that of the cause, where the others are good."""
-    causes = document["causes"]
-    if document["verdict"] == "not adequate" and document["noise_share"] >= 0.5 and causes:
-        return worst_moved(document, causes[0]) or main_output(document)
-    return main_output(document)
-
-
-def _verdict(document: Document) -> str:
-    share, verdict = document["noise_share"], document["verdict"]
-    line = f"The model is {verdict} for {names_of(document['logs'])}"
-    if verdict == "cannot judge":
-        line = f"The model cannot be judged by {names_of(document['logs'])}"
-        if document["rests"]:
-            return f"{line}."
-    output = _output_told(document)
-    if output is None or output not in document["residuals"]:
-        return f"{line}."
-    report = document["residuals"][output]
-    unit = channel_unit(output)
-    sizes = (
-        f"(residual {number(report['spread'])} {unit} RMS, noise "
-        f"{number(report['noise']['white'])} {unit}"
-        # No less than noise is asked of a calibration.
-        + (
-            f", calibration {number(report['floor'])} {unit})"
-            if report["floor"] > 1.001 * report["noise"]["white"]
-            else ")"
-        )
-    )
-    if verdict == "not adequate" and share >= 0.5:
-        return f"{line}: what is more than noise in {output} has a cause {sizes}."
-    much = f"{'only ' if verdict != 'adequate' else ''}{percent(share)}"
-    if share < MIN_SHARE_TOLD:
-        much = "hardly any"
-    return (
-        f"{line}: {much} of the residual's power in {output} is sensor noise or what the "
-        f"calibration itself left {sizes}."
-    )
 
 
 def _where(document: Document, output: str) -> Iterator[str]:
@@ -163,14 +107,39 @@ def _cause(document: Document, cause: Document, count: int) -> str:
     if cause["location"] is not None:
         name = called(cause["name"], cause["channel"])
         return f"Cause{number_of}: {name}, {_place(document, cause)}."
-    values = [_parameter(name, each) for name, each in cause["parameters"].items()]
-    where = f", in {_log_name(document, cause['log'])} alone" if cause["log"] else ""
-    parameters = f": {', '.join(values)}" if values else ""
+    where = _in_one_log(document, cause) if cause["log"] else ""
+    values = parameter_sentence(document, cause)
+    parameters = f": {values}" if values else ""
     return (
         f"Cause{number_of}: {called(cause['name'], cause['channel'])}, "
         f"{cause['explanation'].partition(':')[0]}{where}{parameters}; "
         f"evidence {number(cause['evidence'])}{_weight(cause['evidence'])}."
     )
+
+
+def _in_one_log(document: Document, cause: Document) -> str:
+    """In which log it happened, and in which others it lasts or happens again."""
+    own, elsewhere = _log_name(document, cause["log"]), cause["elsewhere"]
+    if not elsewhere:
+        return f", in {own} alone"
+    where = [f", in {own}"]
+    if lasting := [each for each in elsewhere if each["time"] is None]:
+        where.append(f"and lasts: {_logs_named(document, lasting)} has it from the first row on")
+    where += [
+        f"and again in {_log_name(document, each['log'])}, about {_into(each['time'])} into it"
+        for each in elsewhere
+        if each["time"] is not None
+    ]
+    return " ".join(where)
+
+
+def _into(seconds: float) -> str:
+    unit, length = time_unit(seconds)
+    return f"{seconds / length:.3g} {unit}"
+
+
+def _logs_named(document: Document, logs: Sequence[Document]) -> str:
+    return " and ".join(_log_name(document, each["log"]) for each in logs)
 
 
 def _advice(document: Document, cause: Document) -> Iterator[str]:
@@ -201,14 +170,8 @@ def _weight(evidence: float) -> str:
 
 
 def _log_name(document: Document, digest: str) -> str:
-    return next((Path(log["name"]).name for log in document["logs"] if log["sha256"] == digest),
-                digest[:8])  # fmt: skip
-
-
-def _parameter(name: str, each: Document) -> str:
-    value, *ends = estimated(each["value"], each["interval"])
-    told = f"{value} ({' to '.join(ends)})" if ends else value
-    return f"{name} {with_unit(told, each['unit'])}"
+    logs = (log for role in ("logs", "validated_on", "sound") for log in document[role])
+    return next((Path(log["name"]).name for log in logs if log["sha256"] == digest), digest[:8])
 
 
 def _worth(document: Document) -> Iterator[str]:
@@ -228,7 +191,13 @@ def _worth(document: Document) -> Iterator[str]:
     if not chains:
         if document["validated_on"] and any(cause["log"] for cause in named):
             where = names_of(document["logs"])
-            yield f"On {judged_on(document)} it changes nothing: it belongs to {where} alone."
+            lasting = any(cause["elsewhere"] for cause in named)
+            ends = (
+                f"what is written of it acts in {where} alone; calibrate anew, or diagnose both"
+                if lasting
+                else f"it belongs to {where} alone"
+            )
+            yield f"On {judged_on(document)} it changes nothing: {ends}."
         return
     best = min(chains, key=lambda output: chains[output][-1].spread / chains[output][0].spread)
     unit, steps = channel_unit(best), chains[best]

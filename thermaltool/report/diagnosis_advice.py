@@ -9,8 +9,8 @@ from thermaltool.report.style import channel_unit
 MAX_NAMED = 4
 
 
-def worst_moved(document: Document, cause: Document) -> str | None:
-    """The output that a cause moves most: against its tolerance, else against its noise.
+def moved_first(document: Document, cause: Document) -> list[str]:
+    """Outputs that a cause moves, the most first: against the tolerance, else against the noise.
 
     Parameters
     ----------
@@ -26,7 +26,20 @@ def worst_moved(document: Document, cause: Document) -> str | None:
         noise = report["noise"]["white"] if report else 0.0
         return each["times_tolerance"] or 0.0, each["largest"] / (noise or 1.0)
 
-    return max(severity, key=weight, default=None)
+    return sorted(severity, key=weight, reverse=True)
+
+
+def worst_moved(document: Document, cause: Document) -> str | None:
+    """The output that a cause moves most.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    cause : mapping
+        One of its causes.
+    """
+    return next(iter(moved_first(document, cause)), None)
 
 
 def severity_sentence(document: Document, cause: Document) -> str:

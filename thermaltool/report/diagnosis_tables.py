@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from thermaltool.report.diagnosis_verdict import shares
 from thermaltool.report.diagnosis_words import (
     ROLES,
     ROUNDING,
@@ -79,8 +80,9 @@ def sections(document: Document) -> list[Section]:
 
 
 def _outputs(document: Document) -> Section:
-    rows = [["output", "unit", "residual RMS", "zero off by", "noise", "slow discrepancy",
-             "above noise", "independent rows", "rest is white"]]  # fmt: skip
+    rows = [["output", "unit", "residual RMS", "noise", "calibration left", "rest",
+             "rest of the power", "zero off by", "slow discrepancy", "independent rows",
+             "beside it white"]]  # fmt: skip
     for name, report in document["residuals"].items():
         noise, p_white = report["noise"], report["white_p"]
         slow = number(noise["discrepancy"])
@@ -90,11 +92,10 @@ def _outputs(document: Document) -> Section:
             [
                 name,
                 channel_unit(name),
-                number(report["spread"]),
+                *(number(report["parts"][key]) for key in ("rms", "noise", "calibration", "rest")),
+                percent(shares(report)["rest"]),
                 number(report["mean"]),
-                number(noise["white"]),
                 slow,
-                percent(report["above_noise"]),
                 f"{report['effective_rows']:.0f} of {report['rows']}",
                 f"{'yes' if p_white >= MIN_P_WHITE else 'no'} (p {p_white:.2g})",
             ]

@@ -34,6 +34,7 @@ from thermaltool.report.transfer import (
     transfer_table,
     transfer_warnings,
 )
+from thermaltool.units import parse_channel, printed
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,8 @@ def _document(fit: Fit) -> dict[str, Any]:
 def _linearity_document(test: LinearityTest) -> dict[str, Any]:
     return {
         "nonlinear": test.nonlinear,
+        "matters": test.matters,
+        "rms": jsonable(test.size * test.deviation),
         "p_value": jsonable(test.p_value),
         "explained": jsonable(test.explained),
         "linear_fit_percent": jsonable(test.linear_fit_percent),
@@ -212,7 +215,8 @@ def _linearity_line(fit: Fit) -> str:
     if test is None:
         return f"linearity of {target}: too few rows, or too little error, to test"
     if test.nonlinear:
-        said = f"linearity of {target}: nonlinear (p {test.p_value:.2g}), {_reached(test)}"
+        much = "nonlinear" if test.matters else "hardly nonlinear"
+        said = f"linearity of {target}: {much} (p {test.p_value:.2g}), {_reached(fit, test)}"
         return said if fit.model.is_linear else f"{said}: hence this model"
     verdict = "no products or powers in the errors"
     if test.p_value <= MAX_P_VALUE:
@@ -220,19 +224,22 @@ def _linearity_line(fit: Fit) -> str:
     return f"linearity of {target}: {verdict} (p {test.p_value:.2g})"
 
 
-def _reached(test: LinearityTest) -> str:
+def _reached(fit: Fit, test: LinearityTest) -> str:
+    """How far linear models go, and how large what they lack is."""
+    unit = printed(parse_channel(fit.model.target).unit)
     return (
-        f"linear models reach {test.linear_fit_percent:.3g} %, with products and powers "
-        f"{test.nonlinear_fit_percent:.3g} % (most: {test.term})"
+        f"by {test.size * test.deviation:.2g} {unit} RMS, {100 * test.size:.2g} % of what the "
+        f"output moves: linear models reach {test.linear_fit_percent:.3g} %, with products and "
+        f"powers {test.nonlinear_fit_percent:.3g} % (most: {test.term})"
     )
 
 
 def _nonlinear(fits: Sequence[Fit]) -> list[str]:
     """Sentences on outputs that no linear model describes."""
     return [
-        f"{fit.model.target}: nonlinear: {_reached(fit.linearity)}"
+        f"{fit.model.target}: nonlinear {_reached(fit, fit.linearity)}"
         for fit in fits
-        if fit.linearity is not None and fit.linearity.nonlinear and fit.model.is_linear
+        if fit.linearity is not None and fit.linearity.matters and fit.model.is_linear
     ]
 
 

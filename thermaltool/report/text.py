@@ -6,7 +6,8 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from thermaltool.errors import counted
-from thermaltool.units import Hold, hold_of, parse_channel, symbol
+from thermaltool.model.validity import excursions, unit_suspects
+from thermaltool.units import Hold, hold_of, parse_channel, printed, symbol
 
 # A sample period that differs from that of the design by less than this is as good [1].
 OTHER_PERIOD = 1.5
@@ -53,6 +54,42 @@ def excursion_message(log: Log, e: Excursion) -> str:
         f"{e.channel}: {e.value:.4g} is outside the calibrated range {e.low:.4g} to {e.high:.4g} "
         f"({counted(e.rows, 'row')}): the model extrapolates",
     )
+
+
+def range_messages(
+    log: Log, model: Model, zeros: Mapping[str, float] | None = None
+) -> Iterator[str]:
+    """Where a log leaves what the calibration has seen, and where its unit may be another.
+
+    Parameters
+    ----------
+    log : Log
+    model : Model
+    zeros : mapping of output to float, optional
+        See `excursions`.
+    """
+    suspects = unit_suspects(model, log.columns)
+    for each in suspects:
+        unit = printed(parse_channel(each.channel).unit)
+        yield (
+            f"{log.name}: {each.channel}: up to {each.logged:.4g} {unit} here, up to "
+            f"{each.seen:.4g} {unit} in the calibration: is this log in {printed(each.unit)}? A "
+            f'column map turns it: {each.channel} = {{ name = "{each.channel}", unit = '
+            f'"{each.unit}" }}'
+        )
+    for excursion in excursions(model, log.columns, zeros):
+        if excursion.channel not in {each.channel for each in suspects}:
+            yield excursion_message(log, excursion)
+
+
+def spared_map_message(log: Log) -> str:
+    """That a column map is not applied to a log that has its names already.
+
+    Parameters
+    ----------
+    log : Log
+    """
+    return f"{log.name} has the names that {log.spared_map} gives already: read without it"
 
 
 def fault_message(log: Log, channels: Container[str] | None = None) -> str | None:

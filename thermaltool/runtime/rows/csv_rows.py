@@ -5,10 +5,14 @@ from __future__ import annotations
 import csv
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, lookup
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from thermaltool.errors import LogError, counted
 from thermaltool.runtime.rows.layout import Wanted
 from thermaltool.runtime.rows.row import Row, RowReader
+
+if TYPE_CHECKING:
+    from thermaltool.logs.columns import Dialect
 
 # What each field of a CSV line is told apart by; an encoding of streams has them as single bytes.
 PLAIN_BYTES = b" ,;\t\n0"
@@ -19,7 +23,13 @@ class CsvRows(RowReader):
 
     def __init__(self, wanted: Wanted) -> None:
         super().__init__(wanted)
-        dialect = wanted.mapping.dialect if wanted.mapping else None
+        self._speak(wanted.mapping.dialect if wanted.mapping else None)
+        self._width = 0
+        self._names: list[str] = []
+        self._read_names: set[bytes] = set()
+        self._blind = ""
+
+    def _speak(self, dialect: Dialect | None) -> None:
         # A byte-order mark is before the first line alone.
         given = lookup(dialect.encoding if dialect else "utf-8").name
         self._encoding = given.removesuffix("-sig")
@@ -27,10 +37,6 @@ class CsvRows(RowReader):
         self._parse: Callable[[bytes], float] = plain_number
         if dialect:
             self._parse = csv_number(dialect.decimal, dialect.missing, self._encoding)
-        self._width = 0
-        self._names: list[str] = []
-        self._read_names: set[bytes] = set()
-        self._blind = ""
 
     def _open(self, line: bytes) -> bool:
         if line.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) or not plain_bytes(self._encoding):
@@ -48,6 +54,9 @@ class CsvRows(RowReader):
             ) from error
         if text.lstrip().startswith("{"):
             raise LogError("this is NDJSON, not CSV: use --from ndjson")
+        mapping = self.wanted.mapping
+        if mapping is not None and mapping.named_already(text.strip().split(",")):
+            self._speak(None)
         names = [name.strip() for name in self._unquoted(text)]
         keys = self._lay_out({name: k for k, name in enumerate(names)}, self._parse)
         for name in (names[key] for key in keys):

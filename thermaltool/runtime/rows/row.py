@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from thermaltool.errors import LogError
@@ -107,6 +108,9 @@ class RowReader:
 
         Returns what leads to the sensors' fields.
         """
+        mapping = self.wanted.mapping
+        if mapping is not None and mapping.named_already(keys):
+            self.wanted = replace(self.wanted, mapping=None)
         layout = find_layout(keys, self.wanted, number)
         self._number, self._sensed, self.clock = number, layout.sensors, layout.clock
         self._keys = [sensed.key for sensed in layout.sensors]

@@ -1,0 +1,79 @@
+"""Parameters of a cause in a sentence; the table of the causes has every one of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from thermaltool.report.diagnosis_advice import moved_first
+from thermaltool.report.diagnosis_words import Document, duration, estimated, number, with_unit
+from thermaltool.units import parse_channel
+
+# Numbers of several outputs that a sentence holds at most, those of the outputs moved most first.
+MAX_OUTPUTS = 3
+# Gains of a loss of heat at one place, behind the fast, a middle and the slowest lag.
+LAGS = ("fast", "middle", "slow")
+
+
+def parameter_sentence(document: Document, cause: Document) -> str:
+    """``gain[d_z_um] 0.6 (0.59 to 0.63) µm/°C, time_constant 840 (800 to 880) s``
+
+    Of a loss of heat at one place what it does to each output in the long run, and how soon.
+
+    Parameters
+    ----------
+    document : mapping
+        The diagnosis as JSON.
+    cause : mapping
+        One of its causes.
+    """
+    parameters = cause["parameters"]
+    outputs = _outputs(parameters, moved_first(document, cause))
+    if any(name.startswith("middle[") for name in parameters):
+        return _loss(cause, parameters, outputs)
+    told = outputs[:MAX_OUTPUTS]
+    names = [n for output in told for n in parameters if _output(n) == output]
+    names += [name for name in parameters if _output(name) is None]
+    values = [_told(name, parameters[name]) for name in names]
+    if outputs[MAX_OUTPUTS:]:
+        values.append(f"less of {', '.join(outputs[MAX_OUTPUTS:])} (below)")
+    return ", ".join(values)
+
+
+def _loss(cause: Document, parameters: Mapping[str, Document], outputs: Sequence[str]) -> str:
+    """What each output moves by in the long run, and the lag that most of it goes through."""
+    short, long = (parameters[name]["value"] for name in ("time_constant", "slowest"))
+    lags = dict(zip(LAGS, (short, (short * long) ** 0.5, long), strict=True))
+    said: list[str] = []
+    for output in outputs[:MAX_OUTPUTS]:
+        gains = {lag: parameters[f"{lag}[{output}]"]["value"] for lag in LAGS}
+        most = max(gains, key=lambda lag: abs(gains[lag]))
+        moved = with_unit(number(sum(gains.values())), parse_channel(output).unit)
+        through = "" if said else "mostly through a lag of "
+        said.append(f"{output} by {moved} ({through}{duration(lags[most])})")
+    if rest := outputs[MAX_OUTPUTS:]:
+        said.append(f"others ({', '.join(rest)}) by what is below")
+    told = " and ".join([", ".join(said[:-1]), said[-1]] if said[1:] else said)
+    known = {"time_constant", "slowest"}
+    further = [n for n in parameters if _output(n) is None and n not in known]
+    place = cause["partner"] or "the place"
+    line = f"each degree that {place} is warm moves in the long run {told}"
+    return ", ".join([*(_told(name, parameters[name]) for name in further), line])
+
+
+def _outputs(parameters: Mapping[str, Document], moved: Sequence[str]) -> list[str]:
+    """Outputs that have parameters of their own, those that are moved most first."""
+    named = dict.fromkeys(o for name in parameters if (o := _output(name)) is not None)
+    return [o for o in moved if o in named] + [o for o in named if o not in moved]
+
+
+def _output(name: str) -> str | None:
+    """The output that a parameter is of: ``gain[d_z_um]``."""
+    found = re.fullmatch(r"\w+\[(.+)\]", name)
+    return None if found is None else found[1]
+
+
+def _told(name: str, each: Document) -> str:
+    value, *ends = estimated(each["value"], each["interval"])
+    told = f"{value} ({' to '.join(ends)})" if ends else value
+    return f"{name} {with_unit(told, each['unit'])}"
