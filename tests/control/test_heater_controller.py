@@ -340,6 +340,15 @@ def test_what_is_delivered_too_little_is_added():
     assert abs(0.05 * given) < DEVIATION * 100
 
 
+def test_a_state_of_another_controller_is_refused(model):
+    law = law_of(controller(model), linear_estimator(model)[1])
+    above, below, left = law.state()
+    for state in ([above, below], [above, below, -1.0], [above, below, float("nan")]):
+        with pytest.raises(ValueError, match=r"state|unpack"):
+            law.resume(state)
+    law.resume([above, below, left])
+
+
 def test_a_stream_goes_on_from_what_it_kept(model):
     control, plant = controller(model, duration=1500.0), Plant()
     process = closed_loop(control, 50.0, 400.0, plant=plant)[-1]

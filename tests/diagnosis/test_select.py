@@ -7,7 +7,7 @@ import pytest
 
 from thermaltool.diagnosis.diagnose import diagnose
 from thermaltool.diagnosis.fit import CauseCandidate
-from thermaltool.diagnosis.select import shortlist
+from thermaltool.diagnosis.select import Ranking, shortlist
 from thermaltool.effects import effect_class
 from thermaltool.model import Drive, Model, Output, Term
 from thermaltool.record import Record
@@ -37,6 +37,16 @@ def test_few_of_one_name_and_none_without_evidence():
     gains = [candidate("sensor_gain", 100.0 - k, PRESENT, f"dT_{k}_K") for k in range(4)]
     found = shortlist([*gains, candidate("sensor_lag", -11.0, PRESENT)], {PRESENT: 0.0})
     assert [each.effect.channel for each in found] == ["dT_0_K", "dT_1_K"]
+
+
+def test_a_start_sets_nothing_else_free():
+    started = PRESENT | {"initial"}
+    alone = {PRESENT: 0.0, started: 357.0, FREED: 500.0}
+    assert Ranking([], [], 0.0, alone).own_start(PRESENT) == started
+    # Beside one that is there already the model's own parameters stay with their calibration.
+    alone = {started: 0.0, FREED | {"initial"}: 300.0}
+    assert Ranking([], [], 0.0, alone).own_start(started) is None
+    assert Ranking([], [], 0.0, {PRESENT: 0.0, started: 4.0}).own_start(PRESENT) is None
 
 
 # ---------------------------------------------------------------- a thermostat's fan

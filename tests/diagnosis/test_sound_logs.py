@@ -76,3 +76,10 @@ def test_what_one_log_shows_too_faintly_the_others_tell(model):
     assert abs(cause.effect.parameters["gain"] - 1.04) < 0.02
     assert cause.gain["T_column_degC"].useful
     assert not tt.diagnose(model, faint, validate=[machine(3)]).diagnosis.causes
+
+
+@pytest.mark.slow
+def test_an_unseen_log_that_is_wrong_is_told_where_the_diagnosed_one_is_not(model):
+    found = tt.diagnose(model, machine(2), validate=[machine(3, lag=240.0)])
+    assert not found.diagnosis.causes
+    assert any("is wrong: T_column_degC is off by" in note for note in found.diagnosis.notes)

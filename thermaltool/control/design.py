@@ -147,8 +147,11 @@ def design_controller(model: Model, plan: ControlPlan) -> ControlDesign:
     for name, length in (("horizon", horizon), ("lead", plan.lead), ("duration", plan.duration)):
         if length is not None and length < period:
             raise ModelError(f"a {name} of {length:g} s is below the sample period, {period:g} s")
-    tolerance = _tolerances(model, outputs, plan.tolerance)
-    _check_reach(prediction, drives, tolerance, plan)
+    usual = _usual_tolerances(model, outputs)
+    tolerance = _tolerances(usual, plan.tolerance)
+    # A large tolerance is a weight: it asks no more of a drive than the usual one.
+    least = {each: min(size, usual[each] or size) for each, size in tolerance.items()}
+    _check_reach(prediction, drives, least, plan)
     controller = HeaterController(
         model,
         plan.method,
@@ -181,7 +184,7 @@ def tried(controller: HeaterController) -> ControlDesign:
     trials = tuple(
         _trial(controller, prediction, k, length) for k in range(len(prediction.disturbances))
     )
-    return ControlDesign(controller, trials, _dependent(prediction, controller.drives, length))
+    return ControlDesign(controller, trials, _dependent(prediction, controller, length))
 
 
 def _outputs(model: Model, plan: ControlPlan) -> tuple[str, ...]:
@@ -244,18 +247,18 @@ def _check_acting(
 def _check_reach(
     prediction: ControlPrediction,
     drives: Sequence[ControlDrive],
-    tolerance: Mapping[str, float],
+    least: Mapping[str, float],
     plan: ControlPlan,
 ) -> None:
     """Refuse drives and outputs between which a calibration has found next to nothing.
 
-    Full power is to move an output by its tolerance at some moment of the plan.
+    Full power is to move an output by the `least` that matters at some moment of the plan.
     """
     time = plan.duration or plan.horizon or prediction.slowest()
     times = time * np.arange(1, TRIAL_SAMPLES + 1) / TRIAL_SAMPLES
     moves = np.abs(prediction.steps(times)).max(axis=0) * [drive.maximum for drive in drives]
-    short = moves / np.array(list(tolerance.values()))[:, None]
-    for k, (output, size) in enumerate(tolerance.items()):
+    short = moves / np.array(list(least.values()))[:, None]
+    for k, (output, size) in enumerate(least.items()):
         if output not in plan.axes and short[k].max() < 1:
             raise ModelError(
                 f"{output} cannot be controlled: full power of {', '.join(prediction.controls)} "
@@ -265,24 +268,25 @@ def _check_reach(
     for k, drive in enumerate(drives):
         if short[:, k].max() < 1:
             raise ModelError(
-                f"{drive.channel} acts on none of {', '.join(tolerance)}: full power moves no "
+                f"{drive.channel} acts on none of {', '.join(least)}: full power moves no "
                 f"output by its tolerance within {time:.3g} s"
             )
 
 
-def _tolerances(
-    model: Model, outputs: Sequence[str], given: Mapping[str, float]
-) -> dict[str, float]:
+def _tolerances(usual: Mapping[str, float], given: Mapping[str, float]) -> dict[str, float]:
+    for channel, size in usual.items():
+        if channel not in given and not size > 0:
+            raise ModelError(f"{channel} has not moved in the calibration: give it a --tolerance")
+    return {channel: given.get(channel, size) for channel, size in usual.items()}
+
+
+def _usual_tolerances(model: Model, outputs: Sequence[str]) -> dict[str, float]:
     spans = {o.channel: o.range[1] - o.range[0] for o in model.deflections}
     units = {channel: parse_channel(channel).unit for channel in outputs}
-    usual = {
+    return {
         channel: TOLERANCE * max(spans[each] for each in outputs if units[each] == units[channel])
         for channel in outputs
     }
-    for channel in outputs:
-        if channel not in given and not usual[channel] > 0:
-            raise ModelError(f"{channel} has not moved in the calibration: give it a --tolerance")
-    return {channel: given.get(channel, usual[channel]) for channel in outputs}
 
 
 def _trial(
@@ -298,7 +302,7 @@ def _trial(
         """Outputs, heats, what is asked for, and the share of samples at a limit."""
         law = law_of(controller, prediction.estimator)
         (A, B), z = prediction.transition(dt), start
-        outputs, heats, asked, beyond = [prediction.readout @ z], [], [], 0
+        outputs, heats, asked, saturated = [prediction.readout @ z], [], [], 0
         given = np.zeros(len(controller.drives))
         for moment in time[:-1]:
             decision = law.decide(z, dt, float(moment), given)
@@ -307,8 +311,8 @@ def _trial(
             outputs.append(prediction.readout @ z)
             heats.append(given)
             asked.append(decision.asked)
-            beyond += decision.status == SATURATED
-        return np.array(outputs), np.array(heats), np.array(asked), beyond / len(asked)
+            saturated += decision.status == SATURATED
+        return np.array(outputs), np.array(heats), np.array(asked), saturated / len(asked)
 
     held, heats, _, at_limit = course(limited=True)
     # Without limits the law shows what it would have of the heaters.
@@ -379,16 +383,17 @@ def least_heats(steps: Float, wanted: Float) -> Float:
 
 
 def _dependent(
-    prediction: ControlPrediction, drives: Sequence[ControlDrive], time: float
+    prediction: ControlPrediction, controller: HeaterController, time: float
 ) -> tuple[str, ...]:
-    """A note where the drives cannot move the outputs one without the other."""
-    if len(prediction.outputs) < 2:
+    """A note where the drives cannot move the outputs without an axis one without the other."""
+    held = [k for k, output in enumerate(prediction.outputs) if output not in controller.axes]
+    if len(held) < 2:
         return ()
-    tops = np.array([drive.maximum for drive in drives])
-    sizes = np.linalg.svd(prediction.steps(np.array(time)) * tops, compute_uv=False)
-    if len(drives) >= len(prediction.outputs) and sizes[-1] > INDEPENDENT * sizes[0]:
+    tops = np.array([drive.maximum for drive in controller.drives])
+    sizes = np.linalg.svd(prediction.steps(np.array(time))[held] * tops, compute_uv=False)
+    if len(tops) >= len(held) and sizes[-1] > INDEPENDENT * sizes[0]:
         return ()
     return (
-        f"{', '.join(prediction.controls)} move {', '.join(prediction.outputs)} "
+        f"{', '.join(prediction.controls)} move {', '.join(prediction.outputs[k] for k in held)} "
         "together: not all of them can be held at zero",
     )

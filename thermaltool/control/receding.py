@@ -378,7 +378,7 @@ class RecedingHorizonLaw(ControlLaw):
 
     def resume(self, values: Sequence[Any]) -> None:
         """Go on from `values`; ValueError where they are none of these outputs."""
-        above, below = (np.array(each, float) for each in values[:2])
-        if above.shape != self._above.shape or below.shape != above.shape:
+        above, below, left = (np.array(each, float) for each in values)
+        if above.shape != self._above.shape or below.shape != above.shape or not left >= 0:
             raise ValueError("not a state of this controller")
-        self._above, self._below, self._left = above, below, float(values[2])
+        self._above, self._below, self._left = above, below, float(left)

@@ -2,7 +2,7 @@
 
 What every log shows is no accident. A jump or a step bends to many a misfit of the log in which it
 is; in another log it is none, or another one, and what acts in both explains both at once. What
-one log shows too faintly all logs together may show.
+parts of one log do not confirm all logs together may show.
 """
 
 from __future__ import annotations
@@ -68,7 +68,6 @@ def seen_in_all(
     hypothesis: Hypothesis,
     suspects: Sequence[CauseCandidate],
     unseen: Sequence[Record],
-    calibrated: Model,
     correction: float,
 ) -> list[CauseCandidate]:
     """Lasting candidates that all logs together show decisively, the strongest there first.
@@ -78,7 +77,7 @@ def seen_in_all(
 
     Parameters
     ----------
-    hypothesis, unseen, calibrated
+    hypothesis, unseen
         As in `borne_out`.
     suspects : sequence of CauseCandidate
         That the diagnosed logs alone do not confirm.
@@ -89,8 +88,7 @@ def seen_in_all(
     for suspect in suspects if unseen else ():
         if suspect.effect.log is not None or suspect.assumptions != hypothesis.assumptions:
             continue
-        every = hypothesis.under(suspect.assumptions, calibrated)
-        there = fit_candidate(every.with_logs((*hypothesis.logs, *unseen)), suspect)
+        there = fit_candidate(hypothesis.with_logs((*hypothesis.logs, *unseen)), suspect)
         found.append(replace(suspect, evidence=there.evidence - correction))
     told = [each for each in found if each.evidence > MIN_IN_ALL]
     return sorted(told, key=lambda each: -each.evidence)

@@ -200,10 +200,11 @@ def _off_as_well(
     steps: Sequence[WrittenStep],
     noise: Mapping[str, float],
 ) -> Iterator[str]:
-    """A sentence on each unseen log that other accidents than those found leave wrong."""
-    if not causes or any(cause.effect.log is None for cause in causes):
+    """A sentence on each unseen log that is wrong, where no cause is found or accidents alone."""
+    if any(cause.effect.log is None for cause in causes):
         return
     other = ", not by the same" if all(may_recur(cause.effect) for cause in causes) else ""
+    as_well = f" as well{other}, and stays so" if causes else ""
     same = {each.log for cause in causes for each in cause.elsewhere}
     for log in task.validate:
         if log.digest in same:
@@ -221,7 +222,7 @@ def _off_as_well(
             worst = max(off, key=lambda each: each.agreement.rmse_zero_free / noise[each.output])
             unit = printed(parse_channel(worst.output).unit)
             yield (
-                f"{log.name or 'an unseen log'} is wrong as well{other}, and stays so: "
+                f"{log.name or 'an unseen log'} is wrong{as_well}: "
                 f"{worst.output} is off by {worst.agreement.rmse_zero_free:.3g} {unit} RMS; "
                 "diagnose it, too"
             )

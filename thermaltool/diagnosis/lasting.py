@@ -18,7 +18,7 @@ from thermaltool.record import Record
 # is then between half and one and a half times as large.
 MIN_TIMES_ALLOWED, MAX_LEFT = 4.0, 0.25
 # Instants of another log that are tried.
-INSTANTS = 24
+INSTANTS = 23
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def recurrences(
     model : Model
         As written, with the effects.
     effect : Effect
-        Of another than `may_recur` says there are none.
+        For others than `may_recur` says, the result is empty.
     logs : sequence of Record
         The others.
     noise, misfit : mapping of output to float [unit of the output]
@@ -74,12 +74,14 @@ def recurrences(
     for log in logs:
         if (effect.name, effect.channel, log.digest) in known or cannot_run(model, log):
             continue
-        allowed = {o: n**2 + misfit.get(o, 0.0) ** 2 for o, n in noise.items()}
+        allowed = {
+            o: max(n**2 + misfit.get(o, 0.0) ** 2, np.finfo(float).tiny) for o, n in noise.items()
+        }
         before = _above(model, log, allowed)
         if not any(above > (MIN_TIMES_ALLOWED - 1) * allowed[o] for o, above in before.items()):
             continue
         span = float(log.time[-1] - log.time[0])
-        instants = log.time[0] + span * np.arange(1, INSTANTS) / INSTANTS
+        instants = log.time[0] + span * np.arange(1, INSTANTS + 1) / (INSTANTS + 1)
         left = []
         for time in (None, *instants.tolist()):
             # Before the first row, it lasts.

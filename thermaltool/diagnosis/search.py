@@ -135,9 +135,9 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
             if found is not None:
                 return found
             # A start explains more than causes that do not stand: it comes before any unknown.
-            better = ranking.own_start()
+            better = ranking.own_start(hypothesis.assumptions)
         if better is None:
-            found = _told_by_unseen(task, search, hypothesis, ranking)
+            found = _confirmed_unseen(task, search, hypothesis, ranking)
             return found or replace(
                 search,
                 ended=hypothesis,
@@ -179,21 +179,19 @@ def _confirmed(
     return None
 
 
-def _told_by_unseen(
+def _confirmed_unseen(
     task: DiagnosisTask, search: SearchState, hypothesis: Hypothesis, ranking: Ranking
 ) -> SearchState | None:
-    """The search with a first cause that unseen logs show where these are too faint; or None."""
+    """The search with a first cause that unseen logs confirm; None where there is none."""
     if search.causes:
         return None
-    faint = seen_in_all(
-        hypothesis, ranking.strong(0.0), task.validate, task.model, ranking.correction
-    )
+    faint = seen_in_all(hypothesis, ranking.strong(0.0), task.validate, ranking.correction)
     found = _confirmed(task, search, hypothesis, ranking, faint, faint=True)
     if found is None:
         return None
     return found.noted(
-        f"{found.causes[0].effect.name} is told by the unseen logs: the diagnosed ones alone show "
-        "too little of it"
+        f"{found.causes[0].effect.name} is told by the unseen logs: parts of the diagnosed ones "
+        "alone do not confirm it"
     )
 
 

@@ -87,10 +87,16 @@ class Ranking:
         strongest = max((self.beyond(c) for c in self.fitted), default=-np.inf)
         return best if self.alone[best] > max(DECISIVE_EVIDENCE, strongest) else None
 
-    def own_start(self) -> Assumptions | None:
-        """Those of a log that does not begin at rest, where it asks for them decisively."""
-        started = [a for a in self.alone if "initial" in a and self.alone[a] > DECISIVE_EVIDENCE]
-        return max(started, key=lambda a: self.alone[a], default=None)
+    def own_start(self, present: Assumptions) -> Assumptions | None:
+        """The present assumptions and a start, where the log asks for one decisively.
+
+        Parameters
+        ----------
+        present : frozenset of str
+        """
+        started = present | {"initial"}
+        new = started != present and self.alone.get(started, -np.inf) > DECISIVE_EVIDENCE
+        return started if new else None
 
     def strong(self, least: float) -> list[CauseCandidate]:
         """Those with more evidence, the strongest first.

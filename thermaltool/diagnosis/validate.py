@@ -103,6 +103,8 @@ def judge(
             return None
         new = after.written(calibrated)
         unseen = [log for log in unseen if cannot_run(new.model, log) is None]
+        if faint and not unseen:
+            return None
         if unseen:
             # What fitting the model anew does for itself is no merit of the cause. Zeros are those
             # of every log: they hang on how it begins.

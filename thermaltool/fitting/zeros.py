@@ -119,7 +119,8 @@ def _weights(values: Float, variances: Float) -> Float:
     """
     weights = 1 / variances
     centre = float(weights @ values / weights.sum())
-    excess = float(weights @ (values - centre) ** 2) - (len(values) - 1)
+    # Logs without readings are of no weight.
+    excess = float(weights @ (values - centre) ** 2) - (np.count_nonzero(weights) - 1)
     freedom = float(weights.sum() - (weights @ weights) / weights.sum())
     scatter = max(excess / freedom, 0.0) if freedom > 0 else 0.0
     weights = 1 / (variances + scatter)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isclose
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -120,14 +121,17 @@ def unit_suspects(model: Model, columns: Mapping[str, Float]) -> tuple[UnitSuspe
         logged = float(np.nanmax(np.abs(relative(values, drive.reference, drive.hold))))
         seen = max(map(abs, drive.range))
         own, factor = UNITS[parse_channel(drive.channel).unit]
-        for unit, (dimension, other) in UNITS.items() if logged and seen else ():
-            times = other / factor
-            if (
-                dimension == own
-                and times in (UNIT_STEP, 1 / UNIT_STEP)
-                and 1 / SAME_SIZE < times * logged / seen < SAME_SIZE
-            ):
-                found.append(UnitSuspect(drive.channel, unit, logged, seen))
+        suspects = (
+            unit
+            for unit, (dimension, other) in UNITS.items()
+            if dimension == own
+            and any(isclose(other / factor, step) for step in (UNIT_STEP, 1 / UNIT_STEP))
+            and 1 / SAME_SIZE < other / factor * logged / seen < SAME_SIZE
+        )
+        # One unit has several names.
+        unit = next(suspects, None) if logged and seen else None
+        if unit is not None:
+            found.append(UnitSuspect(drive.channel, unit, logged, seen))
     return tuple(found)
 
 

@@ -9,7 +9,7 @@ from thermaltool.report.diagnosis_words import ROUNDING, Document, names_of, num
 from thermaltool.report.style import channel_unit
 
 # How the parts of a residual are called.
-PARTS = {"noise": "noise is", "calibration": "what the calibration left", "rest": "the rest"}
+PARTS = {"noise": "noise", "calibration": "what the calibration left", "rest": "the rest"}
 
 
 def main_output(document: Document) -> str | None:
@@ -96,10 +96,14 @@ def verdict_sentence(document: Document) -> str:
     if not parts["rms"]:
         return f"{line}: it leaves nothing of {output}."
     share = shares(report)
-    told = [
-        f"{words} {number(parts[name])} {unit} ({much}{' of the power' if name == 'noise' else ''})"
+    found = [
+        (words, f"{number(parts[name])} {unit}", much)
         for (name, words), much in zip(PARTS.items(), percents(list(share.values())), strict=True)
         if share[name] > ROUNDING
+    ]
+    told = [
+        f"{words}{'' if k else ' is'} {size} ({much}{'' if k else ' of the power'})"
+        for k, (words, size, much) in enumerate(found)
     ]
     line += f": of the residual of {output}, {number(parts['rms'])} {unit} RMS, "
     line += " and ".join([", ".join(told[:-1]), told[-1]] if told[1:] else told)

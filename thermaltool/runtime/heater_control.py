@@ -71,6 +71,7 @@ class ControlStepper(Steps):
             else None
         )  # fmt: skip
         self._worthless = 0
+        self._offsets = [0.0] * len(self._corrected)
         self.held: set[int] = set()
         self._elapsed = 0.0
         self._law: ControlLaw | None = law_of(controller, estimator)
@@ -219,8 +220,10 @@ class ControlStepper(Steps):
             self._saturated += 1
             self._worst = np.maximum(self._worst, np.abs(decision.left))
         given = self._given()
-        # Without a plan axes go on: they need none.
-        beside = [*(-estimates[k] for k in self._corrected), *estimates, *decision.left.tolist()]
+        # Without a plan axes go on: they need none, but estimates that can be trusted.
+        if not self._worthless:
+            self._offsets = [-estimates[k] for k in self._corrected]
+        beside = [*self._offsets, *estimates, *decision.left.tolist()]
         if self.gives_nothing:
             return [*[0.0] * len(given), *beside]
         wanted = [
@@ -273,11 +276,15 @@ class ControlStepper(Steps):
         """For `resume`, as JSON."""
         law = [] if self._law is None else self._law.state()
         blind = [] if self._blind is None else [sorted(self._blind.lost), self._blind.state()]
-        return [self._stepper.state(), self._elapsed, self.actuation.state(), law, blind]
+        stepped = [self._stepper.state(), self._elapsed, self.actuation.state()]
+        return [*stepped, law, blind, self._offsets]
 
     def resume(self, values: list[Any]) -> None:
         """Raises TypeError or ValueError where `values` are no state of this controller."""
-        estimator, elapsed, actuation, law, blind = values
+        estimator, elapsed, actuation, law, blind, offsets = values
+        if len(offsets) != len(self._offsets):
+            raise ValueError("not a state of this controller")
+        self._offsets = [float(each) for each in offsets]
         self._stepper.resume(estimator)
         self._elapsed = float(elapsed)
         self.actuation.resume(actuation)
