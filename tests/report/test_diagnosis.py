@@ -406,6 +406,9 @@ def test_adequate():
     assert "left 10.8 µm (90 %) and the rest 3.61 µm (10 %)." in verdict
     assert nothing == "No effect found: 3 causes were tried and none adds anything."
     assert blind == "Not known: this log cannot show transport_delay."
+    found = document(causes=0, verdict="adequate")
+    found["tried"] = [{**each, "verdict": "evidence"} for each in found["tried"]]
+    assert "none stands (one with evidence alone" in summary(found)[1]
 
 
 def test_notes_are_told():

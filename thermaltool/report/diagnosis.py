@@ -259,6 +259,8 @@ def _no_cause(document: Document) -> Iterator[str]:
     elif tried:
         names = {each["name"] for each in tried}
         adds = "is sure" if _suspected(document) else "adds anything"
+        if any(each["verdict"] == "evidence" for each in tried):
+            adds = "stands (one with evidence alone has none beside the start, or on unseen rows)"
         yield f"No effect found: {len(names)} causes were tried and none {adds}."
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from thermaltool.report.diagnosis_verdict import shares
+from thermaltool.report.diagnosis_verdict import percents, shares
 from thermaltool.report.diagnosis_words import (
     ROLES,
     ROUNDING,
@@ -93,7 +93,8 @@ def _outputs(document: Document) -> Section:
                 name,
                 channel_unit(name),
                 *(number(report["parts"][key]) for key in ("rms", "noise", "calibration", "rest")),
-                percent(shares(report)["rest"]),
+                # Rounded as in the sentence above it: the three add up.
+                percents(list(shares(report).values()))[-1],
                 number(report["mean"]),
                 slow,
                 f"{report['effective_rows']:.0f} of {report['rows']}",
