@@ -251,7 +251,7 @@ class Program:
         c[:moved] = self._weighted @ y
         weight = self._change_weight * max(left, LEAST_LEFT)
         c[:drives] -= weight * stands
-        P = self._P.copy()
+        P = self._P.copy(order="F")
         P[:heats, :heats] += weight * self._differ
         lower, upper = np.zeros(self._n), np.full(self._n, np.inf)
         upper[:moved] = 1.0

@@ -84,14 +84,19 @@ def seen_in_all(
     correction : float
         Evidence that the number of places tried takes away.
     """
-    found = []
-    for suspect in suspects if unseen else ():
-        if suspect.effect.log is not None or suspect.assumptions != hypothesis.assumptions:
-            continue
-        there = fit_candidate(hypothesis.with_logs((*hypothesis.logs, *unseen)), suspect)
-        found.append(replace(suspect, evidence=there.evidence - correction))
-    told = [each for each in found if each.evidence > MIN_IN_ALL]
-    return sorted(told, key=lambda each: -each.evidence)
+    lasting = [
+        each
+        for each in suspects
+        if each.effect.log is None and each.assumptions == hypothesis.assumptions
+    ]
+    if not (lasting and unseen):
+        return []
+    every = hypothesis.with_logs((*hypothesis.logs, *unseen))
+    found = [
+        replace(each, evidence=fit_candidate(every, each).evidence - correction) for each in lasting
+    ]
+    clear = [each for each in found if each.evidence > MIN_IN_ALL]
+    return sorted(clear, key=lambda each: -each.evidence)
 
 
 def _again(one: Hypothesis, candidate: CauseCandidate) -> float:

@@ -70,13 +70,13 @@ def recurrences(
     if not may_recur(effect):
         return ()
     known = {(e.name, e.channel, e.log) for e in model.effects}
+    allowed = {
+        o: max(n**2 + misfit.get(o, 0.0) ** 2, np.finfo(float).tiny) for o, n in noise.items()
+    }
     found = []
     for log in logs:
         if (effect.name, effect.channel, log.digest) in known or cannot_run(model, log):
             continue
-        allowed = {
-            o: max(n**2 + misfit.get(o, 0.0) ** 2, np.finfo(float).tiny) for o, n in noise.items()
-        }
         before = _above(model, log, allowed)
         if not any(above > (MIN_TIMES_ALLOWED - 1) * allowed[o] for o, above in before.items()):
             continue

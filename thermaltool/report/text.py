@@ -77,8 +77,9 @@ def range_messages(
             f'column map turns it: {each.channel} = {{ name = "{each.channel}", unit = '
             f'"{each.unit}" }}'
         )
+    asked = {each.channel for each in suspects}
     for excursion in excursions(model, log.columns, zeros):
-        if excursion.channel not in {each.channel for each in suspects}:
+        if excursion.channel not in asked:
             yield excursion_message(log, excursion)
 
 
