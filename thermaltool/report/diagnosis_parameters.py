@@ -6,7 +6,14 @@ import re
 from collections.abc import Mapping, Sequence
 
 from thermaltool.report.diagnosis_advice import moved_first
-from thermaltool.report.diagnosis_words import Document, duration, estimated, number, with_unit
+from thermaltool.report.diagnosis_words import (
+    Document,
+    duration,
+    estimated,
+    listed,
+    number,
+    with_unit,
+)
 from thermaltool.units import parse_channel
 
 # Numbers of several outputs that a sentence holds at most, those of the outputs moved most first.
@@ -53,11 +60,10 @@ def _loss(cause: Document, parameters: Mapping[str, Document], outputs: Sequence
         said.append(f"{output} by {moved} ({through}{duration(lags[most])})")
     if rest := outputs[MAX_OUTPUTS:]:
         said.append(f"others ({', '.join(rest)}) by what is below")
-    told = " and ".join([", ".join(said[:-1]), said[-1]] if said[1:] else said)
     known = {"time_constant", "slowest"}
     further = [n for n in parameters if _output(n) is None and n not in known]
     place = cause["partner"] or "the place"
-    line = f"each degree that {place} is warm moves in the long run {told}"
+    line = f"each degree that {place} is warm moves in the long run {listed(said)}"
     return ", ".join([*(_told(name, parameters[name]) for name in further), line])
 
 

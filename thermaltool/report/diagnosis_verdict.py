@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from thermaltool.report.diagnosis_advice import worst_moved
-from thermaltool.report.diagnosis_words import ROUNDING, Document, names_of, number, percent
+from thermaltool.report.diagnosis_words import ROUNDING, Document, listed, names_of, number, percent
 from thermaltool.report.style import channel_unit
 
 # How the parts of a residual are called.
@@ -106,6 +106,6 @@ def verdict_sentence(document: Document) -> str:
         for k, (words, size, much) in enumerate(found)
     ]
     line += f": of the residual of {output}, {number(parts['rms'])} {unit} RMS, "
-    line += " and ".join([", ".join(told[:-1]), told[-1]] if told[1:] else told)
+    line += listed(told)
     minor = verdict == "not adequate" and ROUNDING < share["rest"] <= 0.5
     return f"{line}{', which has a cause' if minor and document['causes'] else ''}."
