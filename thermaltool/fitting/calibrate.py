@@ -252,13 +252,16 @@ def _fitted(
         say = partial(_say, progress, channel)
         kinds = [kind] * len(drives)
         delays: tuple[float, ...] = (0.0,) * len(drives)
+        equilibrium = False
         for taken in (each for each in tried if each.chosen):
             kinds, delays = list(taken.kinds), taken.delays
+            equilibrium = taken.equilibrium
         acting = [k for k, own in enumerate(kinds) if own != LEFT_OUT]
         used, kinds = [drives[k] for k in acting], [kinds[k] for k in acting]
         fit = fit_output(
             records, used, channel, kinds, plan.fixed, plan.loss, plan.starts,
             plan.free_start, say, delays if any(delays) else None, states, between,
+            equilibrium,
         )  # fmt: skip
         outputs.append(_output(channel, role, fit, records, plan, used, tried))
         terms += (
@@ -266,7 +269,7 @@ def _fitted(
             for k, drive in enumerate(used)
         )
         own = tuple(delays[k] for k in acting)
-        chosen.append(ChosenKinds(channel, tuple(acting), tuple(kinds), own))
+        chosen.append(ChosenKinds(channel, tuple(acting), tuple(kinds), own, equilibrium))
     return outputs, terms, chosen
 
 

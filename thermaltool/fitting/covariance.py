@@ -19,6 +19,7 @@ def block_covariance(
     owner: NDArray[np.int64],
     weights: Array,
     prior: Array | None = None,
+    known: Array | None = None,
 ) -> Array:
     """Covariance of least-squares parameters under noise of unknown colour, shape (p, p).
 
@@ -36,6 +37,9 @@ def block_covariance(
     prior : ndarray, shape (p,), optional
         Standard deviations of the parameters before any row, infinite where nothing is known. What
         the rows leave open is known as well as that; without, it may come out as rounding has it.
+    known : ndarray, shape (k, p), optional
+        Sums of parameters that are known before any row, in units of their standard error; beside
+        `prior`.
 
     Notes
     -----
@@ -60,11 +64,13 @@ def block_covariance(
         return np.asarray(bread @ meat @ bread / np.outer(size, size))
     # Of so much noise in a row, colour and all, are the scores.
     noise = float(np.trace(meat)) / total
-    known = noise / (prior * size) ** 2
-    values, vectors = np.linalg.eigh(information + np.diag(known))
+    before = np.diag(noise / (prior * size) ** 2)
+    if known is not None:
+        before = before + noise * (known / size).T @ (known / size)
+    values, vectors = np.linalg.eigh(information + before)
     lost = values < MIN_DIRECTION * values[-1]
     bread = (vectors[:, ~lost] / values[~lost]) @ vectors[:, ~lost].T
-    scaled_covariance = bread @ (meat + noise * np.diag(known)) @ bread
+    scaled_covariance = bread @ (meat + noise * before) @ bread
     # Where the information is lost in rounding the prior is all there is.
     own = np.where(np.isfinite(prior), (prior * size) ** 2, 0.0)
     spread = vectors[:, lost] ** 2

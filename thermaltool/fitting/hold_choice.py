@@ -33,12 +33,15 @@ class ChosenKinds:
         Of the calibration's drives, those that act on it.
     kinds : tuple of str, one for each of these drives
     delays : tuple of float [s]
+    equilibrium : bool
+        Whether gains to all temperatures among these drives add up to one.
     """
 
     output: str
     drives: tuple[int, ...]
     kinds: tuple[str, ...]
     delays: tuple[float, ...]
+    equilibrium: bool = False
 
 
 def switched_between_rows(
@@ -97,7 +100,7 @@ def _change(
     """Fall of the criterion, and relative fall of the squared error, of one output."""
     one, other = ([each[k] for k in chosen.drives] for each in (held, lines))
     # Rows that lines explain are no outliers, and those after a switch would be.
-    task = KindSearch(records, other, chosen.output, free_start, fixed, states)
+    task = KindSearch(records, other, chosen.output, free_start, fixed, states, chosen.equilibrium)
     after = task.fit(chosen.kinds, chosen.delays)
     before = task.driven_by(one, held_states).fit(chosen.kinds, chosen.delays)
     if before is None or after is None or not before.size:

@@ -39,6 +39,8 @@ class KindCandidate:
     note : str
         Why it is not taken, or why it is.
     chosen : bool
+    equilibrium : bool
+        Whether gains to all temperatures among the drives add up to one.
     """
 
     kinds: tuple[str, ...]
@@ -50,6 +52,7 @@ class KindCandidate:
     cancellation: float
     note: str = ""
     chosen: bool = False
+    equilibrium: bool = False
 
     def document(self) -> dict[str, Any]:
         """As JSON."""

@@ -92,7 +92,15 @@ def laws_of(
     acting, zeroed = acting_records(records, drives, known, comparable=True)
     states: GridStates = {}
     tasks = [
-        KindSearch(acting, [zeroed[d] for d in each.drives], each.output, free_start, fixed, states)
+        KindSearch(
+            acting,
+            [zeroed[d] for d in each.drives],
+            each.output,
+            free_start,
+            fixed,
+            states,
+            each.equilibrium,
+        )
         for each in chosen
     ]
     return tuple(LawSearch(records, drives, chosen, tasks, laws).in_turn(known))
@@ -125,7 +133,7 @@ def explain(
         for each, laws in ((before, ()), (after, effects)):
             acting, zeroed = acting_records(records, drives, laws, comparable=True)
             own = [zeroed[d] for d in each.drives]
-            task = KindSearch(acting, own, each.output, free_start, fixed, {})
+            task = KindSearch(acting, own, each.output, free_start, fixed, {}, each.equilibrium)
             fits.append(task.fit(each.kinds, each.delays))
         usual, other = fits
         if usual is None or other is None:

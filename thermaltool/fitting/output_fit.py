@@ -145,6 +145,7 @@ def fit_output(
     delays: Sequence[float] | None = None,
     states: GridStates | None = None,
     between: Sequence[str] = (),
+    equilibrium: bool = False,
 ) -> OutputFit:
     """Fit one output to its drives over all records at once.
 
@@ -175,6 +176,8 @@ def fit_output(
     between : sequence of str
         Drives that switch at unknown instants between the rows: where evidence asks for it, these
         are part of the noise.
+    equilibrium : bool
+        See `CalibrationProblem.assemble`.
 
     Raises
     ------
@@ -194,7 +197,9 @@ def fit_output(
         )
     parametrization = Parametrization(classes, constants)
     delays = [own.get("delay", 0.0) for own in constants]
-    problem = CalibrationProblem.assemble(records, drives, output, free_start, delays, states)
+    problem = CalibrationProblem.assemble(
+        records, drives, output, free_start, delays, states, equilibrium
+    )
     rows = len(problem.measured)
     unknowns = problem.unknowns(parametrization)
     if rows <= unknowns:
@@ -275,7 +280,8 @@ def _described(
     if instants is not None:
         rows = (instants.whitened(jacobian), instants.whitened(residual))
         beside = instants.left(residual, weights)
-    covariance = block_covariance(*rows, problem.record, weights, prior)
+    known = problem.known_jacobian(parametrization, theta, linear)
+    covariance = block_covariance(*rows, problem.record, weights, prior, known)
     # From logarithms to the parameters themselves.
     factor = np.concatenate([np.exp(theta), np.ones(len(linear))])
     covariance = covariance * np.outer(factor, factor)

@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from thermaltool.errors import FitError
+from thermaltool.fitting.averaging import row_noise
 from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.model import Drive, relative
 from thermaltool.record import Record
 from thermaltool.responses.modes import Float
 from thermaltool.responses.relaxation import RelaxationGrid
+from thermaltool.units import is_absolute
 
 # What a drive makes of every rate of the grid, by the number of the record and the channel of the
 # drive: shape (rows, rates).
@@ -32,6 +34,8 @@ GridStates = dict[tuple[int, str], Float]
 SLOWEST_RATE, FASTEST_RATE = 0.05, 4.0
 # Terms that are so many times larger than the output, and cancel, are no answer.
 MAX_CANCELLATION = 10.0
+# Standard error of the sum of gains to the surroundings, where it is known to be one.
+EQUILIBRIUM_ERROR = 1e-3
 # Directions of the linear problem below this share of the largest, once scaled, are rounding.
 MIN_DIRECTION = 1e-12
 
@@ -70,6 +74,19 @@ def orthonormal_rows(rows: Float, least: float) -> Float:
     return np.asarray((vectors[:, used] / np.sqrt(values[used])).T @ rows)
 
 
+def surroundings(drives: Sequence[Drive], output: str) -> list[int]:
+    """Drives, by number, whose temperature an output takes in the end; none where it has none.
+
+    Parameters
+    ----------
+    drives : sequence of Drive
+    output : str
+    """
+    if not is_absolute(output):
+        return []
+    return [d for d, drive in enumerate(drives) if is_absolute(drive.channel)]
+
+
 @dataclass(frozen=True)
 class Triangle:
     """Triangle R and rotated measurement z: ‖w(y − D c)‖² = ‖z − R c‖² + a constant.
@@ -97,6 +114,10 @@ class CalibrationProblem:
         Which record a row belongs to.
     records, drives : int
     free_start : bool
+    known : ndarray, shape (0 or 1, columns of the design + 1)
+        What is known before any row: coefficients and value, in units of their error.
+    noise : float [unit of the output]
+        White noise of a reading; the weight of what is known beside a row.
     """
 
     grid: RelaxationGrid
@@ -107,6 +128,8 @@ class CalibrationProblem:
     records: int
     drives: int
     free_start: bool
+    known: Float
+    noise: float
 
     @staticmethod
     def assemble(
@@ -116,6 +139,7 @@ class CalibrationProblem:
         free_start: bool,
         delays: Sequence[float] = (),
         states: GridStates | None = None,
+        equilibrium: bool = False,
     ) -> CalibrationProblem:
         """Drive the grid with every record's inputs and stack the rows that are measured.
 
@@ -131,6 +155,9 @@ class CalibrationProblem:
         states : dict, optional
             What drives make of the grid, by record and channel: taken where it is there, else
             put there. For problems of the same records and drives.
+        equilibrium : bool
+            Whether a temperature takes that of its surroundings in the end, where no heat acts: its
+            steady gains to all temperatures among the drives add up to one.
 
         Raises
         ------
@@ -143,16 +170,16 @@ class CalibrationProblem:
         n, inputs = len(grid.rates), len(drives)
         decays = n * len(records) if free_start else 0
         blocks, measured, owner, times = [], [], [], []
-        known: GridStates = {} if states is None else states
+        driven: GridStates = {} if states is None else states
         for k, record in enumerate(records):
             values = record.column(output)
             there = np.isfinite(values)
             block = np.zeros((int(there.sum()), n * inputs + decays + len(records)))
             for d, drive in enumerate(drives):
                 u = relative(record.column(drive.channel), drive.reference, drive.hold)
-                x = known.get((k, drive.channel))
+                x = driven.get((k, drive.channel))
                 if x is None:
-                    x = known[k, drive.channel] = grid.states(record.time, u, drive.hold)
+                    x = driven[k, drive.channel] = grid.states(record.time, u, drive.hold)
                 if delays and delays[d]:
                     x = grid.delayed(x, record.time, u, drive.hold, delays[d])
                 block[:, d * n : (d + 1) * n] = x[there]
@@ -167,6 +194,11 @@ class CalibrationProblem:
             owner.append(np.full(len(block), k))
         if not sum(map(len, measured)):
             raise FitError("the output has no value in any log")
+        around = surroundings(drives, output) if equilibrium else []
+        known = np.zeros((min(len(around), 1), blocks[0].shape[1] + 1))
+        for d in around:
+            known[:, d * n : (d + 1) * n] = 1 / EQUILIBRIUM_ERROR
+        known[:, -1] = 1 / EQUILIBRIUM_ERROR
         return CalibrationProblem(
             grid,
             np.vstack(blocks),
@@ -176,6 +208,8 @@ class CalibrationProblem:
             len(records),
             inputs,
             free_start,
+            known,
+            max(row_noise(record, output) for record in records) if around else 0.0,
         )
 
     def compress(self, weights: Float, noise: tuple[Float, float] | None = None) -> Triangle:
@@ -191,13 +225,15 @@ class CalibrationProblem:
         """
         root = np.sqrt(weights)[:, None]
         stacked = np.hstack([self.design * root, self.measured[:, None] * root])
+        stacked = np.vstack([stacked, self.known * self.noise])
         first = 0
         if noise is not None:
             # Columns whose weights are eliminated first leave the others as they are beside them.
             columns, sigma = noise
             first = columns.shape[1]
             known = np.hstack([sigma * np.eye(first), np.zeros((first, stacked.shape[1]))])
-            stacked = np.vstack([np.hstack([columns * root, stacked]), known])
+            beside = np.vstack([columns * root, np.zeros((len(self.known), first))])
+            stacked = np.vstack([np.hstack([beside, stacked]), known])
         (R,) = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[:1]
         R = R[first : stacked.shape[1], first:]
         return Triangle(np.asarray(R[:, :-1], float), np.asarray(R[:, -1], float))
@@ -317,7 +353,18 @@ class CalibrationProblem:
         -------
         ndarray, shape (rows, searched + len(linear))
         """
+        return self._sensitivity(self.design, parametrization, theta, linear)
+
+    def known_jacobian(
+        self, parametrization: Parametrization, theta: Float, linear: Float
+    ) -> Float:
+        """The same of what is known before any row, in units of its error, shape (0 or 1, …)."""
+        return self._sensitivity(self.known[:, :-1], parametrization, theta, linear)
+
+    def _sensitivity(
+        self, design: Float, parametrization: Parametrization, theta: Float, linear: Float
+    ) -> Float:
         slopes = parametrization.unit_slopes(theta, self.grid)
-        columns = [self.design @ self._by_rates(slope, linear) for slope in slopes]
+        columns = [design @ self._by_rates(slope, linear) for slope in slopes]
         unit = parametrization.unit_weights(theta, self.grid)
-        return np.column_stack([*columns, self.design @ self.combine(unit)])
+        return np.column_stack([*columns, design @ self.combine(unit)])

@@ -24,7 +24,7 @@ from thermaltool.fitting.kind_candidate import (
     KindCandidate,
 )
 from thermaltool.fitting.output_fit import check_records
-from thermaltool.fitting.projection import MAX_CANCELLATION, GridStates
+from thermaltool.fitting.projection import MAX_CANCELLATION, GridStates, surroundings
 from thermaltool.fitting.response_search import (
     BLOCKS,
     FEW_STARTS,
@@ -34,7 +34,6 @@ from thermaltool.fitting.response_search import (
 )
 from thermaltool.model import Drive
 from thermaltool.record import Record
-from thermaltool.responses.modes import Float
 
 # Below so many rows for each drive nothing is compared.
 MIN_ROWS = 50
@@ -57,9 +56,8 @@ KINDS_FOR_ONE = ("rational1", "rational2", "deflection")
 SLAB_PARAMETERS = 5
 # Fall of the criterion that counts: odds of 150 to 1.
 DECISIVE = 10.0
-# An error beside that of the best kind counts from this share of a reading's noise: with less of it
-# the whole error is at most an eighth larger, which is not worth a parameter.
-MIN_EXCESS = 0.5
+# ... and what speaks against a gain of one to the surroundings: an error as large as the noise.
+MIN_AGAINST_EQUILIBRIUM = 1.0
 # A larger error on held-out blocks is sure from so many standard errors: not where one block, the
 # only one with a step in it, makes it.
 SURE = 2.0
@@ -110,8 +108,47 @@ def choose_response(
     if sum(len(record) for record in records) < MIN_ROWS * len(drives):
         return ()
     task = KindSearch(
-        records, drives, output, free_start, fixed or {}, {} if states is None else states
+        records, drives, output, free_start, fixed or {}, {} if states is None else states,
+        bool(surroundings(drives, output)),
+    )  # fmt: skip
+    found = _compared(task, usual, progress)
+    if task.equilibrium and _never_settles(task, found):
+        progress("trying any gain to the surroundings")
+        found = _compared(task.out_of_equilibrium(), usual, progress)
+    return found
+
+
+def _never_settles(task: KindSearch, found: Sequence[KindCandidate]) -> bool:
+    """Whether another gain to the surroundings than one is beyond doubt, with the kinds chosen.
+
+    Not all that warms and cools an output need be logged: a floor, a coolant, a wall. But a free
+    gain stands in for any small error of structure, too, and other logs pay for it.
+    """
+    taken = next((each for each in found if each.chosen and each.equilibrium), None)
+    if taken is None:
+        return False
+    acting = [d for d, kind in enumerate(taken.kinds) if kind != LEFT_OUT]
+    kinds = tuple(taken.kinds[d] for d in acting)
+    delays = tuple(taken.delays[d] for d in acting)
+    bound = task.driven_by([task.drives[d] for d in acting])
+    settled, free = (own.fit(kinds, delays) for own in (bound, bound.out_of_equilibrium()))
+    if settled is None or free is None or _unsound(free):
+        return False
+    rows = free.independent
+    return _criterion(settled, rows) - _criterion(free, rows) > DECISIVE and all(
+        free.data.counts(errors, others, MIN_AGAINST_EQUILIBRIUM)
+        for errors, others in (
+            (settled.residual, free.residual),
+            (settled.held_out, free.held_out),
+        )
     )
+
+
+def _compared(
+    task: KindSearch, usual: str, progress: Callable[[str], None]
+) -> tuple[KindCandidate, ...]:
+    """All kinds of response to the drives of a task, the chosen one among them."""
+    drives, fixed = task.drives, task.fixed
     still = (0.0,) * len(drives)
     found: list[FittedKinds] = []
     for kind in KINDS if len(drives) == 1 else dict.fromkeys((usual, *KINDS_FOR_ONE)):
@@ -129,13 +166,17 @@ def choose_response(
             own = task.fit((kind,), still)
             found += [own] if own is not None else []
             best = _best(found, rows)
-    if not (fixed or {}).get("delay"):
+    if not fixed.get("delay"):
         progress("trying delays")
         found += _delayed(task, found, rows)
     if len(drives) > 1:
         progress("trying a kind for each drive")
         found += _mixed(task, found, rows)
-    return _Judgement(found, task.data(still), rows).candidates(usual)
+    judged = _Judgement(found, task.data(still), rows).candidates(usual)
+    around = set(surroundings(drives, task.output)) if task.equilibrium else set()
+    return tuple(
+        replace(each, equilibrium=any(each.kinds[d] != LEFT_OUT for d in around)) for each in judged
+    )
 
 
 def _criterion(found: FittedKinds, rows: float) -> float:
@@ -308,27 +349,17 @@ class _Judgement:
             for each, note in zip(self.found, self.notes, strict=True)
         ]
 
-    def rms(self, errors: Float) -> float:
-        """Root mean square of means over groups of rows, from errors times root of the number."""
-        size = self.data.size
-        return float(np.sqrt(np.average(errors**2 / size, weights=size)))
-
-    def _counts(self, errors: Float, others: Float) -> bool:
-        """Whether errors are larger than others by what is worth a parameter."""
-        excess = self.rms(errors) ** 2 - self.rms(others) ** 2
-        return excess > (MIN_EXCESS * self.data.noise) ** 2
-
     def _before(self, each: FittedKinds, closest: FittedKinds) -> str:
         """Why a candidate is out before any row is held out; empty where it is not."""
         less = _criterion(each, self.rows) > self.least + DECISIVE
-        return "less evidence" if less and self._counts(each.residual, closest.residual) else ""
+        return "less evidence" if less and self.data.counts(each.residual, closest.residual) else ""
 
     def _held_out(self, each: FittedKinds, best: FittedKinds) -> str:
         """Why a candidate is out by rows held out; empty where it is not."""
         blocks = np.arange(len(best.held_out)) * BLOCKS // len(best.held_out)
         worse = np.bincount(blocks, each.held_out**2 - best.held_out**2)
         sure = float(np.sum(worse)) > SURE * float(np.std(worse)) * np.sqrt(len(worse))
-        if sure and self._counts(each.held_out, best.held_out):
+        if sure and self.data.counts(each.held_out, best.held_out):
             return "predicts held-out rows worse"
         return ""
 
@@ -346,7 +377,7 @@ class _Judgement:
             key=lambda k: (
                 self.found[k].parameters,
                 self.found[k].kinds[0] != usual,
-                self.rms(self.found[k].held_out),
+                self.data.rms(self.found[k].held_out),
             ),
         )
         result = []
@@ -358,8 +389,8 @@ class _Judgement:
                     each.kinds,
                     each.delays,
                     each.parameters,
-                    self.rms(each.residual),
-                    self.rms(each.held_out) if "held_out" in each.__dict__ else None,
+                    self.data.rms(each.residual),
+                    self.data.rms(each.held_out) if "held_out" in each.__dict__ else None,
                     _criterion(each, self.rows) - self.least,
                     each.cancellation,
                     note or MORE_PARAMETERS,

@@ -34,6 +34,9 @@ STARTS, FEW_STARTS = 16, 2
 INDEPENDENT_BLOCKS = 48
 # Of a rate so many times below the slowest one a response is as good as settled.
 STEADY = 1e-6
+# An error beside that of the best kind counts from this share of a reading's noise: with less of it
+# the whole error is at most an eighth larger, which is not worth a parameter.
+MIN_EXCESS = 0.5
 # Rows whose residual is beyond so many robust deviations of a first fit take no part.
 MAX_DEVIATIONS = 8.0
 
@@ -64,6 +67,15 @@ class CandidateData:
     def folds(self) -> tuple[Triangle, ...]:
         """Without the rows of each fold."""
         return tuple(self.problem.compress((self.fold != k).astype(float)) for k in range(FOLDS))
+
+    def rms(self, errors: Float) -> float:
+        """Root mean square of means over groups of rows, from errors times root of the number."""
+        return float(np.sqrt(np.average(errors**2 / self.size, weights=self.size)))
+
+    def counts(self, errors: Float, others: Float, least: float = MIN_EXCESS) -> bool:
+        """Whether errors are larger than others by at least so much of the noise of a reading."""
+        excess = self.rms(errors) ** 2 - self.rms(others) ** 2
+        return excess > (least * self.noise) ** 2
 
 
 @dataclass(frozen=True)
@@ -144,7 +156,9 @@ class KindSearch:
     free_start : bool
     fixed : mapping of parameter name to value
     states : dict
-        See `CalibrationProblem.assemble`.
+        See `CalibrationProblem.assemble`, and
+    equilibrium : bool
+        there.
     """
 
     records: Sequence[Record]
@@ -153,6 +167,7 @@ class KindSearch:
     free_start: bool
     fixed: Mapping[str, float]
     states: GridStates
+    equilibrium: bool = False
     _data: dict[tuple[float, ...], CandidateData] = field(default_factory=dict)
 
     def without(self, drive: int) -> KindSearch:
@@ -167,6 +182,10 @@ class KindSearch:
     def from_rest(self) -> KindSearch:
         """The same rows, at rest at their first."""
         return self._with(free_start=False)
+
+    def out_of_equilibrium(self) -> KindSearch:
+        """The same rows, any gain to the surroundings allowed."""
+        return self._with(equilibrium=False)
 
     def driven_by(
         self,
@@ -242,8 +261,9 @@ class KindSearch:
 
     def _assemble(self, delays: tuple[float, ...]) -> CalibrationProblem:
         return CalibrationProblem.assemble(
-            self.records, self.drives, self.output, self.free_start, delays, self.states
-        )
+            self.records, self.drives, self.output, self.free_start, delays, self.states,
+            self.equilibrium,
+        )  # fmt: skip
 
     def data(self, delays: tuple[float, ...]) -> CandidateData:
         """Rows in groups, the drives delayed.
@@ -304,6 +324,7 @@ class KindSearch:
         unit = own.unit_weights(theta, data.problem.grid)
         cancellation = data.problem.cancellation(unit, linear[: own.gains])
         count = own.searched + own.gains + sum(int(delay > 0) for delay in delays)
+        count -= len(data.problem.known)
         responses = own.responses(theta, linear[: own.gains])
         slowest = max(response.slowest() for response in responses) / self.duration
         return FittedKinds(

@@ -52,7 +52,7 @@ def begins_away_from_rest(
     evidence, explained = 0.0, False
     for each in chosen:
         own = [zeroed[d] for d in each.drives]
-        started = KindSearch(acting, own, each.output, True, fixed, {})
+        started = KindSearch(acting, own, each.output, True, fixed, {}, each.equilibrium)
         free = started.fit(each.kinds, each.delays)
         # Of the same rows: what decays at first is no outlier.
         rest = started.from_rest().fit(each.kinds, each.delays)

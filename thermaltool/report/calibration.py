@@ -9,10 +9,11 @@ from typing import Any
 from thermaltool.effects.effect import Effect, reference_of
 from thermaltool.effects.joint_contact import JointContact
 from thermaltool.fitting.discrepancy import MAX_OVER_NOISE, calibration_error
+from thermaltool.fitting.projection import surroundings
 from thermaltool.fitting.response_choice import LEFT_OUT
 from thermaltool.model import Model, Output, characteristics, to_document
 from thermaltool.report.presentation import duration, responses_table
-from thermaltool.report.text import aligned, switched_between_rows
+from thermaltool.report.text import aligned, listed, switched_between_rows
 from thermaltool.signals.intervals import normal_estimate
 from thermaltool.units import ABSOLUTE_ZERO, is_absolute, parse_channel, printed
 
@@ -95,6 +96,7 @@ def calibration_warnings(model: Model) -> list[str]:
                 f"{output.channel}: without {drive}: these logs show no response to it. To see "
                 f"one, change {drive} alone, while the other drives rest"
             )
+    found += _surroundings(model)
     found += switched_between_rows({each.channel: each.hold for each in model.drives})
     found += [_instants(o) for o in model.outputs if o.fit.get("instants")]
     if any(o.fit.get("free_start") for o in model.outputs):
@@ -118,6 +120,35 @@ def calibration_warnings(model: Model) -> list[str]:
                 f"{each.output}: the gain of {each.drive} may be zero ({each.gain}): change it "
                 f"alone, while the other drives rest, and hold it for {duration(hold)}"
             )
+    return found
+
+
+def _surroundings(model: Model) -> list[str]:
+    """Which temperatures are taken to become those of their surroundings, and which do not."""
+    kept: dict[tuple[str, ...], list[str]] = {}
+    found, drives = [], {each.channel: each for each in model.drives}
+    for output in model.outputs:
+        tried = output.fit.get("candidates", ())
+        taken: Mapping[str, Any] = next((c for c in tried if c["chosen"]), {})
+        own = [t for t in model.terms if t.output == output.channel]
+        around = surroundings([drives[t.drive] for t in own], output.channel)
+        names = tuple(own[k].drive for k in around)
+        if not names or "equilibrium" not in taken:
+            continue
+        if taken["equilibrium"]:
+            kept.setdefault(names, []).append(output.channel)
+            continue
+        total = sum(own[k].response.dc_gain() for k in around)
+        found.append(
+            f"{output.channel}: its gains to {listed(names)} add up to {total:.3g}, not to 1 as "
+            "where all that warms and cools it is logged: other surroundings take part, or they "
+            "are not measured where they act"
+        )
+    for names, outputs in kept.items():
+        found.append(
+            f"without heat {listed(outputs)} will be as warm as {listed(names)}: gains that add up "
+            "to 1 are taken as known, and these logs do not speak against it"
+        )
     return found
 
 

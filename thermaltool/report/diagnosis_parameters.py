@@ -10,10 +10,10 @@ from thermaltool.report.diagnosis_words import (
     Document,
     duration,
     estimated,
-    listed,
     number,
     with_unit,
 )
+from thermaltool.report.text import listed
 from thermaltool.units import parse_channel
 
 # Numbers of several outputs that a sentence holds at most, those of the outputs moved most first.

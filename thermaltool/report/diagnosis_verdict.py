@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from thermaltool.report.diagnosis_advice import worst_moved
-from thermaltool.report.diagnosis_words import ROUNDING, Document, listed, names_of, number, percent
+from thermaltool.report.diagnosis_words import ROUNDING, Document, names_of, number, percent
 from thermaltool.report.style import channel_unit
+from thermaltool.report.text import listed
 
 # How the parts of a residual are called.
 PARTS = {"noise": "noise", "calibration": "what the calibration left", "rest": "the rest"}

@@ -97,16 +97,6 @@ def with_unit(text: str, unit: str) -> str:
     return f"{text} {printed(unit)}".rstrip()
 
 
-def listed(parts: Sequence[str]) -> str:
-    """``a``, ``a and b``, ``a, b and c``.
-
-    Parameters
-    ----------
-    parts : sequence of str
-    """
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if parts[1:] else parts)
-
-
 def condition_name(condition: Document) -> str:
     """``heating``, or ``U_V is at 9``.
 

@@ -41,6 +41,16 @@ def aligned(rows: Sequence[Sequence[str]], texts: int | None = None) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
+def listed(parts: Sequence[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``.
+
+    Parameters
+    ----------
+    parts : sequence of str
+    """
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if parts[1:] else parts)
+
+
 def row_message(log: Log, row: int, message: str) -> str:
     """A sentence with the file and the line of a row."""
     return f"{log.name}:{log.lines[row]}: {message}"
