@@ -131,11 +131,13 @@ def _step(task: DiagnosisTask, search: SearchState) -> SearchState:
             if task.validate:
                 task.progress("unseen logs")
             strong = borne_out(hypothesis, strong, task.validate, task.model)
-            found = _confirmed(task, search, hypothesis, ranking, strong)
+            # A start explains more than causes that do not stand: it comes before weaker causes
+            # than the strongest, and before any unknown.
+            better = ranking.own_start(hypothesis.assumptions)
+            most = len(strong) if better is None else 1
+            found = _confirmed(task, search, hypothesis, ranking, strong[:most])
             if found is not None:
                 return found
-            # A start explains more than causes that do not stand: it comes before any unknown.
-            better = ranking.own_start(hypothesis.assumptions)
         if better is None:
             found = _confirmed_unseen(task, search, hypothesis, ranking)
             return found or replace(
