@@ -9,6 +9,7 @@ import numpy as np
 
 from thermaltool.diagnosis.action import action_of
 from thermaltool.diagnosis.alternatives import indistinguishable, suspected
+from thermaltool.diagnosis.evidence import STARTS
 from thermaltool.diagnosis.gain import Gain
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.lasting import MIN_TIMES_ALLOWED, Recurrence, may_recur, recurrences
@@ -45,10 +46,11 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
     search : SearchState
     """
     last = search.hypothesis
-    if "initial" in search.ended.assumptions:
+    if starts := STARTS & search.ended.assumptions:
         # A state at the first row is none of the model's faults: it is told, and counts no more.
         first, last = (
-            replace(each, assumptions=each.assumptions | {"initial"}) for each in (first, last)
+            replace(each, assumptions=(each.assumptions - STARTS) | starts)
+            for each in (first, last)
         )
     plain = first.with_model(task.model)
     fitted = search.written(task)
@@ -79,7 +81,7 @@ def answer(task: DiagnosisTask, first: Hypothesis, search: SearchState) -> Diagn
         if gain is None:  # no part of a model
             return replace(cause, explained=explained(noise, cause.gain))
         # Starts away from rest are fitted to averages.
-        warm = full is not task and ("initial" in ended.assumptions or full.validate)
+        warm = full is not task and (bool(STARTS & ended.assumptions) or full.validate)
         judged = (task, fitted, last.simulation.masked) if warm else (full, extended, masked)
         share = judged[0].explained(judged[1], cause.effect, judged[2], noise, ended.assumptions)
         return replace(cause, gain=gain, explained=share)

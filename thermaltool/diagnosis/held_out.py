@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from thermaltool.diagnosis.evidence import STARTS
 from thermaltool.diagnosis.gain import Gain, compare
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.readings import hidden_noise
@@ -43,7 +44,7 @@ def held_out_gains(before: Hypothesis, after: Hypothesis, seed: int = 0) -> dict
     # Where nothing says how large a slow discrepancy may be, it would bridge short stretches.
     events = "tight" in after.assumptions and any(e.event for e in after.model.effects)
     # Nothing but the first block says what the start was like: it stays in the fit.
-    starts = "initial" in after.assumptions or any(e.at_start for e in after.model.effects)
+    starts = bool(STARTS & after.assumptions) or any(e.at_start for e in after.model.effects)
     old, new = (_held_out_errors(each, events, starts) for each in (before, after))
     simulated = before.simulation
     return {
@@ -246,7 +247,7 @@ def _columns(hypothesis: Hypothesis, output: str) -> tuple[Series, Float, Float]
     nuisance = hypothesis.nuisance[output]
     flat = [*nuisance.offsets, *nuisance.accepted.values()]
     prior = nuisance.prior
-    used = {"initial", "instants", "earlier"} & hypothesis.assumptions
+    used = (STARTS | {"instants", "earlier"}) & hypothesis.assumptions
     starts = [column for group in sorted(used) for column in nuisance.beside[group]]
     columns = [
         np.column_stack([*(c[k] for c in flat), own @ prior.root, *(c[k] for c in starts)])

@@ -226,7 +226,7 @@ class Hypothesis:
         output : str
         """
         if "initial" not in self.assumptions:
-            return [np.zeros(len(log.time)) for log in self.logs]
+            return self._fitted_part(output, "uniform")
         return beginning(self.simulation, output)
 
     @cached_property

@@ -21,7 +21,7 @@ from thermaltool.diagnosis.evidence import Assumptions
 from thermaltool.diagnosis.held_effects import accepted_effects, calibrated_effects
 from thermaltool.diagnosis.readings import as_readings
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
-from thermaltool.diagnosis.starts import decays_of
+from thermaltool.diagnosis.starts import decays_of, uniform_starts
 from thermaltool.diagnosis.switching import earlier_of, instants_of
 from thermaltool.effects.dynamics import lagged
 from thermaltool.effects.effect import Float
@@ -291,6 +291,10 @@ class OutputNuisance:
             size = np.append(size, np.full(q, known["lag_sigma"]))
         columns = as_readings(self.simulation, self.output, self.moves)
         root = _root(covariance, size)
+        if spread := known.get("spread"):
+            # Which of several kinds of response is true the calibration could not tell.
+            differ = np.pad(np.array(spread), ((0, 0), (len(own), 0)))
+            root = _root(root @ root.T + differ.T @ differ / len(differ), size, np.inf)
         changes = columns @ root
         changes = changes - changes.mean(axis=0)
         values, vectors = np.linalg.eigh(changes.T @ changes)
@@ -329,6 +333,11 @@ class OutputNuisance:
         return decays_of(self.simulation, self.output)
 
     @cached_property
+    def uniform(self) -> list[Series]:
+        """What a machine that was as a whole warmer than its surroundings adds, per log."""
+        return uniform_starts(self.simulation, self.output)
+
+    @cached_property
     def instants(self) -> list[Series]:
         """What commands that switch between the rows add, a column a switch."""
         return instants_of(self.simulation, self.output)
@@ -339,6 +348,7 @@ class OutputNuisance:
         return {
             "effects": self.calibrated_effects,
             "initial": self.decays,
+            "uniform": self.uniform,
             "instants": self.instants if "instants" in self.assumptions else [],
             "earlier": earlier_of(self.instants) if "earlier" in self.assumptions else [],
         }
@@ -373,8 +383,8 @@ def _apart(lags: Sequence[tuple[str, float]]) -> list[int]:
     return kept
 
 
-def _root(covariance: Float, size: Float) -> Float:
-    """A root of a covariance; never wider than `size`, never exactly known."""
+def _root(covariance: Float, size: Float, most: float = 1.0) -> Float:
+    """A root of a covariance; no wider than so many times `size`, never exactly known."""
     scaled = covariance / np.outer(size, size)
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
-    return np.asarray(size[:, None] * vectors * np.sqrt(np.clip(values, MIN_EIGENVALUE, 1.0)))
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.clip(values, MIN_EIGENVALUE, most**2)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.nonlinearity import stand_ins
@@ -138,6 +138,6 @@ def _useless(task: DiagnosisTask, search: SearchState) -> Cause | None:
         if task.explained(written, cause.effect, masked, noise, assumptions) < MIN_EXPLAINED:
             return cause
         harmless = spoiled_by(written, rest, logs, masked, noise, surely=True) is None
-        if harmless and "initial" not in assumptions:
+        if harmless and not STARTS & assumptions:
             return cause
     return None

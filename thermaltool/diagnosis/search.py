@@ -223,6 +223,11 @@ def _own_change(
             "the model's own parameters have changed since the calibration, beyond its "
             "uncertainty: calibrate again"
         ), changed
+    if "uniform" in better:
+        return search.noted(
+            "a log does not begin at rest: the machine as a whole is warmer or colder than its "
+            "surroundings, and follows them"
+        ), changed
     # What a short calibration has not seen may pass for a start: it comes first.
     freed = hypothesis.under(released(hypothesis.assumptions), task.model).fitted()
     cause = too_short(task.model, hypothesis, freed)

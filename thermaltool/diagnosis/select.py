@@ -17,6 +17,7 @@ from thermaltool.diagnosis.evidence import (
     DECISIVE_EVIDENCE,
     Assumptions,
     released,
+    started,
 )
 from thermaltool.diagnosis.fit import (
     CauseCandidate,
@@ -88,15 +89,15 @@ class Ranking:
         return best if self.alone[best] > max(DECISIVE_EVIDENCE, strongest) else None
 
     def own_start(self, present: Assumptions) -> Assumptions | None:
-        """The present assumptions and a start, where the log asks for one decisively.
+        """The present assumptions with the likeliest start, where the log asks for one decisively.
 
         Parameters
         ----------
         present : frozenset of str
         """
-        started = present | {"initial"}
-        new = started != present and self.alone.get(started, -np.inf) > DECISIVE_EVIDENCE
-        return started if new else None
+        ways = {way: self.alone.get(way, -np.inf) for way in started(present)}
+        best = max(ways, key=lambda way: ways[way], default=None)
+        return best if best is not None and ways[best] > DECISIVE_EVIDENCE else None
 
     def strong(self, least: float) -> list[CauseCandidate]:
         """Those with more evidence, the strongest first.
@@ -123,9 +124,8 @@ def ranked(
     progress : callable
     """
     present = hypothesis.assumptions
-    possible = [present]
-    if "initial" not in present:
-        possible.append(present | {"initial"})
+    around = any(nuisance.uniform for nuisance in hypothesis.nuisance.values())
+    possible = [present, *(a for a in started(present) if around or "uniform" not in a)]
     if "tight" in present:
         possible.append(released(present))
     # What the model may say for itself counts where these logs ask for it.

@@ -7,10 +7,14 @@ import numpy as np
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
 from thermaltool.effects.effect import Float
 from thermaltool.model.initial_state import start_decays
+from thermaltool.units import is_absolute
 
 # Decays whose sum follows a way to rest cancel each other: each may be so many times what the
 # output goes through.
 MAX_DECAY = 10.0
+# How much warmer than its surroundings a machine as a whole may be when a log begins: a standard
+# deviation [K].
+UNIFORM_START = 2.0
 # Directions of the decays weaker than this part of the strongest are left at rest.
 SINGULAR = 1e-10
 
@@ -31,6 +35,29 @@ def decays_of(runs: SimulatedLogs, output: str) -> list[Series]:
         [most * decay if j == k else np.zeros(len(log)) for j, log in enumerate(runs.logs)]
         for k, own in enumerate(runs.logs)
         for decay in start_decays(own.elapsed, slowest[k], own.period)
+    ]
+
+
+def uniform_starts(runs: SimulatedLogs, output: str) -> list[Series]:
+    """What a machine adds that begins a log as a whole warmer than its surroundings, one log each.
+
+    It then follows them as it would a step of theirs. None where the model has no surroundings.
+
+    Parameters
+    ----------
+    runs : SimulatedLogs
+    output : str
+    """
+    around = [t for t in runs.model.terms if t.output == output and is_absolute(t.drive)]
+    if not around:
+        return []
+    starts = [
+        -UNIFORM_START * np.sum([t.response.step(log.elapsed) for t in around], axis=0)
+        for log in runs.logs
+    ]
+    return [
+        [start if j == k else np.zeros(len(start)) for j, start in enumerate(starts)]
+        for k in range(len(starts))
     ]
 
 

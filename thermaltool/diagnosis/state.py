@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from thermaltool.diagnosis.correction import corrected
-from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, Assumptions
+from thermaltool.diagnosis.evidence import DECISIVE_EVIDENCE, STARTS, Assumptions
 from thermaltool.diagnosis.fit import CauseCandidate
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.limits import USUAL_LIMITS, ExperimentLimits
@@ -132,7 +132,7 @@ class DiagnosisTask:
         unseen = effect.log is None and bool(self.validate)
         logs = self.validate if unseen else self.logs
         runs = [log for log in logs if cannot_run(model, log) is None]
-        from_rest = "initial" not in assumptions and not unseen
+        from_rest = not STARTS & assumptions and not unseen
         return fraction_removed(model, effect, runs, masked, noise, from_rest)
 
     def first(self) -> Hypothesis:

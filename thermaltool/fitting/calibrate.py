@@ -261,7 +261,7 @@ def _fitted(
         fit = fit_output(
             records, used, channel, kinds, plan.fixed, plan.loss, plan.starts,
             plan.free_start, say, delays if any(delays) else None, states, between,
-            equilibrium,
+            equilibrium, _others(tried, acting),
         )  # fmt: skip
         outputs.append(_output(channel, role, fit, records, plan, used, tried))
         terms += (
@@ -271,6 +271,19 @@ def _fitted(
         own = tuple(delays[k] for k in acting)
         chosen.append(ChosenKinds(channel, tuple(acting), tuple(kinds), own, equilibrium))
     return outputs, terms, chosen
+
+
+def _others(tried: Sequence[KindCandidate], acting: Sequence[int]) -> list[Float]:
+    """Grid weights of what comes near, of the drives that act.
+
+    Those of the chosen kinds are among them, where a coarse search left them.
+    """
+    taken = [each for each in tried if each.chosen]
+    return [
+        each.weights[acting]
+        for each in tried
+        if each.weights is not None and each.delays == taken[0].delays
+    ]
 
 
 def as_simulated(model: Model, records: Sequence[Record]) -> Model:
@@ -359,6 +372,7 @@ def _discrepancy(fit: OutputFit, drives: Sequence[str]) -> dict[str, Any]:
         "lags": [[drive, tau] for drive in drives for tau in fit.time_constants],
         "mean": fit.discrepancy.mean.tolist(),
         "covariance": fit.discrepancy.covariance.tolist(),
+        "spread": fit.discrepancy.spread.tolist(),
         "white_sigma": fit.discrepancy.white,
         "drift_sigma": fit.discrepancy.drift,
         "drift_time_s": fit.discrepancy.drift_time,

@@ -11,7 +11,7 @@ out beside it, which moves the maximum, and that is only looked for on a grid.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +34,9 @@ PARAMETER_MOVE = 0.003
 # A calibration that leaves more than this many times the noise of a reading has an error of
 # structure, and is no measure of what is wrong with a machine.
 MAX_OVER_NOISE = 5.0
+# Instants at which kinds of response are compared; directions of their lags below this share of the
+# largest are rounding.
+SPREAD_INSTANTS, MIN_SPREAD_DIRECTION = 100, 1e-4
 # Directions of the information below this share of the largest, once scaled, are rounding.
 MIN_DIRECTION = 1e-13
 
@@ -53,6 +56,8 @@ class Discrepancy:
         Time constant of the discrepancy [s].
     size : float
         Prior standard deviation of a lag's weight [unit of the output per lag at unit height].
+    spread : ndarray, shape (m, q)
+        Weights of the lags by which m other kinds of response differ that come as near.
     """
 
     mean: Float
@@ -61,6 +66,7 @@ class Discrepancy:
     drift: float
     drift_time: float
     size: float
+    spread: Float
 
 
 def calibration_error(fit: Mapping[str, Any]) -> float:
@@ -87,6 +93,7 @@ def discrepancy(
     free: Float,
     lags: Float,
     span: Float,
+    spread: Float,
 ) -> Discrepancy:
     """Posterior from the residual of a calibration.
 
@@ -100,6 +107,8 @@ def discrepancy(
         value is one.
     span : ndarray, shape (p,)
         Size of each parameter (1 for a logarithm).
+    spread : ndarray, shape (m, q)
+        See `Discrepancy`.
     """
     # What stands alone is no noise, and would pass for much of it.
     kept = np.concatenate(
@@ -144,7 +153,35 @@ def discrepancy(
         white * float(np.sqrt(ratio)),
         tau,
         white * size,
+        spread,
     )
+
+
+def spread(
+    rates: Float, lags: NDArray[np.int64], duration: float, others: Sequence[Float], own: Float
+) -> Float:
+    """What other kinds of response differ by, as weights of lags, shape (m, drives · lags).
+
+    Of rates slower than the longest record a log shows what the lags can stand for.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (n,) [1/s]
+    lags : ndarray of int
+        Which of them are lags.
+    duration : float [s]
+        Of the longest record.
+    others : sequence of ndarray, shape (drives, n)
+        Weights of the rates, of every drive.
+    own : ndarray, shape (drives · n,)
+        Of the kinds that were fitted.
+    """
+    time = np.geomspace(1 / rates[-1], duration, SPREAD_INSTANTS)
+    steps = -np.expm1(-np.outer(time, rates))
+    inverse = np.linalg.pinv(steps[:, lags], rcond=MIN_SPREAD_DIRECTION)
+    here = own.reshape(-1, len(rates))
+    differ = np.reshape(others, (len(others), *here.shape)) - here
+    return np.asarray((differ @ steps.T @ inverse.T).reshape(len(others), len(here) * len(lags)))
 
 
 def _lag_prior(columns: int, p: int, q: int, size: float) -> Float:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
+
+from thermaltool.responses.modes import Float
 
 # Diffusion through a plate without ends; and through one with two faces, which is tried for one
 # drive beside it, or where none of the others follows the output with as few parameters.
@@ -41,6 +43,9 @@ class KindCandidate:
     chosen : bool
     equilibrium : bool
         Whether gains to all temperatures among the drives add up to one.
+    weights : ndarray, shape (drives, rates), optional
+        Of every rate of the calibration's grid, of one that comes as near as a reading's noise to
+        the nearest.
     """
 
     kinds: tuple[str, ...]
@@ -53,11 +58,14 @@ class KindCandidate:
     note: str = ""
     chosen: bool = False
     equilibrium: bool = False
+    weights: Float | None = field(default=None, compare=False, repr=False)
 
     def document(self) -> dict[str, Any]:
         """As JSON."""
+        own = asdict(replace(self, weights=None))
+        del own["weights"]
         return {
-            **asdict(self),
+            **own,
             "label": self.label,
             "kinds": list(self.kinds),
             "delays": list(self.delays),

@@ -10,7 +10,7 @@ import numpy as np
 
 from thermaltool.errors import FitError, counted
 from thermaltool.fitting.covariance import block_covariance
-from thermaltool.fitting.discrepancy import Discrepancy, discrepancy
+from thermaltool.fitting.discrepancy import Discrepancy, discrepancy, spread
 from thermaltool.fitting.instants import Instants, fitted_instants
 from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.fitting.projection import (
@@ -146,6 +146,7 @@ def fit_output(
     states: GridStates | None = None,
     between: Sequence[str] = (),
     equilibrium: bool = False,
+    others: Sequence[Float] = (),
 ) -> OutputFit:
     """Fit one output to its drives over all records at once.
 
@@ -178,6 +179,8 @@ def fit_output(
         are part of the noise.
     equilibrium : bool
         See `CalibrationProblem.assemble`.
+    others : sequence of ndarray, shape (drives, rates)
+        Grid weights of other kinds that come as near: what they differ by is not known.
 
     Raises
     ------
@@ -248,7 +251,7 @@ def fit_output(
     if any(delays):
         # What a calibration knows beyond its kind is told of the drives as they are.
         lags = CalibrationProblem.assemble(records, drives, output, free_start, (), states)
-    return _described(search, theta, triangle, weights, duration, rmses, lags, instants)
+    return _described(search, theta, triangle, weights, duration, rmses, lags, instants, others)
 
 
 def _huber_weights(residual: Float) -> Float | None:
@@ -268,6 +271,7 @@ def _described(
     starts: tuple[float, ...],
     undelayed: CalibrationProblem,
     instants: Instants | None,
+    others: Sequence[Float],
 ) -> OutputFit:
     problem, parametrization = search.problem, search.parametrization
     residual, linear = search.fitted(theta, triangle)
@@ -316,6 +320,13 @@ def _described(
             jacobian[:, fitted:],
             bank,
             np.append(np.ones(len(theta)), np.full(gains, np.max(np.abs(linear[:gains])))),
+            spread(
+                problem.grid.rates,
+                lags,
+                duration,
+                others,
+                parametrization.unit_weights(theta, problem.grid) @ linear[:gains],
+            ),
         ),
         time_constants=tuple((1 / problem.grid.rates[lags]).tolist()),
         instants=0 if instants is None else instants.columns.shape[1],

@@ -24,7 +24,7 @@ from thermaltool.fitting.kind_candidate import (
     KindCandidate,
 )
 from thermaltool.fitting.output_fit import check_records
-from thermaltool.fitting.projection import MAX_CANCELLATION, GridStates, surroundings
+from thermaltool.fitting.projection import GridStates, surroundings
 from thermaltool.fitting.response_search import (
     BLOCKS,
     FEW_STARTS,
@@ -32,8 +32,10 @@ from thermaltool.fitting.response_search import (
     FittedKinds,
     KindSearch,
 )
+from thermaltool.fitting.sound_kinds import best_of, criterion, sound_ones, unsound
 from thermaltool.model import Drive
 from thermaltool.record import Record
+from thermaltool.responses.modes import Float
 
 # Below so many rows for each drive nothing is compared.
 MIN_ROWS = 50
@@ -56,16 +58,13 @@ KINDS_FOR_ONE = ("rational1", "rational2", "deflection")
 SLAB_PARAMETERS = 5
 # Fall of the criterion that counts: odds of 150 to 1.
 DECISIVE = 10.0
+# ... and within what all kinds may be true (`Discrepancy.spread`),
+AS_NEAR = 1.0
 # ... and what speaks against a gain of one to the surroundings: an error as large as the noise.
 MIN_AGAINST_EQUILIBRIUM = 1.0
 # A larger error on held-out blocks is sure from so many standard errors: not where one block, the
 # only one with a step in it, makes it.
 SURE = 2.0
-# A kind whose terms cancel is no answer, unless nothing else comes within so many times its error.
-CANCELLING_LOSS = 2.0
-# A time constant of so many of the longest record is a trend, and its gain a guess; without it the
-# error may be so many times larger.
-MAX_SLOWEST, SLOW_LOSS = 2.0, 1.25
 # Delays that are tried: these many samples, up to this share of the longest record; then so many
 # more between the neighbours of the best.
 DELAY_SAMPLES, MAX_DELAY_SHARE, DELAY_STEPS = (0.5, 1, 2, 4, 8, 16, 32, 64), 0.05, 8
@@ -132,10 +131,10 @@ def _never_settles(task: KindSearch, found: Sequence[KindCandidate]) -> bool:
     delays = tuple(taken.delays[d] for d in acting)
     bound = task.driven_by([task.drives[d] for d in acting])
     settled, free = (own.fit(kinds, delays) for own in (bound, bound.out_of_equilibrium()))
-    if settled is None or free is None or _unsound(free):
+    if settled is None or free is None or unsound(free):
         return False
     rows = free.independent
-    return _criterion(settled, rows) - _criterion(free, rows) > DECISIVE and all(
+    return criterion(settled, rows) - criterion(free, rows) > DECISIVE and all(
         free.data.counts(errors, others, MIN_AGAINST_EQUILIBRIUM)
         for errors, others in (
             (settled.residual, free.residual),
@@ -157,15 +156,15 @@ def _compared(
         found += [own] if own is not None else []
     if not found:
         return ()
-    rows = min(_sound(found), key=lambda each: each.size).independent
-    best = _best(found, rows)
+    rows = min(sound_ones(found), key=lambda each: each.size).independent
+    best = best_of(found, rows)
     # A wall with weak films is a rod of little loss, too: it is tried first.
     for kind in (SLAB, *((ROD,) if usual == PLATE else ())) if len(drives) == 1 else ():
         if best.parameters > SLAB_PARAMETERS or best.kinds == (PLATE,):
             progress(f"trying {kind}")
             own = task.fit((kind,), still)
             found += [own] if own is not None else []
-            best = _best(found, rows)
+            best = best_of(found, rows)
     if not fixed.get("delay"):
         progress("trying delays")
         found += _delayed(task, found, rows)
@@ -179,12 +178,6 @@ def _compared(
     )
 
 
-def _criterion(found: FittedKinds, rows: float) -> float:
-    """The Bayesian information criterion of so many independent rows, to a constant."""
-    floor = np.finfo(float).eps
-    return rows * float(np.log(max(found.size, floor))) + found.parameters * float(np.log(rows))
-
-
 def _delayed(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
     """Rational kinds, each with its own delay of the drives for which there is evidence."""
     rationals = [each for each in found if each.kinds[0] in DELAYED]
@@ -192,7 +185,7 @@ def _delayed(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> lis
     tried = [k * task.period for k in DELAY_SAMPLES if k * task.period <= longest]
     if not rationals or not tried:
         return []
-    best = _best(rationals, rows)
+    best = best_of(rationals, rows)
     brackets = {d: _bracket(task, best, d, tried, rows) for d in range(len(best.kinds))}
     fits = []
     for base in rationals if any(brackets.values()) else []:
@@ -251,7 +244,7 @@ def _golden(size: Callable[[float], float], low: float, high: float, steps: int)
 def _mixed(task: KindSearch, found: Sequence[FittedKinds], rows: float) -> list[FittedKinds]:
     """From the best, and from the best without a delay, where that is another."""
     plain = [each for each in found if not any(each.delays)]
-    starts = {id(each): each for each in (_best(found, rows), _best(plain, rows))}
+    starts = {id(each): each for each in (best_of(found, rows), best_of(plain, rows))}
     return [each for start in starts.values() for each in _replaced(task, start, plain, rows)]
 
 
@@ -275,41 +268,15 @@ def _replaced(
             kinds = (*best.kinds[:d], kind, *best.kinds[d + 1 :])
             others.append(task.fit(kinds, best.delays, np.concatenate(rates)))
         tried += [each for each in others if each is not None]
-        best = _best([best, *(each for each in tried if LEFT_OUT not in each.kinds)], rows)
+        best = best_of([best, *(each for each in tried if LEFT_OUT not in each.kinds)], rows)
     return tried
 
 
-def _best(found: Sequence[FittedKinds], rows: float) -> FittedKinds:
-    """The one of most evidence among the sound ones."""
-    return min(_sound(found), key=lambda each: _criterion(each, rows))
-
-
-def _sound(found: Sequence[FittedKinds]) -> list[FittedKinds]:
-    """Those that may be an answer: possible ones, of lags that show, whose terms do not cancel."""
-    steady = _unless_far(found, lambda each: each.cancellation <= MAX_CANCELLATION, CANCELLING_LOSS)
-    seen = _unless_far(steady, lambda each: each.slowest <= MAX_SLOWEST, SLOW_LOSS)
-    return _unless_far(seen, lambda each: not each.impossible, CANCELLING_LOSS)
-
-
-def _unless_far(
-    found: Sequence[FittedKinds], allowed: Callable[[FittedKinds], bool], loss: float
-) -> list[FittedKinds]:
-    """Those that are allowed; all, where none of them comes near the least error."""
-    kept = [each for each in found if allowed(each)]
-    least = min(each.size for each in found)
-    near = kept and min(each.size for each in kept) <= loss**2 * least
-    return kept if near else list(found)
-
-
-def _unsound(each: FittedKinds) -> str:
-    """Why a candidate is no answer, however close it comes; empty where it is one."""
-    if each.impossible:
-        return each.impossible
-    if each.cancellation > MAX_CANCELLATION:
-        return f"terms of {each.cancellation:.3g} times the output cancel"
-    if each.slowest > MAX_SLOWEST:
-        return f"a time constant of {each.slowest:.3g} times the record"
-    return ""
+def _all_weights(each: FittedKinds) -> Float:
+    """Grid weights of every drive, zeros of one that is left out; shape (drives, rates)."""
+    own = iter(each.weights)
+    still = np.zeros(len(each.data.problem.grid.rates))
+    return np.array([still if kind == LEFT_OUT else next(own) for kind in each.kinds])
 
 
 def _left_out(task: KindSearch, best: FittedKinds, d: int) -> FittedKinds | None:
@@ -331,15 +298,15 @@ class _Judgement:
         # A delay is a cause of its own: it has to say more than any kind without one that is as
         # sound.
         plain = [each for each in found if not any(each.delays)]
-        alike = [each for each in _sound(found) if not any(each.delays)]
-        least = min((_criterion(each, rows) for each in alike), default=np.inf)
-        delayed = least - _criterion(_best(found, rows), rows) > DECISIVE
+        alike = [each for each in sound_ones(found) if not any(each.delays)]
+        least = min((criterion(each, rows) for each in alike), default=np.inf)
+        delayed = least - criterion(best_of(found, rows), rows) > DECISIVE
         self.found = list(found) if delayed else plain
-        sound = _sound(self.found)
-        self.least = _criterion(_best(sound, rows), rows)
+        sound = sound_ones(self.found)
+        self.least = criterion(best_of(sound, rows), rows)
         closest, kept = min(sound, key=lambda each: each.size), {id(each) for each in sound}
         self.notes = [
-            self._before(each, closest) if id(each) in kept else _unsound(each)
+            self._before(each, closest) if id(each) in kept else unsound(each)
             for each in self.found
         ]
         left = [each for each, note in zip(self.found, self.notes, strict=True) if not note]
@@ -351,7 +318,7 @@ class _Judgement:
 
     def _before(self, each: FittedKinds, closest: FittedKinds) -> str:
         """Why a candidate is out before any row is held out; empty where it is not."""
-        less = _criterion(each, self.rows) > self.least + DECISIVE
+        less = criterion(each, self.rows) > self.least + DECISIVE
         return "less evidence" if less and self.data.counts(each.residual, closest.residual) else ""
 
     def _held_out(self, each: FittedKinds, best: FittedKinds) -> str:
@@ -380,8 +347,10 @@ class _Judgement:
                 self.data.rms(self.found[k].held_out),
             ),
         )
+        nearest = min(sound_ones(self.found), key=lambda each: each.size)
         result = []
         for k, (each, note) in enumerate(zip(self.found, self.notes, strict=True)):
+            near = not self.data.counts(each.residual, nearest.residual, AS_NEAR)
             if k == taken:
                 note = WHY_ALONE if len(sound) == 1 else WHY_SIMPLEST
             result.append(
@@ -391,10 +360,11 @@ class _Judgement:
                     each.parameters,
                     self.data.rms(each.residual),
                     self.data.rms(each.held_out) if "held_out" in each.__dict__ else None,
-                    _criterion(each, self.rows) - self.least,
+                    criterion(each, self.rows) - self.least,
                     each.cancellation,
                     note or MORE_PARAMETERS,
                     k == taken,
+                    weights=_all_weights(each) if near and not unsound(each) else None,
                 )
             )
         return tuple(sorted(result, key=lambda each: (each.parameters, each.criterion)))

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thermaltool.effects.channels import is_possible_gain
 from thermaltool.errors import FitError
 from thermaltool.fitting.averaging import known_noise
 from thermaltool.fitting.parametrization import Parametrization
+from thermaltool.fitting.possible import impossible
 from thermaltool.fitting.projection import CalibrationProblem, GridStates, Triangle
 from thermaltool.fitting.start_search import COARSE, StartSearch
 from thermaltool.model import Drive
 from thermaltool.record import Record
-from thermaltool.responses import Response, response_class
+from thermaltool.responses import response_class
 from thermaltool.responses.modes import Float
 from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.robust import robust_std
@@ -32,8 +32,6 @@ BLOCKS, FOLDS = 96, 4
 STARTS, FEW_STARTS = 16, 2
 # Sums over so many blocks say how many rows are independent.
 INDEPENDENT_BLOCKS = 48
-# Of a rate so many times below the slowest one a response is as good as settled.
-STEADY = 1e-6
 # An error beside that of the best kind counts from this share of a reading's noise: with less of it
 # the whole error is at most an eighth larger, which is not worth a parameter.
 MIN_EXCESS = 0.5
@@ -97,7 +95,7 @@ class FittedKinds:
     slowest : float
         Slowest time constant over the longest record.
     impossible : str
-        A gain that no machine has; empty where there is none.
+        What no machine does; empty where there is nothing of that.
     search : StartSearch
     data : CandidateData
     """
@@ -122,6 +120,14 @@ class FittedKinds:
         """
         lengths = [len(cls.searched) for cls in self.search.parametrization.classes]
         return np.split(self.theta, np.cumsum(lengths)[:-1])[drive]
+
+    @property
+    def weights(self) -> Float:
+        """Of every rate of the grid, shape (drives, rates)."""
+        own = self.search.parametrization
+        unit = own.unit_weights(self.theta, self.data.problem.grid)
+        linear = self.search.fitted(self.theta, self.data.whole)[1]
+        return np.asarray((unit @ linear[: own.gains]).reshape(len(own.classes), -1))
 
     @property
     def size(self) -> float:
@@ -335,18 +341,10 @@ class KindSearch:
             residual,
             cancellation,
             slowest,
-            self._impossible(responses),
+            impossible(self.drives, self.output, responses),
             search,
             data,
         )
-
-    def _impossible(self, responses: Sequence[Response]) -> str:
-        for drive, response in zip(self.drives, responses, strict=True):
-            slow = np.array([STEADY / response.slowest()], complex)
-            gain = float(response.transfer(slow)[0].real)
-            if not is_possible_gain(drive.channel, self.output, gain):
-                return f"{drive.channel} would move it by {gain:.3g} °C for each °C"
-        return ""
 
 
 def independent_rows(residual: Float) -> float:

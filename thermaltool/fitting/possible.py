@@ -1,0 +1,58 @@
+"""What no machine does: responses that thermodynamics rules out, whatever their error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from thermaltool.effects.channels import is_possible_gain
+from thermaltool.model import Drive
+from thermaltool.responses import Response
+from thermaltool.responses.modes import Float
+from thermaltool.units import is_overdamped, is_temperature
+
+# Share of the largest rise that a temperature may go back while what warms it stays on: kinds of
+# few time constants begin with so much the wrong way where heat has to pass through other parts.
+MAX_REVERSAL = 0.05
+# Of so many of the slowest time constants a response is as good as settled; instants in between.
+SETTLED, INSTANTS = 8.0, 60
+
+
+def impossible(drives: Sequence[Drive], output: str, responses: Sequence[Response]) -> str:
+    """Why responses are none of a machine; empty where they may be.
+
+    Parameters
+    ----------
+    drives : sequence of Drive
+    output : str
+    responses : sequence of Response
+        One for each drive.
+    """
+    for drive, response in zip(drives, responses, strict=True):
+        slowest = response.slowest()
+        step = response.step(slowest * np.geomspace(SETTLED / 1e4, SETTLED, INSTANTS))
+        gain = float(step[-1])
+        if not is_possible_gain(drive.channel, output, gain):
+            return f"{drive.channel} would move it by {gain:.3g} °C for each °C"
+        heated = is_temperature(output) and is_overdamped([drive.channel], output)
+        if heated and reversal(step) > MAX_REVERSAL:
+            return f"{drive.channel} would warm it and, staying on, cool it"
+    return ""
+
+
+def reversal(step: Float) -> float:
+    """How far a step response goes back, as a share of its largest value.
+
+    The temperature of any part of a body answers a step of heat, or of the temperature around it,
+    monotonically: the maximum principle of the heat equation.
+
+    Parameters
+    ----------
+    step : ndarray, shape (n,)
+    """
+    largest = float(np.max(np.abs(step)))
+    if not largest:
+        return 0.0
+    rising = step * np.sign(step[int(np.argmax(np.abs(step)))])
+    return float(np.max(np.maximum.accumulate(rising) - rising)) / largest
