@@ -1,4 +1,4 @@
-"""A mirror in its dome is never at rest: each log begins on its way between day and night."""
+"""Machines that are never at rest: each log begins on its way between day and night."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import pytest
 from machines.foreign import PLANTS
 from machines.foreign.hide import calibration, hide
 from machines.foreign.plant import as_logged
+from machines.shop import BASE, HEAD, HEAT, ROOM, shop_columns
 
 import thermaltool as tt
 
@@ -33,3 +34,16 @@ def test_a_start_comes_before_what_is_unknown(seed, night):
     assert report.diagnosis.causes == ()
     # How far the zero is off is not told beside decays that are as slow as the log is long.
     assert {each["mean"] for each in report.document()["residuals"].values()} == {None}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "warmer"), [(11, 1.5), (12, -2.5), (13, 0.8)])
+def test_a_machine_that_is_as_a_whole_warmer_than_the_shop_has_nothing_wrong(seed, warmer):
+    known = pd.DataFrame(shop_columns(seed, 2.0))
+    model = tt.calibrate(known, [HEAT, ROOM], sensors=[HEAD, BASE], warn=lambda line: None)
+    log = pd.DataFrame(shop_columns(seed + 100, 3.0, warmer=warmer))
+    report = tt.diagnose(model, log, warn=lambda line: None)
+    assert report.diagnosis.causes == ()
+    assert report.diagnosis.verdict == "adequate"
+    told = " ".join(report.document()["notes"])
+    assert "does not begin at rest" in told

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from thermaltool.diagnosis.simulation import Series, SimulatedLogs
@@ -69,29 +71,33 @@ def beginning(runs: SimulatedLogs, output: str) -> Series:
     runs : SimulatedLogs
     output : str
     """
-    return [start for start, _ in _starts(runs, output)]
+    return [start for start, _ in _beside(runs, output, decays_of(runs, output))]
 
 
-def start_free(runs: SimulatedLogs, output: str) -> Series:
+def start_free(runs: SimulatedLogs, output: str, uniform: bool = False) -> Series:
     """Residual of each log about the start and zero that fit it best; NaN where not measured.
 
     Parameters
     ----------
     runs : SimulatedLogs
     output : str
+    uniform : bool
+        Whether the machine may only begin as a whole warmer than its surroundings.
     """
+    columns = (uniform_starts if uniform else decays_of)(runs, output)
     return [
         residual - start - zero
         for residual, (start, zero) in zip(
-            runs.residual(output), _starts(runs, output), strict=True
+            runs.residual(output), _beside(runs, output, columns), strict=True
         )
     ]
 
 
-def _starts(runs: SimulatedLogs, output: str) -> list[tuple[Float, float]]:
-    """Start and zero of each log by least squares, as `simulate` fits them."""
-    decays, groups = decays_of(runs, output), runs.groups[output]
-    found = []
+def _beside(
+    runs: SimulatedLogs, output: str, decays: Sequence[Series]
+) -> list[tuple[Float, float]]:
+    """Start, a sum of columns, and zero of each log by least squares, as `simulate` fits them."""
+    groups, found = runs.groups[output], []
     for k, (residual, rows) in enumerate(zip(runs.residual(output), groups.rows, strict=True)):
         columns = [np.ones(len(residual)), *(each[k] for each in decays if np.any(each[k]))]
         basis = np.column_stack(columns)

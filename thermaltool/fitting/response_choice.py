@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 
+from thermaltool.fitting.candidate_data import BLOCKS, CandidateData
 from thermaltool.fitting.kind_candidate import (
     MORE_PARAMETERS,
     PLATE,
@@ -25,13 +26,7 @@ from thermaltool.fitting.kind_candidate import (
 )
 from thermaltool.fitting.output_fit import check_records
 from thermaltool.fitting.projection import GridStates, surroundings
-from thermaltool.fitting.response_search import (
-    BLOCKS,
-    FEW_STARTS,
-    CandidateData,
-    FittedKinds,
-    KindSearch,
-)
+from thermaltool.fitting.response_search import FEW_STARTS, FittedKinds, KindSearch
 from thermaltool.fitting.sound_kinds import best_of, criterion, sound_ones, unsound
 from thermaltool.model import Drive
 from thermaltool.record import Record
@@ -60,6 +55,8 @@ SLAB_PARAMETERS = 5
 DECISIVE = 10.0
 # ... and within what all kinds may be true (`Discrepancy.spread`),
 AS_NEAR = 1.0
+# A lag of the surroundings so many times the slowest of any heat is none of the same body.
+SLOWER_THAN_HEAT = 3.0
 # ... and what speaks against a gain of one to the surroundings: an error as large as the noise.
 MIN_AGAINST_EQUILIBRIUM = 1.0
 # A larger error on held-out blocks is sure from so many standard errors: not where one block, the
@@ -131,7 +128,11 @@ def _never_settles(task: KindSearch, found: Sequence[KindCandidate]) -> bool:
     delays = tuple(taken.delays[d] for d in acting)
     bound = task.driven_by([task.drives[d] for d in acting])
     settled, free = (own.fit(kinds, delays) for own in (bound, bound.out_of_equilibrium()))
-    if settled is None or free is None or unsound(free):
+    if settled is None or free is None:
+        return False
+    if _follows_unseen(settled, surroundings(bound.drives, task.output), task.duration):
+        return True
+    if unsound(free):
         return False
     rows = free.independent
     return criterion(settled, rows) - criterion(free, rows) > DECISIVE and all(
@@ -141,6 +142,18 @@ def _never_settles(task: KindSearch, found: Sequence[KindCandidate]) -> bool:
             (settled.held_out, free.held_out),
         )
     )
+
+
+def _follows_unseen(settled: FittedKinds, around: Sequence[int], duration: float) -> bool:
+    """Whether surroundings are followed by a lag alone that no log is long enough to show.
+
+    One body has the same slow lags, whatever moves it.
+    """
+    slowest = [response.slowest() for response in settled.responses]
+    others = [each for d, each in enumerate(slowest) if d not in around]
+    longest = max(slowest[d] for d in around)
+    shown = max([duration, *(SLOWER_THAN_HEAT * each for each in others)])
+    return longest > shown
 
 
 def _compared(

@@ -12,68 +12,24 @@ from numpy.typing import NDArray
 
 from thermaltool.errors import FitError
 from thermaltool.fitting.averaging import known_noise
+from thermaltool.fitting.candidate_data import FOLDS, CandidateData
 from thermaltool.fitting.parametrization import Parametrization
 from thermaltool.fitting.possible import impossible
-from thermaltool.fitting.projection import CalibrationProblem, GridStates, Triangle
+from thermaltool.fitting.projection import CalibrationProblem, GridStates
 from thermaltool.fitting.start_search import COARSE, StartSearch
 from thermaltool.model import Drive
 from thermaltool.record import Record
-from thermaltool.responses import response_class
+from thermaltool.responses import Response, response_class
 from thermaltool.responses.modes import Float
-from thermaltool.signals.detrend import difference_sigma
 from thermaltool.signals.robust import robust_std
 
-# Rows are averaged over groups until no more than so many are left: thermal responses are slower.
-MAX_GROUPS = 1200
-# The records are cut into so many blocks, every fourth of which is held out in turn.
-BLOCKS, FOLDS = 96, 4
 # Starts of each search that are refined. With several drives kinds have many minima, and one that
 # is judged by a wrong one loses to a kind that can do anything; fewer do where delays are compared.
 STARTS, FEW_STARTS = 16, 2
 # Sums over so many blocks say how many rows are independent.
 INDEPENDENT_BLOCKS = 48
-# An error beside that of the best kind counts from this share of a reading's noise: with less of it
-# the whole error is at most an eighth larger, which is not worth a parameter.
-MIN_EXCESS = 0.5
 # Rows whose residual is beyond so many robust deviations of a first fit take no part.
 MAX_DEVIATIONS = 8.0
-
-
-@dataclass(frozen=True)
-class CandidateData:
-    """Records with given delays: rows in groups, and what each fold leaves of them.
-
-    Attributes
-    ----------
-    problem : CalibrationProblem
-        Of means over groups of rows, times the root of their number.
-    whole : Triangle
-    fold : ndarray of int, shape (groups,)
-    size : ndarray, shape (groups,)
-        Number of rows.
-    noise : float [unit of the output]
-        White noise of a reading.
-    """
-
-    problem: CalibrationProblem
-    whole: Triangle
-    fold: NDArray[np.int64]
-    size: Float
-    noise: float
-
-    @cached_property
-    def folds(self) -> tuple[Triangle, ...]:
-        """Without the rows of each fold."""
-        return tuple(self.problem.compress((self.fold != k).astype(float)) for k in range(FOLDS))
-
-    def rms(self, errors: Float) -> float:
-        """Root mean square of means over groups of rows, from errors times root of the number."""
-        return float(np.sqrt(np.average(errors**2 / self.size, weights=self.size)))
-
-    def counts(self, errors: Float, others: Float, least: float = MIN_EXCESS) -> bool:
-        """Whether errors are larger than others by at least so much of the noise of a reading."""
-        excess = self.rms(errors) ** 2 - self.rms(others) ** 2
-        return excess > (least * self.noise) ** 2
 
 
 @dataclass(frozen=True)
@@ -122,12 +78,22 @@ class FittedKinds:
         return np.split(self.theta, np.cumsum(lengths)[:-1])[drive]
 
     @property
+    def gains(self) -> Float:
+        """Gains of all responses, shape (gains,)."""
+        linear = self.search.fitted(self.theta, self.data.whole)[1]
+        return linear[: self.search.parametrization.gains]
+
+    @property
+    def responses(self) -> tuple[Response, ...]:
+        """One for each drive."""
+        return self.search.parametrization.responses(self.theta, self.gains)
+
+    @property
     def weights(self) -> Float:
         """Of every rate of the grid, shape (drives, rates)."""
         own = self.search.parametrization
         unit = own.unit_weights(self.theta, self.data.problem.grid)
-        linear = self.search.fitted(self.theta, self.data.whole)[1]
-        return np.asarray((unit @ linear[: own.gains]).reshape(len(own.classes), -1))
+        return np.asarray((unit @ self.gains).reshape(len(own.classes), -1))
 
     @property
     def size(self) -> float:
@@ -262,7 +228,7 @@ class KindSearch:
                 break
             triangle = problem.compress(keep.astype(float))
             theta = search.refine(theta, triangle)[1]
-        self._data[(0.0,) * len(self.drives)] = _grouped(problem, keep, self._noise)
+        self._data[(0.0,) * len(self.drives)] = CandidateData.grouped(problem, keep, self._noise)
         return np.asarray(keep)
 
     def _assemble(self, delays: tuple[float, ...]) -> CalibrationProblem:
@@ -280,7 +246,7 @@ class KindSearch:
         """
         keep = self._sound
         if delays not in self._data:
-            self._data[delays] = _grouped(self._assemble(delays), keep, self._noise)
+            self._data[delays] = CandidateData.grouped(self._assemble(delays), keep, self._noise)
         return self._data[delays]
 
     def size(self, kinds: Sequence[str], delays: tuple[float, ...], theta: Float) -> float:
@@ -364,29 +330,3 @@ def independent_rows(residual: Float) -> float:
 
 def _silent(message: str) -> None:
     """No word of progress."""
-
-
-def _grouped(
-    problem: CalibrationProblem, keep: NDArray[np.bool_], noise: float | None
-) -> CandidateData:
-    """Means of groups of rows, each times the root of its number, so that noise stays white."""
-    size = -(-int(keep.sum()) // MAX_GROUPS)
-    record = problem.record[keep]
-    place = np.arange(len(record)) - np.searchsorted(record, record)
-    starts = np.flatnonzero(np.diff(record * len(record) + place // size, prepend=-1))
-    root = np.sqrt(np.diff(np.append(starts, len(record))))
-    grouped = replace(
-        problem,
-        design=np.add.reduceat(problem.design[keep], starts) / root[:, None],
-        measured=np.add.reduceat(problem.measured[keep], starts) / root,
-        time=problem.time[keep][starts],
-        record=record[starts],
-    )
-    rows = len(starts)
-    return CandidateData(
-        grouped,
-        grouped.compress(np.ones(rows)),
-        np.arange(rows) * min(BLOCKS, rows) // rows % FOLDS,
-        root**2,
-        difference_sigma(problem.measured[keep]) if noise is None else noise,
-    )

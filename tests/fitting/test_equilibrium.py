@@ -1,0 +1,95 @@
+"""A temperature that takes that of its surroundings in the end, and what may stand against it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from machines.shop import HEAD, HEAT, ROOM, shop_columns
+
+from thermaltool.fitting.calibrate import CalibrationPlan, calibrate
+from thermaltool.fitting.covariance import block_covariance
+from thermaltool.fitting.possible import impossible, reversal
+from thermaltool.model import Drive
+from thermaltool.record import Record
+from thermaltool.report.calibration import calibration_warnings
+from thermaltool.responses import response_class
+
+OUTPUT = HEAD
+PLAN = CalibrationPlan((HEAT, ROOM), (OUTPUT,), choose=True)
+
+
+def log_of(*how, **more):
+    columns = shop_columns(*how, **more)
+    return Record(columns.pop("time_s"), columns, digest=f"{how} {more}")
+
+
+def room_gain(model):
+    return sum(t.response.dc_gain() for t in model.terms if t.drive == ROOM)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_room_that_hardly_moves_is_followed_in_the_end(seed):
+    """Another day is warmer by 4 K: a gain from a room that moved by 0.5 K is no guide."""
+    model = calibrate([log_of(seed, 0.5)], PLAN)
+    assert room_gain(model) == pytest.approx(1.0, abs=0.01)
+    other = log_of(seed + 10, 4.0)
+    left = other.column(OUTPUT) - model.simulate(other)[OUTPUT]
+    assert np.std(left) < 0.08
+    told = calibration_warnings(model)
+    assert f"without heat {OUTPUT} will be as warm as {ROOM}" in " ".join(told)
+
+
+@pytest.mark.slow
+def test_a_floor_that_nobody_logs_is_told_and_followed():
+    model = calibrate([log_of(4, 4.0, floor=6.0)], PLAN)
+    # 6 W/K from the base to the floor beside 5 and, through the head, 1.5 W/K to the room.
+    to_room = 5.0 + 1 / (1 / 5.0 + 1 / 1.5)
+    base = to_room / (to_room + 6.0)
+    truth = (1.5 + 5.0 * base) / 6.5
+    assert room_gain(model) == pytest.approx(truth, abs=0.03)
+    (told,) = [line for line in calibration_warnings(model) if "add up" in line]
+    assert told.startswith(f"{OUTPUT}: its gains to {ROOM} add up to 0.")
+
+
+def test_what_is_known_of_a_sum_is_known_of_its_covariance():
+    rng = np.random.default_rng(5)
+    one = rng.standard_normal(300)
+    J = np.column_stack([one, one + 1e-12 * rng.standard_normal(300)])
+    arguments = J, 0.1 * rng.standard_normal(300), np.zeros(300, int), np.ones(300)
+    known = np.array([[1.0, 0.0]]) / 0.01
+    covariance = block_covariance(*arguments, np.full(2, np.inf), known)
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(0.01, rel=0.2)
+
+
+def test_a_temperature_does_not_go_back_while_it_is_warmed():
+    drive = Drive(HEAT, "zero", 0.0, (0.0, 1.0))
+    kind = response_class("rational2")
+    shape = {"tau1": 5000.0, "tau2": 300.0, "delay": 0.0}
+    back = kind(K1=-0.4, K2=1.0, **shape)
+    assert "staying on, cool it" in impossible([drive], OUTPUT, [back])
+    assert not impossible([drive], "d_z_um", [back])
+    assert not impossible([drive], OUTPUT, [kind(K1=0.4, K2=1.0, **shape)])
+    # What begins a little the wrong way is a short delay, by a kind of few time constants.
+    assert not impossible([drive], OUTPUT, [kind(K1=1.0, K2=-0.1, **shape)])
+    assert reversal(np.array([0.0, 1.0, 0.75])) == pytest.approx(0.25)
+    assert reversal(np.array([0.0, -1.0, -0.75])) == pytest.approx(0.25)
+    assert reversal(np.zeros(3)) == 0.0
+
+
+@pytest.mark.slow
+def test_kinds_that_come_as_near_widen_what_is_known():
+    model = calibrate([log_of(6, 1.0)], PLAN)
+    (output,) = model.outputs
+    spread = np.array(output.fit["discrepancy"]["spread"])
+    lags = output.fit["discrepancy"]["lags"]
+    assert spread.shape[1] == len(lags) and len(spread) > 1
+    # The step responses differ by some noise at the largest heat, not by all that they are.
+    late = np.array([1 - np.exp(-2e4 / tau) if drive == HEAT else 0.0 for drive, tau in lags])
+    size = 120.0 * np.abs(spread @ late)
+    assert 0.001 < np.max(size) < 3.0
+    plain = replace(PLAN, choose=False, kinds={OUTPUT: "rational2"})
+    (given,) = calibrate([log_of(6, 1.0)], plain).outputs
+    assert given.fit["discrepancy"]["spread"] == []
