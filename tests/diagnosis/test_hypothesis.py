@@ -8,6 +8,7 @@ from dataclasses import FrozenInstanceError
 import numpy as np
 import pytest
 
+from thermaltool.diagnosis.evidence import started
 from thermaltool.diagnosis.fit import CandidateProducts, CauseCandidate, evaluate, profile
 from thermaltool.diagnosis.hypothesis import Hypothesis
 from thermaltool.diagnosis.select import fit_candidate
@@ -205,3 +206,33 @@ def test_a_loss_at_its_bound_is_moved_the_other_way() -> None:
     loss = effect_class("switching_loss")(Z, {"rate": 298.0 / on, "on": 0.5, "off": -0.5})
     found = SimulatedLogs(model, (Record(TIME, columns),), {}).span(loss)
     assert {"rate", "on", "off"} <= found.keys()
+
+
+# ---------------------------------------------------------------- starts
+
+
+def test_a_machine_as_a_whole_warmer_than_its_room_is_the_likelier_start() -> None:
+    """0.6 K off in a log: too little for ten decays of any size, and no other cause is asked."""
+    room, spot = "T_room_degC", "T_spot_degC"
+    model = Model(
+        drives=(Drive(HEAT, "zero", 0.0, (0.0, 1.0)), Drive(room, "first", "first", (-2.0, 2.0))),
+        outputs=(Output(spot, "sensor", 20.0, (-5.0, 15.0)),),
+        terms=(Term(HEAT, spot, Rational1(8.0, 700.0)), Term(room, spot, Rational1(1.0, 1500.0))),
+        sample_period=5.0,
+    )
+    columns = {HEAT: LEVELS, room: 20 + 0.3 * np.sin(TIME / 900.0)}
+    truth = model.simulate(Record(TIME, columns, digest="log"))[spot]
+    noise = 0.05 * np.random.default_rng(8).standard_normal(len(TIME))
+    columns[spot] = 20 + truth + 0.6 * np.exp(-TIME / 1500.0) + noise
+    log = Record(TIME, columns, digest="log")
+    found = Hypothesis.of(model, [log], model, WITHIN_CALIBRATION)
+    likely, any_start = started(WITHIN_CALIBRATION)[::-1]
+    assert likely == WITHIN_CALIBRATION | {"uniform"}
+    assert found.evidence_of(likely) > max(10.0, found.evidence_of(any_start) + 5.0)
+    (start,) = found.under(likely, model).beginning(spot)
+    decay = 0.6 * np.exp(-TIME / 1500.0)
+    assert np.allclose(start - start[-1], decay - decay[-1], atol=0.1)
+    # A start of its own needs no other beside it.
+    assert started(likely) == [WITHIN_CALIBRATION | {"initial"}]
+    assert started(any_start) == []
+    assert hypothesis().nuisance[Z].uniform == []

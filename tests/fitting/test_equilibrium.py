@@ -85,7 +85,8 @@ def test_kinds_that_come_as_near_widen_what_is_known():
     (output,) = model.outputs
     spread = np.array(output.fit["discrepancy"]["spread"])
     lags = output.fit["discrepancy"]["lags"]
-    assert spread.shape[1] == len(lags) and len(spread) > 1
+    assert spread.shape[1] == len(lags)
+    assert len(spread) > 1
     # The step responses differ by some noise at the largest heat, not by all that they are.
     late = np.array([1 - np.exp(-2e4 / tau) if drive == HEAT else 0.0 for drive, tau in lags])
     size = 120.0 * np.abs(spread @ late)
