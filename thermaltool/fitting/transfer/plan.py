@@ -61,12 +61,16 @@ class TransferPlan(Plan):
             return ()
         rivals: list[Plan] = []
         if leaves_dynamics(fits):
-            if self.structure.real_poles and all(len(fit.model.names) == 1 for fit in fits):
+            real = self.structure.real_poles
+            if real and all(len(fit.model.names) == 1 for fit in fits):
                 # With more inputs that takes long, and a subspace model has any poles, too.
-                rivals.append(replace(self, structure=replace(self.structure, real_poles=False)))
-            rivals.append(SubspacePlan(
-                initial=self.initial, split=self.split, span=self.span, budget=self.budget
-            ))  # fmt: skip
+                free = replace(self.structure, real_poles=False)
+                rivals.append(replace(self, structure=free, swings=True))
+            shared = SubspacePlan(
+                initial=self.initial, split=self.split, span=self.span, budget=self.budget,
+                real=real,
+            )  # fmt: skip
+            rivals += [shared, *shared.free()]
         models = tuple(fit.model for fit in fits if isinstance(fit.model, TransferModel))
         return [*rivals, *LpvPlan.rivals_of(self, fits, reference, models)]
 
