@@ -98,6 +98,8 @@ def test_zeros_of_several_logs_explain_nothing():
         assert rows.fit_percent == pytest.approx(single[-1], abs=0.01)
     assert fit.validation.least_fit == pytest.approx(min(single), abs=0.01)
     assert found.predicts == (min(single) > 0)
+    # Beside a fit below 0 % no improvement is told.
+    assert ("improvement" in found.table()) == found.predicts
 
 
 @pytest.mark.slow

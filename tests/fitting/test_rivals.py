@@ -13,6 +13,7 @@ from thermaltool.errors import DataError, FitError
 from thermaltool.fitting.data import even_training_data
 from thermaltool.fitting.identification import identify, identify_first
 from thermaltool.fitting.rivals import HeldFit, Separate, held_fit
+from thermaltool.fitting.subspace.identify import identify_subspace
 from thermaltool.fitting.subspace.model import SubspaceOutput
 from thermaltool.fitting.subspace.plan import SubspacePlan
 from thermaltool.fitting.transfer.registry import structure_of
@@ -46,7 +47,61 @@ def record_of(u, y, output="dT_a_K"):
     (0.2, (60.0, 70.0), False),
 ])  # fmt: skip
 def test_another_structure_has_to_be_decisively_better_and_give_up_no_output(level, fits, taken):
-    assert HeldFit(level, fits).beats(HeldFit(0.0, (50.0, 65.0))) is taken
+    assert HeldFit(level, fits, (level,)).beats(HeldFit(0.0, (50.0, 65.0), (0.0,))) is taken
+
+
+@pytest.mark.parametrize(("blocks", "agree"), [
+    ((-0.3, -0.2, -0.5, -1.4), True),  # every block gains
+    ((-2.0, -1.8, -2.4, 0.05), True),  # the last one stands still
+    ((-2.0, 0.3, 0.1, 0.1), False),
+    ((-0.9,), False),
+    ((-1.5,), True),
+])  # fmt: skip
+def test_where_heat_acts_the_blocks_have_to_agree_on_pairs(blocks, agree):
+    level = float(np.mean(blocks))
+    pairs, real = HeldFit(level, (60.0,), blocks), HeldFit(0.0, (50.0,), (0.0,) * len(blocks))
+    assert pairs.beats(real)
+    assert pairs.beats(real, everywhere=True) is agree
+
+
+def heated_chain(seed, rows=400):
+    """Twelve bodies in a row, one heated, and three of their temperatures."""
+    rng = np.random.default_rng(seed)
+    conducts, mass = rng.uniform(0.3, 1.5, 11), rng.uniform(20, 80, 12)
+    A = np.diag(conducts, 1) + np.diag(conducts, -1)
+    A -= np.diag(A.sum(axis=1) + rng.uniform(0, 0.08, 12))
+    F = np.linalg.inv(np.eye(12) - A / mass[:, None])
+    u = np.repeat(rng.choice([0.0, 50.0, 100.0], rows // 20), 20)
+    u[:20] = 0.0
+    x, seen = np.zeros(12), np.empty((3, rows))
+    for k in range(rows):
+        seen[:, k] = x[[1, 5, 9]]
+        x = F @ (x + np.eye(12)[2] * u[k] / mass)
+    noise = 0.02 * seen.std(axis=1, keepdims=True) * rng.standard_normal(seen.shape)
+    names = ["dT_a_K", "dT_b_K", "dT_c_K"]
+    return Record(
+        np.arange(float(rows)), {"Q_a_W": u, **dict(zip(names, seen + noise, strict=True))}
+    ), names
+
+
+@pytest.mark.slow
+def test_bodies_that_conduct_heat_do_not_swing():
+    swings = []
+    for seed in range(4):
+        record, names = heated_chain(seed)
+        model = tt.identify(record, ["Q_a_W"], names, warn=quiet).fits[0].model
+        swings.append(any(section.is_pair for section in getattr(model, "sections", ())))
+    assert not any(swings), swings
+
+
+def test_a_search_over_real_poles_ends_at_real_ones_also_where_the_data_swing():
+    u, _, y = swinging()
+    data = even_training_data([record_of(u, y)], ["Q_a_W"], ["dT_a_K"]).from_rest()
+    assert np.any(identify_subspace(data, 2).outputs[0].poles.imag)
+    for order in (2, 3):
+        poles = identify_subspace(data, order, real=True).outputs[0].poles
+        assert not np.any(poles.imag)
+        assert np.all(poles.real < 0)
 
 
 def test_blocks_held_out_tell_a_pair_from_real_poles():

@@ -9,7 +9,7 @@ import pytest
 
 from thermaltool.logs import Log
 from thermaltool.logs.clock import segments
-from thermaltool.logs.inspect import Finding, inspect
+from thermaltool.logs.inspect import Finding, inspect, jump
 
 ROWS = 1000
 
@@ -133,3 +133,26 @@ def test_many_findings_of_one_kind_are_counted(log: Log) -> None:
 def test_no_rows() -> None:
     empty = Log(np.empty(0), {"T_a_degC": np.empty(0)}, name="log.csv")
     assert only(empty).kind == "empty"
+
+
+@pytest.mark.parametrize("size", [273.15, -5.0])
+def test_a_gauge_that_was_set_to_zero_or_changed_its_unit_jumps(log, size):
+    values = log.columns["T_a_degC"] + size * (np.arange(ROWS) >= 300)
+    found = jump(replace(log, columns={**log.columns, "T_a_degC": values}), "T_a_degC",
+                 ["Q_main_W"])  # fmt: skip
+    assert found is not None
+    assert found.line == log.lines[300]
+    assert f"jumps by {size:.2g}"[:10] in found.message
+
+
+def test_what_a_drive_moves_is_no_jump(log):
+    assert jump(log, "T_a_degC", ["Q_main_W"]) is None
+    # A spike goes back; and an output may follow at once, or after a dead time, what switches once.
+    assert jump(with_values(log, 300, 90.0), "T_a_degC", ["Q_main_W"]) is None
+    for late in (0, 7):
+        heat = np.roll(log.columns["Q_main_W"], late)
+        heat[:late] = 280.0
+        follows = 0.1 * heat + np.random.default_rng(2).normal(0, 0.02, ROWS)
+        direct = replace(log, columns={**log.columns, "T_a_degC": follows})
+        assert jump(direct, "T_a_degC", []) is not None
+        assert jump(direct, "T_a_degC", ["Q_main_W"]) is None

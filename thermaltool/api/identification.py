@@ -237,6 +237,7 @@ def identify(
     from thermaltool.fitting.excitation import constant_channels
     from thermaltool.fitting.identification import identify_first
     from thermaltool.fitting.search_budget import SearchBudget
+    from thermaltool.report.text import jump_messages
 
     inputs, outputs = names(inputs), names(outputs)
     check_arguments(inputs, outputs, structure=structure, reduce=reduce, orders=orders, modes=modes,
@@ -252,6 +253,8 @@ def identify(
                            whole=True, pauses="the record is parted there", warn=warn,
                            **reading)  # fmt: skip
         as_read.append(log)
+        for message in jump_messages(log.between(start, stop), outputs, inputs):
+            warn(message)
         if structure != NETWORK:
             log = without_bursts(log, warn)
         part = log.between(start, stop)

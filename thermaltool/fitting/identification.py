@@ -20,7 +20,7 @@ from thermaltool.fitting.fit import ChosenOver, Fit
 from thermaltool.fitting.linearity import linearity_test
 from thermaltool.fitting.output_model import ContinuousTerm, OutputModel
 from thermaltool.fitting.residuals import residual_tests
-from thermaltool.fitting.rivals import HeldFit, held_fit
+from thermaltool.fitting.rivals import HeldFit, held_fit, joined_fits
 from thermaltool.fitting.search_budget import SearchBudget
 from thermaltool.fitting.selection import Candidate, Ranked
 from thermaltool.fitting.start_state import Initial
@@ -46,6 +46,8 @@ class Plan(ABC):
         The stretch of every log that is fitted and judged; its other rows drive what is simulated.
     budget : SearchBudget
         How long the search for orders and modes may take.
+    swings : bool
+        Whether it admits oscillations where heat alone acts: blocks held out have to agree.
     """
 
     joint: ClassVar[bool] = False
@@ -54,6 +56,7 @@ class Plan(ABC):
     split: float | None = None
     span: Span = (None, None)
     budget: SearchBudget = field(default_factory=SearchBudget)
+    swings: bool = False
 
     @property
     def label(self) -> str:
@@ -142,13 +145,14 @@ def identify(
     """
     between = _between_rows(logs, inputs, outputs, plan)
     as_read = as_read or (*logs, *fresh)
-    best = first = _planned(logs, inputs, outputs, plan, fresh, reference, as_read, between)
+    first = _planned(logs, inputs, outputs, plan, fresh, reference, as_read, between)
+    best = first = first.with_linearity()
     for rival in plan.beyond(first.fits, reference):
         if plan.budget.is_over:
             break
         try:
             other = _planned(logs, inputs, outputs, rival, fresh, reference, as_read, between)
-            if other.held.beats(best.held):
+            if other.held.beats(best.held, rival.swings and not best.plan.swings):
                 best = other
         except FitError:
             continue
@@ -158,6 +162,7 @@ def identify(
             break
     if best is first:
         return first.fits
+    best = best.with_linearity()
     pairs = zip(best.held.fit_percent, first.held.fit_percent, strict=True)
     chosen = [ChosenOver(best.plan.label, own, plan.label, other) for own, other in pairs]
     # What was said of the linear models is why there are others.
@@ -218,12 +223,18 @@ class _Planned:
     fits: tuple[Fit, ...]
     sets: tuple[tuple[TrainingData, tuple[OutputModel, ...]], ...]
 
+    def with_linearity(self) -> _Planned:
+        """The fits with tests of linearity, where the models are linear."""
+        return replace(self, fits=tuple(
+            replace(fit, linearity=linearity_test(fit.model, fit.data))
+            if fit.model.is_linear else fit for fit in self.fits
+        ))  # fmt: skip
+
     @cached_property
     def held(self) -> HeldFit:
         """How the plan's choice does on blocks held out; FitError where nothing carries it."""
         each = [held_fit(data, partial(self.plan.refitted, models)) for data, models in self.sets]
-        level = sum(own.level * len(own.fit_percent) for own in each) / len(self.fits)
-        return HeldFit(level, tuple(value for own in each for value in own.fit_percent))
+        return joined_fits(each)
 
 
 def _between_rows(
@@ -302,8 +313,7 @@ def _judged(
         own = data.only(k).driven_by(model.names)
         fit = Fit(
             model, tuple(_term(model, i) for i in range(len(model.names))), model.fit(own), own,
-            residual_tests(model, own), linearity_test(model, own) if model.is_linear else None,
-            None, candidates,
+            residual_tests(model, own), None, None, candidates,
         )  # fmt: skip
         whole = _document(fit, reference)
         if split is not None:

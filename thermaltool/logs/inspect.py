@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +13,15 @@ from thermaltool.logs.faults import MEASURED, Fault, find_faults, runs_of, spike
 from thermaltool.logs.log import Log
 from thermaltool.logs.table import MAX_LISTED
 from thermaltool.record import Array, ChannelSummary
+from thermaltool.units import parse_channel, symbol
 
 # Steps may differ by this share of the period before the clock counts as uneven.
 MAX_JITTER_SHARE = 0.1
 # Equal values in a row that are no chance, where noise moves the last digit at every sample.
 MIN_FROZEN_ROWS = 20
+# A step is a jump where it is so many times the next largest; rows on either side in which a drive
+# may have made it.
+LONE_STEP, NEAR_ROWS = 20.0, 3
 
 
 @dataclass(frozen=True)
@@ -168,6 +172,51 @@ def standstill(log: Log, name: str) -> Iterator[Finding]:
         kind, what = ("saturated", "at a rail") if rail else ("frozen", "frozen")
         message = f"{what}: {value:g} for {runs[k]} rows"
         yield Finding(kind, message, int(lines[starts[k]]), name)
+
+
+def jump(log: Log, name: str, drives: Sequence[str]) -> Finding | None:
+    """A step of a channel between two rows that dwarfs all others, while no drive moves so.
+
+    A gauge that was set to zero again, or another unit from there on. Where a drive has such a step
+    before it, or a large one next to it, the channel may follow that.
+
+    Parameters
+    ----------
+    log : Log
+    name : str
+    drives : sequence of str
+    """
+    rows = np.flatnonzero(np.isfinite(log.columns[name]))
+    steps = np.diff(log.columns[name][rows])
+    if len(steps) < MIN_FROZEN_ROWS:
+        return None
+    k = _lone_step(steps)
+    if k is None or not _second(steps) or np.diff(log.time[rows])[k] > BURST_PERIODS * log.period:
+        return None
+    near = slice(max(rows[k] - NEAR_ROWS, 0), rows[k + 1] + NEAR_ROWS)
+    for drive in drives:
+        moved = np.abs(np.nan_to_num(np.diff(log.columns[drive])))
+        lone = _lone_step(moved)
+        late = lone is not None and lone <= rows[k]
+        if late or 2 * np.max(moved[near]) >= np.max(moved) > 0:
+            return None
+    size = f"{steps[k]:.4g} {symbol(parse_channel(name).unit)}".strip()
+    times = f"{abs(steps[k]) / _second(steps):.0f} times the next largest step"
+    return Finding(
+        "jump", f"jumps by {size} in one row, {times}", int(log.lines[rows[k + 1]]), name
+    )
+
+
+def _lone_step(steps: Array) -> int | None:
+    """Where the largest step dwarfs the next largest one."""
+    if len(steps) < 2:
+        return None
+    k = int(np.argmax(np.abs(steps)))
+    return k if abs(steps[k]) > LONE_STEP * _second(steps) else None
+
+
+def _second(steps: Array) -> float:
+    return float(np.partition(np.abs(steps), -2)[-2])
 
 
 def _fault(log: Log, fault: Fault) -> Finding:

@@ -151,7 +151,7 @@ def agreement_rows(fits: Sequence[Fit]) -> list[list[str]]:
             held = [
                 f"{v.carried_on.fit_percent:.2f}",
                 f"{v.estimated_state.fit_percent:.2f}",
-                f"{v.improvement:.1f}",
+                f"{v.improvement:.1f}" if v.predicts else "-",
             ]
         rows.append([fit.model.target, f"{fit.training.fit_percent:.2f}", *held,
                      residuals_line(fit.tests)])  # fmt: skip

@@ -151,6 +151,23 @@ def stuck_messages(log: Log, channels: Iterable[str]) -> Iterator[str]:
                        "stuck? These rows count")  # fmt: skip
 
 
+def jump_messages(log: Log, outputs: Iterable[str], drives: Sequence[str]) -> Iterator[str]:
+    """Where an output jumps and no drive does.
+
+    Parameters
+    ----------
+    log : Log
+    outputs : iterable of str
+    drives : sequence of str
+    """
+    from thermaltool.logs.inspect import jump
+
+    for name in outputs:
+        if (found := jump(log, name, drives)) is not None:
+            yield (f"{log.name}:{found.line}: {name}: {found.message}: a gauge set to zero, "
+                   "or another unit? Take the rows on one side (--start, --stop)")  # fmt: skip
+
+
 def period_messages(log: Log, model: Model) -> Iterator[str]:
     """Where a log has another sample period than its estimator was designed for."""
     designed = (model.design or {}).get("sample_period_s")

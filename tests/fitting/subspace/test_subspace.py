@@ -19,7 +19,8 @@ from thermaltool.fitting.subspace.plan import SubspacePlan
 from thermaltool.fitting.subspace.problem import SubspaceProblem
 from thermaltool.fitting.subspace.realization import realizations
 from thermaltool.fitting.subspace.search import bounded
-from thermaltool.fitting.subspace.sections import all_poles, moved, of_poles
+from thermaltool.fitting.subspace.sections import PoleSection, all_poles, moved, of_poles
+from thermaltool.fitting.subspace.term import response_slopes, response_values
 from thermaltool.record import Record
 from thermaltool.signals.gauss_newton import solve
 
@@ -151,6 +152,16 @@ def test_slopes_are_those_of_the_criterion():
         step = 1e-5 * np.eye(5)[k]
         up, down = (problem.project(moved(sections, s)).criterion for s in (step, -step))
         assert gradient[k] == pytest.approx((up - down) / 2e-5, rel=1e-5, abs=1e-4)
+
+
+@pytest.mark.parametrize("zeta", [1 - 1e-7, 1.0, 1 + 1e-7, 1 + 1e-3])
+def test_a_double_pole_has_derivatives(zeta):
+    section = PoleSection((np.log(0.1), np.log(zeta)))
+    weights = np.array([1.0, 0.2])
+    names = tuple(response_values([section], weights, None, 1.0))
+    slopes = response_slopes([section], weights, None, 1.0, names)
+    assert slopes.shape == (4, 4)
+    assert np.all(np.isfinite(slopes))
 
 
 def test_a_section_goes_from_a_pair_to_real_poles():

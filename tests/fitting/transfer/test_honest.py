@@ -7,9 +7,11 @@ import pytest
 from reference.training import fitted, training
 from scipy.signal import lfilter
 
+from thermaltool.errors import FitError
 from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.continuous import ContinuousOeStructure
 from thermaltool.fitting.transfer.oe import OeStructure
+from thermaltool.fitting.transfer.plan import writable
 from thermaltool.fitting.transfer.registry import structure_of
 from thermaltool.signals.gauss_newton import inverse_of
 
@@ -130,6 +132,21 @@ def test_real_poles_of_more_do_at_least_as_well(seed):
               for nf in (1, 2, 3)]  # fmt: skip
     assert losses[1] < 1.01 * losses[0]
     assert losses[2] < 1.01 * losses[1]
+
+
+def test_a_lag_faster_than_any_row_tells_is_not_chosen():
+    """One step into one lag: a second pole goes to the fast end of the search."""
+    rng, n = np.random.default_rng(11), 500
+    u = np.where(np.arange(n) < 60, 0.0, 500.0)
+    y = lags(u, [(0.05, 250.0)]) + 0.02 * rng.standard_normal(n)
+    data = training((u, y)).from_rest()
+    structure = structure_of("oe", real=True)
+    one, two = (structure.orders((1,), nf, (1,)) for nf in (1, 2))
+    assert -1 / np.log(np.abs(np.roots(structure.fit(data, two).F[0]))).min() < 0.11
+    assert writable(structure, data, two).orders == two
+    with pytest.raises(FitError, match="a lag that nothing tells"):
+        writable(structure, data, two, lasting=True)
+    assert writable(structure, data, one, lasting=True).orders == one
 
 
 def test_what_the_data_leave_open_is_not_told_as_sure():

@@ -32,6 +32,8 @@ def choose_order(
     data: TrainingData,
     orders: Sequence[int] = range(1, MAX_POLES + 1),
     budget: SearchBudget | None = None,
+    real: bool = False,
+    combinations: bool = True,
 ) -> tuple[Candidate[Subspace], ...]:
     """Numbers of poles, with feedthrough and without, by what they predict of rows held out.
 
@@ -41,6 +43,10 @@ def choose_order(
     orders : sequence of int
         That are tried, rising.
     budget : SearchBudget, optional
+    real : bool
+        Real poles alone.
+    combinations : bool
+        Whether poles that each take one combination of the inputs, always real, are tried.
 
     Raises
     ------
@@ -50,6 +56,7 @@ def choose_order(
     data.check()
     split = data.split(FITTED_SHARE)
     found = realizations(split.fitted, max(orders))
+    taken = combinations and takes_combinations(data)
 
     def candidates() -> Iterator[Subspace]:
         problem: FitError | None = None
@@ -60,7 +67,7 @@ def choose_order(
             for order in orders:
                 try:
                     model = identify_subspace(
-                        split.fitted, order, direct, beside, found, judged=False
+                        split.fitted, order, direct, beside, found, judged=False, real=real
                     )
                 except FitError as error:
                     problem = problem or error
@@ -73,7 +80,7 @@ def choose_order(
                 if since >= PATIENCE:
                     break
         best, since = np.inf, 0
-        for model in grown(split.fitted, max(orders)) if takes_combinations(data) else ():
+        for model in grown(split.fitted, max(orders)) if taken else ():
             level = held_out_level(model, split)
             best, since = (level, 0) if level < best else (best, since + 1)
             if model.order in orders:
@@ -84,10 +91,39 @@ def choose_order(
         if not any_fits and problem is not None:
             raise problem
 
-    def fit(each: Subspace, part: TrainingData) -> _ByPoles:
-        return _ByPoles(each if part is split.fitted else fitted_as(part, each, judged=False))
+    return _ranked(candidates(), split, budget, real)
 
-    ranked = rank(candidates(), fit, split, "no number of modes fits", budget)
+
+def again(
+    data: TrainingData, models: Sequence[Subspace], budget: SearchBudget | None, real: bool
+) -> tuple[Candidate[Subspace], ...]:
+    """Models of some structures, refitted to other data and ranked by them.
+
+    Parameters
+    ----------
+    data : TrainingData
+    models : sequence of Subspace
+    budget, real
+        As for `choose_order`.
+
+    Raises
+    ------
+    FitError
+        None fits.
+    """
+    split = data.split(FITTED_SHARE)
+    each = (fitted_as(split.fitted, model, judged=False, real=real) for model in models)
+    return _ranked(each, split, budget, real)
+
+
+def _ranked(
+    candidates: Iterator[Subspace], split: Split, budget: SearchBudget | None, real: bool
+) -> tuple[Candidate[Subspace], ...]:
+    def fit(each: Subspace, part: TrainingData) -> _ByPoles:
+        own = each if part is split.fitted else fitted_as(part, each, judged=False, real=real)
+        return _ByPoles(own)
+
+    ranked = rank(candidates, fit, split, "no number of modes fits", budget)
     return tuple(Candidate(c.model.model, c.fit_percent, c.score) for c in ranked)
 
 

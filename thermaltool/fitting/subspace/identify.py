@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -37,6 +38,7 @@ def identify_subspace(
     beside: Sequence[tuple[PoleSection, ...]] = (),
     found: Sequence[Realization] | None = None,
     judged: bool = True,
+    real: bool = False,
 ) -> Subspace:
     """Poles that all outputs share, and the weights of each.
 
@@ -54,13 +56,15 @@ def identify_subspace(
         Of these data, where they are there already.
     judged : bool
         Whether covariances are wanted; else they are zero, and the search ends sooner.
+    real : bool
+        Real poles alone.
 
     Raises
     ------
     FitError
         Data that carry no transfer function (`TrainingData.check`), more poles than the data carry.
     """
-    problem = problem_of(data, order, direct)
+    problem = replace(problem_of(data, order, direct), real=real)
     known = realizations(data, order) if found is None else found
     tolerance = LIKELIHOOD_TOLERANCE if judged else ROUGH_TOLERANCE
     return _model(problem, search(problem, known, order, beside, tolerance), judged)

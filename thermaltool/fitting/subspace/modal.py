@@ -79,12 +79,14 @@ def identify_modal(data: TrainingData, known: Subspace, judged: bool = True) -> 
     return _model(_refined(problem, start, tolerance), judged)
 
 
-def fitted_as(data: TrainingData, known: Subspace, judged: bool = True) -> Subspace:
+def fitted_as(
+    data: TrainingData, known: Subspace, judged: bool = True, real: bool = False
+) -> Subspace:
     """A model of the same structure, from the same poles, fitted to given data.
 
     Parameters
     ----------
-    data, known, judged
+    data, known, judged, real
         As for `identify_modal` and `identify_subspace`, which `known` comes from.
 
     Raises
@@ -94,7 +96,9 @@ def fitted_as(data: TrainingData, known: Subspace, judged: bool = True) -> Subsp
     """
     if known.participations is not None:
         return identify_modal(data, known, judged)
-    return identify_subspace(data, known.order, known.has_direct, [known.sections], judged=judged)
+    return identify_subspace(
+        data, known.order, known.has_direct, [known.sections], judged=judged, real=real
+    )
 
 
 def _problem(data: TrainingData, order: int) -> ModalProblem:

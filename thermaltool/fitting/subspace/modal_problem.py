@@ -19,7 +19,7 @@ from scipy.linalg import cho_factor, solve_triangular
 from thermaltool.fitting.data import Array, TrainingData
 from thermaltool.fitting.joint import MIN_LOSS, ProjectedOutput, Sensitivities, criterion
 from thermaltool.fitting.subspace.problem import LOG_DIFFERENCE, SubspaceProblem
-from thermaltool.fitting.subspace.sections import PoleSection
+from thermaltool.fitting.subspace.sections import PoleSection, responses
 from thermaltool.signals.gauss_newton import solve
 
 # Share of the diagonal that a singular matrix of the signals of a pole to come is lifted by.
@@ -203,6 +203,22 @@ class ModalProblem:
         found[: len(rates) * len(self.scales)] /= np.tile(self.scales, len(rates))[:, None]
         return found
 
+    def _slopes(self, j: int, start: ModalStart) -> Array:
+        """Slopes of every pole's response to its combination of the inputs, shape (N, rows)."""
+        driven = self.problem.driven[j] / self.scales[:, None]
+        holds, stride = self.data.holds, self.problem.stride
+        found = np.zeros((len(start.rates), -(-driven.shape[1] // stride)))
+        for hold in set(holds):
+            alike = [own == hold for own in holds]
+            mixed = start.participations[:, alike] @ driven[alike]
+            for k, (rate, drive) in enumerate(zip(start.rates, mixed, strict=True)):
+                faster, slower = (
+                    responses(PoleSection((float(rate + sign),)), drive[None], (hold,))
+                    for sign in (LOG_DIFFERENCE, -LOG_DIFFERENCE)
+                )
+                found[k] += (faster - slower)[0, ::stride] / (2 * LOG_DIFFERENCE)
+        return found
+
     def _free(self, j: int, rates: Array) -> Array:
         if not len(rates):
             return np.zeros((0, -(-len(self.data.records[j]) // self.problem.stride)))
@@ -225,14 +241,11 @@ class ModalProblem:
         if further is not None:
             parts = [self._responses(j, np.append(start.rates, further)), y]
         else:
-            both = [(self._responses(j, start.rates + sign), self._free(j, start.rates + sign))
-                    for sign in (LOG_DIFFERENCE, -LOG_DIFFERENCE)]  # fmt: skip
-            slope, of_start = ((a - b) / (2 * LOG_DIFFERENCE)
-                               for a, b in zip(*both, strict=True))  # fmt: skip
-            turned = slope[: n * m].reshape(n, m, y.shape[1])
-            slope = np.einsum("nm,nmr->nr", start.participations, turned)
+            faster, slower = (self._free(j, start.rates + sign * LOG_DIFFERENCE)
+                              for sign in (1, -1))  # fmt: skip
+            of_start = (faster - slower) / (2 * LOG_DIFFERENCE)
             own = self._responses(j, start.rates)
-            parts = [own[: n * m], slope, own[-e:], of_start, y]
+            parts = [own[: n * m], self._slopes(j, start), own[-e:], of_start, y]
         values = np.vstack(parts)
         taken = np.zeros((len(values), len(free)))
         if len(free):

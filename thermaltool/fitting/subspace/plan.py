@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import ClassVar
 
@@ -15,14 +16,17 @@ from thermaltool.fitting.fit import Fit
 from thermaltool.fitting.identification import Plan
 from thermaltool.fitting.lpv.plan import LpvPlan
 from thermaltool.fitting.output_model import OutputModel
-from thermaltool.fitting.rivals import MIN_GAIN
+from thermaltool.fitting.rivals import leaves_dynamics
 from thermaltool.fitting.selection import Candidate, first_that_fits
-from thermaltool.fitting.start_state import with_start
-from thermaltool.fitting.subspace.choose import choose_order, start_errors
+from thermaltool.fitting.start_state import Initial, with_start
+from thermaltool.fitting.subspace.choose import again, choose_order, start_errors
 from thermaltool.fitting.subspace.modal import fitted_as
 from thermaltool.fitting.subspace.model import Subspace, SubspaceOutput
 from thermaltool.record import Record
 from thermaltool.units import Reference
+
+# Structures with a free start that are tried from rest before all of them are.
+MAX_REFITTED = 3
 
 Choices = tuple[Candidate[Subspace], ...]
 
@@ -38,8 +42,7 @@ class SubspacePlan(Plan):
     linear : bool
         Whether this is wanted, even where others may predict better.
     real : bool
-        Whether orders with real poles are taken unless pairs are decisively better: heat never
-        swings.
+        Real poles alone: heat never swings.
     """
 
     joint: ClassVar[bool] = True
@@ -66,20 +69,23 @@ class SubspacePlan(Plan):
         data = with_start(data, self.initial, start_errors)
         if self.initial != "auto" or all(record.at_rest for record in data.records):
             return data
-        scores = []
-        for each in (data, data.from_rest()):
-            try:
-                found = self._candidates(each)
-            except FitError:
-                scores.append(np.inf)
-                continue
-            if scores and self.budget.is_over:
-                return data  # what the user has ended is not compared
-            self._known[_starts(each)] = found
-            scores.append(found[0].score)
-            if self.budget.is_over:
+        rest, score = data.from_rest(), np.inf
+        with contextlib.suppress(FitError):
+            found = self._known[_starts(data)] = self._candidates(data)
+            score = found[0].score
+            best = [candidate.model for candidate in found[:MAX_REFITTED]]
+            if (
+                self.budget.is_over
+                or not again(rest, best, self.budget, self.real)[0].score < score
+            ):
                 return data
-        return data.from_rest() if scores[1] < scores[0] else data
+        with contextlib.suppress(FitError):
+            found = self._candidates(rest)
+            # What the user has ended is not compared.
+            if not self.budget.is_over and found[0].score < score:
+                self._known[_starts(rest)] = found
+                return rest
+        return data
 
     def fit(
         self, data: TrainingData
@@ -88,28 +94,34 @@ class SubspacePlan(Plan):
         self._known.clear()
         model = first_that_fits(
             (candidate.model for candidate in candidates),
-            partial(fitted_as, data),
+            partial(fitted_as, data, real=self.real),
         )
         return model.outputs, candidates
 
     def _candidates(self, data: TrainingData) -> Choices:
         wanted = {} if self.modes is None else {"orders": [self.modes]}
-        found = choose_order(data, budget=self.budget, **wanted)
-        if not self.real:
-            return found
-        overdamped = [c for c in found if c.score <= found[0].score + MIN_GAIN and _is_real(c)]
-        return (*overdamped, *(c for c in found if all(c is not own for own in overdamped)))
+        return choose_order(data, budget=self.budget, real=self.real,
+                            combinations=not self.swings, **wanted)  # fmt: skip
+
+    def free(self) -> list[SubspacePlan]:
+        """With pairs, where these have real poles."""
+        return [replace(self, real=False, swings=True, _known={})] if self.real else []
 
     def beyond(self, fits: Sequence[Fit], reference: Reference | None) -> Sequence[Plan]:
-        return () if self.linear else LpvPlan.rivals_of(self, fits, reference)
+        if self.linear:
+            return ()
+        # The start of these fits is as good for others.
+        starts = {record.at_rest for record in fits[0].data.records}
+        known: dict[frozenset[bool], Initial] = {
+            frozenset([True]): "rest", frozenset([False]): "free"
+        }  # fmt: skip
+        initial = known.get(frozenset(starts), self.initial)
+        free = replace(self, initial=initial).free() if leaves_dynamics(fits) else []
+        return [*free, *LpvPlan.rivals_of(self, fits, reference)]
 
     def refitted(self, models: Sequence[OutputModel], data: TrainingData) -> Subspace:
         known = next(model for model in models if isinstance(model, SubspaceOutput))
-        return fitted_as(data, Subspace((known,), known.criteria), judged=False)
-
-
-def _is_real(candidate: Candidate[Subspace]) -> bool:
-    return not np.any(candidate.model.outputs[0].poles.imag)
+        return fitted_as(data, Subspace((known,), known.criteria), judged=False, real=self.real)
 
 
 def _starts(data: TrainingData) -> tuple[bool, ...]:

@@ -73,11 +73,14 @@ class SubspaceProblem:
         Whether the outputs follow the inputs of the same row.
     stride : int
         Every so many rows count; the sections are followed over all.
+    real : bool
+        Whether the search keeps to real poles.
     """
 
     data: TrainingData
     direct: bool = False
     stride: int = 1
+    real: bool = False
 
     @cached_property
     def centres(self) -> Array:

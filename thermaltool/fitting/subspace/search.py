@@ -21,6 +21,8 @@ FASTEST_PERIODS, LONGEST_IN_RECORDS = 0.1, 10.0
 # Largest natural frequency of a pair [rad/sample period], what is faster is an alias; and its least
 # damping.
 MAX_FREQUENCY, MIN_DAMPING_RATIO = 3.0, 1e-4
+# Damping from which the two poles of a section are real and apart, the ratio of them 1.5.
+MIN_REAL_DAMPING = 1.021
 # A step that raises the logarithm of the likelihood by no more is the last one, of a candidate or a
 # start the second; the largest step of a logarithm; linearizations.
 LIKELIHOOD_TOLERANCE, ROUGH_TOLERANCE, MAX_STEP, MAX_ITERATIONS = 1e-4, 0.05, 1.0, 40
@@ -45,7 +47,9 @@ class SubspaceSearchResult:
     converged: bool
 
 
-def bounded(sections: Iterable[PoleSection], longest: int) -> tuple[PoleSection, ...]:
+def bounded(
+    sections: Iterable[PoleSection], longest: int, real: bool = False
+) -> tuple[PoleSection, ...]:
     """Sections within the range of the search.
 
     Parameters
@@ -53,7 +57,10 @@ def bounded(sections: Iterable[PoleSection], longest: int) -> tuple[PoleSection,
     sections : iterable of PoleSection
     longest : int
         Rows of the longest record.
+    real : bool
+        Without pairs.
     """
+    least = np.log(MIN_REAL_DAMPING if real else MIN_DAMPING_RATIO)
     slow, fast = -np.log(LONGEST_IN_RECORDS * longest), -np.log(FASTEST_PERIODS)
     found = []
     for section in sections:
@@ -61,12 +68,12 @@ def bounded(sections: Iterable[PoleSection], longest: int) -> tuple[PoleSection,
             found.append(PoleSection((float(np.clip(section.theta[0], slow, fast)),)))
             continue
         omega = float(np.clip(section.theta[0], slow, fast))
-        zeta = max(section.theta[1], np.log(MIN_DAMPING_RATIO))
+        zeta = max(section.theta[1], least)
         if zeta < 0:
             omega = min(omega, np.log(MAX_FREQUENCY))
         # The slower real pole is about ω/2ζ, the faster 2ζω.
         most = max(min(omega - slow, fast - omega), 0.0) - np.log(2)
-        found.append(PoleSection((omega, float(min(zeta, max(most, 0.0))))))
+        found.append(PoleSection((omega, float(min(zeta, max(most, least, 0.0))))))
     return tuple(found)
 
 
@@ -96,10 +103,10 @@ def refine(
 
     def stepped(here: SubspacePoint, step: Array) -> SubspacePoint:
         there = moved(here.sections, np.clip(step, -MAX_STEP, MAX_STEP))
-        return problem.project(bounded(there, longest))
+        return problem.project(bounded(there, longest, problem.real))
 
     end = minimize(
-        problem.project(bounded(sections, longest)),
+        problem.project(bounded(sections, longest, problem.real)),
         lambda here: 2 * here.criterion,
         normal_equations,
         stepped,
@@ -159,5 +166,6 @@ def _with_one_more(poles: Complex, problem: SubspaceProblem) -> list[Complex]:
 
 def _ranked(problem: SubspaceProblem, starts: Sequence[Complex]) -> list[tuple[PoleSection, ...]]:
     """Sections of the starts, those of largest likelihood first."""
-    each = [bounded(of_poles(poles), problem.data.longest) for poles in starts]
+    longest = problem.data.longest
+    each = [bounded(of_poles(poles), longest, problem.real) for poles in starts]
     return sorted(each, key=lambda sections: problem.project(sections).criterion)

@@ -22,6 +22,8 @@ Complex = NDArray[np.complex128]
 
 # Poles are kept apart by this share of their size: partial fractions of a double pole have none.
 MIN_GAP = 1e-3
+# Rates [1/sample period] up to which a response to a ramp is a power series.
+MAX_SERIES_RATE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,8 @@ class PoleSection:
         denominator : ndarray, shape (states + 1,)
         """
         n = self.states
+        if n == 1:
+            return _lag_recursion(float(np.exp(self.theta[0])), hold)
         held = np.zeros((n + 2, n + 2))
         held[:n, : n + 1] = self._continuous()
         held[n, n + 1] = 1.0
@@ -78,18 +82,13 @@ class PoleSection:
         F, whole, ramp = grown[:n, :n], grown[:n, n], grown[:n, n + 1]
         later = ramp if hold == "first" else np.zeros(n)
         before = whole - later
-        if n == 1:
-            return np.array([[later[0], before[0]]]), np.array([1.0, -F[0, 0]])
         turned = F - np.trace(F) * np.eye(2)
         numerators = np.column_stack([later, before + turned @ later, turned @ before])
         # The product of the poles: the determinant of F cancels where they are slow.
         return numerators, np.array([1.0, -np.trace(F), np.exp(self.poles.sum().real)])
 
     def _continuous(self) -> Array:
-        """The states' own matrix and the column of the input, side by side."""
-        if self.states == 1:
-            rate = np.exp(self.theta[0])
-            return np.array([[-rate, rate]])
+        """The matrix of two states and the column of the input, side by side."""
         omega, zeta = np.exp(self.theta)
         return np.asarray(omega * np.array([[0.0, 1.0, 0.0], [-1.0, -2 * zeta, 1.0]]))
 
@@ -109,6 +108,17 @@ class PoleSection:
             return np.array([decay * np.cos(p[0].imag * time), decay * np.sin(p[0].imag * time)])
         slow, fast = np.exp(p.real[:, None] * time)
         return np.array([slow, (slow - fast) / (1 - p[0].real / p[1].real)])
+
+
+def _lag_recursion(rate: float, hold: Hold) -> tuple[Array, Array]:
+    """As `PoleSection.recursion`, of one pole."""
+    whole = -np.expm1(-rate)
+    later = 0.0
+    if hold == "first":
+        # 1 - whole / rate, which cancels where the pole is slow.
+        slow = rate / 2 - rate**2 / 6 + rate**3 / 24 - rate**4 / 120
+        later = slow if rate < MAX_SERIES_RATE else 1 - whole / rate
+    return np.array([[later, whole - later]]), np.array([1.0, -np.exp(-rate)])
 
 
 def moved(sections: tuple[PoleSection, ...], step: Array) -> tuple[PoleSection, ...]:

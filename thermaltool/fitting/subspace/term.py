@@ -79,6 +79,15 @@ def response_values(
     return values if direct is None else {**values, "K0": float(direct)}
 
 
+def _off_double(section: PoleSection) -> tuple[float, ...]:
+    """Logarithms so far from ζ = 1 that a step turns no two real poles into a pair."""
+    if section.states == 1:
+        return section.theta
+    omega, zeta = section.theta
+    least = 2 * DIFFERENCE
+    return omega, min(zeta, -least) if section.is_pair else max(zeta, least)
+
+
 def response_slopes(
     sections: Sequence[PoleSection], weights: Array, direct: float | None, dt: float,
     names: Sequence[str],
@@ -93,7 +102,7 @@ def response_slopes(
         As `response_values`.
     names : sequence of str
     """
-    theta = np.concatenate([section.theta for section in sections])
+    theta = np.concatenate([_off_double(section) for section in sections])
     edges = np.cumsum([0, *(section.states for section in sections)])
     n = len(theta)
     given = np.concatenate([theta, weights, [] if direct is None else [direct]])
@@ -107,7 +116,6 @@ def response_slopes(
     columns = []
     size = max(float(np.max(np.abs(weights), initial=0.0)), 1e-300)
     for k in range(len(given)):
-        # Nearer to ζ = 1 the step must not turn two real poles into a pair.
         step = np.zeros(len(given))
         step[k] = DIFFERENCE if k < n else DIFFERENCE * size
         columns.append((at(given + step) - at(given - step)) / (2 * step[k]))

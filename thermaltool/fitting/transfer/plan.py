@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,12 +20,15 @@ from thermaltool.fitting.subspace.plan import SubspacePlan
 from thermaltool.fitting.transfer.choose import choose
 from thermaltool.fitting.transfer.model import TransferModel
 from thermaltool.fitting.transfer.orders import Orders
+from thermaltool.fitting.transfer.overdamped import MIN_TIME_CONSTANT
 from thermaltool.fitting.transfer.structure import Structure
 from thermaltool.responses import Response
 from thermaltool.units import Reference
 
 # The data carry fewer real poles where a lag's weight is so many times the largest step.
 MAX_CANCELLATION = 100.0
+# Shortest time constant of a lag that is told by rows [sample periods]: above the search's end.
+LEAST_LAG = 1.1 * MIN_TIME_CONSTANT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,12 +65,16 @@ class TransferPlan(Plan):
             return ()
         rivals: list[Plan] = []
         if leaves_dynamics(fits):
-            if self.structure.real_poles and all(len(fit.model.names) == 1 for fit in fits):
+            real = self.structure.real_poles
+            if real and all(len(fit.model.names) == 1 for fit in fits):
                 # With more inputs that takes long, and a subspace model has any poles, too.
-                rivals.append(replace(self, structure=replace(self.structure, real_poles=False)))
-            rivals.append(SubspacePlan(
-                initial=self.initial, split=self.split, span=self.span, budget=self.budget
-            ))  # fmt: skip
+                free = replace(self.structure, real_poles=False)
+                rivals.append(replace(self, structure=free, swings=True))
+            shared = SubspacePlan(
+                initial=self.initial, split=self.split, span=self.span, budget=self.budget,
+                real=real,
+            )  # fmt: skip
+            rivals += [shared, *shared.free()]
         models = tuple(fit.model for fit in fits if isinstance(fit.model, TransferModel))
         return [*rivals, *LpvPlan.rivals_of(self, fits, reference, models)]
 
@@ -94,7 +102,7 @@ class TransferPlan(Plan):
             chosen = (candidate.model.orders for candidate in candidates)
             wanted = [structure.orders(each.nb, each.nf[0], each.nk) for each in chosen]
             try:
-                model = first_that_fits(wanted, lambda orders: writable(structure, data, orders))
+                model = _first_writable(structure, data, wanted)
             except FitError:
                 # None can be a model file: the best is shown all the same.
                 model = first_that_fits(wanted, lambda orders: structure.fit(data, orders))
@@ -103,8 +111,34 @@ class TransferPlan(Plan):
         return (model,), candidates
 
 
-def writable(structure: Structure, data: TrainingData, orders: Orders) -> TransferModel:
+def _first_writable(
+    structure: Structure, data: TrainingData, wanted: Sequence[Orders]
+) -> TransferModel:
+    """The first that is `writable`, and whose lags the data tell, where there is such a one.
+
+    Raises
+    ------
+    FitError
+        None is writable.
+    """
+    with contextlib.suppress(FitError):
+        return first_that_fits(wanted, lambda orders: writable(structure, data, orders, True))
+    return first_that_fits(wanted, lambda orders: writable(structure, data, orders))
+
+
+def writable(
+    structure: Structure, data: TrainingData, orders: Orders, lasting: bool = False
+) -> TransferModel:
     """A model of these orders, each term of which has a form in continuous time.
+
+    Parameters
+    ----------
+    structure : Structure
+    data : TrainingData
+    orders : Orders
+    lasting : bool
+        Without real poles at the fast end of their search: what these stand for the data do not
+        tell.
 
     Raises
     ------
@@ -117,9 +151,17 @@ def writable(structure: Structure, data: TrainingData, orders: Orders) -> Transf
             response = model.term(k).response
             if structure.real_poles and _cancellation(response) > MAX_CANCELLATION:
                 raise FitError(f"{model.names[k]} → {model.target}: lags that cancel")
+            if structure.real_poles and lasting and _shortest_lag(response, model.dt) < LEAST_LAG:
+                raise FitError(f"{model.names[k]} → {model.target}: a lag that nothing tells")
     except ModelError as error:
         raise FitError(str(error)) from error
     return model
+
+
+def _shortest_lag(response: Response, dt: float) -> float:
+    """The shortest time constant [sample periods]; without end where there is none."""
+    rates = np.abs(response.modes(dt).poles)
+    return float(1 / (dt * np.max(rates, initial=1e-300)))
 
 
 def _cancellation(response: Response) -> float:

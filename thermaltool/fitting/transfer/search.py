@@ -87,7 +87,7 @@ def least(results: Iterable[SearchResult]) -> SearchResult:
     return min(results, key=lambda result: result.loss)
 
 
-def search(problem: Problem, rough: bool = False) -> SearchResult:
+def search(problem: Problem, rough: bool = False, tolerance: float = TOLERANCE) -> SearchResult:
     """The denominators of least output error.
 
     Starts are compared on a short record; refined instrumental variables go on from the best.
@@ -100,6 +100,8 @@ def search(problem: Problem, rough: bool = False) -> SearchResult:
     rough : bool
         Several denominators are not searched again where the search does not converge: those of
         too high an order never do.
+    tolerance : float [error variances]
+        Gain by the last step of Gauss-Newton, of one denominator.
 
     Raises
     ------
@@ -113,11 +115,11 @@ def search(problem: Problem, rough: bool = False) -> SearchResult:
     short = problem
     if problem.data.rows > 2 * MAX_COMPARED_ROWS and problem.data.longest > MAX_COMPARED_ROWS:
         short = replace(problem, data=problem.data.excerpt(MAX_COMPARED_ROWS))
-    best = _several(short, rough) if several else _one_denominator(short)
+    best = _several(short, rough) if several else _one_denominator(short, tolerance)
     if short is not problem:
         best = _at_full_length(problem, best)
         if not best.converged and not several:
-            best = gauss_newton(problem, best)
+            best = gauss_newton(problem, best, tolerance)
     return best
 
 
@@ -183,15 +185,25 @@ def refine(
     return best
 
 
-def gauss_newton(problem: Problem, start: SearchResult) -> SearchResult:
-    """Damped Gauss-Newton on the projected error from the best point of another search."""
+def gauss_newton(
+    problem: Problem, start: SearchResult, tolerance: float = TOLERANCE
+) -> SearchResult:
+    """Damped Gauss-Newton on the projected error from the best point of another search.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : SearchResult
+    tolerance : float [error variances]
+        Gain by the last step.
+    """
     method = f"{GAUSS_NEWTON} from {start.method}"
     end = minimize(
         start,
         lambda here: here.loss,
         lambda here: reduced_equations(problem, here),
         lambda here, step: at(problem, problem.moved(here.F, step)),
-        lambda here: TOLERANCE * here.loss / problem.rows,
+        lambda here: tolerance * here.loss / problem.rows,
         GAUSS_NEWTON_STEPS,
     )
     return replace(end.point, method=method, converged=end.converged)
@@ -206,7 +218,7 @@ def reduced_equations(problem: Problem, here: SearchResult) -> tuple[Array, Arra
     return slopes.gram[:n, :n] - inner @ taken[:, :n], slopes.score[:n] - inner @ taken[:, n]
 
 
-def _one_denominator(problem: Problem) -> SearchResult:
+def _one_denominator(problem: Problem, tolerance: float) -> SearchResult:
     """One denominator: refined instrumental variables from the best starts."""
     outputs = [problem.output(k) for k in problem.used]
     ranked = [(s.F,) for s in grid(problem).ranked(outputs, MORE_STARTS)]
@@ -219,7 +231,9 @@ def _one_denominator(problem: Problem) -> SearchResult:
         ends += [refine(problem, F) for F in ranked[STARTS:]]
         best = least(ends)
     # Which of the points leads to the least is not seen from their losses.
-    return best if best.converged else least(gauss_newton(problem, end) for end in ends)
+    if best.converged:
+        return best
+    return least(gauss_newton(problem, end, tolerance) for end in ends)
 
 
 def _several(problem: Problem, rough: bool) -> SearchResult:
@@ -270,7 +284,8 @@ def thorough(problem: Problem) -> list[tuple[Array, ...]]:
         for g in groups:
             left = [y - sum(shares[h][k] for h in groups if h != g) for k, y in enumerate(whole)]
             alone = _alone(problem, g, left)
-            one = search(alone)
+            # Gauss-Newton over all together goes on from what is a start here.
+            one = search(alone, tolerance=ROUGH_TOLERANCE)
             F[g] = one.F[0]
             shares[g] = [signals[0] for _, signals in alone.errors(one.projection)]
         found.append(tuple(F))
