@@ -34,6 +34,7 @@ from thermaltool.estimation.innovation_test import (
 )
 from thermaltool.estimation.known_inputs import KnownInputEstimator
 from thermaltool.estimation.likelihood import fit_sizes
+from thermaltool.estimation.model_departure import ModelDeparture, model_departure
 from thermaltool.estimation.parameter_error import parameter_variance
 from thermaltool.estimation.pauses import with_pauses
 from thermaltool.estimation.permanent_effects import apply_maps, drive_maps
@@ -127,6 +128,8 @@ class Looked:
         How another method came to its heat.
     change : Change or None
         Of the machine, where the readings are much likelier with it.
+    departure : ModelDeparture or None
+        Errors of the model (about the change, where it is clear) that the readings make likely.
     """
 
     estimates: Float
@@ -137,6 +140,7 @@ class Looked:
     steps: HeatSteps | None = None
     no_steps: str = ""
     change: Change | None = None
+    departure: ModelDeparture | None = None
 
 
 def look(
@@ -198,12 +202,14 @@ def look(
         found = deconvolve(kalman, time, readings, level[0], how.plan, acting)
         estimates = followed(kalman, float(np.median(np.diff(time))), found.heat)
         return Looked(estimates + behind, None, kalman, deconvolved=found)
-    alarm, change = None, None
+    alarm, change, departure = None, None, None
     if len(time) > 1 and (how.bands or how.smooth):
         alarm = _alarm(model, designed, time, readings, initial)
         # From a start that is not the machine's own a change would only explain the start.
         if how.walk != "design" and begins == initial:
             change = _change(model, designed, time, readings, initial, alarm)
+            if alarm.word != NOT_POSSIBLE:
+                departure = _departure(model, designed, time, readings, initial, change)
     if change is not None and how.smooth and change.is_enough:
         change = replace(change, taken=True)
         kalman = change.estimator
@@ -263,14 +269,18 @@ def look(
             sigma = np.hypot(sigma, np.array(relative) * estimates)
         else:
             sigma = _with_parameters(sigma, model, kalman, time, estimates, readings, of_several)
-    if sigma is not None and change is not None:
+    if sigma is not None and change is not None and (change.explains or change.kind == "loss"):
         # What a change leaves open that is taken, and all that one does which is not.
         like = replace(kalman, sensed=change.edge.sensed, followed=change.edge.followed)
         sigma = np.hypot(sigma, estimated(readings, like) - estimated(readings))
+    if sigma is not None and departure is not None:
+        variance = departure.variance(kalman, lambda like: estimated(readings, like))
+        sigma = np.sqrt(np.square(sigma) + variance)
     if alarm is not None and alarm.row is not None:
         alarm = replace(alarm, row=int(np.count_nonzero(there[: alarm.row])))
     estimates, sigma = estimates[there] + behind, None if sigma is None else sigma[there]
-    return Looked(estimates, sigma, sized, alarm, steps=steps, no_steps=no_steps, change=change)
+    return Looked(estimates, sigma, sized, alarm, steps=steps, no_steps=no_steps, change=change,
+                  departure=departure)  # fmt: skip
 
 
 def _alarm(
@@ -307,6 +317,21 @@ def _change(
         return found
     after = _alarm(model, designed, time, readings, initial, found.estimator)
     return replace(found, is_enough=after.word == QUIET)
+
+
+def _departure(
+    model: Model,
+    designed: KalmanEstimator,
+    time: Float,
+    readings: Float,
+    initial: Initial,
+    change: Change | None,
+) -> ModelDeparture | None:
+    """What the record says of errors of the model, about a change of the machine that is clear."""
+    about = change.estimator if change is not None and change.explains else designed
+    errors = model_errors(model, designed), gain_errors(model, designed)
+    level = drive_levels(model, designed.drives)
+    return model_departure(about, *errors, time, readings, initial, level)
 
 
 def _with_parameters(
