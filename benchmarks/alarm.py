@@ -59,7 +59,7 @@ def parted(
 def loss_named(
     case: Case, machine: Array, model: Model, generator: np.random.Generator
 ) -> tuple[bool, bool]:
-    """Whether a duty of 50 min is said to come from a machine that loses more, or to have parted."""
+    """Whether a duty of 50 min is said to come from a machine that loses more; or an alarm."""
     kalman = linear_kalman(EstimatorPipeline.of(model).estimator)
     readings = case.readings(machine, case.heat(SHORT, generator), generator)
     errors, time = (

@@ -94,7 +94,7 @@ def main() -> int:
                     squares.append(np.mean(error**2))
                     inside.append(np.mean(np.abs(error) < 1.96 * found.columns["sigma_Q_main_W"]))
                     told = found.found.change
-                    if told is not None and told.is_told:
+                    if told is not None and told.is_clear:
                         loss += told.kind == "loss"
                         sensor += told.kind != "loss"
                     parted += found.found.alarm.row is not None

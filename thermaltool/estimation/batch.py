@@ -148,7 +148,8 @@ def estimate(
         taken = np.column_stack(pipeline.estimator_inputs([*true_values.T]))
         looked = look(model, pipeline.estimator, record.time, taken, how, initial, not not_at_rest)
         found = pipeline.given_out([*looked.estimates.T])
-        sizes = None if how.sizes == "design" else looked.estimator
+        told = how.sizes != "design" and len(record) > 0
+        sizes = looked.estimator if told else None
         deconvolved = looked.deconvolved
         steps, no_steps = looked.steps, looked.no_steps
         alarm, change, departure = looked.alarm, looked.change, looked.departure

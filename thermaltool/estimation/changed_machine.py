@@ -23,18 +23,19 @@ import numpy as np
 
 from thermaltool.errors import FitError, LogError
 from thermaltool.estimation.estimator import KalmanEstimator
-from thermaltool.estimation.innovation_test import checking_filter
+from thermaltool.estimation.innovation_test import Alarm, checking_filter
 from thermaltool.estimation.likelihood import log_likelihood
 from thermaltool.estimation.start import Initial
 from thermaltool.responses.modes import Float, Modes
+from thermaltool.status import PARTED, QUIET
 
 # Rates of the loss that are tried first, over the slowest rate of a response [1]: of less, of more,
 LESS = (-0.9, -0.7, -0.55, -0.4, -0.2, -0.1, -0.05)
 MORE = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6)
 # and gains of a sensor over the model's [1].
 GAINS = (0.2, 0.35, 0.5, 0.7, 0.85, 0.93, 0.97, 0.99, 1.01, 1.03, 1.07, 1.15, 1.3, 1.5)
-# Factors on the time constants of a sensor's responses [1].
-PACES = (0.5, 0.7, 0.85, 0.93, 0.97, 0.99, 1.01, 1.03, 1.07, 1.15, 1.4, 2.0)
+# Factors on the time constants of a sensor's responses [1]: beyond, it is another sensor.
+PACES = (0.8, 0.9, 0.95, 0.98, 0.99, 1.01, 1.02, 1.05, 1.11, 1.25)
 MAX_EVALUATIONS, SIZE_TOLERANCE = 12, 3e-3
 # No loss falls by more of the slowest rate, the deflections' too: without any nothing would settle.
 MAX_LESS = 0.95
@@ -78,6 +79,8 @@ class Change:
         Slowest time constant of the sensors' responses before and after [s].
     inside : bool
         Whether it lies between the sizes that are tried: at their ends another may be likelier.
+    most : bool
+        Whether less is left beside it than it explains.
     is_enough : bool
         Whether the readings contradict the changed machine no more.
     taken : bool
@@ -93,18 +96,20 @@ class Change:
     edge: KalmanEstimator
     slowest: tuple[float, float]
     inside: bool = True
+    most: bool = True
     is_enough: bool = False
     taken: bool = False
 
     @property
     def explains(self) -> bool:
         """Whether the readings say clearly that it is this change, if any."""
-        clear = self.inside and self.likelier > MIN_LIKELIER and self.ahead > MIN_AHEAD
-        return clear and (self.kind != "loss" or abs(self.share) > MIN_LOSS)
+        clear = self.likelier > MIN_LIKELIER and self.ahead > MIN_AHEAD
+        whole = self.inside and self.most
+        return clear and whole and (self.kind != "loss" or abs(self.share) > MIN_LOSS)
 
     @property
-    def is_told(self) -> bool:
-        """Whether it is told: one of a sensor with or without an alarm, a loss that ends it."""
+    def is_clear(self) -> bool:
+        """Whether it is clear: of a sensor with or without an alarm, of a loss that ends it."""
         return self.explains and (self.is_enough or self.kind != "loss")
 
     @property
@@ -123,6 +128,7 @@ class Change:
             **size,
             "likelier_nats": self.likelier,
             "ahead_nats": self.ahead,
+            "clear": self.is_clear,
             "taken": self.taken,
         }
 
@@ -182,6 +188,20 @@ def likeliest_change(
     error = _standard_error(likelihood, changed, size, step, gain_error)
     edge = size + math.copysign(error, size - (1.0 if sensor else 0.0))
     return Change(kind, sensor, size, likelier, ahead, other, changed(edge), times, inside)
+
+
+def with_loss(alarm: Alarm, change: Change | None) -> Alarm:
+    """An alarm also where the loss of heat is told to be another one, which ratios show late.
+
+    Parameters
+    ----------
+    alarm : Alarm
+    change : Change or None
+        Of the same record.
+    """
+    if alarm.word != QUIET or change is None or change.kind != "loss" or not change.is_clear:
+        return alarm
+    return Alarm(PARTED, f"the machine loses {100 * change.share:+.2g} % more of its heat")
 
 
 def _hypotheses(

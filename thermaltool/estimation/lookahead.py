@@ -10,7 +10,7 @@ import numpy as np
 
 from thermaltool.errors import FitError, LogError, ModelError
 from thermaltool.estimation.bands import gain_errors, model_errors
-from thermaltool.estimation.changed_machine import Change, likeliest_change
+from thermaltool.estimation.changed_machine import Change, likeliest_change, with_loss
 from thermaltool.estimation.deconvolution import (
     DeconvolutionPlan,
     Deconvolved,
@@ -27,6 +27,7 @@ from thermaltool.estimation.heat_steps import (
     why_no_steps,
 )
 from thermaltool.estimation.innovation_test import (
+    WALK_FACTOR,
     Alarm,
     InnovationTest,
     record_alarm,
@@ -208,8 +209,6 @@ def look(
         # From a start that is not the machine's own a change would only explain the start.
         if how.walk != "design" and begins == initial:
             change = _change(model, designed, time, readings, initial, alarm)
-            if alarm.word != NOT_POSSIBLE:
-                departure = _departure(model, designed, time, readings, initial, change)
     if change is not None and how.smooth and change.is_enough:
         change = replace(change, taken=True)
         kalman = change.estimator
@@ -218,7 +217,12 @@ def look(
     if how.sizes != "design" and len(time):
         pinned = how.sizes != "likelihood"
         kalman = fit_sizes(kalman, time, readings, pinned, initial, level).estimator
-    sized = kalman
+    sized = told = kalman
+    if how.bands and not how.smooth and how.walk is None:
+        told = _as_told(kalman, time, readings, level, initial)
+    if alarm is not None and how.walk != "design" and begins == initial:
+        alarm = with_loss(alarm, change)
+        departure = _departure(model, designed, told, time, readings, initial, alarm, change)
     if how.smooth and how.sizes != "design":
         # What the calibration has left of the sensors is no heat.
         kalman = with_misfit(kalman, model_errors(model, kalman))
@@ -259,9 +263,6 @@ def look(
             smoothed.sigma, model, kalman, time, estimates, readings, of_several
         )
     elif how.bands:
-        told = kalman
-        if how.walk is None:
-            told = _as_told(kalman, time, readings, level, initial)
         sigma = _filtered_sigma(kalman, told, time, level, begins, how.lag)
         if how.walk == "design" and not how.lag:
             # As a stream has them.
@@ -312,6 +313,10 @@ def _change(
     errors = model_errors(model, designed), gain_errors(model, designed)
     level = drive_levels(model, designed.drives)
     found = likeliest_change(designed, *errors, time, readings, initial, level)
+    if found is not None and found.explains:
+        told = _as_told(found.estimator, time, readings, level, initial)
+        left = _departure(model, designed, told, time, readings, initial, alarm, found)
+        found = replace(found, most=left is None or left.evidence < found.likelier)
     # A gain that is off without an alarm is one of the calibration's own.
     if found is None or not found.explains or (found.sensor and alarm.word != PARTED):
         return found
@@ -322,13 +327,19 @@ def _change(
 def _departure(
     model: Model,
     designed: KalmanEstimator,
+    told: KalmanEstimator,
     time: Float,
     readings: Float,
     initial: Initial,
+    alarm: Alarm,
     change: Change | None,
 ) -> ModelDeparture | None:
     """What the record says of errors of the model, about a change of the machine that is clear."""
+    if alarm.word == NOT_POSSIBLE:
+        return None
     about = change.estimator if change is not None and change.explains else designed
+    # A heat that wanders as it does here: one of another size would pass for an error of gains.
+    about = replace(about, walk=tuple(each / WALK_FACTOR for each in told.walk))
     errors = model_errors(model, designed), gain_errors(model, designed)
     level = drive_levels(model, designed.drives)
     return model_departure(about, *errors, time, readings, initial, level)

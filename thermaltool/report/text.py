@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from thermaltool.errors import counted
 from thermaltool.model.validity import excursions, unit_suspects
+from thermaltool.status import PARTED
 from thermaltool.units import Hold, hold_of, parse_channel, printed, symbol
 
 # A sample period that differs from that of the design by less than this is as good [1].
@@ -165,7 +166,7 @@ def look_messages(log: Log, found: EstimatedRecord, bands: bool) -> Iterator[str
         yield f"the heat is taken to wander; no steps are looked for: {found.no_steps}"
     if found.alarm is not None:
         yield from alarm_messages(log, found.alarm)
-    if found.change is not None and found.change.is_told:
+    if found.change is not None and found.change.is_clear:
         yield change_message(log, found.change)
     if found.departure is not None:
         yield departure_message(log, found.departure, bands)
@@ -203,7 +204,8 @@ def alarm_messages(log: Log, alarm: Alarm) -> Iterator[str]:
     """From where on model and machine have parted, or what no test can see of it."""
     if alarm.row is not None:
         yield row_message(log, alarm.row, f"model and machine have parted: {alarm.reason}")
-    elif alarm.reason:
+    elif alarm.reason and alarm.word != PARTED:
+        # Parted without a row is told as the change that says so.
         yield f"{log.name}: {alarm.reason}"
 
 
@@ -231,7 +233,7 @@ def departure_message(log: Log, found: ModelDeparture, is_held: bool) -> str:
     gain, pace = (f"{100 * each:.2g} %" for each in found.sizes)
     then = "standard errors hold it" if is_held else "--bands hold it"
     return (f"{log.name}: the readings are {found.evidence:.3g} nats likelier with a model that is "
-            f"a little off, by {gain} of its gains and {pace} of its time constants; {then}"
+            f"off, by {gain} of its gains and {pace} of its time constants; {then}"
             )  # fmt: skip
 
 
