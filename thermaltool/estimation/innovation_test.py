@@ -43,7 +43,7 @@ MISFIT_TIME = 60.0
 # After a pause of more than so many periods the heat may be any, which the steady gain follows in a
 # while: so long [s], and for as many periods, nothing is tested.
 MAX_PAUSE, BLIND_TIME = 5, 60.0
-# Ratios are tested where the signals, whitened, are so many times what is expected of an innovation:
+# Ratios are tested where signals are so many times what is expected of an innovation (whitened):
 # the heat of a machine that idles is noise, which answers in no ratio.
 MIN_SIGNAL = 10.0
 # Sample lengths whose matrices are kept.
