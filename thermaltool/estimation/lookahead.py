@@ -378,11 +378,12 @@ def _filtered_sigma(
     sigma = running_errors(RunningError(kalman, period, level, told), time, begins)
     if not lag or len(time) < 2:
         return sigma
-    # On the mean over the record's clock; the last rows have fewer readings after them.
-    rows = round(lag / period)
+    rows = round(lag / period)  # on the mean over the record's clock; the last rows have fewer
     ahead = np.minimum(np.arange(len(time))[::-1], rows)
     found = np.sqrt(error_variance(kalman, told, period, rows))
-    return np.asarray(sigma * (found / np.maximum(found[0], 1e-300))[ahead])
+    late = sigma * (found / np.maximum(found[0], 1e-300))[ahead]
+    # Steady gains bring their noise into a state that is known, too: that of a machine at rest.
+    return np.maximum(late, found[ahead])
 
 
 def _as_told(
